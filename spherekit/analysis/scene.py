@@ -1,0 +1,104 @@
+"""What is to be seen, in words of no viewer: the view module turns it into entities.
+
+All arrays that follow the motion have the leading axis n = samples of one block of one
+branch; directions and positions are in ground axes on the unit sphere. NaN rows are
+samples that failed: nothing is drawn there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True)
+class Body:
+    """A link: curves and joints fixed in its own axes, turned by a quaternion."""
+
+    path: str
+    label: str
+    curves: Sequence[Floats]
+    """Polylines (k, 3) in link axes."""
+    joints: Floats
+    """Joint directions (j, 3) in link axes."""
+    joint_labels: Sequence[str]
+    number: int
+    """Position of the link in the mechanism; the viewer picks the colour by it."""
+    quaternions: Floats | None
+    """(n, 4) xyzw, link axes to ground axes; None for the ground."""
+
+
+@final
+@dataclass(frozen=True)
+class Arrow:
+    """A direction from the centre, with the path its tip leaves on the sphere."""
+
+    path: str
+    label: str
+    directions: Floats
+    """(n, 3) unit vectors."""
+    primary: bool
+    """A pole axis that is the axis of a pair, drawn quieter than a secondary one."""
+
+
+@final
+@dataclass(frozen=True)
+class GreatCircle:
+    """A great circle given by the normal of its plane."""
+
+    path: str
+    label: str
+    normals: Floats
+    """(n, 3) unit vectors."""
+
+
+@final
+@dataclass(frozen=True)
+class Series:
+    """A scalar against the timelines; series of one group share one plot."""
+
+    path: str
+    label: str
+    group: str
+    values: Floats
+    """(n,)"""
+
+
+@final
+@dataclass(frozen=True)
+class Graph:
+    """A link/pair graph: links and pairs are nodes, edges say which pair joins which."""
+
+    path: str
+    nodes: Sequence[tuple[str, str, int | None]]
+    """(identifier, label, link number or None for a pair)."""
+    edges: Sequence[tuple[str, str]]
+    positions: Sequence[tuple[float, float]]
+    """Layout in the unit square, one per node."""
+
+
+@final
+@dataclass(frozen=True)
+class Text:
+    """A panel of Markdown."""
+
+    path: str
+    label: str
+    markdown: str
+
+
+Primitive = Body | Arrow | GreatCircle | Series | Graph | Text
+
+
+@final
+@dataclass(frozen=True)
+class Scene:
+    """Primitives of one branch (or of the whole mechanism, if `branch` is None)."""
+
+    branch: int | None
+    primitives: tuple[Primitive, ...]

@@ -1,0 +1,63 @@
+"""What is agreed once: status codes, tolerances, and how names are spelt."""
+
+import difflib
+import re
+from collections.abc import Iterable
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """What became of one sample; every failed sample carries one of these."""
+
+    OK = 0
+    OUT_OF_REACH = 1
+    AT_SINGULARITY = 2
+    BRANCH_LOST = 3
+    NOT_CONVERGED = 4
+    NOT_CLOSED = 5
+
+
+STATUS_MEANING = {
+    Status.OK: "closed, on its branch, with finite rates",
+    Status.OUT_OF_REACH: "the arcs cannot close at this input; the branch ends at a "
+    "dead centre of the input before it; narrow the range or change the arcs",
+    Status.AT_SINGULARITY: "the links close, but the input rate does not determine "
+    "the motion here; choose another input pair or step around it",
+    Status.BRANCH_LOST: "a solution was found, but not on this branch; ask for more "
+    "samples or start nearer",
+    Status.NOT_CONVERGED: "the iteration did not reach the tolerance; start nearer "
+    "or check for nearly parallel axes",
+    Status.NOT_CLOSED: "the closure residual is above the tolerance",
+}
+
+EPS = 2.220446049250313e-16
+"""Unit roundoff of float64, doubled (the spacing of numbers just above 1)."""
+
+CLOSURE_TOLERANCE = 1e-12
+"""Largest loop rotation (rad) of a sample reported as OK; solvers reach 1e-15."""
+
+REACH_SLACK = 16 * EPS
+"""A spherical triangle may miss closing by this much (rad): rounding of its arcs."""
+
+SINGULAR_RATIO = 1e-11
+"""Smallest relative singular value of the closure Jacobian with trusted rates."""
+
+NAME_PATTERN = re.compile(r"[A-Za-z0-9_]+")
+"""Names of links, pairs, masses, loads: letters, digits and underscores."""
+
+MAX_NAME_LENGTH = 64
+"""Names longer than this are refused; they become columns and entity paths."""
+
+
+def nearest(word: str, allowed: Iterable[str]) -> str:
+    """Return a hint ``; did you mean "x"?`` for a misspelt word, or an empty string."""
+    close = difflib.get_close_matches(word, list(allowed), n=1, cutoff=0.5)
+    return f'; did you mean "{close[0]}"?' if close else ""
+
+
+def listing(words: Iterable[object], limit: int = 12) -> str:
+    """Return words as ``a, b, c``, cut after `limit` with the number left out."""
+    items = [str(word) for word in words]
+    rest = len(items) - limit
+    shown = ", ".join(items[:limit])
+    return f"{shown} and {rest} more" if rest > 0 else shown

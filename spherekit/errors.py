@@ -1,0 +1,37 @@
+"""The exceptions that spherekit raises on purpose; each names what to do next."""
+
+
+class SpherekitError(Exception):
+    """Base class: catching it catches everything spherekit raises on purpose."""
+
+
+class FileError(SpherekitError):
+    """A file cannot be read, does not parse, or breaks the file format."""
+
+
+class ModelError(SpherekitError):
+    """A mechanism is not meaningful: names, links, pairs or sizes contradict."""
+
+
+class PlanError(SpherekitError):
+    """No plan exists: wrong mobility, rigid or over-constrained parts, unknown pole."""
+
+
+class SolveError(SpherekitError):
+    """No configuration at all could be found; single samples get a status instead."""
+
+
+class AnalysisError(SpherekitError):
+    """An analysis was asked for wrongly, or failed."""
+
+
+class UndeclaredNeed(AnalysisError):
+    """An analysis read a quantity that its `needs` did not declare."""
+
+
+class PluginError(SpherekitError):
+    """An installed plugin cannot be used: it does not import, or breaks the contract."""
+
+
+class OutputError(SpherekitError):
+    """Results cannot be written: folder, disk, or live viewer not available."""

@@ -1,0 +1,330 @@
+"""The one description of a spherical mechanism: links, pairs, sizes, loads."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, Literal, final
+
+from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
+from spherekit.errors import ModelError
+
+PairType = Literal["R", "Cr", "Cs"]
+PAIR_TYPES: Mapping[str, str] = MappingProxyType(
+    {"R": "revolute", "Cr": "rolling contact", "Cs": "sliding contact"}
+)
+CONSTRAINTS: Mapping[str, int] = MappingProxyType({"R": 2, "Cr": 2, "Cs": 1})
+"""How many relative freedoms a pair of each type takes away (of three)."""
+
+
+ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
+
+
+@final
+@dataclass(frozen=True)
+class Profile:
+    """The curve on the unit sphere along which a link touches in a contact pair.
+
+    `centre` is a unit vector in link axes: the centre of a circle, the pole of a great
+    circle, or the axis from which the colatitude of a Fourier profile is measured.
+    `radius` (rad) belongs to a circle. `points` are unit vectors in link axes along a
+    smooth curve. A Fourier profile has the colatitude ``sum cosines[k] cos(k a) +
+    sines[k] sin(k a)`` (rad) at azimuth `a` about `centre`.
+    """
+
+    kind: ProfileKind
+    centre: tuple[float, float, float] | None = None
+    radius: float | None = None
+    points: tuple[tuple[float, float, float], ...] = ()
+    closed: bool = True
+    cosines: tuple[float, ...] = ()
+    sines: tuple[float, ...] = ()
+
+
+@final
+@dataclass(frozen=True)
+class Pair:
+    """A kinematic pair; its variable moves the second link relative to the first.
+
+    `profiles`, for contact pairs, are the curves of the two links in that order.
+    """
+
+    name: str
+    type: PairType
+    links: tuple[str, str]
+    profiles: tuple[Profile, Profile] | None = None
+
+
+@final
+@dataclass(frozen=True)
+class LinkSizes:
+    """Where the axes sit in one link, as arcs and angles (rad).
+
+    The first of `axes` is the z axis of the link's frame. `arcs[k]` is the arc from
+    it to `axes[k + 1]`. The arc to `axes[1]` lies in the half-plane of positive y (the
+    frame of Di Gregorio 2024, Fig. 3); `angles[k]` is the angle, counter-clockwise
+    about the first axis, from that arc to the arc to `axes[k + 2]`.
+    """
+
+    axes: tuple[str, ...]
+    arcs: tuple[float, ...] = ()
+    angles: tuple[float, ...] = ()
+
+
+@final
+@dataclass(frozen=True)
+class SizeGeometry:
+    """Geometry given within the links; assembly modes are to be found.
+
+    `zeros[pair]` is the angle (rad) about the pair's axis, from the reference arc of
+    the first link to that of the second, at which the pair variable reads zero. The
+    reference arc of a link at an axis leads to the first other axis it lists.
+    """
+
+    links: Mapping[str, LinkSizes]
+    zeros: Mapping[str, float] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True)
+class PoseGeometry:
+    """Geometry given by the axes of all pairs in one reference pose.
+
+    `axes[pair]` is a unit vector in ground axes; the frames of all links coincide with
+    the ground's there. `values[pair]` is the pair variable (rad) in that pose.
+    """
+
+    axes: Mapping[str, tuple[float, float, float]]
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True)
+class Input:
+    """A driven pair and the range of its variable (rad)."""
+
+    pair: str
+    start: float
+    stop: float
+
+
+@final
+@dataclass(frozen=True)
+class Output:
+    """A link whose motion relative to another one is of interest."""
+
+    name: str
+    link: str
+    relative_to: str
+
+
+@final
+@dataclass(frozen=True)
+class Mass:
+    """Inertia tensor of a link about the centre of the sphere, in link axes (kg m2)."""
+
+    link: str
+    tensor: tuple[tuple[float, float, float], ...]
+
+
+@final
+@dataclass(frozen=True)
+class Load:
+    """A torque (N m) about a pair's axis, acting on its second link.
+
+    `torque` is an expression in pair variables ``theta_PAIR`` (rad), their rates
+    ``dtheta_PAIR`` (rad/s) and the time ``t`` (s).
+    """
+
+    name: str
+    pair: str
+    torque: str
+
+
+@final
+@dataclass(frozen=True)
+class Source:
+    """Where a mechanism comes from, and what had to be assumed."""
+
+    citation: str
+    assumed: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Mechanism:
+    """A spherical mechanism as a graph of links and pairs with its geometry.
+
+    Frozen and complete: everything else is computed from it. The ground is always
+    `links[0]`; link and pair numbers used elsewhere are positions in `links` and
+    `pairs`.
+
+    Raises
+    ------
+    ModelError
+        If names repeat or are unknown, or the geometry does not fit the pairs.
+    """
+
+    name: str
+    ground: str
+    links: tuple[str, ...]
+    pairs: tuple[Pair, ...]
+    geometry: SizeGeometry | PoseGeometry
+    inputs: tuple[Input, ...] = ()
+    outputs: tuple[Output, ...] = ()
+    masses: tuple[Mass, ...] = ()
+    loads: tuple[Load, ...] = ()
+    source: Source | None = None
+    user: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.ground in self.links and self.links[0] != self.ground:
+            rest = tuple(name for name in self.links if name != self.ground)
+            object.__setattr__(self, "links", (self.ground, *rest))
+        _check(self)
+
+    @cached_property
+    def link_number(self) -> Mapping[str, int]:
+        """Position of each link in `links`, by name."""
+        return {name: number for number, name in enumerate(self.links)}
+
+    @cached_property
+    def pair_number(self) -> Mapping[str, int]:
+        """Position of each pair in `pairs`, by name."""
+        return {pair.name: number for number, pair in enumerate(self.pairs)}
+
+    @cached_property
+    def ends(self) -> tuple[tuple[int, int], ...]:
+        """The two link numbers of every pair, in the order of `pairs`."""
+        number = self.link_number
+        return tuple((number[p.links[0]], number[p.links[1]]) for p in self.pairs)
+
+    def pair(self, name: str) -> Pair:
+        """Return the pair of this name; `ModelError` with the nearest match if none."""
+        if name not in self.pair_number:
+            raise ModelError(
+                f'{self.name}: no pair is named "{name}"'
+                f"{nearest(name, self.pair_number)} Pairs: {listing(self.pair_number)}"
+            )
+        return self.pairs[self.pair_number[name]]
+
+    def with_input(self, pair: str) -> "Mechanism":
+        """Return the same mechanism driven at another pair (range: one turn)."""
+        self.pair(pair)
+        known = [item for item in self.inputs if item.pair == pair]
+        full_turn = Input(pair, 0.0, 6.283185307179586)
+        return replace(self, inputs=(known[0] if known else full_turn,))
+
+
+def _check(mechanism: Mechanism) -> None:
+    where = mechanism.name or "mechanism"
+    if len(mechanism.links) < 2:
+        raise ModelError(f"{where}: a mechanism has at least two links")
+    _check_names(where, "link", mechanism.links)
+    _check_names(where, "pair", [pair.name for pair in mechanism.pairs])
+    _check_names(where, "output", [output.name for output in mechanism.outputs])
+    _check_names(where, "load", [load.name for load in mechanism.loads])
+    _check_names(where, "mass of a", [mass.link for mass in mechanism.masses])
+
+    def need_link(name: str, key: str) -> None:
+        if name not in mechanism.links:
+            raise ModelError(
+                f'{where}: {key}: no link is named "{name}"'
+                f"{nearest(name, mechanism.links)} Links: {listing(mechanism.links)}"
+            )
+
+    need_link(mechanism.ground, "ground")
+    pair_names = [pair.name for pair in mechanism.pairs]
+    for pair in mechanism.pairs:
+        if pair.type not in PAIR_TYPES:
+            raise ModelError(
+                f'{where}: pairs.{pair.name}: type "{pair.type}" is not one of '
+                f"{listing(PAIR_TYPES)}"
+            )
+        for name in pair.links:
+            need_link(name, f"pairs.{pair.name}.links")
+        if (pair.profiles is None) != (pair.type == "R"):
+            raise ModelError(
+                f"{where}: pairs.{pair.name}: a contact pair (Cr, Cs) has a profile for "
+                "each of its links, an R pair has none"
+            )
+        if pair.links[0] == pair.links[1]:
+            raise ModelError(
+                f'{where}: pairs.{pair.name}: joins link "{pair.links[0]}" to itself; '
+                "a pair joins two different links"
+            )
+
+    def need_pair(name: str, key: str) -> None:
+        if name not in pair_names:
+            raise ModelError(
+                f'{where}: {key}: no pair is named "{name}"'
+                f"{nearest(name, pair_names)} Pairs: {listing(pair_names)}"
+            )
+
+    for item in mechanism.inputs:
+        need_pair(item.pair, "inputs")
+    for output in mechanism.outputs:
+        need_link(output.link, f"outputs.{output.name}.link")
+        need_link(output.relative_to, f"outputs.{output.name}.relative_to")
+    for mass in mechanism.masses:
+        need_link(mass.link, "mass")
+    for load in mechanism.loads:
+        need_pair(load.pair, f"loads.{load.name}.pair")
+    geometry = mechanism.geometry
+    if isinstance(geometry, PoseGeometry):
+        named: Mapping[str, Any] = geometry.values
+        for name in geometry.axes:
+            need_pair(name, "pairs")
+        for pair in mechanism.pairs:
+            if pair.type == "R" and pair.name not in geometry.axes:
+                raise ModelError(
+                    f"{where}: pairs.{pair.name}: its axis in the reference pose is "
+                    "missing; give xyz = [x, y, z] or lonlat = [longitude, latitude]"
+                )
+    else:
+        named = geometry.zeros
+        for name in geometry.links:
+            need_link(name, "links")
+        _check_sizes(where, mechanism, geometry)
+    for name in named:
+        need_pair(name, "pairs")
+
+
+def _check_names(where: str, what: str, names: "list[str] | tuple[str, ...]") -> None:
+    seen: set[str] = set()
+    for name in names:
+        if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
+            raise ModelError(
+                f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
+                "letters (A-Z, a-z), digits and underscores"
+            )
+        if name in seen:
+            raise ModelError(f'{where}: {what} "{name}" is given twice; names are unique')
+        seen.add(name)
+
+
+def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
+    on_link: dict[str, list[str]] = {link: [] for link in mechanism.links}
+    for pair in mechanism.pairs:
+        for link in pair.links:
+            if pair.type == "R":
+                on_link[link].append(pair.name)
+    for link, expected in on_link.items():
+        sizes = geometry.links.get(link, LinkSizes(()))
+        key = f"{where}: links.{link}"
+        if sorted(sizes.axes) != sorted(expected):
+            raise ModelError(
+                f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
+                f"are [{listing(expected)}]; list each of them once"
+            )
+        arcs, angles = max(len(expected) - 1, 0), max(len(expected) - 2, 0)
+        if len(sizes.arcs) != arcs:
+            raise ModelError(
+                f"{key}.arcs: has {len(sizes.arcs)} values, needs {arcs}: the arcs from "
+                "the first axis to each of the others"
+            )
+        if len(sizes.angles) != angles:
+            raise ModelError(
+                f"{key}.angles: has {len(sizes.angles)} values, needs {angles}: at the "
+                "first axis, from the first arc to each further arc"
+            )
