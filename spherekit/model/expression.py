@@ -1,0 +1,263 @@
+"""Torque expressions of loads: parsed against a small grammar, never run as code."""
+
+import ast
+import re
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import reduce
+from types import MappingProxyType
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.conventions import listing, nearest
+from spherekit.errors import ModelError
+
+MAX_LENGTH = 2000
+"""Longest expression (characters); a Fourier series of 50 terms fits easily."""
+
+MAX_DEPTH = 150
+"""Deepest tree; a sum of n terms is n deep."""
+
+CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": 3.141592653589793})
+
+FUNCTIONS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
+    {
+        "sin": (1, 1),
+        "cos": (1, 1),
+        "tan": (1, 1),
+        "asin": (1, 1),
+        "acos": (1, 1),
+        "atan": (1, 1),
+        "atan2": (2, 2),
+        "sqrt": (1, 1),
+        "exp": (1, 1),
+        "log": (1, 1),
+        "abs": (1, 1),
+        "tanh": (1, 1),
+        "sign": (1, 1),
+        "min": (2, None),
+        "max": (2, None),
+    }
+)
+"""Fewest and most arguments of each function; `log` is the natural logarithm."""
+
+_OPERATORS: Mapping[type[ast.operator], str] = MappingProxyType(
+    {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+)
+_GRAMMAR = "numbers, names, + - * / **, parentheses and functions are allowed"
+_FOREIGN = re.compile(r"[^A-Za-z0-9_+\-*/(),. ]")
+
+_NUMERIC: Mapping[str, Callable[..., Any]] = MappingProxyType(
+    {
+        "+": np.add,
+        "-": np.subtract,
+        "*": np.multiply,
+        "/": np.divide,
+        "**": np.power,
+        "negative": np.negative,
+        "sin": np.sin,
+        "cos": np.cos,
+        "tan": np.tan,
+        "asin": np.arcsin,
+        "acos": np.arccos,
+        "atan": np.arctan,
+        "atan2": np.arctan2,
+        "sqrt": np.sqrt,
+        "exp": np.exp,
+        "log": np.log,
+        "abs": np.abs,
+        "tanh": np.tanh,
+        "sign": np.sign,
+        "min": lambda *values: reduce(np.minimum, values),
+        "max": lambda *values: reduce(np.maximum, values),
+    }
+)
+
+
+@final
+@dataclass(frozen=True)
+class Number:
+    """A number written in an expression, or a constant."""
+
+    value: float
+
+
+@final
+@dataclass(frozen=True)
+class Name:
+    """A variable: ``theta_PAIR``, ``dtheta_PAIR`` or ``t``."""
+
+    name: str
+
+
+@final
+@dataclass(frozen=True)
+class Call:
+    """An operator (``+ - * / **`` or ``negative``) or a function with its arguments."""
+
+    function: str
+    arguments: "tuple[Node, ...]"
+
+
+Node = Number | Name | Call
+
+
+@final
+@dataclass(frozen=True)
+class Expression:
+    """A parsed expression: its text, the names it uses, and its tree."""
+
+    text: str
+    names: frozenset[str]
+    root: Node
+
+    def evaluate(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
+        """Return the expression's value for every sample.
+
+        Parameters
+        ----------
+        values
+            An array for at least each name used: rad, rad/s or s. The result has the
+            shape all arrays in `values` broadcast to, also where none is used.
+
+        Notes
+        -----
+        Outside a function's domain the result is NaN, and infinite on overflow.
+        """
+        missing = sorted(self.names - set(values))
+        if missing:
+            raise ModelError(f'"{self.text}": no value is given for {listing(missing)}')
+        arrays = {key: np.asarray(item, dtype=np.float64) for key, item in values.items()}
+        with np.errstate(all="ignore"):
+            result = _value(self.root, arrays)
+        shape = np.broadcast_shapes(*(array.shape for array in arrays.values()))
+        return np.array(np.broadcast_to(result, shape), dtype=np.float64)
+
+
+def load_names(pairs: Iterable[str]) -> tuple[str, ...]:
+    """Return the names a load may use, given the names of the pairs."""
+    pairs = list(pairs)
+    rates = (f"dtheta_{pair}" for pair in pairs)
+    return ("t", *(f"theta_{pair}" for pair in pairs), *rates)
+
+
+def parse(text: str, names: Iterable[str]) -> Expression:
+    """Parse an expression in which only these names may occur.
+
+    Raises
+    ------
+    ModelError
+        If anything but the grammar occurs; the message starts with the column.
+    """
+    if len(text) > MAX_LENGTH:
+        raise ModelError(
+            f"column {MAX_LENGTH + 1}: the expression has {len(text)} characters, at "
+            f"most {MAX_LENGTH} are allowed"
+        )
+    flat = re.sub(r"[\t\r\n]", " ", text)
+    foreign = _FOREIGN.search(flat)
+    if foreign:
+        hint = "; powers are written **" if foreign[0] == "^" else ""
+        raise _fault(foreign.start(), f"found {ascii(foreign[0])}{hint}")
+    if not flat.strip():
+        raise ModelError("column 1: the expression is empty; write 0 for no torque")
+    reader = _Reader(tuple(names), len(flat) - len(flat.lstrip(" ")))
+    root = reader.node(_syntax_tree(flat.strip(" "), reader.margin), 1)
+    return Expression(text, frozenset(reader.used), root)
+
+
+def _fault(column: int, message: str, allowed: str = _GRAMMAR) -> ModelError:
+    return ModelError(f"column {column + 1}: {message}; {allowed}")
+
+
+def _syntax_tree(text: str, margin: int) -> ast.expr:
+    try:
+        with warnings.catch_warnings():
+            # Python warns of spellings such as "1or t", which are refused below anyway.
+            warnings.simplefilter("ignore")
+            return ast.parse(text, mode="eval").body
+    except SyntaxError as error:
+        column = margin + max(error.offset or 1, 1) - 1
+        hint = "products are written with *"
+        raise _fault(column, f"cannot be read here ({error.msg}); {hint}") from None
+    except (RecursionError, MemoryError, ValueError):
+        raise _fault(margin, "too deeply nested", f"at most {MAX_DEPTH} levels") from None
+
+
+class _Reader:
+    """Turns Python's syntax tree into ours, refusing whatever is not in the grammar."""
+
+    def __init__(self, names: tuple[str, ...], margin: int) -> None:
+        self.names = names
+        self.margin = margin
+        self.used: set[str] = set()
+
+    def node(self, item: ast.expr, depth: int) -> Node:
+        column = self.margin + item.col_offset
+        if depth > MAX_DEPTH:
+            raise _fault(column, "too deeply nested", f"at most {MAX_DEPTH} levels")
+        if isinstance(item, ast.Constant):
+            return self.number(item.value, column)
+        if isinstance(item, ast.Name):
+            return self.name(item.id, column)
+        if isinstance(item, ast.BinOp) and type(item.op) in _OPERATORS:
+            sides = self.node(item.left, depth + 1), self.node(item.right, depth + 1)
+            return Call(_OPERATORS[type(item.op)], sides)
+        if isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub):
+            return Call("negative", (self.node(item.operand, depth + 1),))
+        if isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.UAdd):
+            return self.node(item.operand, depth + 1)
+        if isinstance(item, ast.Call):
+            return self.call(item, column, depth)
+        what = {"FloorDiv": "//"}.get(type(getattr(item, "op", item)).__name__)
+        found = f'the operator "{what}"' if what else f"{type(item).__name__.lower()}"
+        raise _fault(column, f"found {found}, which is not allowed")
+
+    def number(self, value: object, column: int) -> Node:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise _fault(column, f"found {value!r}, which is not a real number")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = float("inf")
+        if number == float("inf"):
+            raise _fault(column, "found a number too large for a float64")
+        return Number(number)
+
+    def name(self, name: str, column: int) -> Node:
+        if name in CONSTANTS:
+            return Number(CONSTANTS[name])
+        if name in FUNCTIONS:
+            raise _fault(column, f'"{name}" is a function', f"write {name}(...)")
+        if name not in self.names:
+            hint = nearest(name, [*self.names, *CONSTANTS, *FUNCTIONS])
+            allowed = f"names: {listing([*self.names, *CONSTANTS])}"
+            raise _fault(column, f'"{name}" is not known{hint}', allowed)
+        self.used.add(name)
+        return Name(name)
+
+    def call(self, item: ast.Call, column: int, depth: int) -> Node:
+        name = item.func.id if isinstance(item.func, ast.Name) else ""
+        if name not in FUNCTIONS:
+            what = f'"{name}"' if name else "what stands before the parenthesis"
+            message = f"{what} is not a function{nearest(name, FUNCTIONS)}"
+            allowed = f"functions: {listing(FUNCTIONS, 20)}; products are written with *"
+            raise _fault(column, message, allowed)
+        fewest, most = FUNCTIONS[name]
+        count = len(item.args)
+        if count < fewest or (most is not None and count > most) or item.keywords:
+            needs = f"{fewest} or more" if most is None else f"{fewest}"
+            raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
+        return Call(name, tuple(self.node(each, depth + 1) for each in item.args))
+
+
+def _value(node: Node, arrays: Mapping[str, NDArray[np.float64]]) -> Any:
+    if isinstance(node, Number):
+        return np.float64(node.value)
+    if isinstance(node, Name):
+        return arrays[node.name]
+    arguments = [_value(each, arrays) for each in node.arguments]
+    return _NUMERIC[node.function](*arguments)

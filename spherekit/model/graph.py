@@ -1,0 +1,79 @@
+"""Graph views of a mechanism; the only module that imports networkx."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import networkx as nx
+
+from spherekit.model.mechanism import Mechanism
+
+
+def link_graph(mechanism: Mechanism) -> "nx.MultiGraph[str]":
+    """Return the graph with links as nodes and pairs as edges (key: pair name)."""
+    graph: nx.MultiGraph[str] = nx.MultiGraph(name=mechanism.name)
+    graph.add_nodes_from(mechanism.links)
+    for pair in mechanism.pairs:
+        graph.add_edge(*pair.links, key=pair.name, type=pair.type)
+    return graph
+
+
+def pieces(mechanism: Mechanism) -> list[list[str]]:
+    """Return the connected pieces, each as its links in file order, ground's first."""
+    order = mechanism.link_number
+    found = nx.connected_components(link_graph(mechanism))
+    return sorted((sorted(piece, key=order.__getitem__) for piece in found), key=lambda p: order[p[0]])
+
+
+def same_topology(one: Mechanism, other: Mechanism) -> bool:
+    """Return whether two mechanisms are the same graph with the same pair types."""
+
+    def simple(mechanism: Mechanism) -> "nx.Graph[Any]":
+        graph: nx.Graph[Any] = nx.Graph()
+        graph.add_nodes_from(mechanism.links, type="link")
+        for pair in mechanism.pairs:
+            node = ("pair", pair.name)
+            graph.add_node(node, type=pair.type)
+            graph.add_edges_from((node, link) for link in pair.links)
+        return graph
+
+    return bool(
+        nx.is_isomorphic(
+            simple(one), simple(other), node_match=lambda a, b: a["type"] == b["type"]
+        )
+    )
+
+
+@final
+@dataclass(frozen=True)
+class Layout:
+    """Positions in the unit square of links and pairs, for drawing."""
+
+    links: tuple[tuple[float, float], ...]
+    pairs: tuple[tuple[float, float], ...]
+
+
+def layout(mechanism: Mechanism) -> Layout:
+    """Return positions for drawing the link/pair graph: few crossings, same every time."""
+    graph: nx.Graph[Any] = nx.Graph()
+    links = [("link", name) for name in mechanism.links]
+    graph.add_nodes_from(links)
+    for pair in mechanism.pairs:
+        graph.add_edges_from((("pair", pair.name), ("link", name)) for name in pair.links)
+    planar, _ = nx.check_planarity(graph)
+    start = nx.planar_layout(graph) if planar else nx.circular_layout(graph)
+    spread = nx.kamada_kawai_layout(graph, pos=start)
+    low = [min(point[axis] for point in spread.values()) for axis in (0, 1)]
+    high = [max(point[axis] for point in spread.values()) for axis in (0, 1)]
+
+    def unit(node: tuple[str, str]) -> tuple[float, float]:
+        scaled: Sequence[float] = [
+            (float(spread[node][axis]) - low[axis]) / ((high[axis] - low[axis]) or 1.0)
+            for axis in (0, 1)
+        ]
+        return scaled[0], scaled[1]
+
+    return Layout(
+        tuple(unit(node) for node in links),
+        tuple(unit(("pair", pair.name)) for pair in mechanism.pairs),
+    )

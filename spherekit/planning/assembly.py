@@ -1,0 +1,157 @@
+"""The order in which positions follow from the input: dyads and irreducible groups.
+
+With the input locked the mechanism is a structure without freedom. Its smallest rigid
+part is a group that can be placed on its own; made one body, the next one follows, and
+so on until one body is left. No frame is singled out (theory of Assur groups), so an
+input between two floating links needs no special treatment.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+from spherekit.errors import PlanError
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.rigidity import Pebbles, check_single_freedom
+
+
+@final
+@dataclass(frozen=True)
+class Group:
+    """Bodies that become one body when their pairs are closed together.
+
+    `bodies` are sets of link numbers already rigid relative to each other; the first
+    is the one the others are placed in. `ends[k]` are the positions in `bodies` that
+    pair `pairs[k]` joins, first link first.
+    """
+
+    bodies: tuple[tuple[int, ...], ...]
+    pairs: tuple[int, ...]
+    ends: tuple[tuple[int, int], ...]
+
+    @property
+    def is_dyad(self) -> bool:
+        """Whether the group has the closed form of a spherical triangle."""
+        return len(self.bodies) == 3
+
+    @property
+    def loops(self) -> int:
+        """Number of independent closed loops within the group."""
+        return len(self.pairs) - len(self.bodies) + 1
+
+    @property
+    def kind(self) -> str:
+        """The group's name: dyad, triad, or its count of links and loops."""
+        if self.is_dyad:
+            return "dyad"
+        if len(self.bodies) == 5:
+            return "triad"
+        return f"{len(self.bodies)}-body group with {self.loops} loops"
+
+
+@final
+@dataclass(frozen=True)
+class Assembly:
+    """The locked input pair, then the groups in solving order."""
+
+    input: int
+    groups: tuple[Group, ...]
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether every group is a dyad."""
+        return all(group.is_dyad for group in self.groups)
+
+
+def plan_assembly(mechanism: Mechanism, input_pair: str) -> Assembly:
+    """Return the groups of a single-DOF mechanism whose input pair is locked.
+
+    Raises
+    ------
+    PlanError
+        If the mechanism does not have exactly one freedom, or a part is rigid.
+    """
+    check_single_freedom(mechanism)
+    locked = mechanism.pair_number[mechanism.pair(input_pair).name]
+    contact = [pair.name for pair in mechanism.pairs if pair.type != "R"]
+    if contact:
+        raise PlanError(
+            f"{mechanism.name}: positions of contact pairs ({', '.join(contact)}) are "
+            "not solved by this version; the plan and its Table are available"
+        )
+    body_of = list(range(len(mechanism.links)))
+    a, b = mechanism.ends[locked]
+    body_of[b] = a
+    open_pairs = {n: ends for n, ends in enumerate(mechanism.ends) if n != locked}
+    game = Pebbles(len(mechanism.links))
+    for ends in open_pairs.values():
+        one, other = body_of[ends[0]], body_of[ends[1]]
+        for _ in range(2):
+            game.insert(one, other)
+    groups: list[Group] = []
+    while open_pairs:
+        part = _smallest_part(game, open_pairs, body_of)
+        base = _base(part, body_of)
+        members = {body: _links_of(body, body_of) for body in part}
+        order = [base, *sorted(part - {base}, key=lambda body: members[body])]
+        position = {body: k for k, body in enumerate(order)}
+        inside = [
+            n
+            for n, ends in open_pairs.items()
+            if body_of[ends[0]] in part and body_of[ends[1]] in part
+        ]
+        groups.append(
+            Group(
+                bodies=tuple(members[body] for body in order),
+                pairs=tuple(inside),
+                ends=tuple(
+                    (
+                        position[body_of[open_pairs[n][0]]],
+                        position[body_of[open_pairs[n][1]]],
+                    )
+                    for n in inside
+                ),
+            )
+        )
+        game.gather(base, 3)
+        game.merge(part, base)
+        body_of = [base if body in part else body for body in body_of]
+        for n in inside:
+            del open_pairs[n]
+    return Assembly(locked, tuple(groups))
+
+
+def _links_of(body: int, body_of: list[int]) -> tuple[int, ...]:
+    return tuple(link for link, owner in enumerate(body_of) if owner == body)
+
+
+def _base(part: set[int], body_of: list[int]) -> int:
+    """The body with the ground if there is one, else the largest, else the first."""
+    ground = body_of[0]
+    if ground in part:
+        return ground
+    return min(part, key=lambda body: (-body_of.count(body), body))
+
+
+def _smallest_part(
+    game: Pebbles, open_pairs: dict[int, tuple[int, int]], body_of: list[int]
+) -> set[int]:
+    joined: dict[int, set[int]] = {}
+    for one, other in open_pairs.values():
+        a, b = body_of[one], body_of[other]
+        joined.setdefault(a, set()).add(b)
+        joined.setdefault(b, set()).add(a)
+    for a in sorted(joined):
+        for b in sorted(joined[a]):
+            common = joined[a] & joined[b]
+            if b > a and common:
+                return {a, b, min(common)}
+    best: set[int] | None = None
+    for a in sorted(joined):
+        game.gather(a, 3)
+        for b in sorted(joined[a]):
+            if b > a:
+                part = game.reach([a, b])
+                if best is None or len(part) < len(best):
+                    best = part
+    assert best is not None
+    return best

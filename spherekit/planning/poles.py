@@ -1,0 +1,307 @@
+"""The sequence in which every instantaneous pole axis follows from the known ones.
+
+Poles of pairs (R, Cr) are primary. Synchronous passes of the Aronhold-Kennedy theorem
+(Di Gregorio 2011) add the secondary ones: P_ij lies on the great circle of P_ik and
+P_jk for every third link k, and on the contact plane of a sliding pair of i and j; two
+such lines give it. Where the passes stop, the smallest single-freedom part that holds
+an unknown pole is solved from its velocity equations, and the passes go on.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+from spherekit.conventions import nearest
+from spherekit.errors import PlanError
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.rigidity import Pebbles, check_single_freedom
+
+Pole = tuple[int, int]
+"""Two link numbers, smaller first; the pole of the second relative to the first."""
+
+
+@final
+@dataclass(frozen=True)
+class PrimaryPole:
+    """A pole that is the axis or contact line of a pair."""
+
+    pole: Pole
+    pair: int
+
+
+@final
+@dataclass(frozen=True)
+class LinePole:
+    """A pole at the intersection of great circles.
+
+    `via` are the third links k whose poles P_ik and P_jk span a great circle, and
+    `contacts` the sliding pairs whose contact plane is one. Any two of all these lines
+    suffice; the best-conditioned two are chosen at each configuration.
+    """
+
+    pole: Pole
+    round: int
+    via: tuple[int, ...]
+    contacts: tuple[int, ...] = ()
+
+    @property
+    def case(self) -> str:
+        """The lecture's case of the first two lines: a, b or c."""
+        lines = min(len(self.via), 2)
+        return {2: "a", 1: "b", 0: "c"}[lines if not self.contacts else min(lines, 1)]
+
+    @property
+    def sources(self) -> tuple[Pole, ...]:
+        """The poles that its lines are drawn through."""
+        i, j = self.pole
+        return tuple(
+            source for k in self.via for source in (pole_of(i, k), pole_of(j, k))
+        )
+
+
+@final
+@dataclass(frozen=True)
+class BlockPoles:
+    """All poles of an irreducible single-freedom part, solved together.
+
+    The pair rates of the part are the null vector of its loop-closure velocity
+    equations; `poles` are those that were unknown before.
+    """
+
+    links: tuple[int, ...]
+    pairs: tuple[int, ...]
+    poles: tuple[Pole, ...]
+    round: int
+    method: str = "null vector of the velocity equations"
+
+
+Step = PrimaryPole | LinePole | BlockPoles
+
+
+@final
+@dataclass(frozen=True)
+class Plan:
+    """Ordered steps that give every requested pole of a single-DOF mechanism."""
+
+    mechanism: Mechanism
+    input: int
+    requested: tuple[Pole, ...]
+    steps: tuple[Step, ...]
+
+    @property
+    def rounds(self) -> dict[Pole, int]:
+        """The pass in which each pole becomes known; 0 for primary poles."""
+        found: dict[Pole, int] = {}
+        for step in self.steps:
+            if isinstance(step, PrimaryPole):
+                found[step.pole] = 0
+            elif isinstance(step, LinePole):
+                found[step.pole] = step.round
+            else:
+                found.update((pole, step.round) for pole in step.poles)
+        return found
+
+    @property
+    def blocks(self) -> tuple[BlockPoles, ...]:
+        """The irreducible parts, empty for a determinate mechanism."""
+        return tuple(step for step in self.steps if isinstance(step, BlockPoles))
+
+
+def pole_of(i: int, j: int) -> Pole:
+    """Return the pole of two links, smaller number first."""
+    return (i, j) if i < j else (j, i)
+
+
+def all_poles(count: int) -> tuple[Pole, ...]:
+    """Return the m (m - 1) / 2 poles of `count` links in order."""
+    return tuple((i, j) for i in range(count) for j in range(i + 1, count))
+
+
+def parse_pole(mechanism: Mechanism, text: str) -> Pole:
+    """Return the pole that ``3/1``, ``coupler/ground`` or, where clear, ``31`` names."""
+    number = mechanism.link_number
+    if "/" in text:
+        names = text.split("/")
+        splits = [(names[0], names[-1])] if len(names) == 2 else []
+    else:
+        splits = [(text[:cut], text[cut:]) for cut in range(1, len(text))]
+    found = {
+        pole_of(number[a], number[b])
+        for a, b in splits
+        if a in number and b in number and a != b
+    }
+    if len(found) == 1:
+        return found.pop()
+    every = [f"{mechanism.links[j]}/{mechanism.links[i]}" for i, j in all_poles(len(number))]
+    why = "could be several poles" if found else "is no pole"
+    raise PlanError(
+        f'{mechanism.name}: "{text}" {why}{nearest(text, every)} Write LINK/LINK with '
+        f"two of the links {', '.join(mechanism.links)}"
+    )
+
+
+def plan(
+    mechanism: Mechanism,
+    poles: Iterable[Pole | str] | None = None,
+    input_pair: str | None = None,
+) -> Plan:
+    """Return the plan for some poles (all by default) of a single-DOF mechanism.
+
+    Parameters
+    ----------
+    mechanism
+        Any chain of R, Cr and Cs pairs with one freedom.
+    poles
+        Poles to find, as pairs of link numbers or text such as ``"3/1"``; the plan then
+        holds only their ancestors.
+    input_pair
+        Name of the driven pair; the mechanism's own, or else its first pair.
+
+    Raises
+    ------
+    PlanError
+        If the mobility is not one, a part is rigid or loose, or a pole is unknown.
+    """
+    game = check_single_freedom(mechanism)
+    name = input_pair or default_input(mechanism)
+    driven = mechanism.pair_number[mechanism.pair(name).name]
+    count = len(mechanism.links)
+    known = [0] * count
+    steps: list[Step] = []
+    contacts: dict[Pole, list[int]] = {}
+    for number, (pair, ends) in enumerate(
+        zip(mechanism.pairs, mechanism.ends, strict=True)
+    ):
+        pole = pole_of(*ends)
+        if pair.type == "Cs":
+            contacts.setdefault(pole, []).append(number)
+        else:
+            steps.append(PrimaryPole(pole, number))
+            _mark(known, [pole])
+    unknown = [p for p in all_poles(count) if not known[p[0]] >> p[1] & 1]
+    round_number = 0
+    while unknown:
+        round_number += 1
+        found: list[Step] = []
+        for pole in unknown:
+            common = known[pole[0]] & known[pole[1]]
+            touching = tuple(contacts.get(pole, ()))
+            if common.bit_count() + len(touching) >= 2:
+                found.append(LinePole(pole, round_number, _bits(common), touching))
+        if not found:
+            found = [_smallest_block(mechanism, game, unknown, round_number)]
+        for step in found:
+            _mark(known, step.poles if isinstance(step, BlockPoles) else [step.pole])
+        steps += found
+        unknown = [p for p in unknown if not known[p[0]] >> p[1] & 1]
+    whole = Plan(mechanism, driven, all_poles(count), tuple(steps))
+    if poles is None:
+        return whole
+    wanted = [parse_pole(mechanism, p) if isinstance(p, str) else pole_of(*p) for p in poles]
+    return prune(whole, wanted)
+
+
+def default_input(mechanism: Mechanism) -> str:
+    """Return the first declared input pair, or the first pair if none is declared."""
+    if mechanism.inputs:
+        return mechanism.inputs[0].pair
+    return mechanism.pairs[0].name
+
+
+def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
+    """Return the plan that holds only the ancestors of the wanted poles.
+
+    Each pole keeps the two lines that need the fewest other poles, and every further
+    line whose poles are in the plan anyway.
+    """
+    maker: dict[Pole, Step] = {}
+    cost: dict[Pole, frozenset[Pole]] = {}
+    cheapest: dict[Pole, tuple[int, ...]] = {}
+    for step in whole.steps:
+        if isinstance(step, PrimaryPole):
+            maker[step.pole], cost[step.pole] = step, frozenset()
+        elif isinstance(step, BlockPoles):
+            for pole in step.poles:
+                maker[pole], cost[pole] = step, frozenset([pole])
+        else:
+            maker[step.pole] = step
+            cheapest[step.pole], needed = _cheapest_lines(step, cost)
+            cost[step.pole] = needed | {step.pole}
+    kept: set[Pole] = set()
+    stack = list(wanted)
+    while stack:
+        pole = stack.pop()
+        if pole in kept:
+            continue
+        kept.add(pole)
+        step = maker[pole]
+        if isinstance(step, LinePole):
+            stack += replace(step, via=cheapest[pole]).sources
+        elif isinstance(step, BlockPoles):
+            stack += [pole_of(*whole.mechanism.ends[pair]) for pair in step.pairs]
+    steps: list[Step] = []
+    for step in whole.steps:
+        if isinstance(step, BlockPoles):
+            if kept & set(step.poles):
+                steps.append(step)
+                kept |= set(step.poles)
+        elif step.pole in kept:
+            if isinstance(step, LinePole):
+                i, j = step.pole
+                via = [
+                    k for k in step.via if {pole_of(i, k), pole_of(j, k)} <= kept
+                ]
+                step = replace(step, via=tuple(via))
+            steps.append(step)
+    return Plan(whole.mechanism, whole.input, tuple(dict.fromkeys(wanted)), tuple(steps))
+
+
+def _cheapest_lines(
+    step: LinePole, cost: dict[Pole, frozenset[Pole]]
+) -> tuple[tuple[int, ...], frozenset[Pole]]:
+    i, j = step.pole
+    needs = {
+        k: cost[pole_of(i, k)] | cost[pole_of(j, k)]
+        for k in step.via
+    }
+    lines = max(2 - len(step.contacts), 0)
+    first = sorted(needs, key=lambda k: (len(needs[k]), k))[:12]
+    if lines == 0:
+        return (), frozenset()
+    if lines == 1:
+        return (first[0],), needs[first[0]]
+    a, b = min(
+        ((a, b) for n, a in enumerate(first) for b in first[n + 1 :]),
+        key=lambda pair: (len(needs[pair[0]] | needs[pair[1]]), pair),
+    )
+    return (a, b), needs[a] | needs[b]
+
+
+def _smallest_block(
+    mechanism: Mechanism, game: Pebbles, unknown: Sequence[Pole], round_number: int
+) -> BlockPoles:
+    best: set[int] | None = None
+    for i, j in unknown:
+        part = game.moving_part(i, j)
+        if best is None or len(part) < len(best):
+            best = part
+    assert best is not None
+    inside = best
+    return BlockPoles(
+        links=tuple(sorted(inside)),
+        pairs=tuple(
+            n for n, (a, b) in enumerate(mechanism.ends) if a in inside and b in inside
+        ),
+        poles=tuple(p for p in unknown if p[0] in inside and p[1] in inside),
+        round=round_number,
+    )
+
+
+def _mark(known: list[int], poles: Iterable[Pole]) -> None:
+    for i, j in poles:
+        known[i] |= 1 << j
+        known[j] |= 1 << i
+
+
+def _bits(mask: int) -> tuple[int, ...]:
+    return tuple(k for k in range(mask.bit_length()) if mask >> k & 1)

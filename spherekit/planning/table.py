@@ -1,0 +1,147 @@
+"""The plan's Table in the lecture's own layout, as text, Markdown and JSON.
+
+A primary pole is an x, a secondary one the Roman number of the pass that finds it; a
+star marks poles found by solving an irreducible part. (Di Gregorio 2019, lecture 2.)
+"""
+
+from typing import Any
+
+from spherekit.planning.poles import BlockPoles, LinePole, Plan, Pole, PrimaryPole, Step
+
+PRIMARY_MARK = "x"
+SELF_MARK = "■"
+
+
+def roman(number: int) -> str:
+    """Return a positive integer in Roman numerals."""
+    parts = (
+        (1000, "M"), (900, "CM"), (500, "D"), (400, "CD"), (100, "C"), (90, "XC"),
+        (50, "L"), (40, "XL"), (10, "X"), (9, "IX"), (5, "V"), (4, "IV"), (1, "I"),
+    )  # fmt: skip
+    text = ""
+    for value, sign in parts:
+        text += sign * (number // value)
+        number %= value
+    return text
+
+
+def cells(plan: Plan) -> list[list[str]]:
+    """Return the Table's entries, row by row, without headings; empty where unplanned."""
+    count = len(plan.mechanism.links)
+    grid = [["" for _ in range(count)] for _ in range(count)]
+    starred = {pole for block in plan.blocks for pole in block.poles}
+    for k in range(count):
+        grid[k][k] = SELF_MARK
+    for (i, j), number in plan.rounds.items():
+        mark = PRIMARY_MARK if number == 0 else roman(number)
+        grid[i][j] = grid[j][i] = mark + ("*" if (i, j) in starred else "")
+    return grid
+
+
+def as_text(plan: Plan) -> str:
+    """Return the Table in aligned columns."""
+    names = plan.mechanism.links
+    rows = [["", *names]] + [
+        [name, *row] for name, row in zip(names, cells(plan), strict=True)
+    ]
+    width = max(len(entry) for row in rows for entry in row)
+    return "\n".join(
+        "  ".join(entry.ljust(width) for entry in row).rstrip() for row in rows
+    )
+
+
+def as_markdown(plan: Plan) -> str:
+    """Return the Table as a Markdown table."""
+    names = plan.mechanism.links
+    lines = ["| | " + " | ".join(f"**{name}**" for name in names) + " |"]
+    lines.append("|" + "---|" * (len(names) + 1))
+    for name, row in zip(names, cells(plan), strict=True):
+        lines.append(f"| **{name}** | " + " | ".join(row) + " |")
+    return "\n".join(lines)
+
+
+def pole_name(plan: Plan, pole: Pole) -> str:
+    """Return the printed name of a pole: ``P31``, or ``P(coupler,ground)``."""
+    low, high = (plan.mechanism.links[k] for k in pole)
+    return f"P{high}{low}" if len(low) == len(high) == 1 else f"P({high},{low})"
+
+
+def describe(plan: Plan, step: Step) -> str:
+    """Return one line that says how a step finds its poles."""
+    names = plan.mechanism.links
+    if isinstance(step, PrimaryPole):
+        pair = plan.mechanism.pairs[step.pair]
+        what = "axis of" if pair.type == "R" else "contact line of"
+        return f"x    {pole_name(plan, step.pole)} = {what} {pair.type} pair {pair.name}"
+    if isinstance(step, LinePole):
+        i, j = step.pole
+        lines = [
+            f"{pole_name(plan, _sorted(i, k))} {pole_name(plan, _sorted(j, k))}"
+            for k in step.via
+        ]
+        lines += [f"contact {plan.mechanism.pairs[n].name}" for n in step.contacts]
+        return (
+            f"{roman(step.round):4s} {pole_name(plan, step.pole)} case ({step.case}) = "
+            + " x ".join(f"({line})" for line in lines)
+        )
+    poles = ", ".join(pole_name(plan, pole) for pole in step.poles)
+    return (
+        f"{roman(step.round) + '*':4s} {poles}: irreducible part of links "
+        f"{', '.join(names[k] for k in step.links)}, by the {step.method}"
+    )
+
+
+def as_dict(plan: Plan) -> dict[str, Any]:
+    """Return the plan as plain lists and dictionaries, ready for JSON."""
+    names = plan.mechanism.links
+    pairs = plan.mechanism.pairs
+
+    def named(pole: Pole) -> list[str]:
+        return [names[pole[1]], names[pole[0]]]
+
+    def step_dict(step: Step) -> dict[str, Any]:
+        if isinstance(step, PrimaryPole):
+            return {
+                "pass": 0,
+                "case": "primary",
+                "pole": named(step.pole),
+                "pair": pairs[step.pair].name,
+            }
+        if isinstance(step, LinePole):
+            i, j = step.pole
+            lines: list[dict[str, Any]] = [
+                {
+                    "via": names[k],
+                    "poles": [named(_sorted(i, k)), named(_sorted(j, k))],
+                }
+                for k in step.via
+            ]
+            lines += [{"contact": pairs[n].name} for n in step.contacts]
+            return {
+                "pass": step.round,
+                "case": step.case,
+                "pole": named(step.pole),
+                "lines": lines,
+            }
+        assert isinstance(step, BlockPoles)
+        return {
+            "pass": step.round,
+            "case": "irreducible",
+            "poles": [named(pole) for pole in step.poles],
+            "links": [names[k] for k in step.links],
+            "pairs": [pairs[n].name for n in step.pairs],
+            "method": step.method,
+        }
+
+    return {
+        "mechanism": plan.mechanism.name,
+        "links": list(names),
+        "input": pairs[plan.input].name,
+        "requested": [named(pole) for pole in plan.requested],
+        "table": cells(plan),
+        "steps": [step_dict(step) for step in plan.steps],
+    }
+
+
+def _sorted(i: int, k: int) -> Pole:
+    return (i, k) if i < k else (k, i)

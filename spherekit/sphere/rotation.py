@@ -1,0 +1,129 @@
+"""Batched rotations: matrices (n, 3, 3) acting on columns, quaternions xyzw."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Return a x b for arrays (..., 3); much faster on small arrays than NumPy's own."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def about_z(angle: ArrayLike) -> Floats:
+    """Return rotation matrices (..., 3, 3) by angle (rad) about the z axis."""
+    angle = np.asarray(angle, dtype=float)
+    out = np.zeros((*angle.shape, 3, 3))
+    c, s = np.cos(angle), np.sin(angle)
+    out[..., 0, 0] = out[..., 1, 1] = c
+    out[..., 0, 1], out[..., 1, 0] = -s, s
+    out[..., 2, 2] = 1.0
+    return out
+
+
+def transpose(matrix: Floats) -> Floats:
+    """Return the inverse of rotation matrices (..., 3, 3)."""
+    return np.swapaxes(matrix, -1, -2)
+
+
+def frame_from(axis: Floats, tangent: Floats) -> Floats:
+    """Return frames (..., 3, 3) with columns tangent, axis x tangent, axis.
+
+    `axis` and `tangent` are perpendicular unit vectors (..., 3).
+    """
+    return np.stack([tangent, cross(axis, tangent), axis], axis=-1)
+
+
+def perpendicular(axis: Floats) -> Floats:
+    """Return one unit vector (3,) at right angles to the unit vector `axis` (3,)."""
+    helper = np.zeros(3)
+    helper[int(np.argmin(np.abs(axis)))] = 1.0
+    side = cross(axis, helper)
+    return side / np.linalg.norm(side)
+
+
+def rotation_vector(matrix: Floats) -> Floats:
+    """Return the rotation vectors (n, 3), axis times angle in [0, pi], of matrices.
+
+    Accurate to rounding for small angles, where closure residuals live; near a half
+    turn the axis comes from the symmetric part.
+    """
+    r = matrix
+    twice_sine = np.stack(
+        [
+            r[..., 2, 1] - r[..., 1, 2],
+            r[..., 0, 2] - r[..., 2, 0],
+            r[..., 1, 0] - r[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = 0.5 * np.linalg.norm(twice_sine, axis=-1)
+    cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    small = sine < 1e-4
+    factor = np.where(
+        small, 1.0 + angle * angle / 6.0, angle / np.where(small, 1.0, sine)
+    )
+    out = 0.5 * factor[..., None] * twice_sine
+    flipped = (cosine < 0.0) & (sine < 1e-3)
+    if np.any(flipped):
+        symmetric = 0.5 * (r + transpose(r))[flipped]
+        values, vectors = np.linalg.eigh(symmetric)
+        axis = vectors[..., -1]
+        turn = np.sum(axis * twice_sine[flipped], axis=-1, keepdims=True)
+        axis = np.where(turn < 0.0, -axis, axis)
+        out[flipped] = axis * angle[flipped][..., None]
+    return out
+
+
+def quaternion(matrix: Floats) -> Floats:
+    """Return unit quaternions (n, 4) xyzw of rotation matrices (n, 3, 3).
+
+    The sign is the one with the largest component positive; NaN in, NaN out.
+    """
+    r = matrix
+    trace = r[:, 0, 0] + r[:, 1, 1] + r[:, 2, 2]
+    four = np.stack(
+        [
+            1 + 2 * r[:, 0, 0] - trace,
+            1 + 2 * r[:, 1, 1] - trace,
+            1 + 2 * r[:, 2, 2] - trace,
+            1 + trace,
+        ],
+        axis=1,
+    )
+    a = r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]
+    s = r[:, 0, 1] + r[:, 1, 0], r[:, 0, 2] + r[:, 2, 0], r[:, 1, 2] + r[:, 2, 1]
+    rows = np.stack(
+        [
+            np.stack([four[:, 0], s[0], s[1], a[0]], axis=1),
+            np.stack([s[0], four[:, 1], s[2], a[1]], axis=1),
+            np.stack([s[1], s[2], four[:, 2], a[2]], axis=1),
+            np.stack([a[0], a[1], a[2], four[:, 3]], axis=1),
+        ],
+        axis=1,
+    )
+    best = np.argmax(np.where(np.isnan(four), -1.0, four), axis=1)
+    chosen = rows[np.arange(len(r)), best]
+    return chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
+
+
+def matrix_from_quaternion(xyzw: Floats) -> Floats:
+    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4) xyzw."""
+    x, y, z, w = xyzw[:, 0], xyzw[:, 1], xyzw[:, 2], xyzw[:, 3]
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1),
+            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1),
+            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1),
+        ],
+        axis=1,
+    )
+
+
+def arc(a: Floats, b: Floats) -> Floats:
+    """Return the angle (rad, 0 to pi) between unit vectors (..., 3), exact near 0, pi."""
+    return np.arctan2(np.linalg.norm(cross(a, b), axis=-1), np.sum(a * b, axis=-1))

@@ -1,0 +1,94 @@
+"""The spherical triangle: the closed form behind every dyad (RR chain of two links)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import REACH_SLACK
+from spherekit.sphere.rotation import Floats, arc, cross, frame_from, transpose
+
+Bools = NDArray[np.bool_]
+
+
+def vertex_angles(base: Floats, near: Floats, far: Floats) -> tuple[Floats, Floats, Bools]:
+    """Return the angles at both ends of a triangle's base, and whether it closes.
+
+    Parameters
+    ----------
+    base, near, far
+        Sides (n,) in rad, 0 to pi: the base, the side at its first end, the side at
+        its second end.
+
+    Returns
+    -------
+    at_first, at_second
+        Angles (n,) in rad, 0 to pi; meaningless where the triangle does not close.
+    closes
+        (n,) whether the sides satisfy the triangle inequalities and sum to at most a
+        full turn, up to rounding.
+
+    Notes
+    -----
+    Half-angle form, free of cancellation for small sides:
+    tan^2(A/2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), s half the perimeter.
+    """
+    half = 0.5 * (base + near + far)
+    parts = np.stack([half - base, half - near, half - far, np.pi - half])
+    closes = np.all(parts >= -REACH_SLACK, axis=0)
+    by_base, by_near, by_far, total = np.sin(np.clip(parts, 0.0, np.pi))
+    at_first = 2 * np.arctan2(np.sqrt(by_near * by_base), np.sqrt(total * by_far))
+    at_second = 2 * np.arctan2(np.sqrt(by_far * by_base), np.sqrt(total * by_near))
+    return at_first, at_second, closes
+
+
+def close_dyad(
+    first: Floats,
+    second: Floats,
+    near: tuple[Floats, Floats],
+    far: tuple[Floats, Floats],
+    sign: float,
+) -> tuple[Floats, Floats, Floats, Bools]:
+    """Place the two bodies of a dyad between two known axes.
+
+    Parameters
+    ----------
+    first, second
+        Unit axes (n, 3) of the outer pairs, in base axes.
+    near
+        In the axes of the body at `first`: its outer axis and the middle axis, (n, 3).
+    far
+        The same for the body at `second`.
+    sign
+        +1 or -1: the sign of middle . (first x second), which names the assembly mode.
+
+    Returns
+    -------
+    near_rotation, far_rotation
+        (n, 3, 3) from body axes to base axes.
+    sine
+        (n,) sine of the angle between the two bodies' arcs at the middle axis, 0 at the
+        dead centre of the dyad.
+    closes
+        (n,) whether the arcs can reach each other.
+    """
+    across = cross(first, second)
+    length = np.linalg.norm(across, axis=-1, keepdims=True)
+    normal = across / np.where(length > 0.0, length, 1.0)
+    base, side_near, side_far = arc(first, second), arc(*near), arc(*far)
+    at_first, at_second, closes = vertex_angles(base, side_near, side_far)
+    closes = closes & (length[:, 0] > REACH_SLACK)
+
+    def placed(axis: Floats, toward: Floats, angle: Floats, body: tuple[Floats, Floats]):
+        tangent = np.cos(angle)[:, None] * toward + sign * np.sin(angle)[:, None] * normal
+        outer, middle = body
+        side = cross(cross(outer, middle), outer)
+        norm = np.linalg.norm(side, axis=-1, keepdims=True)
+        own = frame_from(outer, side / np.where(norm > 0.0, norm, 1.0))
+        return frame_from(axis, tangent) @ transpose(own)
+
+    near_rotation = placed(first, cross(normal, first), at_first, near)
+    far_rotation = placed(second, -cross(normal, second), at_second, far)
+    sides = np.sin(side_near) * np.sin(side_far)
+    height = np.sin(base) * np.sin(at_first) * np.sin(side_near)
+    sine = height / np.where(sides > 0.0, sides, np.inf)
+    closes = closes & (sides > 0.0)
+    return near_rotation, far_rotation, sine, closes
