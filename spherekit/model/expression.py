@@ -48,6 +48,7 @@ _OPERATORS: Mapping[type[ast.operator], str] = MappingProxyType(
     {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 )
 _GRAMMAR = "numbers, names, + - * / **, parentheses and functions are allowed"
+_LEVELS = f"at most {MAX_DEPTH} levels"
 _FOREIGN = re.compile(r"[^A-Za-z0-9_+\-*/(),. ]")
 
 _NUMERIC: Mapping[str, Callable[..., Any]] = MappingProxyType(
@@ -129,8 +130,8 @@ class Expression:
         """
         missing = sorted(self.names - set(values))
         if missing:
-            raise ModelError(f'"{self.text}": no value is given for {listing(missing)}')
-        arrays = {key: np.asarray(item, dtype=np.float64) for key, item in values.items()}
+            raise ModelError(f'"{self.text}": give a value for {listing(missing)}')
+        arrays = {key: np.asarray(values[key], dtype=np.float64) for key in values}
         with np.errstate(all="ignore"):
             result = _value(self.root, arrays)
         shape = np.broadcast_shapes(*(array.shape for array in arrays.values()))
@@ -161,7 +162,7 @@ def parse(text: str, names: Iterable[str]) -> Expression:
     foreign = _FOREIGN.search(flat)
     if foreign:
         hint = "; powers are written **" if foreign[0] == "^" else ""
-        raise _fault(foreign.start(), f"found {ascii(foreign[0])}{hint}")
+        raise _fault(foreign.start(), f"found {foreign[0]!a}{hint}")
     if not flat.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
     reader = _Reader(tuple(names), len(flat) - len(flat.lstrip(" ")))
@@ -184,7 +185,7 @@ def _syntax_tree(text: str, margin: int) -> ast.expr:
         hint = "products are written with *"
         raise _fault(column, f"cannot be read here ({error.msg}); {hint}") from None
     except (RecursionError, MemoryError, ValueError):
-        raise _fault(margin, "too deeply nested", f"at most {MAX_DEPTH} levels") from None
+        raise _fault(margin, "too deeply nested", _LEVELS) from None
 
 
 class _Reader:
@@ -198,7 +199,7 @@ class _Reader:
     def node(self, item: ast.expr, depth: int) -> Node:
         column = self.margin + item.col_offset
         if depth > MAX_DEPTH:
-            raise _fault(column, "too deeply nested", f"at most {MAX_DEPTH} levels")
+            raise _fault(column, "too deeply nested", _LEVELS)
         if isinstance(item, ast.Constant):
             return self.number(item.value, column)
         if isinstance(item, ast.Name):
@@ -244,7 +245,7 @@ class _Reader:
         if name not in FUNCTIONS:
             what = f'"{name}"' if name else "what stands before the parenthesis"
             message = f"{what} is not a function{nearest(name, FUNCTIONS)}"
-            allowed = f"functions: {listing(FUNCTIONS, 20)}; products are written with *"
+            allowed = f"functions: {listing(FUNCTIONS, 20)}; for products write *"
             raise _fault(column, message, allowed)
         fewest, most = FUNCTIONS[name]
         count = len(item.args)

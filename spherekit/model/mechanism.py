@@ -262,12 +262,12 @@ def _check(mechanism: Mechanism) -> None:
             )
 
     for item in mechanism.inputs:
-        need_pair(item.pair, "inputs")
+        need_pair(item.pair, f"inputs.{item.pair}")
     for output in mechanism.outputs:
         need_link(output.link, f"outputs.{output.name}.link")
         need_link(output.relative_to, f"outputs.{output.name}.relative_to")
     for mass in mechanism.masses:
-        need_link(mass.link, "mass")
+        need_link(mass.link, f"mass.{mass.link}")
     for load in mechanism.loads:
         need_pair(load.pair, f"loads.{load.name}.pair")
     geometry = mechanism.geometry

@@ -1,0 +1,55 @@
+"""Writing a file so that it is there completely or not at all."""
+
+import errno
+import os
+from pathlib import Path
+
+from spherekit.errors import OutputError
+
+_REASONS = {
+    errno.ENOSPC: "the disk is full; free some space or choose another folder",
+    errno.EDQUOT: "the disk quota is used up; free some space or choose another folder",
+    errno.EACCES: "the folder is not writable; choose another one",
+    errno.EPERM: "the folder is not writable; choose another one",
+    errno.EROFS: "the folder is on a read-only disk; choose another one",
+    errno.ENOENT: "the folder does not exist; create it first",
+    errno.ENOTDIR: "a part of the path is a file, not a folder",
+    errno.EISDIR: "is a folder; give the name of a file in it",
+    errno.ENAMETOOLONG: "the name is too long",
+}
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file in UTF-8, replacing an older one only when complete.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an older file is then unchanged.
+    """
+    try:
+        data = text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise OutputError(f"{path}: character {error.start} has no UTF-8") from None
+    temporary: Path | None = None
+    try:
+        target = Path(path).resolve()
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "is a folder")
+        unfinished = target.with_name(
+            f".{target.name[:100]}.{os.urandom(4).hex()}.part"
+        )
+        handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        temporary = unfinished
+        with open(handle, "wb") as stream:  # noqa: PTH123 (an open descriptor)
+            stream.write(data)
+            stream.flush()
+            os.fsync(handle)
+        temporary.replace(target)
+    except (OSError, ValueError) as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        reason = str(error)
+        if isinstance(error, OSError):
+            reason = _REASONS.get(error.errno or 0, error.strerror or reason)
+        raise OutputError(f"{str(path)!r}: cannot be written: {reason}") from None

@@ -1,0 +1,184 @@
+"""A parsed file against the schema, with faults that say what to write instead."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from spherekit.conventions import MAX_NAME_LENGTH, listing, nearest
+from spherekit.errors import FileError
+from spherekit.files.document import Document, spelt
+from spherekit.files.locate import KeyPath
+
+FORMAT = 1
+"""The format of mechanism files that this version reads and writes."""
+
+_Fault = tuple[KeyPath, str]
+_TYPES = {
+    "object": "a table",
+    "array": "an array [...]",
+    "string": "text in quotes",
+    "number": "a number",
+    "boolean": "true or false",
+}
+
+
+@cache
+def schema() -> Mapping[str, Any]:
+    """Return the JSON Schema of mechanism files: every key, its limits and unit."""
+    resource = files("spherekit.files") / f"format_{FORMAT}.schema.json"
+    found: Mapping[str, Any] = json.loads(resource.read_text(encoding="utf-8"))
+    return found
+
+
+def check(document: Document) -> None:
+    """Refuse a document that breaks the format.
+
+    Raises
+    ------
+    FileError
+        With one line for each fault, in the order of the file.
+    """
+    _check_format(document)
+    faults = list(_not_finite(document.data))
+    for error in _validator().iter_errors(document.data):
+        faults.extend(_explain(error))
+    if faults:
+        raise document.faults(faults)
+
+
+def shown(value: object) -> str:
+    """Return a value as it would stand in a file, cut to a readable length."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict):
+        return "a table" if value else "an empty table"
+    if isinstance(value, int) and value.bit_length() > 200:
+        return "a huge integer"
+    text = repr(value).replace("'", '"')
+    text = json.dumps(value) if isinstance(value, str) else text
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+@cache
+def _validator() -> Any:
+    # jsonschema takes longer to import than a mechanism file takes to read.
+    from jsonschema import Draft202012Validator
+
+    return Draft202012Validator(schema())
+
+
+def _check_format(document: Document) -> None:
+    if "format" not in document.data:
+        raise FileError(
+            f"{document.name}:1: format: missing; files start with format = {FORMAT}"
+        )
+    found = document.data["format"]
+    if isinstance(found, int) and not isinstance(found, bool):
+        if found > FORMAT:
+            raise document.fault(
+                ("format",),
+                f"found {shown(found)}, this version of spherekit reads {FORMAT}; the "
+                "file needs a newer spherekit",
+            )
+        if found == FORMAT:
+            return
+    raise document.fault(("format",), f"found {shown(found)}, needs {FORMAT}")
+
+
+def _not_finite(data: Mapping[str, Any]) -> Iterator[_Fault]:
+    waiting: list[tuple[KeyPath, Any]] = [
+        ((key,), value) for key, value in data.items() if key != "user"
+    ]
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, dict):
+            waiting.extend(((*path, key), item) for key, item in value.items())
+        elif isinstance(value, list):
+            waiting.extend(((*path, k), item) for k, item in enumerate(value))
+        elif isinstance(value, float) and not math.isfinite(value):
+            yield path, f"found {float(value)}, needs a finite number"
+
+
+def _explain(error: Any) -> Iterator[_Fault]:
+    """Turn one error of jsonschema into a path and a message of ours."""
+    path: KeyPath = tuple(error.absolute_path)
+    rule, limit, value = error.validator, error.validator_value, error.instance
+    if "propertyNames" in error.relative_schema_path:
+        yield (*path, value), f"the name {shown(value)} is not allowed; {_NAME_RULE}"
+    elif rule == "additionalProperties":
+        yield from _unknown_keys(path, value, error.schema["properties"])
+    elif rule == "required":
+        for key in limit:
+            if key not in value:
+                described = _described(error.schema, key)
+                yield path, f"the key {key} is missing{described}"
+    elif rule == "type":
+        wanted = _TYPES.get(limit, limit)
+        yield path, f"found {shown(value)} ({_kind(value)}), needs {wanted}"
+    elif rule in ("enum", "const"):
+        allowed = limit if rule == "enum" else [limit]
+        hint = nearest(value, allowed) if isinstance(value, str) else ""
+        yield path, f"found {shown(value)}, allowed: {listing(allowed)}{hint}"
+    elif rule in ("not", "anyOf"):
+        yield path, str(error.schema["description"])
+    elif rule in ("pattern", "minLength", "maxLength") and "pattern" in error.schema:
+        yield path, f"found {shown(value)}; {_NAME_RULE}"
+    elif rule in ("minLength", "maxLength"):
+        bound = "at least" if rule == "minLength" else "at most"
+        yield path, f"has {len(value)} characters, needs {bound} {limit}"
+    elif rule in ("minItems", "maxItems", "minProperties", "maxProperties"):
+        schema_ = error.schema
+        least = schema_.get("minItems", schema_.get("minProperties"))
+        most = schema_.get("maxItems", schema_.get("maxProperties"))
+        bound = "at least" if rule.startswith("min") else "at most"
+        needs = f"{limit}" if least == most else f"{bound} {limit}"
+        what = "values" if "Items" in rule else "entries"
+        yield path, f"has {len(value)} {what}, needs {needs}"
+    elif rule in ("minimum", "maximum"):
+        bound = "at least" if rule == "minimum" else "at most"
+        yield path, f"found {shown(value)}, needs {bound} {limit:g}"
+    elif rule == "uniqueItems":
+        twice = next(item for item in value if value.count(item) > 1)
+        yield path, f"{shown(twice)} is given twice; list each once"
+    else:
+        yield path, str(error.message)[:200]
+
+
+_NAME_RULE = (
+    f"use 1 to {MAX_NAME_LENGTH} letters (A-Z, a-z), digits and underscores; numbers "
+    "used as names need quotes after the equals sign"
+)
+
+
+def _unknown_keys(
+    path: KeyPath, value: Mapping[str, Any], known: Mapping[str, Any]
+) -> Iterator[_Fault]:
+    where = f"in {spelt(path)}" if path else "at the top of the file"
+    for key in value:
+        if key not in known:
+            hint = nearest(key, known)
+            allowed = f"allowed {where}: {listing(known, 20)}"
+            yield (*path, key), f"unknown key{hint or ';'} {allowed}"
+
+
+def _described(part: Mapping[str, Any], key: str) -> str:
+    declared = part.get("properties", {}).get(key, {})
+    text = str(declared.get("description", ""))
+    return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""
+
+
+def _kind(value: object) -> str:
+    if isinstance(value, bool):
+        return "true or false"
+    for types, words in (
+        (dict, "table"),
+        (list, "array"),
+        (str, "text"),
+        (int | float, "number"),
+    ):
+        if isinstance(value, types):
+            return words
+    return "date or time"

@@ -1,0 +1,228 @@
+"""A TOML file as text and data, whose faults name file, line and key."""
+
+import errno
+import os
+import re
+import stat
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, final
+
+from spherekit.errors import FileError
+from spherekit.files.locate import KeyPath, line_of, locate
+
+MAX_BYTES = 4 * 1024 * 1024
+"""Largest file read; the largest mechanisms need some 100 kB."""
+
+MAX_NESTING = 32
+"""Deepest nesting of tables and arrays; the format itself needs 6."""
+
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_MORE_PARTS = rf"(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_NESTING}}}"
+_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}{_MORE_PARTS}")
+_SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.S)
+_REPEATED = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
+_KEY = re.compile(r"""[ \t]*([\w.\-"' ]+?)[ \t]*=""")
+
+
+@final
+class Written(float):
+    """A float that remembers how it was written, so that units convert exactly."""
+
+    __slots__ = ("text",)
+    text: str
+
+    def __new__(cls, text: str) -> "Written":
+        """Read a decimal number."""
+        number = super().__new__(cls, text)
+        number.text = text
+        return number
+
+
+@final
+@dataclass(frozen=True)
+class Document:
+    """A parsed TOML file; its floats are `Written`."""
+
+    name: str
+    text: str
+    data: Mapping[str, Any]
+
+    @cached_property
+    def lines(self) -> Mapping[KeyPath, int]:
+        """The line of every key path."""
+        return locate(self.text)
+
+    def line(self, path: KeyPath) -> int:
+        """Return the line of a key path, or that of the nearest table around it."""
+        return line_of(self.lines, path)
+
+    def sentence(self, path: KeyPath, message: str) -> str:
+        """Return ``file:line: key.path: message``."""
+        key = f"{spelt(path)}: " if path else ""
+        return f"{self.name}:{self.line(path)}: {key}{message}"
+
+    def fault(self, path: KeyPath, message: str) -> FileError:
+        """Return the error to raise about a key path."""
+        return FileError(self.sentence(path, message))
+
+    def faults(self, found: Iterable[tuple[KeyPath, str]], limit: int = 8) -> FileError:
+        """Return one error for several faults, one a line, in the order of the file."""
+        unique = dict.fromkeys(sorted(found, key=lambda item: self.line(item[0])))
+        sentences = [self.sentence(path, message) for path, message in unique]
+        if len(sentences) > limit:
+            rest = len(sentences) - limit
+            sentences[limit:] = [f"{self.name}: and {rest} more faults"]
+        return FileError("\n".join(sentences))
+
+
+def spelt(path: KeyPath) -> str:
+    """Return a key path as people write it: ``pairs.21.links[0]``."""
+    words = ""
+    for part in path:
+        if isinstance(part, int):
+            words += f"[{part}]"
+        else:
+            shown = part if re.fullmatch(r"[\w-]{1,80}", part) else ascii(part)[:80]
+            words += f".{shown}" if words else shown
+    return words
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file, refusing what cannot be a mechanism file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be opened, is no regular file, is too large, or is not UTF-8.
+    """
+    try:
+        # A pipe would block here for ever; it is refused just below.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    except (OSError, ValueError) as error:
+        if isinstance(error, OSError) and path.is_dir():
+            raise FileError(f"{path}: is a folder; name a file in it") from None
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise FileError(f"{str(path)!r}: cannot be opened: {reason}") from None
+    try:
+        with open(handle, "rb") as stream:  # noqa: PTH123 (an open descriptor)
+            found = os.fstat(handle)
+            if not stat.S_ISREG(found.st_mode):
+                raise FileError(f"{path}: is a folder or a device, not a regular file")
+            data = stream.read(MAX_BYTES + 1) if found.st_size <= MAX_BYTES else b""
+    except OSError as error:
+        if error.errno == errno.EISDIR:
+            raise FileError(f"{path}: is a folder; name a file in it") from None
+        raise FileError(f"{path}: cannot be read: {error.strerror}") from None
+    size = max(found.st_size, len(data))
+    if size > MAX_BYTES:
+        raise FileError(
+            f"{path}: has {size} bytes; at most {MAX_BYTES} are read, and a mechanism "
+            "file needs far fewer: is it another file?"
+        )
+    return _decoded(data, str(path))
+
+
+def parse(text: str, name: str) -> Document:
+    """Parse a TOML text.
+
+    Raises
+    ------
+    FileError
+        If it is not TOML, is too large, or is nested too deeply.
+    """
+    if len(text) > MAX_BYTES:
+        raise FileError(f"{name}: has {len(text)} characters, at most {MAX_BYTES}")
+    text = text.replace("\r\n", "\n").removeprefix("\ufeff")
+    long_key = _LONG_KEY.search(text)
+    if long_key:
+        line = text.count("\n", 0, long_key.start()) + 1
+        raise FileError(f"{name}:{line}: a key has over {MAX_NESTING} dotted parts")
+    try:
+        data = tomllib.loads(text, parse_float=Written)
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(_syntax_fault(text, name, str(error))) from None
+    except RecursionError:
+        line = _deepest_line(text)
+        raise FileError(
+            f"{name}:{line}: nested too deeply; at most {MAX_NESTING} levels"
+        ) from None
+    except (ValueError, OverflowError) as error:
+        raise FileError(f"{name}:1: a value cannot be read: {error}") from None
+    document = Document(name, text, data)
+    _check_nesting(document)
+    return document
+
+
+def _decoded(data: bytes, name: str) -> str:
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+        guess = "it looks like UTF-16; " if utf16 else ""
+        raise FileError(
+            f"{name}:{line}: not UTF-8: byte 0x{data[error.start]:02x} at offset "
+            f"{error.start}; {guess}save the file as UTF-8"
+        ) from None
+
+
+def _check_nesting(document: Document) -> None:
+    waiting: list[tuple[KeyPath, Any]] = [((), document.data)]
+    while waiting:
+        path, value = waiting.pop()
+        if len(path) > MAX_NESTING:
+            raise document.fault(
+                path[:3], f"nested too deeply; at most {MAX_NESTING} levels"
+            )
+        if isinstance(value, dict):
+            waiting.extend(((*path, key), item) for key, item in value.items())
+        elif isinstance(value, list):
+            deeper = (isinstance(item, dict | list) for item in value)
+            if any(deeper):
+                waiting.extend(((*path, k), item) for k, item in enumerate(value))
+
+
+def _deepest_line(text: str) -> int:
+    lines = text.split("\n")
+    depths = [line.count("[") + line.count("{") for line in lines]
+    return depths.index(max(depths)) + 1
+
+
+def _syntax_fault(text: str, name: str, message: str) -> str:
+    parts = _SYNTAX.fullmatch(message)
+    lines = text.split("\n")
+    what = parts[1] if parts else message
+    if parts and parts[2]:
+        line, place = int(parts[2]), f"column {parts[3]}: "
+    else:
+        line, place = len(text.rstrip("\n").split("\n")), "at the end: "
+    content = lines[line - 1]
+    repeated = _REPEATED.search(what)
+    if repeated:
+        path = tuple(re.findall(r"'([^']*)'", repeated[1]))
+        first = locate("\n".join(lines[: line - 1])).get(path, 0)
+        seen = f", first on line {first}" if first else ""
+        key = spelt(path)
+        return f"{name}:{line}: {key}: is given twice{seen}; names are unique ({what})"
+    if what.startswith("Cannot overwrite"):
+        found = _KEY.match(content)
+        key = f"{found[1]}: " if found else ""
+        return f"{name}:{line}: {key}this key is given twice; keys are unique ({what})"
+    return f"{name}:{line}: {place}{what}{_syntax_hint(content)}"
+
+
+def _syntax_hint(line: str) -> str:
+    value = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", line)
+    if re.search(r"(?<![\w.])\.\d", value):
+        return "; a number starts with a digit: write 0.5, not .5"
+    if re.search(r"\d\.(?!\d)", value):
+        return "; a number has digits after its point: write 5.0 or 5, not 5."
+    if re.search(r"=\s*(True|False)\b", value):
+        return "; write true or false in small letters"
+    if re.search(r"=\s*[A-Za-z_]", value):
+        return '; text needs quotes: write "R", not R'
+    return ""

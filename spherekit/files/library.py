@@ -1,0 +1,122 @@
+"""Mechanism files by path or by name; names come from installed packs."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import final
+
+from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
+from spherekit.errors import FileError
+
+GROUP = "spherekit.mechanisms"
+"""Entry-point group of packs; the value is the package that holds the files."""
+
+_SUFFIX = ".toml"
+_STUDY = ".study.toml"
+
+
+@final
+@dataclass(frozen=True)
+class Pack:
+    """An installed pack of mechanism files; a broken one has a fault and no files."""
+
+    name: str
+    package: str
+    distribution: str
+    version: str
+    files: Mapping[str, Path] = field(default_factory=dict)
+    fault: str = ""
+
+
+def shipped() -> tuple[Pack, ...]:
+    """Return all installed packs with their mechanisms, without importing them."""
+    found = sorted(entry_points(group=GROUP), key=lambda each: (each.name, each.value))
+    return tuple(_pack(each) for each in found)
+
+
+def find(name_or_path: str | os.PathLike[str]) -> Path:
+    """Return the path of a mechanism file, given its path or a shipped name.
+
+    A plain name is looked up in the packs first, so that a folder of results named
+    after its mechanism does not hide it.
+
+    Raises
+    ------
+    FileError
+        If there is none, or if two packs ship the name.
+    """
+    wanted = os.fspath(name_or_path)
+    path = Path(wanted)
+    plain = isinstance(name_or_path, str) and _is_name(wanted)
+    packs = shipped() if plain else ()
+    holders = [pack for pack in packs if wanted in pack.files]
+    if len(holders) == 1:
+        return holders[0].files[wanted]
+    if holders:
+        paths = listing(pack.files[wanted] for pack in holders)
+        raise FileError(f'"{wanted}" is shipped by several packs; give a path: {paths}')
+    try:
+        if path.exists():
+            return path
+    except (OSError, ValueError) as error:
+        raise FileError(f"{ascii(wanted)[:200]}: not a usable path: {error}") from None
+    raise FileError(_not_found(path, shipped()))
+
+
+def _is_name(word: str) -> bool:
+    return bool(NAME_PATTERN.fullmatch(word)) and len(word) <= MAX_NAME_LENGTH
+
+
+def _pack(entry: EntryPoint) -> Pack:
+    distribution = entry.dist.name if entry.dist else "unknown"
+    version = entry.dist.version if entry.dist else ""
+    known = Pack(entry.name, entry.value, distribution, version)
+
+    def broken(fault: str) -> Pack:
+        return Pack(entry.name, entry.value, distribution, version, fault=fault)
+
+    try:
+        spec = find_spec(entry.value)
+    except Exception as error:  # whatever a foreign package raises is its record
+        return broken(f"{type(error).__name__}: {error}")
+    if spec is None:
+        return broken(f'no package is named "{entry.value}"')
+    files: dict[str, Path] = {}
+    for folder in spec.submodule_search_locations or ():
+        try:
+            entries = sorted(Path(folder).iterdir())
+        except OSError as error:
+            return broken(f"{folder}: {error.strerror}; install the pack unpacked")
+        for path in entries:
+            if path.name.endswith(_SUFFIX) and not path.name.endswith(_STUDY):
+                if not _is_name(path.stem):
+                    return broken(f"{path.name}: not a name of letters, digits and _")
+                files.setdefault(path.stem, path)
+    if not files:
+        return broken(f"{entry.value} holds no {_SUFFIX} files")
+    return Pack(known.name, known.package, distribution, version, files)
+
+
+def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
+    names = [name for pack in packs for name in pack.files]
+    folder = path.parent
+    try:
+        nearby = sorted(
+            each.name for each in folder.iterdir() if each.name.endswith(_SUFFIX)
+        )
+    except OSError:
+        return f"{path}: not found; nor is its folder {folder} readable"
+    message = f"{path}: not found"
+    hint = nearest(path.name, nearby) or nearest(path.stem, names)
+    message += hint or ";"
+    if nearby:
+        message += f" Files in {folder}: {listing(nearby)}."
+    if names:
+        message += f" Shipped mechanisms: {listing(sorted(names))}."
+    if not nearby and not names:
+        message += f" there are no {_SUFFIX} files in {folder}"
+    faults = [f"{pack.name} ({pack.fault})" for pack in packs if pack.fault]
+    return f"{message} Broken packs: {listing(faults)}." if faults else message

@@ -1,0 +1,88 @@
+"""TOML text from values: keys, strings, arrays and tables, laid out for reading."""
+
+import datetime
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, final
+
+_WIDTH = 88
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_ESCAPES = {
+    '"': '\\"',
+    "\\": "\\\\",
+    "\n": "\\n",
+    "\t": "\\t",
+    "\r": "\\r",
+    "\b": "\\b",
+    "\f": "\\f",
+}
+
+
+@final
+class Literal(str):
+    """Text that stands in the file as it is: a number already spelt out."""
+
+    __slots__ = ()
+
+
+def assignment(key: str, value: object) -> str:
+    """Return ``key = value``; an array too long for a line gets one item a line."""
+    line = f"{key_text(key)} = {value_text(value)}"
+    if len(line) <= _WIDTH or not isinstance(value, list | tuple):
+        return line
+    items = "".join(f"    {value_text(item)},\n" for item in value)
+    return f"{key_text(key)} = [\n{items}]"
+
+
+def tables(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
+    """Return the lines of a table and the tables within it, each after a blank line."""
+    inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
+    own = [assignment(key, table[key]) for key in table if key not in inner]
+    if own or not inner:
+        yield from ("", f"[{'.'.join(map(key_text, path))}]", *own)
+    for key, value in inner.items():
+        yield from tables((*path, key), value)
+
+
+def key_text(key: object) -> str:
+    """Return a key, in quotes where TOML needs them."""
+    if not isinstance(key, str):
+        raise TypeError(f"the key {key!r} is not text")
+    return key if _BARE_KEY.fullmatch(key) else _string(key)
+
+
+def value_text(value: object) -> str:
+    """Return a value on one line.
+
+    Raises
+    ------
+    TypeError
+        If TOML has no such value.
+    """
+    if isinstance(value, Literal):
+        return str(value)
+    if isinstance(value, str):
+        return _string(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(float(value))
+    if isinstance(value, datetime.date | datetime.time):
+        return value.isoformat()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(value_text(item) for item in value)}]"
+    if isinstance(value, Mapping):
+        items = (f"{key_text(key)} = {value_text(item)}" for key, item in value.items())
+        return f"{{{', '.join(items)}}}"
+    raise TypeError(f"TOML has no value of type {type(value).__name__}")
+
+
+def _string(text: str) -> str:
+    inner = "".join(
+        _ESCAPES.get(each)
+        or (each if each >= " " and each != "\x7f" else f"\\u{ord(each):04x}")
+        for each in text
+    )
+    return f'"{inner}"'

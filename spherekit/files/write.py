@@ -1,0 +1,176 @@
+"""A mechanism to a TOML file of format 1, in canonical order."""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from typing import Any
+
+from spherekit.errors import FileError, OutputError
+from spherekit.files.angles import AngleUnit, to_text
+from spherekit.files.atomic import write_text
+from spherekit.files.check import FORMAT
+from spherekit.files.read import loads
+from spherekit.files.toml_text import Literal, assignment, tables
+from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry, Profile
+
+_Table = dict[str, Any]
+
+
+def dump(
+    mechanism: Mechanism, path: str | os.PathLike[str], angle_unit: AngleUnit = "deg"
+) -> None:
+    """Write a mechanism file that reads back as exactly this mechanism.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written there, or the format cannot express the mechanism.
+    """
+    write_text(path, dumps(mechanism, angle_unit))
+
+
+def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
+    """Return the text of a file that reads back as exactly this mechanism.
+
+    Raises
+    ------
+    OutputError
+        If the format cannot express the mechanism: an axis that is no unit vector, a
+        profile with values its kind does not have, user data that TOML lacks.
+    """
+    if angle_unit not in ("deg", "rad"):
+        raise OutputError(f'angle_unit is {angle_unit!r}; allowed: "deg", "rad"')
+    try:
+        text = "\n".join([*_lines(mechanism, angle_unit), ""])
+    except (TypeError, RecursionError) as error:
+        raise OutputError(f"{mechanism.name}: cannot be written: {error}") from None
+    try:
+        again = loads(text, mechanism.name)
+    except FileError as error:
+        raise OutputError(
+            f"{mechanism.name}: the file would not be readable: {error}"
+        ) from None
+    changed = _first_difference(mechanism, again)
+    if changed:
+        raise OutputError(
+            f"{mechanism.name}: {changed} would not read back the same; the format "
+            "holds tuples, unit vectors, and for each kind of profile only its own values"
+        )
+    return text
+
+
+def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:
+    yield assignment("format", FORMAT)
+    yield assignment("name", mechanism.name)
+    yield assignment("angle_unit", unit)
+    yield assignment("ground", mechanism.ground)
+    for name, content in _content(mechanism, unit).items():
+        yield from tables((name,), content)
+
+
+def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
+    """Return the tables of the file; a table may be left out where it is empty."""
+    content: dict[str, _Table] = {}
+    if mechanism.source is not None:
+        content["source"] = {"citation": mechanism.source.citation}
+        if mechanism.source.assumed:
+            content["source"]["assumed"] = mechanism.source.assumed
+    content["links"] = {link: _link(mechanism, link, unit) for link in mechanism.links}
+    content["pairs"] = {
+        item.name: _pair(mechanism, item, unit) for item in mechanism.pairs
+    }
+    content["inputs"] = {
+        item.pair: {"from": _angle(item.start, unit), "to": _angle(item.stop, unit)}
+        for item in mechanism.inputs
+    }
+    content["outputs"] = {
+        item.name: {"link": item.link, "relative_to": item.relative_to}
+        for item in mechanism.outputs
+    }
+    content["mass"] = {
+        item.link: {"tensor": [[float(x) for x in row] for row in item.tensor]}
+        for item in mechanism.masses
+    }
+    content["loads"] = {
+        item.name: {"pair": item.pair, "torque": item.torque}
+        for item in mechanism.loads
+    }
+    content["user"] = dict(mechanism.user)
+    return {name: table for name, table in content.items() if table}
+
+
+def _link(mechanism: Mechanism, link: str, unit: AngleUnit) -> _Table:
+    geometry = mechanism.geometry
+    if isinstance(geometry, PoseGeometry) or link not in geometry.links:
+        return {}
+    sizes = geometry.links[link]
+    table: _Table = {"axes": list(sizes.axes)}
+    if sizes.arcs:
+        table["arcs"] = [_angle(arc, unit) for arc in sizes.arcs]
+    if sizes.angles:
+        table["angles"] = [_angle(angle, unit) for angle in sizes.angles]
+    return table
+
+
+def _pair(mechanism: Mechanism, pair: Pair, unit: AngleUnit) -> _Table:
+    table: _Table = {"type": pair.type, "links": list(pair.links)}
+    geometry = mechanism.geometry
+    if isinstance(geometry, PoseGeometry):
+        if pair.name in geometry.axes:
+            table["xyz"] = [float(x) for x in geometry.axes[pair.name]]
+        if pair.name in geometry.values:
+            table["value"] = _angle(geometry.values[pair.name], unit)
+    elif pair.name in geometry.zeros:
+        table["zero"] = _angle(geometry.zeros[pair.name], unit)
+    if pair.profiles is not None:
+        table["profiles"] = {
+            link: _profile(profile, unit)
+            for link, profile in zip(pair.links, pair.profiles, strict=True)
+        }
+    return table
+
+
+def _profile(profile: Profile, unit: AngleUnit) -> _Table:
+    table: _Table = {"kind": profile.kind}
+    if profile.centre is not None:
+        table["centre_xyz"] = [float(x) for x in profile.centre]
+    if profile.radius is not None:
+        table["radius"] = _angle(profile.radius, unit)
+    if profile.points:
+        table["points_xyz"] = [[float(x) for x in point] for point in profile.points]
+    if profile.kind == "points" or not profile.closed:
+        table["closed"] = profile.closed
+    if profile.cosines:
+        table["cosines"] = [_angle(value, unit) for value in profile.cosines]
+    if profile.sines:
+        table["sines"] = [_angle(value, unit) for value in profile.sines]
+    return table
+
+
+def _angle(angle: float, unit: AngleUnit) -> Literal:
+    return Literal(to_text(angle, unit))
+
+
+def _first_difference(mechanism: Mechanism, again: Mechanism) -> str:
+    for each in fields(mechanism):
+        ours, theirs = getattr(mechanism, each.name), getattr(again, each.name)
+        if each.name == "user":
+            # As text, since a NaN in it differs from itself, and a tuple from a list.
+            same = list(tables((), ours)) == list(tables((), theirs))
+        else:
+            try:
+                same = bool(ours == theirs)
+            except ValueError:  # NumPy arrays have no single truth value
+                same = False
+        if not same:
+            return f"{each.name}{_place(ours, theirs)}"
+    return ""
+
+
+def _place(ours: object, theirs: object) -> str:
+    if not isinstance(ours, tuple) or not isinstance(theirs, tuple):
+        return ""
+    for one, other in zip(ours, theirs, strict=False):
+        if one is not other and repr(one) != repr(other):
+            return f' of "{getattr(one, "name", one)}"'
+    return ""

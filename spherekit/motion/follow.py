@@ -1,0 +1,172 @@
+"""Following one assembly mode of a mechanism along its input, step by safe step.
+
+A small closure residual does not prove the mode: Newton's method may close the loops on
+a neighbouring one. A step is therefore accepted only if the predictor with exact first
+and second derivatives was nearly right, the iteration contracted at once, the tangent
+turned little, and the determinant of the closure Jacobian kept its sign; otherwise it
+is halved. The accepted nodes form a curve from which any sample is predicted.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.motion.closure import Closure
+from spherekit.sphere.rotation import Floats, cross
+
+LARGEST_STEP = 0.2
+"""Longest step of the input (rad)."""
+BEND = 0.02
+"""Second-order part of a step that is aimed at (rad)."""
+SMALLEST_STEP = 4e-13
+"""A step below this means that the input has reached a dead centre (rad)."""
+MOST_NODES = 20000
+
+
+@final
+@dataclass(frozen=True)
+class Curve:
+    """Nodes of one branch in rising input order, with exact slopes.
+
+    `inputs` (k,), `values` and `slopes` (k, pairs) in rad and rad/rad. `ends_free` says
+    for both ends whether the branch ends there at a dead centre of the input (True) or
+    because the range does (False); `lost` whether the following gave up for neither.
+    """
+
+    inputs: Floats
+    values: Floats
+    slopes: Floats
+    ends_free: tuple[bool, bool]
+    lost: bool
+
+    def predict(self, q: Floats) -> tuple[Floats, Floats]:
+        """Return Hermite values (n, pairs) at inputs q (n,) and the local node spread."""
+        k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, max(len(self.inputs) - 2, 0))
+        if len(self.inputs) == 1:
+            return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
+        h = self.inputs[k + 1] - self.inputs[k]
+        t = ((q - self.inputs[k]) / h)[:, None]
+        h = h[:, None]
+        a, b = self.values[k], self.values[k + 1]
+        out = (
+            a * (1 + 2 * t) * (1 - t) ** 2
+            + b * t * t * (3 - 2 * t)
+            + h * t * (1 - t) * ((1 - t) * self.slopes[k] - t * self.slopes[k + 1])
+        )
+        return out, np.max(np.abs(b - a), axis=1)
+
+    def covers(self, q: Floats) -> "np.ndarray":
+        """Return (n,) whether each input lies on the curve."""
+        slack = 1e-14 * np.maximum(1.0, np.abs(q))
+        return (q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack)
+
+
+@final
+@dataclass(frozen=True)
+class _Node:
+    q: float
+    values: Floats
+    slope: Floats
+    bend: Floats
+    sign: float
+    flatness: float
+
+
+def follow(closure: Closure, driven: int, values: Floats, low: float, high: float) -> Curve:
+    """Return the curve through one closed configuration over an input range.
+
+    Parameters
+    ----------
+    closure
+        Loop closure of the whole mechanism (constant pair frames).
+    driven
+        Number of the input pair.
+    values
+        (pairs,) a closed configuration with `values[driven]` in [low, high], rad.
+    """
+    start = _node(closure, driven, values)
+    down, down_free, down_lost = _march(closure, driven, start, low)
+    up, up_free, up_lost = _march(closure, driven, start, high)
+    nodes = [*reversed(down), start, *up]
+    return Curve(
+        np.array([node.q for node in nodes]),
+        np.array([node.values for node in nodes]),
+        np.array([node.slope for node in nodes]),
+        (down_free, up_free),
+        down_lost or up_lost,
+    )
+
+
+def _march(
+    closure: Closure, driven: int, start: _Node, stop: float
+) -> tuple[list[_Node], bool, bool]:
+    nodes: list[_Node] = []
+    at = start
+    way = 1.0 if stop > start.q else -1.0
+    step = LARGEST_STEP
+    while (stop - at.q) * way > 0.0 and len(nodes) < MOST_NODES:
+        bend = float(np.max(np.abs(at.bend))) + 1e-300
+        step = min(step, LARGEST_STEP, (2 * BEND / bend) ** 0.5)
+        step = max(step, SMALLEST_STEP)
+        rest = (stop - at.q) * way
+        last = step >= rest * (1 - 1e-9)
+        new = _advance(closure, driven, at, stop if last else at.q + way * step)
+        if new is not None:
+            nodes.append(new)
+            at = new
+            step *= 2.0
+        elif step <= 2 * SMALLEST_STEP * max(1.0, abs(at.q)):
+            return nodes, at.flatness < 1e-3, at.flatness >= 1e-3
+        else:
+            step *= 0.5
+    return nodes, False, len(nodes) >= MOST_NODES
+
+
+def _advance(closure: Closure, driven: int, at: _Node, q: float) -> _Node | None:
+    h = q - at.q
+    guess = at.values + h * at.slope + 0.5 * h * h * at.bend
+    guess[driven] = q
+    moved = float(np.max(np.abs(guess - at.values)))
+    result = closure.solve(guess[None], held=driven, iterations=6)
+    if not result.residual[0] < CLOSURE_TOLERANCE:
+        return None
+    correction = float(result.first_step[0])
+    if correction > min(0.05, 0.1 * moved) + 1e-9:
+        return None
+    if correction > 1e-6 and result.ratio[0] > 0.1:
+        return None
+    new = _node(closure, driven, result.values[0])
+    if new.sign != at.sign or not np.all(np.isfinite(new.slope)):
+        return None
+    before, after = _unit(at.slope), _unit(new.slope)
+    if float(before @ after) < 0.95:
+        return None
+    return new
+
+
+def _unit(slope: Floats) -> Floats:
+    return np.asarray(slope / np.linalg.norm(slope))
+
+
+def _node(closure: Closure, driven: int, values: Floats) -> _Node:
+    placed = closure.orientations(values[None])
+    axes = closure.axes(placed)
+    jacobian = closure.tree.jacobian(axes)[0]
+    free = [e for e in range(jacobian.shape[1]) if e != driven]
+    square = jacobian[:, free]
+    sign, _ = np.linalg.slogdet(square)
+    singular = np.linalg.svd(square, compute_uv=False)
+    slope, bend = np.ones(len(values)), np.zeros(len(values))
+    try:
+        inverse = np.linalg.inv(square)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(square, np.nan)
+    slope[free] = -inverse @ jacobian[:, driven]
+    rates = closure.tree.body_rates(axes, slope[None])
+    owner = [a for a, _ in closure.tree.ends]
+    turned = cross(rates[:, owner], axes)
+    bend[free] = -inverse @ (closure.tree.jacobian(turned)[0] @ slope)
+    flatness = float(singular[-1] / singular[0])
+    return _Node(float(values[driven]), values, slope, bend, float(sign), flatness)

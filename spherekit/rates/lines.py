@@ -1,0 +1,190 @@
+"""Evaluating a plan: every pole axis as the intersection of its two best great circles.
+
+Each pole carries a bound of its error, propagated from those of its sources. Of all the
+great circles that the plan keeps for a pole, the one with the smallest error is taken
+first, then the partner that makes the intersection most certain; both the angle between
+the two planes and the bound are reported.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import EPS
+from spherekit.motion.closure import LoopTree
+from spherekit.planning.poles import BlockPoles, LinePole, Plan, Pole, PrimaryPole
+from spherekit.rates.core import NullMotion, null_motion, null_motion_rate
+from spherekit.rates.vectors import cross, dot, norm, unit_rate
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass
+class Lines:
+    """Unit vectors along pole axes, with error bounds, and what derivatives need.
+
+    `unit[pole]`, `rate[pole]`: (3, n); `error[pole]`: (n,) bound of the direction's
+    error (rad); `angle[pole]`: (n,) sine of the angle between the two planes used, 1
+    for primary poles.
+    """
+
+    unit: dict[Pole, Floats]
+    rate: dict[Pole, Floats]
+    error: dict[Pole, Floats]
+    angle: dict[Pole, Floats]
+    chosen: dict[Pole, Floats]
+    blocks: dict[BlockPoles, NullMotion]
+
+
+def evaluate_lines(plan: Plan, axes: Floats) -> Lines:
+    """Return the directions of all poles of a plan.
+
+    `axes` (n, pairs, 3) are the pair axes in ground axes; signs of secondary poles are
+    arbitrary here.
+    """
+    lines = Lines({}, {}, {}, {}, {}, {})
+    n = len(axes)
+    for step in plan.steps:
+        if isinstance(step, PrimaryPole):
+            lines.unit[step.pole] = np.ascontiguousarray(axes[:, step.pair].T)
+            lines.error[step.pole] = np.full(n, EPS)
+            lines.angle[step.pole] = np.ones(n)
+        elif isinstance(step, LinePole):
+            _intersect(step, lines)
+        else:
+            _solve_block(plan, step, axes, lines)
+    return lines
+
+
+def evaluate_line_rates(plan: Plan, lines: Lines, axes: Floats, turned: Floats) -> None:
+    """Add the derivatives of all directions, given those of the pair axes (n, pairs, 3).
+
+    The product rule through the same intersections that `evaluate_lines` chose.
+    """
+    for step in plan.steps:
+        if isinstance(step, PrimaryPole):
+            lines.rate[step.pole] = np.ascontiguousarray(turned[:, step.pair].T)
+        elif isinstance(step, LinePole):
+            _intersect_rate(step, lines)
+        else:
+            _block_rate(plan, step, axes, turned, lines)
+
+
+def _line_sources(step: LinePole, k: int) -> tuple[Pole, Pole]:
+    i, j = step.pole
+    return ((i, k) if i < k else (k, i)), ((j, k) if j < k else (k, j))
+
+
+def _intersect(step: LinePole, lines: Lines) -> None:
+    sources = [_line_sources(step, k) for k in step.via]
+    a = np.stack([lines.unit[one] for one, _ in sources])
+    b = np.stack([lines.unit[other] for _, other in sources])
+    inherited = np.stack([lines.error[x] + lines.error[y] for x, y in sources])
+    normals = cross(a, b)
+    length = norm(normals)
+    error = (inherited + EPS) / np.maximum(length, EPS)
+    n = length.shape[1]
+    every = np.arange(n)
+    if len(sources) == 2:
+        best, partner = np.zeros(n, dtype=int), np.ones(n, dtype=int)
+    else:
+        best = np.argmin(error, axis=0)
+    first = _take(normals, best)
+    along = cross(first[None], normals)
+    size = norm(along) / np.maximum(length * length[best, every], EPS * EPS)
+    doubt = (error + error[best, every]) / np.maximum(size, EPS)
+    if len(sources) > 2:
+        doubt[best, every] = np.inf
+        partner = np.argmin(doubt, axis=0)
+    vector = _take(along, partner)
+    across = norm(vector)
+    lines.unit[step.pole] = vector / np.where(across > 0.0, across, np.nan)
+    lines.error[step.pole] = np.minimum(doubt[partner, every], 1.0)
+    lines.angle[step.pole] = size[partner, every]
+    lines.chosen[step.pole] = np.stack([best, partner])
+
+
+def _take(stack: Floats, which: Floats) -> Floats:
+    """Return (3, n) from (lines, 3, n) with its own line for each sample."""
+    index = np.broadcast_to(which[None, None, :], (1, *stack.shape[1:]))
+    return np.take_along_axis(stack, index, axis=0)[0]
+
+
+def _intersect_rate(step: LinePole, lines: Lines) -> None:
+    sources = [_line_sources(step, k) for k in step.via]
+    a = np.stack([lines.unit[one] for one, _ in sources])
+    b = np.stack([lines.unit[other] for _, other in sources])
+    da = np.stack([lines.rate[one] for one, _ in sources])
+    db = np.stack([lines.rate[other] for _, other in sources])
+    normal, rate = [], []
+    for which in lines.chosen[step.pole]:
+        own_a, own_b = _take(a, which), _take(b, which)
+        normal.append(cross(own_a, own_b))
+        rate.append(cross(_take(da, which), own_b) + cross(own_a, _take(db, which)))
+    vector = cross(normal[0], normal[1])
+    change = cross(rate[0], normal[1]) + cross(normal[0], rate[1])
+    length = norm(vector)
+    lines.rate[step.pole] = unit_rate(lines.unit[step.pole], length, change)
+
+
+def _block_tree(plan: Plan, step: BlockPoles) -> LoopTree:
+    number = {link: k for k, link in enumerate(step.links)}
+    ends = plan.mechanism.ends
+    return LoopTree(
+        len(step.links), tuple((number[ends[p][0]], number[ends[p][1]]) for p in step.pairs)
+    )
+
+
+def _solve_block(plan: Plan, step: BlockPoles, axes: Floats, lines: Lines) -> None:
+    motion = null_motion(_block_tree(plan, step), axes[:, list(step.pairs)])
+    lines.blocks[step] = motion
+    number = {link: k for k, link in enumerate(step.links)}
+    growth = np.linalg.norm(motion.inverse, axis=(1, 2))
+    for pole in step.poles:
+        vector = (motion.w[:, number[pole[1]]] - motion.w[:, number[pole[0]]]).T
+        length = norm(vector)
+        lines.unit[pole] = vector / np.where(length > 0.0, length, np.nan)
+        lines.error[pole] = np.minimum(EPS * growth / np.maximum(length, EPS), 1.0)
+        lines.angle[pole] = np.minimum(1.0, 1.0 / np.maximum(growth, 1.0))
+
+
+def _block_rate(
+    plan: Plan, step: BlockPoles, axes: Floats, turned: Floats, lines: Lines
+) -> None:
+    pairs = list(step.pairs)
+    motion = lines.blocks[step]
+    change = null_motion_rate(_block_tree(plan, step), axes[:, pairs], turned[:, pairs], motion)
+    number = {link: k for k, link in enumerate(step.links)}
+    for pole in step.poles:
+        i, j = number[pole[0]], number[pole[1]]
+        vector, rate = (motion.w[:, j] - motion.w[:, i]).T, (change[:, j] - change[:, i]).T
+        lines.rate[pole] = unit_rate(lines.unit[pole], norm(vector), rate)
+
+
+def decompose(
+    whole: Floats, one: Floats, other: Floats
+) -> tuple[Floats, Floats]:
+    """Return the coefficient of `one` in whole = x one + y other, and the sine (n,).
+
+    The vector form of eq. (5) of Di Gregorio 2024. It is 0/0 only where the axes `one`
+    and `other` coincide, not where the rate of one of them vanishes.
+    """
+    normal = cross(one, other)
+    square = dot(normal, normal)
+    return dot(cross(whole, other), normal) / square, np.sqrt(square)
+
+
+def decompose_rate(
+    whole: tuple[Floats, Floats],
+    one: tuple[Floats, Floats],
+    other: tuple[Floats, Floats],
+) -> Floats:
+    """Return the derivative (n,) of the coefficient that `decompose` gives."""
+    (w, dw), (a, da), (b, db) = whole, one, other
+    normal = cross(a, b)
+    change = cross(da, b) + cross(a, db)
+    square = dot(normal, normal)
+    numerator = dot(cross(w, b), normal)
+    rate = dot(cross(dw, b) + cross(w, db), normal) + dot(cross(w, b), change)
+    return np.asarray((rate - 2.0 * numerator * dot(normal, change) / square) / square)

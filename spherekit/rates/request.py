@@ -1,0 +1,100 @@
+"""Which poles a set of wanted directions and coefficients needs."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import final
+
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.poles import (
+    BlockPoles,
+    LinePole,
+    Plan,
+    Pole,
+    PrimaryPole,
+    plan,
+    pole_of,
+    prune,
+)
+
+
+@final
+@dataclass(frozen=True)
+class Request:
+    """The plan behind wanted poles and coefficients, and the links whose rates it gives.
+
+    `poles` are the wanted ones; `links` are the links whose angular velocity is found,
+    the ground and the two links of the input among them.
+    """
+
+    plan: Plan
+    poles: tuple[Pole, ...]
+    links: tuple[int, ...]
+    derivatives: bool
+
+
+@lru_cache(maxsize=64)
+def _whole_plan(mechanism_key: "_ByIdentity", driven: str) -> Plan:
+    return plan(mechanism_key.mechanism, input_pair=driven)
+
+
+class _ByIdentity:
+    """A mechanism as a cache key: the same object, not an equal one."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+
+    def __hash__(self) -> int:
+        return id(self.mechanism)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByIdentity) and other.mechanism is self.mechanism
+
+
+def request(
+    mechanism: Mechanism,
+    driven: str,
+    poles: Iterable[Pole],
+    rates: Iterable[Pole] = (),
+    derivatives: bool = True,
+) -> Request:
+    """Return what must be planned for these poles and velocity coefficients.
+
+    The coefficient of links (i, j) is the component of w_j - w_i; each w follows from
+    the two poles of its link with the links of the input. Derivatives in ground axes
+    also need the rate of one link at each pair whose axis the plan uses.
+    """
+    whole = _whole_plan(_ByIdentity(mechanism), driven)
+    a, b = mechanism.ends[whole.input]
+    wanted = tuple(dict.fromkeys(pole_of(*pole) for pole in poles))
+    coefficients = [pole_of(*pole) for pole in rates]
+    links = {a, b} | {link for pole in coefficients for link in pole}
+    if derivatives:
+        links.add(0)
+    while True:
+        needed = {*wanted, *coefficients, pole_of(a, b)}
+        for link in links - {a, b}:
+            needed |= {pole_of(a, link), pole_of(b, link)}
+        pruned = prune(whole, sorted(needed))
+        more = _owners(pruned) - links if derivatives else set()
+        if not more:
+            everything = tuple(dict.fromkeys((*wanted, *coefficients)))
+            return Request(pruned, everything, tuple(sorted(links)), derivatives)
+        links |= more
+
+
+def axis_owner(mechanism: Mechanism, pair: int) -> int:
+    """Return the link in which a pair's axis counts as fixed: the lower-numbered one."""
+    return min(mechanism.ends[pair])
+
+
+def _owners(plan_: Plan) -> set[int]:
+    used: set[int] = set()
+    for step in plan_.steps:
+        if isinstance(step, PrimaryPole):
+            used.add(step.pair)
+        elif isinstance(step, BlockPoles):
+            used |= set(step.pairs)
+        else:
+            assert isinstance(step, LinePole)
+    return {axis_owner(plan_.mechanism, pair) for pair in used}

@@ -1,0 +1,185 @@
+"""How the viewer's window is laid out: one page for each branch, and one to compare."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar, final
+
+from spherekit.view import colours
+from spherekit.view.sdk import rr, rrb
+
+TURN_SECONDS = 12.0
+"""Playing the whole range takes this long."""
+
+TRAIL = 24
+"""Recent samples shown as dots behind a pole."""
+
+EYE = (2.35, 1.45, 1.35)
+
+
+@final
+@dataclass(frozen=True)
+class SeriesEntry:
+    """One series as the layout sees it."""
+
+    branch: int | None
+    path: str
+    label: str
+
+
+@final
+@dataclass(frozen=True)
+class Panel:
+    """One graph or text as the layout sees it."""
+
+    branch: int | None
+    path: str
+    label: str
+    graph: bool
+
+
+Entry = TypeVar("Entry", SeriesEntry, Panel)
+
+
+@final
+@dataclass
+class Layout:
+    """What there is to show; it grows as the first block of each branch comes in."""
+
+    root: str
+    timeline: str
+    first: int
+    last: int
+    step: int
+    branches: dict[int, str] = field(default_factory=dict)
+    solids: list[tuple[int | None, str]] = field(default_factory=list)
+    trails: list[tuple[int | None, str]] = field(default_factory=list)
+    groups: dict[str, list[SeriesEntry]] = field(default_factory=dict)
+    panels: list[Panel] = field(default_factory=list)
+
+    def blueprint(self) -> "rrb.Blueprint":
+        """Return the layout in rerun's terms."""
+        pages: list[rrb.Container] = [
+            self._page(branch, title) for branch, title in self.branches.items()
+        ] or [self._page(None, "Mechanism")]
+        if len(self.branches) > 1 and self.groups:
+            pages.append(self._comparison())
+        top = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
+        span = max(self.last - self.first, 1)
+        return rrb.Blueprint(
+            top,
+            rrb.TimePanel(
+                state="collapsed",
+                timeline=self.timeline,
+                play_state="paused",
+                loop_mode="all",
+                fps=max(span / TURN_SECONDS, 1.0),
+            ),
+            rrb.SelectionPanel(state="hidden"),
+            rrb.BlueprintPanel(state="hidden"),
+            rrb.TopPanel(state="hidden"),
+            auto_views=False,
+            auto_layout=False,
+        )
+
+    def _page(self, branch: int | None, title: str) -> "rrb.Container":
+        plots = [
+            self._plot(group, _of(series, branch))
+            for group, series in self.groups.items()
+            if _of(series, branch)
+        ]
+        panels = [self._panel(panel) for panel in _of(self.panels, branch)]
+        rows: list[rrb.View | rrb.Container] = [*plots[:1]]
+        if len(plots) > 1:
+            rows.append(_tabs(plots[1:]))
+        if panels:
+            rows.append(_tabs(panels))
+        space = self._space(branch, title)
+        if not rows:
+            return rrb.Horizontal(space, name=title)
+        return rrb.Horizontal(
+            space, rrb.Vertical(*rows), column_shares=[11, 9], name=title
+        )
+
+    def _space(self, branch: int | None, title: str) -> "rrb.Spatial3DView":
+        def here(owner: int | None) -> bool:
+            return owner is None or owner == branch
+
+        contents = [f"+ {self.root}/sphere/**"]
+        contents += [f"+ {path}/**" for owner, path in self.solids if here(owner)]
+        return rrb.Spatial3DView(
+            origin=self.root,
+            contents=contents,
+            name=title,
+            background=colours.BACKGROUND,
+            line_grid=False,
+            eye_controls=rrb.EyeControls3D(
+                position=EYE, look_target=(0, 0, 0.04), eye_up=(0, 0, 1)
+            ),
+            overrides={
+                path: [self._recent()] for owner, path in self.trails if here(owner)
+            },
+        )
+
+    def _recent(self) -> "rrb.VisibleTimeRanges":
+        return rrb.VisibleTimeRanges(
+            [
+                rr.VisibleTimeRange(
+                    timeline,
+                    start=rr.TimeRangeBoundary.cursor_relative(seq=-TRAIL * step),
+                    end=rr.TimeRangeBoundary.cursor_relative(seq=0),
+                )
+                for timeline, step in {"sample": 1, self.timeline: self.step}.items()
+            ]
+        )
+
+    def _plot(
+        self, group: str, series: Sequence[SeriesEntry], mixed: bool = False
+    ) -> "rrb.TimeSeriesView":
+        overrides = {}
+        order = list(self.branches)
+        for entry in series:
+            own = [e for e in self.groups[group] if e.branch == entry.branch]
+            colour = colours.series_colour(own.index(entry))
+            name = entry.label
+            if mixed and entry.branch is not None:
+                colour = colours.shaded(colour, order.index(entry.branch))
+                name = f"{entry.label}, {self.branches[entry.branch]}"
+            overrides[entry.path] = rr.SeriesLines(
+                names=name, colors=colour, widths=2.0
+            )
+        span = rr.TimeRange(
+            start=rr.TimeRangeBoundary.absolute(seq=self.first),
+            end=rr.TimeRangeBoundary.absolute(seq=max(self.last, self.first + 1)),
+        )
+        return rrb.TimeSeriesView(
+            origin=self.root,
+            contents=[f"+ {entry.path}" for entry in series],
+            name=group,
+            axis_x=rrb.TimeAxis(view_range=span),
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
+            background=colours.BACKGROUND,
+            overrides=overrides,
+        )
+
+    def _comparison(self) -> "rrb.Container":
+        plots = [
+            self._plot(group, series, mixed=True)
+            for group, series in self.groups.items()
+        ]
+        columns = 1 if len(plots) < 3 else 2
+        return rrb.Grid(*plots, grid_columns=columns, name="Compare")
+
+    def _panel(self, panel: Panel) -> "rrb.View":
+        if panel.graph:
+            return rrb.GraphView(
+                origin=panel.path, name=panel.label, background=colours.BACKGROUND
+            )
+        return rrb.TextDocumentView(origin=panel.path, name=panel.label)
+
+
+def _of(entries: Sequence[Entry], branch: int | None) -> list[Entry]:
+    return [entry for entry in entries if entry.branch in (None, branch)]
+
+
+def _tabs(views: Sequence["rrb.View"]) -> "rrb.View | rrb.Container":
+    return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)

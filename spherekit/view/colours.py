@@ -1,0 +1,45 @@
+"""Colours on the dark background, told apart with any kind of colour vision.
+
+The link colours are the set of Okabe and Ito (2008), lightened for a dark background and
+without its yellow and orange, which are left to the pole axes.
+"""
+
+Colour = tuple[int, int, int]
+
+BACKGROUND: Colour = (20, 22, 30)
+GRATICULE: Colour = (62, 68, 90)
+SPHERE = (60, 70, 100, 120)
+GOLD: Colour = (255, 196, 0)
+SILVER: Colour = (165, 170, 184)
+VIOLET: Colour = (128, 104, 184)
+PALE: Colour = (232, 234, 240)
+WARNING: Colour = (255, 120, 90)
+
+LINKS: tuple[Colour, ...] = (
+    (176, 182, 196),
+    (86, 180, 233),
+    (238, 108, 52),
+    (32, 190, 142),
+    (222, 136, 188),
+    (104, 132, 245),
+    (192, 206, 92),
+    (150, 228, 244),
+    (188, 132, 92),
+)
+
+
+def link_colour(number: int) -> Colour:
+    """Return the colour of the link at position `number` of the mechanism."""
+    return LINKS[number % len(LINKS)]
+
+
+def series_colour(position: int) -> Colour:
+    """Return the colour of the series that came at `position` in its plot."""
+    return LINKS[1 + position % (len(LINKS) - 1)]
+
+
+def shaded(colour: Colour, step: int) -> Colour:
+    """Return `colour` mixed with white, more so for a larger `step`; 0 leaves it."""
+    part = 1.0 - 0.55**step
+    red, green, blue = (round(c + (255 - c) * part) for c in colour)
+    return red, green, blue

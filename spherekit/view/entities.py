@@ -1,0 +1,240 @@
+"""Every primitive of a scene as entities: what stays, sent once, and what moves.
+
+A sample that failed (a NaN row) must leave nothing on the screen. Arrows, points and
+labels get an empty row there. The curves of a link stay in the recording for good, so
+its transform shrinks them to a point instead; the viewer ignores a scale of zero.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.scene import (
+    Arrow,
+    Body,
+    Floats,
+    Graph,
+    GreatCircle,
+    Primitive,
+    Series,
+    Text,
+)
+from spherekit.view import colours, shapes
+from spherekit.view.sdk import rr
+
+Still = tuple[str, "rr.AsComponents"]
+"""Path below the primitive, and what is logged there once."""
+
+Moving = tuple[str, Iterable["rr.ComponentColumn"]]
+"""Path below the primitive, and its columns for one block of samples."""
+
+LINK_RADIUS = 0.016
+LIFT = 0.012
+LEVELS = 6
+"""Links lie on shells `LIFT` apart, so that arcs that coincide do not flicker."""
+
+JOINT_RADIUS = 0.03
+LABEL_HEIGHT = 1.09
+POINT = 0.001
+HIDDEN = 1e-6
+
+
+def world() -> Iterator[Still]:
+    """Yield the sphere with its graticule."""
+    vertices, triangles = shapes.sphere_mesh()
+    yield (
+        "sphere/body",
+        rr.Mesh3D(
+            vertex_positions=0.985 * vertices,
+            triangle_indices=triangles,
+            vertex_normals=vertices,
+            albedo_factor=colours.SPHERE,
+        ),
+    )
+    yield (
+        "sphere/graticule",
+        rr.LineStrips3D(
+            shapes.graticule(),
+            colors=colours.GRATICULE,
+            radii=rr.Radius.ui_points(0.6),
+        ),
+    )
+
+
+def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
+    """Yield what is logged once for a primitive.
+
+    `labelled` holds the joint names that other links show already; it is added to.
+    """
+    match primitive:
+        case Body():
+            yield from _still_body(primitive, labelled)
+        case Arrow():
+            colour = colours.SILVER if primitive.primary else colours.GOLD
+            radius = 0.006 if primitive.primary else 0.014
+            yield "", rr.Arrows3D.from_fields(colors=colour, radii=radius)
+            yield (
+                "label",
+                rr.Points3D.from_fields(
+                    labels=primitive.label,
+                    show_labels=True,
+                    colors=colour,
+                    radii=POINT,
+                ),
+            )
+            if not primitive.primary:
+                yield (
+                    "trail",
+                    rr.Points3D.from_fields(colors=colours.PALE, radii=0.008),
+                )
+        case GreatCircle():
+            yield (
+                "",
+                rr.LineStrips3D(
+                    [shapes.unit_circle()],
+                    colors=colours.VIOLET,
+                    radii=0.0035,
+                    labels=primitive.label,
+                    show_labels=False,
+                ),
+            )
+        case Series():
+            yield "", rr.SeriesLines(names=primitive.label, widths=2.0)
+        case Graph():
+            yield from _still_graph(primitive)
+        case Text():
+            yield "", rr.TextDocument(primitive.markdown, media_type="text/markdown")
+        case _:
+            assert_never(primitive)
+
+
+def moving(primitive: Primitive) -> Iterator[Moving]:
+    """Yield the columns of one block of samples; nothing for what does not move."""
+    match primitive:
+        case Body(quaternions=None) | Graph() | Text():
+            return
+        case Body(quaternions=quaternions) if quaternions is not None:
+            good = present(quaternions)
+            yield "", _turned(quaternions, good)
+            yield "labels", rr.Points3D.columns(show_labels=good)
+        case Arrow(directions=directions, primary=primary):
+            good = present(directions)
+            found, count = directions[good], good.astype(np.int64)
+            length, label = (1.15, 1.2) if primary else (1.25, 1.3)
+            yield "", rr.Arrows3D.columns(vectors=length * found).partition(count)
+            yield "label", _points(label * found, count)
+            if not primary:
+                yield "trail", _points(1.004 * found, count)
+        case GreatCircle(normals=normals):
+            good = present(normals)
+            yield "", _turned(shapes.quaternions_to(normals), good)
+        case Series(values=values):
+            yield "", rr.Scalars.columns(scalars=values)
+        case _:
+            raise AssertionError(primitive)
+
+
+def present(rows: Floats) -> NDArray[np.bool_]:
+    """Return which rows (n, k) hold numbers throughout."""
+    good: NDArray[np.bool_] = np.isfinite(rows).all(axis=1)
+    return good
+
+
+def path_lines(lines: list[Floats], primary: bool) -> "rr.LineStrips3D":
+    """Return the whole path that a pole leaves on the sphere."""
+    colour = colours.SILVER if primary else colours.GOLD
+    return rr.LineStrips3D(
+        [1.003 * line for line in lines],
+        colors=colour,
+        radii=rr.Radius.ui_points(0.7 if primary else 1.2),
+    )
+
+
+def failure_label() -> "rr.Points3D":
+    """Return the words shown at the centre where a branch has no configuration."""
+    return rr.Points3D.from_fields(
+        labels="no configuration here",
+        show_labels=True,
+        colors=colours.WARNING,
+        radii=0.0,
+    )
+
+
+def failure_columns(failed: NDArray[np.bool_]) -> Iterable["rr.ComponentColumn"]:
+    """Return the columns that show the failure label at the failed samples only."""
+    return _points(np.zeros((int(failed.sum()), 3)), failed.astype(np.int64))
+
+
+def _points(
+    positions: Floats, count: NDArray[np.int64]
+) -> Iterable["rr.ComponentColumn"]:
+    return rr.Points3D.columns(positions=positions).partition(count)
+
+
+def _turned(
+    quaternions: Floats, good: NDArray[np.bool_]
+) -> Iterable["rr.ComponentColumn"]:
+    scale = np.where(good, 1.0, HIDDEN)[:, None] * np.ones(3)
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    turn = np.where(good[:, None], quaternions, upright)
+    return rr.Transform3D.columns(quaternion=turn, scale=scale)
+
+
+def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
+    colour = colours.link_colour(body.number)
+    lift = 1.0 + LIFT * (body.number % LEVELS)
+    if len(body.curves) > 0:
+        curves = [lift * np.asarray(curve) for curve in body.curves]
+        yield "", rr.LineStrips3D(curves, colors=colour, radii=LINK_RADIUS)
+    if len(body.joints) > 0:
+        yield (
+            "joints",
+            rr.Points3D(lift * body.joints, colors=colours.PALE, radii=JOINT_RADIUS),
+        )
+    where, words, tints = [], [], []
+    for joint, label in zip(body.joints, body.joint_labels, strict=True):
+        if label and label not in labelled:
+            labelled.add(label)
+            where.append(joint)
+            words.append(label)
+            tints.append(colours.PALE)
+    if len(body.curves) > 0 and body.label:
+        longest = max(body.curves, key=_length)
+        where.append(longest[len(longest) // 2])
+        words.append(body.label)
+        tints.append(colour)
+    yield (
+        "labels",
+        rr.Points3D.from_fields(
+            positions=LABEL_HEIGHT * np.reshape(where, (-1, 3)),
+            labels=words,
+            colors=tints,
+            radii=POINT,
+            show_labels=True if body.quaternions is None else None,
+        ),
+    )
+
+
+def _length(curve: Floats) -> float:
+    return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
+
+
+def _still_graph(graph: Graph) -> Iterator[Still]:
+    tints = [
+        colours.SILVER if number is None else colours.link_colour(number)
+        for _, _, number in graph.nodes
+    ]
+    across = np.array([420.0, 260.0])
+    yield (
+        "",
+        rr.GraphNodes(
+            [identifier for identifier, _, _ in graph.nodes],
+            labels=[label for _, label, _ in graph.nodes],
+            colors=tints,
+            positions=across * np.reshape(graph.positions, (-1, 2)),
+        ),
+    )
+    if graph.edges:
+        yield "", rr.GraphEdges(list(graph.edges), graph_type="undirected")

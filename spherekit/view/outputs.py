@@ -1,0 +1,247 @@
+"""Where a recording goes: a file, a server of our own, or a viewer that runs already.
+
+Left alone, rerun drops data in silence when the disk is full or the viewer is gone.
+Here every such loss is an `OutputError`.
+"""
+
+import socket
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import final
+from urllib.parse import urlsplit
+
+from spherekit.errors import OutputError
+from spherekit.view.sdk import RrdReader, rr
+
+FILE_TIMEOUT = 120.0
+LIVE_TIMEOUT = 30.0
+PROBE_TIMEOUT = 2.0
+
+HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
+HTTP2_SETTINGS = 4
+
+
+class AbstractOutput(ABC):
+    """One stream of a recording and the place it goes to."""
+
+    stream: "rr.RecordingStream"
+
+    @abstractmethod
+    def open(self) -> None:
+        """Reach the place; everything is logged after this."""
+
+    @abstractmethod
+    def flush(self) -> None:
+        """Wait until all that was logged has arrived."""
+
+    @abstractmethod
+    def complete(self, rows: int) -> None:
+        """Make the recording final; `rows` rows of columns were sent."""
+
+    @abstractmethod
+    def close(self) -> str:
+        """Let go of the place; return what is left of an unfinished recording."""
+
+
+@final
+class FileOutput(AbstractOutput):
+    """A file that appears under its own name only when it is whole."""
+
+    def __init__(self, stream: "rr.RecordingStream", path: Path) -> None:
+        self.stream = stream
+        self.path = path
+        self.part = path.with_name(path.name + ".part")
+        self._pending = False
+
+    def open(self) -> None:
+        """Start the part file beside the file."""
+        if self.path.suffix != ".rrd":
+            raise OutputError(
+                f"{self.path}: a recording must be named *.rrd, since the viewer goes "
+                "by that ending"
+            )
+        if self.path.is_dir():
+            raise OutputError(f"{self.path} is a folder; name a file inside it")
+        if not self.path.parent.is_dir():
+            raise OutputError(
+                f"{self.path}: the folder {self.path.parent} does not exist; make it "
+                "first or choose another"
+            )
+        try:
+            self.stream.save(self.part)
+        except RuntimeError as error:
+            self._remove()
+            raise OutputError(
+                f"cannot write {self.part}: {_reason(error)}; choose a folder you may "
+                "write to, on a disk with room"
+            ) from error
+        self._pending = True
+
+    def flush(self) -> None:
+        """Wait until everything is on the disk."""
+        try:
+            self.stream.flush(timeout_sec=FILE_TIMEOUT)
+        except RuntimeError as error:
+            self._give_up()
+            raise OutputError(
+                f"{self.path} could not be written whole ({_reason(error)}), probably "
+                "because the disk is full; make room or choose another disk. The part "
+                "written was removed"
+            ) from error
+
+    def complete(self, rows: int) -> None:
+        """Close the part file, read it back, and give it its name."""
+        self.flush()
+        self.stream.disconnect()
+        self._check(rows)
+        try:
+            self.part.replace(self.path)
+        except OSError as error:
+            self._pending = False
+            raise OutputError(
+                f"cannot replace {self.path}: {error.strerror}; the whole recording is "
+                f"in {self.part}"
+            ) from error
+        self._pending = False
+
+    def close(self) -> str:
+        """Close the part file of a run that stopped half-way, and keep it."""
+        if not self._pending:
+            return ""
+        self._pending = False
+        self.stream.disconnect()
+        return f"what was recorded until then is in {self.part}"
+
+    def _check(self, rows: int) -> None:
+        try:
+            chunks = RrdReader(self.part).stream()
+            found = sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
+        except Exception as error:  # the reader's exceptions have no common base
+            self._give_up()
+            raise OutputError(
+                f"{self.path} was written but does not read back ({_reason(error)}); "
+                "another program may be writing to it. The part file was removed"
+            ) from error
+        if found != rows:
+            self._give_up()
+            raise OutputError(
+                f"{self.path} was written, but only {found} of {rows} rows read back; "
+                "the disk may be full. The part file was removed"
+            )
+
+    def _give_up(self) -> None:
+        self._pending = False
+        self.stream.disconnect()
+        self._remove()
+
+    def _remove(self) -> None:
+        if self.part.is_file():
+            self.part.unlink(missing_ok=True)
+
+
+@final
+class ServedOutput(AbstractOutput):
+    """A server on this computer that keeps the recording for viewers that come."""
+
+    def __init__(self, stream: "rr.RecordingStream", port: int) -> None:
+        self.stream = stream
+        self.port = port
+        self.url = f"rerun+http://127.0.0.1:{port}/proxy"
+
+    def open(self) -> None:
+        """Start to listen, on the loopback address only."""
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", self.port))
+            except (OSError, OverflowError) as error:
+                raise OutputError(
+                    f"cannot serve on port {self.port} ({_reason(error)}); choose "
+                    "another port, or connect to the viewer that listens there"
+                ) from error
+        self.stream.set_sinks(rr.GrpcServerSink("127.0.0.1", self.port))
+
+    def flush(self) -> None:
+        """Wait until the server holds everything."""
+        _flush_live(self.stream, f"the server on port {self.port}")
+
+    def complete(self, rows: int) -> None:
+        """Wait until the server holds everything; it goes on serving until closed."""
+        self.flush()
+
+    def close(self) -> str:
+        """Stop the server."""
+        self.stream.disconnect()
+        return ""
+
+
+@final
+class ViewerOutput(AbstractOutput):
+    """A viewer, or another server, that listens at a URL."""
+
+    def __init__(self, stream: "rr.RecordingStream", url: str) -> None:
+        self.stream = stream
+        self.url = url
+
+    def open(self) -> None:
+        """Check that a viewer listens there, and connect."""
+        try:
+            parts = urlsplit(self.url)
+            host, port = parts.hostname, parts.port
+        except ValueError:
+            host, port = None, None
+        if not host or not port or not parts.scheme.startswith("rerun"):
+            raise OutputError(
+                f'"{self.url}" is not the address of a viewer; it looks like '
+                "rerun+http://127.0.0.1:9876/proxy"
+            )
+        if not _speaks_http2(host, port):
+            raise OutputError(
+                f"no viewer listens at {self.url}; start one with `rerun --port {port}`"
+                " or leave the recording in a file"
+            )
+        self.stream.set_sinks(rr.GrpcSink(self.url))
+
+    def flush(self) -> None:
+        """Wait until the viewer has everything."""
+        _flush_live(self.stream, f"the viewer at {self.url}")
+
+    def complete(self, rows: int) -> None:
+        """Wait until the viewer has everything."""
+        self.flush()
+
+    def close(self) -> str:
+        """Let go of the viewer."""
+        self.stream.disconnect()
+        return ""
+
+
+def _flush_live(stream: "rr.RecordingStream", place: str) -> None:
+    try:
+        stream.flush(timeout_sec=LIVE_TIMEOUT)
+    except RuntimeError as error:
+        raise OutputError(
+            f"{place} no longer takes data ({_reason(error)}); start it again, or "
+            "record to a file"
+        ) from error
+
+
+def _speaks_http2(host: str, port: int) -> bool:
+    """Return whether a server at this port answers as gRPC servers do.
+
+    Rerun itself would wait for seconds, or for ever if something else listens there.
+    """
+    try:
+        with socket.create_connection((host, port), timeout=PROBE_TIMEOUT) as probe:
+            probe.settimeout(PROBE_TIMEOUT)
+            probe.sendall(HTTP2_HELLO)
+            answer = probe.recv(9)
+    except OSError:
+        return False
+    return len(answer) > 3 and answer[3] == HTTP2_SETTINGS
+
+
+def _reason(error: BaseException) -> str:
+    """Return the innermost words of an error, in one line."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else type(error).__name__

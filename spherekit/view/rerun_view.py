@@ -1,0 +1,274 @@
+"""Recordings for the rerun viewer, to a file and to a live viewer, block by block."""
+
+import re
+import time
+import uuid
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.scene import (
+    Arrow,
+    Body,
+    Floats,
+    Graph,
+    GreatCircle,
+    Primitive,
+    Scene,
+    Series,
+    Text,
+)
+from spherekit.errors import OutputError
+from spherekit.view import entities, shapes
+from spherekit.view.blueprint import Layout, Panel, SeriesEntry
+from spherekit.view.outputs import (
+    AbstractOutput,
+    FileOutput,
+    ServedOutput,
+    ViewerOutput,
+)
+from spherekit.view.sdk import rr
+from spherekit.view.timelines import SAMPLE, InputTimeline, input_timeline
+
+PANELS = "panels"
+PLOTS = "plots"
+
+NOTES = """\
+# {name}
+
+The sphere has radius 1; directions are in ground axes. Silver arrows are the axes of
+pairs, gold ones are the other pole axes, with the path each leaves on the sphere.
+Violet great circles are the planes that the construction cuts with each other.
+Links have the same colour here and in the graph.
+
+`sample` counts the samples of a branch. {timeline}
+Where a branch has no configuration, its links and poles are not drawn and its curves
+have a gap.
+"""
+
+
+@final
+class Recorder:
+    """Turns scenes into one rerun recording that goes to one or more places.
+
+    Use it in a `with` block: call `start` once, then `log` for each block of samples
+    in order. Leaving the block finishes the recording; leaving it by an exception
+    keeps what was recorded in ``NAME.rrd.part``.
+
+    Positions and directions become float32 in a recording and are not results;
+    only series keep all their digits.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        path: Path | str | None = None,
+        port: int | None = None,
+        url: str | None = None,
+    ) -> None:
+        """Choose the places, any of them together: nothing is touched yet.
+
+        Parameters
+        ----------
+        name : str
+            Name of the mechanism, as people read it.
+        path : Path or str, optional
+            File to write, ``*.rrd``; it appears when the recording is whole.
+        port : int, optional
+            Port of this computer at which viewers find the recording.
+        url : str, optional
+            Address of a viewer that runs already.
+
+        """
+        self.name = name
+        self.root = "/" + (re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "m")
+        self._outputs: list[AbstractOutput] = []
+        recording = str(uuid.uuid4())
+
+        def stream() -> rr.RecordingStream:
+            return rr.RecordingStream(f"spherekit{self.root}", recording_id=recording)
+
+        if path is not None:
+            self._outputs.append(FileOutput(stream(), Path(path)))
+        if port is not None:
+            self._outputs.append(ServedOutput(stream(), port))
+        if url is not None:
+            self._outputs.append(ViewerOutput(stream(), url))
+        if not self._outputs:
+            raise ValueError("a recorder needs a path, a port or a url")
+        self._layout: Layout | None = None
+        self._input: InputTimeline | None = None
+        self._seen: set[str] = set()
+        self._labelled: dict[int | None, set[str]] = {None: set()}
+        self._paths: dict[str, tuple[bool, list[Floats]]] = {}
+        self._rows = 0
+        self._finished = False
+
+    @classmethod
+    def to_file(cls, path: Path | str, name: str) -> Self:
+        """Return a recorder that writes a file."""
+        return cls(name, path=path)
+
+    @classmethod
+    def serving(cls, port: int, name: str) -> Self:
+        """Return a recorder that viewers can connect to at a port of this computer."""
+        return cls(name, port=port)
+
+    @classmethod
+    def connected(cls, url: str, name: str) -> Self:
+        """Return a recorder that sends to a viewer that runs already."""
+        return cls(name, url=url)
+
+    @property
+    def url(self) -> str | None:
+        """Address at which the recording is served, if it is."""
+        served = (out for out in self._outputs if isinstance(out, ServedOutput))
+        return next((out.url for out in served), None)
+
+    def __enter__(self) -> Self:
+        """Open all places."""
+        opened = 0
+        try:
+            for output in self._outputs:
+                output.open()
+                opened += 1
+        except OutputError:
+            for output in self._outputs[:opened]:
+                output.discard()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Finish the recording, or keep the part there is, and let go of the places."""
+        try:
+            if error is None:
+                self.finish()
+        finally:
+            for output in self._outputs:
+                left = output.close()
+                if left and error is not None:
+                    error.add_note(left)
+
+    def start(
+        self,
+        scenes: Sequence[Scene],
+        inputs: Floats | None,
+        *,
+        branches: Mapping[int, str] | None = None,
+        properties: Mapping[str, str] | None = None,
+    ) -> None:
+        """Begin the recording with all that does not move.
+
+        Parameters
+        ----------
+        scenes : sequence of Scene
+            Primitives without samples: the ground, the graph, texts.
+        inputs : array (n,) rad, or None
+            All input values of the run, which fix the unit of the input timeline.
+            None if the run has no single input.
+        branches : mapping, optional
+            Number and title of each branch to come, in the order of their pages.
+            A branch left out gets its page when its first block comes.
+        properties : mapping, optional
+            Words about the run that the recording carries: versions, hashes.
+
+        """
+        if inputs is not None and len(inputs) > 0:
+            self._input = line = input_timeline(inputs)
+            step = max(1, round((line.last - line.first) / max(len(inputs) - 1, 1)))
+            layout = Layout(self.root, line.name, line.first, line.last, step)
+            words = line.describe()
+        else:
+            layout = Layout(self.root, SAMPLE, 0, 360, 1)
+            words = ""
+        self._layout = layout
+        layout.branches.update(branches or {})
+        for output in self._outputs:
+            output.stream.send_recording_name(self.name)
+            if properties:
+                output.stream.send_property("run", rr.AnyValues(**dict(properties)))
+        self._still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        for suffix, archetype in entities.world():
+            self._still(f"{self.root}/{suffix}", archetype)
+        for scene in scenes:
+            for primitive in scene.primitives:
+                self._introduce(scene.branch, primitive)
+        notes = Text("notes", "About", NOTES.format(name=self.name, timeline=words))
+        self._introduce(None, notes)
+        if layout.branches:
+            self._lay_out()
+
+    def log(
+        self, scene: Scene, samples: NDArray[np.int64], inputs: Floats | None = None
+    ) -> None:
+        """Record one block of samples of one branch.
+
+        Parameters
+        ----------
+        scene : Scene
+            Primitives with n rows each; what does not move may be among them.
+        samples : array (n,)
+            Numbers of the samples.
+        inputs : array (n,) rad, optional
+            Input values; required if `start` got any.
+
+        """
+        layout = self._layout
+        if layout is None or self._finished:
+            raise ValueError("log is called after start and before the end")
+        times = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
+        if self._input is not None:
+            if inputs is None or len(inputs) != len(samples):
+                raise ValueError("each sample needs its input value")
+            ticks = self._input.ticks(inputs)
+            times.append(rr.TimeColumn(self._input.name, sequence=ticks))
+        fresh = [self._introduce(scene.branch, item) for item in scene.primitives]
+        failed = np.zeros(len(samples), dtype=bool)
+        for primitive in scene.primitives:
+            path = self._path(scene.branch, primitive)
+            _check_rows(primitive, len(samples))
+            for suffix, columns in entities.moving(primitive):
+                self._columns(_below(path, suffix), times, columns, len(samples))
+            if isinstance(primitive, Arrow):
+                self._paths[path][1].append(np.array(primitive.directions))
+            if isinstance(primitive, Body) and primitive.quaternions is not None:
+                failed |= ~entities.present(primitive.quaternions)
+        if any(isinstance(item, Body) for item in scene.primitives):
+            where = f"{self._base(scene.branch)}/status"
+            fresh.append(self._introduce_status(scene.branch, where))
+            columns = entities.failure_columns(failed)
+            self._columns(where, times, columns, len(samples))
+        if any(fresh):
+            self._lay_out()
+        self._each(lambda output: output.flush())
+
+    def finish(self) -> None:
+        """Record the path of every pole, and make all files final; once is enough."""
+        if self._finished:
+            return
+        self._finished = True
+        for path, (primary, blocks) in self._paths.items():
+            lines = shapes.path_on_sphere(np.concatenate(blocks)) if blocks else []
+            if lines:
+                self._still(f"{path}/path", entities.path_lines(lines, primary))
+        self._each(lambda output: output.complete(self._rows))
+
+    def serve_until_interrupted(self) -> None:
+        """Finish, and keep serving until the user presses Ctrl-C."""
+        self.finish()
+        try:
+            while self.url is not None:
+                time.sleep(0.5)
+        except KeyboardInterrupt:
+            return

@@ -1,0 +1,98 @@
+"""Polylines, meshes and rotations that the pictures are made of."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.scene import Floats
+
+LONGEST_CHORD = np.radians(3.0)
+"""Longer steps along a path are cut into pieces, so that it stays on the sphere."""
+
+SHORTEST_CHORD = np.radians(0.2)
+"""Points of a path that are closer than this are thinned out."""
+
+
+def unit_circle(pieces: int = 144) -> Floats:
+    """Return the closed unit circle about z, (pieces + 1, 3)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, pieces + 1)
+    return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+
+
+def quaternions_to(normals: Floats) -> Floats:
+    """Return (n, 4) xyzw, each a rotation that takes z to the unit vector `normals`."""
+    x, y, z = normals.T
+    quaternion = np.stack([-y, x, np.zeros_like(x), 1.0 + z], axis=-1)
+    length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    half_turn = np.array([1.0, 0.0, 0.0, 0.0])
+    safe = np.where(length > 1e-9, length, 1.0)
+    return np.where(length > 1e-9, quaternion / safe, half_turn)
+
+
+def sphere_mesh(
+    columns: int = 96, rows: int = 48
+) -> tuple[Floats, NDArray[np.uint32]]:
+    """Return vertices (v, 3) and triangles (t, 3) of the unit sphere."""
+    longitude, colatitude = np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, columns + 1), np.linspace(0.0, np.pi, rows + 1)
+    )
+    vertices = np.stack(
+        [
+            np.sin(colatitude) * np.cos(longitude),
+            np.sin(colatitude) * np.sin(longitude),
+            np.cos(colatitude),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    across = columns + 1
+    corner = (np.arange(rows)[:, None] * across + np.arange(columns)).ravel()
+    upper = np.stack([corner, corner + across, corner + 1], axis=-1)
+    lower = np.stack([corner + 1, corner + across, corner + across + 1], axis=-1)
+    return vertices, np.concatenate([upper, lower]).astype(np.uint32)
+
+
+def graticule(step_deg: int = 30) -> list[Floats]:
+    """Return the meridians and parallels every `step_deg` degrees."""
+    circle = unit_circle()
+    lines = []
+    for longitude in np.radians(np.arange(0, 180, step_deg)):
+        east = np.array([np.cos(longitude), np.sin(longitude), 0.0])
+        north = np.array([0.0, 0.0, 1.0])
+        lines.append(circle[:, :1] * east + circle[:, 1:2] * north)
+    for latitude in np.radians(np.arange(step_deg - 90, 90, step_deg)):
+        height = np.array([0.0, 0.0, np.sin(latitude)])
+        lines.append(circle * np.cos(latitude) + height)
+    return lines
+
+
+def path_on_sphere(directions: Floats) -> list[Floats]:
+    """Return the path of a direction (n, 3) as polylines, without its NaN rows.
+
+    A path is cut where a row is NaN, and where it jumps by more than a right angle
+    from one sample to the next. A direction that does not move has no path.
+    """
+    finite = np.isfinite(directions).all(axis=1)
+    joined = finite[1:] & finite[:-1]
+    joined &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
+    pieces = np.split(directions, np.flatnonzero(~joined) + 1)
+    lines = [_even_steps(piece) for piece in pieces if len(piece) > 1]
+    return [line for line in lines if len(line) > 1]
+
+
+def _even_steps(line: Floats) -> Floats:
+    """Return a polyline with steps neither much too short nor too long."""
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    if length[-1] < SHORTEST_CHORD:
+        return line[:0]
+    slot = np.floor(length / SHORTEST_CHORD)
+    keep = np.concatenate([[True], slot[1:] > slot[:-1]])
+    keep[-1] = True
+    line, length = line[keep], length[keep]
+    pieces = np.ceil(np.diff(length) / LONGEST_CHORD).astype(int).clip(min=1)
+    first = np.repeat(np.arange(len(pieces)), pieces)
+    within = np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    part = (within / pieces[first])[:, None]
+    fine = line[first] * (1.0 - part) + line[first + 1] * part
+    fine = np.concatenate([fine, line[-1:]])
+    unit: Floats = fine / np.linalg.norm(fine, axis=1, keepdims=True)
+    return unit
