@@ -1,0 +1,1 @@
+"""Mechanism files: reading, writing, and finding the shipped ones."""

@@ -15,8 +15,25 @@ _REASONS = {
     errno.ENOENT: "the folder does not exist; create it first",
     errno.ENOTDIR: "a part of the path is a file, not a folder",
     errno.EISDIR: "is a folder; give the name of a file in it",
+    errno.EEXIST: "is a file, not a folder; choose another name",
     errno.ENAMETOOLONG: "the name is too long",
 }
+
+
+def make_folder(path: str | os.PathLike[str]) -> Path:
+    """Return a folder as a path, made with the folders around it if it is not there.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be made.
+    """
+    try:
+        folder = Path(path)
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise _refused(path, "made", error) from None
+    return folder
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -31,14 +48,24 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
         data = text.encode("utf-8")
     except UnicodeEncodeError as error:
         raise OutputError(f"{path}: character {error.start} has no UTF-8") from None
+    write_bytes(path, data)
+
+
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write a file, replacing an older one only when complete.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an older file is then unchanged.
+    """
     temporary: Path | None = None
     try:
         target = Path(path).resolve()
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder")
-        unfinished = target.with_name(
-            f".{target.name[:100]}.{os.urandom(4).hex()}.part"
-        )
+        mark = os.urandom(4).hex()
+        unfinished = target.with_name(f".{target.name[:100]}.{mark}.part")
         handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         temporary = unfinished
         with open(handle, "wb") as stream:  # noqa: PTH123 (an open descriptor)
@@ -47,9 +74,15 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
             os.fsync(handle)
         temporary.replace(target)
     except (OSError, ValueError) as error:
+        raise _refused(path, "written", error) from None
+    finally:
+        # After success the name is gone; after a fault or Ctrl-C the rest goes too.
         if temporary is not None:
             temporary.unlink(missing_ok=True)
-        reason = str(error)
-        if isinstance(error, OSError):
-            reason = _REASONS.get(error.errno or 0, error.strerror or reason)
-        raise OutputError(f"{str(path)!r}: cannot be written: {reason}") from None
+
+
+def _refused(path: object, what: str, error: OSError | ValueError) -> OutputError:
+    reason = str(error)
+    if isinstance(error, OSError):
+        reason = _REASONS.get(error.errno or 0, error.strerror or reason)
+    return OutputError(f"{str(path)!r}: cannot be {what}: {reason}")

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
+from itertools import islice
 from typing import Any
 
 from spherekit.conventions import MAX_NAME_LENGTH, listing, nearest
@@ -15,6 +16,7 @@ from spherekit.files.locate import KeyPath
 FORMAT = 1
 """The format of mechanism files that this version reads and writes."""
 
+_INTEGER_BITS = 200
 _Fault = tuple[KeyPath, str]
 _TYPES = {
     "object": "a table",
@@ -42,9 +44,11 @@ def check(document: Document) -> None:
         With one line for each fault, in the order of the file.
     """
     _check_format(document)
-    faults = list(_not_finite(document.data))
-    for error in _validator().iter_errors(document.data):
-        faults.extend(_explain(error))
+    faults = list(_not_numbers(document.data))
+    if faults:
+        raise document.faults(faults)
+    errors = _validator().iter_errors(document.data)
+    faults = list(islice((fault for error in errors for fault in _explain(error)), 100))
     if faults:
         raise document.faults(faults)
 
@@ -55,7 +59,7 @@ def shown(value: object) -> str:
         return "true" if value else "false"
     if isinstance(value, dict):
         return "a table" if value else "an empty table"
-    if isinstance(value, int) and value.bit_length() > 200:
+    if isinstance(value, int) and value.bit_length() > _INTEGER_BITS:
         return "a huge integer"
     text = repr(value).replace("'", '"')
     text = json.dumps(value) if isinstance(value, str) else text
@@ -88,7 +92,7 @@ def _check_format(document: Document) -> None:
     raise document.fault(("format",), f"found {shown(found)}, needs {FORMAT}")
 
 
-def _not_finite(data: Mapping[str, Any]) -> Iterator[_Fault]:
+def _not_numbers(data: Mapping[str, Any]) -> Iterator[_Fault]:
     waiting: list[tuple[KeyPath, Any]] = [
         ((key,), value) for key, value in data.items() if key != "user"
     ]
@@ -100,6 +104,8 @@ def _not_finite(data: Mapping[str, Any]) -> Iterator[_Fault]:
             waiting.extend(((*path, k), item) for k, item in enumerate(value))
         elif isinstance(value, float) and not math.isfinite(value):
             yield path, f"found {float(value)}, needs a finite number"
+        elif isinstance(value, int) and value.bit_length() > _INTEGER_BITS:
+            yield path, f"found {shown(value)}, needs a number of ordinary size"
 
 
 def _explain(error: Any) -> Iterator[_Fault]:
@@ -147,10 +153,7 @@ def _explain(error: Any) -> Iterator[_Fault]:
         yield path, str(error.message)[:200]
 
 
-_NAME_RULE = (
-    f"use 1 to {MAX_NAME_LENGTH} letters (A-Z, a-z), digits and underscores; numbers "
-    "used as names need quotes after the equals sign"
-)
+_NAME_RULE = f"use 1 to {MAX_NAME_LENGTH} letters (A-Z, a-z), digits and underscores"
 
 
 def _unknown_keys(
@@ -165,8 +168,11 @@ def _unknown_keys(
 
 
 def _described(part: Mapping[str, Any], key: str) -> str:
-    declared = part.get("properties", {}).get(key, {})
-    text = str(declared.get("description", ""))
+    parts = (part, *schema()["$defs"].values())
+    declared = [
+        each["properties"].get(key, {}) for each in parts if "properties" in each
+    ]
+    text = next((each["description"] for each in declared if each), "")
     return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""
 
 

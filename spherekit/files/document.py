@@ -23,6 +23,7 @@ MAX_NESTING = 32
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _MORE_PARTS = rf"(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_NESTING}}}"
 _LONG_KEY = re.compile(rf"(?<![\w-]){_PART}{_MORE_PARTS}")
+_HUGE_INTEGER = re.compile(r"[0-9_]{4300}")
 _SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.S)
 _REPEATED = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
 _KEY = re.compile(r"""[ \t]*([\w.\-"' ]+?)[ \t]*=""")
@@ -150,8 +151,12 @@ def parse(text: str, name: str) -> Document:
         raise FileError(
             f"{name}:{line}: nested too deeply; at most {MAX_NESTING} levels"
         ) from None
-    except (ValueError, OverflowError) as error:
-        raise FileError(f"{name}:1: a value cannot be read: {error}") from None
+    except (ValueError, OverflowError):
+        found = _HUGE_INTEGER.search(text)
+        line = text.count("\n", 0, found.start()) + 1 if found else 1
+        raise FileError(
+            f"{name}:{line}: a value cannot be read: too many digits"
+        ) from None
     document = Document(name, text, data)
     _check_nesting(document)
     return document

@@ -121,8 +121,8 @@ class _Reader:
                 second,
                 f"two geometries: {other} (line {line}) belongs to the "
                 f"{'sizes' if first in sizes else 'reference-pose'} form, this key to "
-                "the other; keep the sizes (axes, arcs, angles in links, zero in pairs) or "
-                "the reference pose (xyz or lonlat and value in pairs)",
+                "the other; keep the sizes (axes, arcs, angles in links, zero in "
+                "pairs) or the reference pose (xyz or lonlat and value in pairs)",
             )
         if pose:
             return PoseGeometry(

@@ -41,7 +41,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     if angle_unit not in ("deg", "rad"):
         raise OutputError(f'angle_unit is {angle_unit!r}; allowed: "deg", "rad"')
     try:
-        text = "\n".join([*_lines(mechanism, angle_unit), ""])
+        text = canonical_text(mechanism, angle_unit)
     except (TypeError, RecursionError) as error:
         raise OutputError(f"{mechanism.name}: cannot be written: {error}") from None
     try:
@@ -54,9 +54,20 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     if changed:
         raise OutputError(
             f"{mechanism.name}: {changed} would not read back the same; the format "
-            "holds tuples, unit vectors, and for each kind of profile only its own values"
+            "holds tuples, unit vectors, and in a profile only what its kind needs"
         )
     return text
+
+
+def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
+    """Return the text `dumps` would check, unchecked: for fingerprints, not for files.
+
+    Raises
+    ------
+    TypeError
+        If the user data holds what TOML lacks.
+    """
+    return "\n".join([*_lines(mechanism, angle_unit), ""])
 
 
 def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:

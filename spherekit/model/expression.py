@@ -171,7 +171,8 @@ def parse(text: str, names: Iterable[str]) -> Expression:
 
 
 def _fault(column: int, message: str, allowed: str = _GRAMMAR) -> ModelError:
-    return ModelError(f"column {column + 1}: {message}; {allowed}")
+    end = "" if message.endswith("?") else ";"
+    return ModelError(f"column {column + 1}: {message}{end} {allowed}")
 
 
 def _syntax_tree(text: str, margin: int) -> ast.expr:

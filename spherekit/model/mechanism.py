@@ -204,7 +204,8 @@ class Mechanism:
         if name not in self.pair_number:
             raise ModelError(
                 f'{self.name}: no pair is named "{name}"'
-                f"{nearest(name, self.pair_number)} Pairs: {listing(self.pair_number)}"
+                f"{nearest(name, self.pair_number) or ';'} Pairs: "
+                f"{listing(self.pair_number)}"
             )
         return self.pairs[self.pair_number[name]]
 
@@ -230,7 +231,8 @@ def _check(mechanism: Mechanism) -> None:
         if name not in mechanism.links:
             raise ModelError(
                 f'{where}: {key}: no link is named "{name}"'
-                f"{nearest(name, mechanism.links)} Links: {listing(mechanism.links)}"
+                f"{nearest(name, mechanism.links) or ';'} Links: "
+                f"{listing(mechanism.links)}"
             )
 
     need_link(mechanism.ground, "ground")
@@ -258,7 +260,7 @@ def _check(mechanism: Mechanism) -> None:
         if name not in pair_names:
             raise ModelError(
                 f'{where}: {key}: no pair is named "{name}"'
-                f"{nearest(name, pair_names)} Pairs: {listing(pair_names)}"
+                f"{nearest(name, pair_names) or ';'} Pairs: {listing(pair_names)}"
             )
 
     for item in mechanism.inputs:
@@ -299,7 +301,9 @@ def _check_names(where: str, what: str, names: "list[str] | tuple[str, ...]") ->
                 "letters (A-Z, a-z), digits and underscores"
             )
         if name in seen:
-            raise ModelError(f'{where}: {what} "{name}" is given twice; names are unique')
+            raise ModelError(
+                f'{where}: {what} "{name}" is given twice; names are unique'
+            )
         seen.add(name)
 
 

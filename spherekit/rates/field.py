@@ -43,6 +43,7 @@ class PoleField:
     link relative to its first per unit rate of the input; `rate_dq[pole]` (n,) its
     derivative by the input (1/rad); `angle[pole]` (n,) sine of the angle between the
     two planes used; `error[pole]` (n,) bound of the direction's rounding error (rad).
+    `planes[pole]` (n, 2, 3) unit normals of those planes, for the poles asked for.
     `w[link]`, `dw[link]` (n, 3): rates of links relative to the ground.
     `status` (n,): the motion's, with AT_SINGULARITY where the rates are not finite.
     `by_equations` (n,): samples solved from the velocity equations instead.
@@ -53,6 +54,7 @@ class PoleField:
     rate_dq: dict[Pole, Floats]
     angle: dict[Pole, Floats]
     error: dict[Pole, Floats]
+    planes: dict[Pole, Floats]
     w: dict[int, Floats]
     dw: dict[int, Floats]
     status: NDArray[np.int8]
@@ -87,7 +89,7 @@ def evaluate(
 
 def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
     axes = motion.axes
-    lines = evaluate_lines(wanted.plan, axes)
+    lines = evaluate_lines(wanted.plan, axes, wanted.planes)
     w, doubt = _link_rates(wanted, lines)
     dw = {link: np.full_like(value, np.nan) for link, value in w.items()}
     if wanted.derivatives:
@@ -109,9 +111,11 @@ def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
     for vectors in (w, dw):
         for value in vectors.values():
             value[:, no_rate] = np.nan
-    field = PoleField({}, {}, {}, {}, {}, {}, {}, status, weak)
+    field = PoleField({}, {}, {}, {}, {}, {}, {}, {}, status, weak)
     for pole in wanted.poles:
         _add_pole(field, motion, wanted, lines, pole, w, dw, memory)
+    for pole, normals in lines.planes.items():
+        field.planes[pole] = np.moveaxis(normals, -1, 0)
     for link in wanted.links:
         field.w[link], field.dw[link] = w[link].T, dw[link].T
     return field

@@ -6,6 +6,7 @@ first, then the partner that makes the intersection most certain; both the angle
 the two planes and the bound are reported.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import final
 
@@ -26,24 +27,28 @@ class Lines:
 
     `unit[pole]`, `rate[pole]`: (3, n); `error[pole]`: (n,) bound of the direction's
     error (rad); `angle[pole]`: (n,) sine of the angle between the two planes used, 1
-    for primary poles.
+    for primary poles; `planes[pole]`: (2, 3, n) unit normals of those planes, kept for
+    the poles they were asked for.
     """
 
     unit: dict[Pole, Floats]
     rate: dict[Pole, Floats]
     error: dict[Pole, Floats]
     angle: dict[Pole, Floats]
+    planes: dict[Pole, Floats]
     chosen: dict[Pole, Floats]
     blocks: dict[BlockPoles, NullMotion]
 
 
-def evaluate_lines(plan: Plan, axes: Floats) -> Lines:
+def evaluate_lines(
+    plan: Plan, axes: Floats, keep_planes: Collection[Pole] = ()
+) -> Lines:
     """Return the directions of all poles of a plan.
 
     `axes` (n, pairs, 3) are the pair axes in ground axes; signs of secondary poles are
     arbitrary here.
     """
-    lines = Lines({}, {}, {}, {}, {}, {})
+    lines = Lines({}, {}, {}, {}, {}, {}, {})
     n = len(axes)
     for step in plan.steps:
         if isinstance(step, PrimaryPole):
@@ -51,7 +56,7 @@ def evaluate_lines(plan: Plan, axes: Floats) -> Lines:
             lines.error[step.pole] = np.full(n, EPS)
             lines.angle[step.pole] = np.ones(n)
         elif isinstance(step, LinePole):
-            _intersect(step, lines)
+            _intersect(step, lines, step.pole in keep_planes)
         else:
             _solve_block(plan, step, axes, lines)
     return lines
@@ -76,7 +81,7 @@ def _line_sources(step: LinePole, k: int) -> tuple[Pole, Pole]:
     return ((i, k) if i < k else (k, i)), ((j, k) if j < k else (k, j))
 
 
-def _intersect(step: LinePole, lines: Lines) -> None:
+def _intersect(step: LinePole, lines: Lines, keep_planes: bool) -> None:
     sources = [_line_sources(step, k) for k in step.via]
     a = np.stack([lines.unit[one] for one, _ in sources])
     b = np.stack([lines.unit[other] for _, other in sources])
@@ -103,6 +108,9 @@ def _intersect(step: LinePole, lines: Lines) -> None:
     lines.error[step.pole] = np.minimum(doubt[partner, every], 1.0)
     lines.angle[step.pole] = size[partner, every]
     lines.chosen[step.pole] = np.stack([best, partner])
+    if keep_planes:
+        pair = np.stack([first, _take(normals, partner)])
+        lines.planes[step.pole] = pair / norm(pair)[:, None]
 
 
 def _take(stack: Floats, which: Floats) -> Floats:

@@ -24,13 +24,15 @@ class Request:
     """The plan behind wanted poles and coefficients, and the links whose rates it gives.
 
     `poles` are the wanted ones; `links` are the links whose angular velocity is found,
-    the ground and the two links of the input among them.
+    the ground and the two links of the input among them. `planes` are the poles whose
+    great circles are wanted as well.
     """
 
     plan: Plan
     poles: tuple[Pole, ...]
     links: tuple[int, ...]
     derivatives: bool
+    planes: frozenset[Pole] = frozenset()
 
 
 @lru_cache(maxsize=64)
@@ -57,6 +59,7 @@ def request(
     poles: Iterable[Pole],
     rates: Iterable[Pole] = (),
     derivatives: bool = True,
+    planes: Iterable[Pole] = (),
 ) -> Request:
     """Return what must be planned for these poles and velocity coefficients.
 
@@ -66,7 +69,8 @@ def request(
     """
     whole = _whole_plan(_ByIdentity(mechanism), driven)
     a, b = mechanism.ends[whole.input]
-    wanted = tuple(dict.fromkeys(pole_of(*pole) for pole in poles))
+    circles = frozenset(pole_of(*pole) for pole in planes)
+    wanted = tuple(dict.fromkeys([*(pole_of(*pole) for pole in poles), *sorted(circles)]))
     coefficients = [pole_of(*pole) for pole in rates]
     links = {a, b} | {link for pole in coefficients for link in pole}
     if derivatives:
@@ -79,7 +83,9 @@ def request(
         more = _owners(pruned) - links if derivatives else set()
         if not more:
             everything = tuple(dict.fromkeys((*wanted, *coefficients)))
-            return Request(pruned, everything, tuple(sorted(links)), derivatives)
+            return Request(
+                pruned, everything, tuple(sorted(links)), derivatives, circles
+            )
         links |= more
 
 

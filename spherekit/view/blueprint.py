@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar, final
+from typing import Any, TypeVar, final
 
-from spherekit.view import colours
+from spherekit.view import colours, entities
 from spherekit.view.sdk import rr, rrb
+from spherekit.view.timelines import SAMPLE
 
 TURN_SECONDS = 12.0
 """Playing the whole range takes this long."""
@@ -47,16 +48,17 @@ class Layout:
 
     root: str
     timeline: str
-    first: int
-    last: int
     step: int
+    span: tuple[int, int] | None
+    """First and last time on the timeline, if known."""
+
     branches: dict[int, str] = field(default_factory=dict)
     solids: list[tuple[int | None, str]] = field(default_factory=list)
     trails: list[tuple[int | None, str]] = field(default_factory=list)
     groups: dict[str, list[SeriesEntry]] = field(default_factory=dict)
     panels: list[Panel] = field(default_factory=list)
 
-    def blueprint(self) -> "rrb.Blueprint":
+    def blueprint(self) -> rrb.Blueprint:
         """Return the layout in rerun's terms."""
         pages: list[rrb.Container] = [
             self._page(branch, title) for branch, title in self.branches.items()
@@ -64,7 +66,7 @@ class Layout:
         if len(self.branches) > 1 and self.groups:
             pages.append(self._comparison())
         top = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
-        span = max(self.last - self.first, 1)
+        first, last = self.span or (0, 360)
         return rrb.Blueprint(
             top,
             rrb.TimePanel(
@@ -72,7 +74,7 @@ class Layout:
                 timeline=self.timeline,
                 play_state="paused",
                 loop_mode="all",
-                fps=max(span / TURN_SECONDS, 1.0),
+                fps=max((last - first) / TURN_SECONDS, 1.0),
             ),
             rrb.SelectionPanel(state="hidden"),
             rrb.BlueprintPanel(state="hidden"),
@@ -81,7 +83,7 @@ class Layout:
             auto_layout=False,
         )
 
-    def _page(self, branch: int | None, title: str) -> "rrb.Container":
+    def _page(self, branch: int | None, title: str) -> rrb.Container:
         plots = [
             self._plot(group, _of(series, branch))
             for group, series in self.groups.items()
@@ -100,7 +102,7 @@ class Layout:
             space, rrb.Vertical(*rows), column_shares=[11, 9], name=title
         )
 
-    def _space(self, branch: int | None, title: str) -> "rrb.Spatial3DView":
+    def _space(self, branch: int | None, title: str) -> rrb.Spatial3DView:
         def here(owner: int | None) -> bool:
             return owner is None or owner == branch
 
@@ -120,7 +122,7 @@ class Layout:
             },
         )
 
-    def _recent(self) -> "rrb.VisibleTimeRanges":
+    def _recent(self) -> rrb.VisibleTimeRanges:
         return rrb.VisibleTimeRanges(
             [
                 rr.VisibleTimeRange(
@@ -128,14 +130,14 @@ class Layout:
                     start=rr.TimeRangeBoundary.cursor_relative(seq=-TRAIL * step),
                     end=rr.TimeRangeBoundary.cursor_relative(seq=0),
                 )
-                for timeline, step in {"sample": 1, self.timeline: self.step}.items()
+                for timeline, step in {SAMPLE: 1, self.timeline: self.step}.items()
             ]
         )
 
     def _plot(
         self, group: str, series: Sequence[SeriesEntry], mixed: bool = False
-    ) -> "rrb.TimeSeriesView":
-        overrides = {}
+    ) -> rrb.TimeSeriesView:
+        overrides: dict[Any, Any] = {}
         order = list(self.branches)
         for entry in series:
             own = [e for e in self.groups[group] if e.branch == entry.branch]
@@ -146,22 +148,28 @@ class Layout:
                 name = f"{entry.label}, {self.branches[entry.branch]}"
             overrides[entry.path] = rr.SeriesLines(
                 names=name, colors=colour, widths=2.0
-            )
-        span = rr.TimeRange(
-            start=rr.TimeRangeBoundary.absolute(seq=self.first),
-            end=rr.TimeRangeBoundary.absolute(seq=max(self.last, self.first + 1)),
-        )
+            ).visualizer()
         return rrb.TimeSeriesView(
             origin=self.root,
             contents=[f"+ {entry.path}" for entry in series],
             name=group,
-            axis_x=rrb.TimeAxis(view_range=span),
+            axis_x=self._axis(),
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
-            background=colours.BACKGROUND,
+            background=rrb.archetypes.PlotBackground(color=colours.BACKGROUND),
             overrides=overrides,
         )
 
-    def _comparison(self) -> "rrb.Container":
+    def _axis(self) -> rrb.TimeAxis | None:
+        if self.span is None:
+            return None
+        first, last = self.span
+        view_range = rr.TimeRange(
+            start=rr.TimeRangeBoundary.absolute(seq=first),
+            end=rr.TimeRangeBoundary.absolute(seq=max(last, first + 1)),
+        )
+        return rrb.TimeAxis(view_range=view_range)
+
+    def _comparison(self) -> rrb.Container:
         plots = [
             self._plot(group, series, mixed=True)
             for group, series in self.groups.items()
@@ -169,10 +177,16 @@ class Layout:
         columns = 1 if len(plots) < 3 else 2
         return rrb.Grid(*plots, grid_columns=columns, name="Compare")
 
-    def _panel(self, panel: Panel) -> "rrb.View":
+    def _panel(self, panel: Panel) -> rrb.View:
         if panel.graph:
             return rrb.GraphView(
-                origin=panel.path, name=panel.label, background=colours.BACKGROUND
+                origin=panel.path,
+                name=panel.label,
+                background=rrb.archetypes.GraphBackground(color=colours.BACKGROUND),
+                visual_bounds=rrb.VisualBounds2D(
+                    x_range=(-70.0, entities.GRAPH_SIZE[0] + 70.0),
+                    y_range=(-40.0, entities.GRAPH_SIZE[1] + 40.0),
+                ),
             )
         return rrb.TextDocumentView(origin=panel.path, name=panel.label)
 
@@ -181,5 +195,5 @@ def _of(entries: Sequence[Entry], branch: int | None) -> list[Entry]:
     return [entry for entry in entries if entry.branch in (None, branch)]
 
 
-def _tabs(views: Sequence["rrb.View"]) -> "rrb.View | rrb.Container":
+def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
     return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)

@@ -1,7 +1,7 @@
 """Colours on the dark background, told apart with any kind of colour vision.
 
-The link colours are the set of Okabe and Ito (2008), lightened for a dark background and
-without its yellow and orange, which are left to the pole axes.
+The link colours are the set of Okabe and Ito (2008), lightened for a dark background
+and without its yellow and orange, which are left to the pole axes.
 """
 
 Colour = tuple[int, int, int]

@@ -24,10 +24,10 @@ from spherekit.analysis.scene import (
 from spherekit.view import colours, shapes
 from spherekit.view.sdk import rr
 
-Still = tuple[str, "rr.AsComponents"]
+Still = tuple[str, rr.AsComponents]
 """Path below the primitive, and what is logged there once."""
 
-Moving = tuple[str, Iterable["rr.ComponentColumn"]]
+Moving = tuple[str, Iterable[rr.ComponentColumn]]
 """Path below the primitive, and its columns for one block of samples."""
 
 LINK_RADIUS = 0.016
@@ -37,7 +37,9 @@ LEVELS = 6
 
 JOINT_RADIUS = 0.03
 LABEL_HEIGHT = 1.09
+LINK_LABEL_HEIGHT = 1.15
 POINT = 0.001
+GRAPH_SIZE = (420.0, 220.0)
 HIDDEN = 1e-6
 
 
@@ -118,7 +120,7 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
         case Body(quaternions=quaternions) if quaternions is not None:
             good = present(quaternions)
             yield "", _turned(quaternions, good)
-            yield "labels", rr.Points3D.columns(show_labels=good)
+            yield "labels", rr.Points3D.columns(show_labels=good.tolist())
         case Arrow(directions=directions, primary=primary):
             good = present(directions)
             found, count = directions[good], good.astype(np.int64)
@@ -138,11 +140,10 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
 
 def present(rows: Floats) -> NDArray[np.bool_]:
     """Return which rows (n, k) hold numbers throughout."""
-    good: NDArray[np.bool_] = np.isfinite(rows).all(axis=1)
-    return good
+    return np.asarray(np.isfinite(rows).all(axis=1))
 
 
-def path_lines(lines: list[Floats], primary: bool) -> "rr.LineStrips3D":
+def path_lines(lines: list[Floats], primary: bool) -> rr.LineStrips3D:
     """Return the whole path that a pole leaves on the sphere."""
     colour = colours.SILVER if primary else colours.GOLD
     return rr.LineStrips3D(
@@ -152,7 +153,7 @@ def path_lines(lines: list[Floats], primary: bool) -> "rr.LineStrips3D":
     )
 
 
-def failure_label() -> "rr.Points3D":
+def failure_label() -> rr.Points3D:
     """Return the words shown at the centre where a branch has no configuration."""
     return rr.Points3D.from_fields(
         labels="no configuration here",
@@ -162,20 +163,20 @@ def failure_label() -> "rr.Points3D":
     )
 
 
-def failure_columns(failed: NDArray[np.bool_]) -> Iterable["rr.ComponentColumn"]:
+def failure_columns(failed: NDArray[np.bool_]) -> Iterable[rr.ComponentColumn]:
     """Return the columns that show the failure label at the failed samples only."""
     return _points(np.zeros((int(failed.sum()), 3)), failed.astype(np.int64))
 
 
 def _points(
     positions: Floats, count: NDArray[np.int64]
-) -> Iterable["rr.ComponentColumn"]:
+) -> Iterable[rr.ComponentColumn]:
     return rr.Points3D.columns(positions=positions).partition(count)
 
 
 def _turned(
     quaternions: Floats, good: NDArray[np.bool_]
-) -> Iterable["rr.ComponentColumn"]:
+) -> Iterable[rr.ComponentColumn]:
     scale = np.where(good, 1.0, HIDDEN)[:, None] * np.ones(3)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     turn = np.where(good[:, None], quaternions, upright)
@@ -184,7 +185,7 @@ def _turned(
 
 def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
     colour = colours.link_colour(body.number)
-    lift = 1.0 + LIFT * (body.number % LEVELS)
+    lift = 1.0 + LIFT * (1 + body.number % LEVELS)
     if len(body.curves) > 0:
         curves = [lift * np.asarray(curve) for curve in body.curves]
         yield "", rr.LineStrips3D(curves, colors=colour, radii=LINK_RADIUS)
@@ -197,18 +198,18 @@ def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
     for joint, label in zip(body.joints, body.joint_labels, strict=True):
         if label and label not in labelled:
             labelled.add(label)
-            where.append(joint)
+            where.append(LABEL_HEIGHT * joint)
             words.append(label)
             tints.append(colours.PALE)
     if len(body.curves) > 0 and body.label:
         longest = max(body.curves, key=_length)
-        where.append(longest[len(longest) // 2])
+        where.append(LINK_LABEL_HEIGHT * longest[len(longest) // 2])
         words.append(body.label)
         tints.append(colour)
     yield (
         "labels",
         rr.Points3D.from_fields(
-            positions=LABEL_HEIGHT * np.reshape(where, (-1, 3)),
+            positions=np.reshape(where, (-1, 3)),
             labels=words,
             colors=tints,
             radii=POINT,
@@ -226,14 +227,13 @@ def _still_graph(graph: Graph) -> Iterator[Still]:
         colours.SILVER if number is None else colours.link_colour(number)
         for _, _, number in graph.nodes
     ]
-    across = np.array([420.0, 260.0])
     yield (
         "",
         rr.GraphNodes(
             [identifier for identifier, _, _ in graph.nodes],
             labels=[label for _, label, _ in graph.nodes],
             colors=tints,
-            positions=across * np.reshape(graph.positions, (-1, 2)),
+            positions=np.array(GRAPH_SIZE) * np.reshape(graph.positions, (-1, 2)),
         ),
     )
     if graph.edges:

@@ -24,7 +24,7 @@ HTTP2_SETTINGS = 4
 class AbstractOutput(ABC):
     """One stream of a recording and the place it goes to."""
 
-    stream: "rr.RecordingStream"
+    stream: rr.RecordingStream
 
     @abstractmethod
     def open(self) -> None:
@@ -39,15 +39,15 @@ class AbstractOutput(ABC):
         """Make the recording final; `rows` rows of columns were sent."""
 
     @abstractmethod
-    def close(self) -> str:
-        """Let go of the place; return what is left of an unfinished recording."""
+    def close(self, keep: bool) -> str:
+        """Let go of the place; return what is kept of an unfinished recording."""
 
 
 @final
 class FileOutput(AbstractOutput):
     """A file that appears under its own name only when it is whole."""
 
-    def __init__(self, stream: "rr.RecordingStream", path: Path) -> None:
+    def __init__(self, stream: rr.RecordingStream, path: Path) -> None:
         self.stream = stream
         self.path = path
         self.part = path.with_name(path.name + ".part")
@@ -104,9 +104,12 @@ class FileOutput(AbstractOutput):
             ) from error
         self._pending = False
 
-    def close(self) -> str:
-        """Close the part file of a run that stopped half-way, and keep it."""
+    def close(self, keep: bool) -> str:
+        """Close the part file of a run that stopped half-way; `keep` it or not."""
         if not self._pending:
+            return ""
+        if not keep:
+            self._give_up()
             return ""
         self._pending = False
         self.stream.disconnect()
@@ -135,7 +138,7 @@ class FileOutput(AbstractOutput):
         self._remove()
 
     def _remove(self) -> None:
-        if self.part.is_file():
+        if self.part.is_file() or self.part.is_symlink():
             self.part.unlink(missing_ok=True)
 
 
@@ -143,7 +146,7 @@ class FileOutput(AbstractOutput):
 class ServedOutput(AbstractOutput):
     """A server on this computer that keeps the recording for viewers that come."""
 
-    def __init__(self, stream: "rr.RecordingStream", port: int) -> None:
+    def __init__(self, stream: rr.RecordingStream, port: int) -> None:
         self.stream = stream
         self.port = port
         self.url = f"rerun+http://127.0.0.1:{port}/proxy"
@@ -169,7 +172,7 @@ class ServedOutput(AbstractOutput):
         """Wait until the server holds everything; it goes on serving until closed."""
         self.flush()
 
-    def close(self) -> str:
+    def close(self, keep: bool) -> str:
         """Stop the server."""
         self.stream.disconnect()
         return ""
@@ -179,7 +182,7 @@ class ServedOutput(AbstractOutput):
 class ViewerOutput(AbstractOutput):
     """A viewer, or another server, that listens at a URL."""
 
-    def __init__(self, stream: "rr.RecordingStream", url: str) -> None:
+    def __init__(self, stream: rr.RecordingStream, url: str) -> None:
         self.stream = stream
         self.url = url
 
@@ -210,13 +213,13 @@ class ViewerOutput(AbstractOutput):
         """Wait until the viewer has everything."""
         self.flush()
 
-    def close(self) -> str:
+    def close(self, keep: bool) -> str:
         """Let go of the viewer."""
         self.stream.disconnect()
         return ""
 
 
-def _flush_live(stream: "rr.RecordingStream", place: str) -> None:
+def _flush_live(stream: rr.RecordingStream, place: str) -> None:
     try:
         stream.flush(timeout_sec=LIVE_TIMEOUT)
     except RuntimeError as error:

@@ -4,7 +4,7 @@ import re
 import time
 import uuid
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
@@ -34,9 +34,6 @@ from spherekit.view.outputs import (
 )
 from spherekit.view.sdk import rr
 from spherekit.view.timelines import SAMPLE, InputTimeline, input_timeline
-
-PANELS = "panels"
-PLOTS = "plots"
 
 NOTES = """\
 # {name}
@@ -89,10 +86,11 @@ class Recorder:
         self.name = name
         self.root = "/" + (re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "m")
         self._outputs: list[AbstractOutput] = []
+        application = f"spherekit-{self.root[1:]}"  # a viewer keeps one layout for each
         recording = str(uuid.uuid4())
 
         def stream() -> rr.RecordingStream:
-            return rr.RecordingStream(f"spherekit{self.root}", recording_id=recording)
+            return rr.RecordingStream(application, recording_id=recording)
 
         if path is not None:
             self._outputs.append(FileOutput(stream(), Path(path)))
@@ -140,7 +138,7 @@ class Recorder:
                 opened += 1
         except OutputError:
             for output in self._outputs[:opened]:
-                output.discard()
+                output.close(keep=False)
             raise
         return self
 
@@ -156,7 +154,7 @@ class Recorder:
                 self.finish()
         finally:
             for output in self._outputs:
-                left = output.close()
+                left = output.close(keep=self._rows > 0)
                 if left and error is not None:
                     error.add_note(left)
 
@@ -187,17 +185,17 @@ class Recorder:
         if inputs is not None and len(inputs) > 0:
             self._input = line = input_timeline(inputs)
             step = max(1, round((line.last - line.first) / max(len(inputs) - 1, 1)))
-            layout = Layout(self.root, line.name, line.first, line.last, step)
+            layout = Layout(self.root, line.name, step, (line.first, line.last))
             words = line.describe()
         else:
-            layout = Layout(self.root, SAMPLE, 0, 360, 1)
+            layout = Layout(self.root, SAMPLE, 1, None)
             words = ""
         self._layout = layout
         layout.branches.update(branches or {})
         for output in self._outputs:
             output.stream.send_recording_name(self.name)
             if properties:
-                output.stream.send_property("run", rr.AnyValues(**dict(properties)))
+                output.stream.send_property("run", rr.AnyValues(False, **properties))
         self._still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for suffix, archetype in entities.world():
             self._still(f"{self.root}/{suffix}", archetype)
@@ -272,3 +270,106 @@ class Recorder:
                 time.sleep(0.5)
         except KeyboardInterrupt:
             return
+
+    def _base(self, branch: int | None) -> str:
+        return self.root if branch is None else f"{self.root}/branch_{branch}"
+
+    def _path(self, branch: int | None, primitive: Primitive) -> str:
+        return f"{self._base(branch)}/{primitive.path.strip('/')}"
+
+    def _introduce(self, branch: int | None, primitive: Primitive) -> bool:
+        """Log what stays of a primitive seen for the first time; return if it was."""
+        path = self._path(branch, primitive)
+        if path in self._seen:
+            return False
+        self._seen.add(path)
+        labelled = self._labelled.setdefault(branch, set(self._labelled[None]))
+        for suffix, archetype in entities.still(primitive, labelled):
+            self._still(_below(path, suffix), archetype)
+        self._place(branch, path, primitive)
+        return True
+
+    def _introduce_status(self, branch: int | None, path: str) -> bool:
+        if path in self._seen:
+            return False
+        self._seen.add(path)
+        self._still(path, entities.failure_label())
+        if self._layout is not None:
+            self._layout.solids.append((branch, path))
+        return True
+
+    def _place(self, branch: int | None, path: str, primitive: Primitive) -> None:
+        """Give a new primitive its place in the window."""
+        layout = self._layout
+        if layout is None:
+            raise ValueError("call start first")
+        if branch is not None:
+            layout.branches.setdefault(branch, f"Branch {branch}")
+        match primitive:
+            case Body() | GreatCircle():
+                layout.solids.append((branch, path))
+            case Arrow(primary=primary):
+                layout.solids.append((branch, path))
+                self._paths[path] = (primary, [])
+                if not primary:
+                    layout.trails.append((branch, f"{path}/trail"))
+            case Series(group=group, label=label):
+                entry = SeriesEntry(branch, path, label)
+                layout.groups.setdefault(group, []).append(entry)
+            case Graph():
+                layout.panels.append(Panel(branch, path, "Links and pairs", True))
+            case Text(label=label):
+                layout.panels.append(Panel(branch, path, label, False))
+
+    def _lay_out(self) -> None:
+        if self._layout is not None:
+            blueprint = self._layout.blueprint()
+            self._each(lambda output: output.stream.send_blueprint(blueprint))
+
+    def _still(self, path: str, archetype: rr.AsComponents) -> None:
+        for output in self._outputs:
+            output.stream.log(path, archetype, static=True)
+
+    def _columns(
+        self,
+        path: str,
+        times: Sequence[rr.TimeColumn],
+        columns: Iterable[rr.ComponentColumn],
+        rows: int,
+    ) -> None:
+        if rows == 0:
+            return
+        columns = list(columns)
+        for output in self._outputs:
+            output.stream.send_columns(path, times, columns)
+        self._rows += rows
+
+    def _each(self, action: Callable[[AbstractOutput], None]) -> None:
+        """Do something with each place; a lost viewer does not stop a file."""
+        for output in tuple(self._outputs):
+            try:
+                action(output)
+            except OutputError as error:
+                kept = any(isinstance(other, FileOutput) for other in self._outputs)
+                if isinstance(output, FileOutput) or not kept:
+                    raise
+                warnings.warn(f"{error}; the file goes on", stacklevel=3)
+                self._outputs.remove(output)
+                output.close(keep=False)
+
+
+def _below(path: str, suffix: str) -> str:
+    return f"{path}/{suffix}" if suffix else path
+
+
+def _check_rows(primitive: Primitive, count: int) -> None:
+    """Raise ValueError if a primitive has another number of rows than the block."""
+    match primitive:
+        case Body(quaternions=rows) if rows is not None:
+            found = len(rows)
+        case Arrow(directions=rows) | GreatCircle(normals=rows) | Series(values=rows):
+            found = len(rows)
+        case _:
+            return
+    if found != count:
+        raise ValueError(f"{primitive.path} has {found} rows, the block has {count}")

@@ -5,10 +5,10 @@ import os
 os.environ.setdefault("CI", "true")  # the only switch that keeps its analytics off
 os.environ.setdefault("RUST_LOG", "error")
 
-import rerun as rr  # noqa: E402
-import rerun.blueprint as rrb  # noqa: E402
-from rerun.chunk import RrdReader  # noqa: E402
-from rerun.experimental import ViewerClient  # noqa: E402
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
 
 rr.set_strict_mode(True)  # without it, wrong shapes only warn and nothing is logged
 

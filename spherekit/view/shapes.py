@@ -28,9 +28,7 @@ def quaternions_to(normals: Floats) -> Floats:
     return np.where(length > 1e-9, quaternion / safe, half_turn)
 
 
-def sphere_mesh(
-    columns: int = 96, rows: int = 48
-) -> tuple[Floats, NDArray[np.uint32]]:
+def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, NDArray[np.uint32]]:
     """Return vertices (v, 3) and triangles (t, 3) of the unit sphere."""
     longitude, colatitude = np.meshgrid(
         np.linspace(0.0, 2.0 * np.pi, columns + 1), np.linspace(0.0, np.pi, rows + 1)
@@ -70,7 +68,7 @@ def path_on_sphere(directions: Floats) -> list[Floats]:
     A path is cut where a row is NaN, and where it jumps by more than a right angle
     from one sample to the next. A direction that does not move has no path.
     """
-    finite = np.isfinite(directions).all(axis=1)
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(directions).all(axis=1))
     joined = finite[1:] & finite[:-1]
     joined &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
     pieces = np.split(directions, np.flatnonzero(~joined) + 1)

@@ -32,7 +32,8 @@ class InputTimeline:
 
     def ticks(self, inputs: Floats) -> NDArray[np.int64]:
         """Return input angles (n,) rad as whole units of this timeline."""
-        return np.rint(np.degrees(inputs) * self.scale).astype(np.int64)
+        ticks: NDArray[np.int64] = np.rint(np.degrees(inputs) * self.scale)
+        return ticks.astype(np.int64)
 
     def describe(self) -> str:
         """Return one sentence for the notes of a recording."""

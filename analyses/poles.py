@@ -1,0 +1,169 @@
+"""Pole axes and velocity coefficients of links relative to each other."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.scene import Arrow, GreatCircle, Primitive, Scene, Series
+from spherekit.analysis.tables import (
+    BRANCH,
+    INPUT,
+    RESIDUAL,
+    SAMPLE,
+    STATUS,
+    Column,
+    Table,
+    TableData,
+)
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.poles import Pole, all_poles, parse_pole, pole_of
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Poles(AbstractAnalysis):
+    """Pole axis, velocity coefficient and its derivative for pairs of links.
+
+    `only` lists the poles wanted, such as ``31+42``; all by default. `show` is the pole
+    whose two great circles are drawn; by default the first secondary one.
+    """
+
+    name: ClassVar[str] = "poles"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "pole axes and velocity coefficients of all pairs of links"
+    cites: ClassVar[tuple[str, ...]] = (
+        "R. Di Gregorio, Proc. IMechE C 225(9), 2011, 2062-2075",
+        "R. Di Gregorio, Mechanism and Machine Theory 2024, 105720, eqs. (3), (5), (8)",
+    )
+    rowwise: ClassVar[bool] = True
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "poles",
+            "one row per sample, branch and pair of links",
+            (
+                SAMPLE,
+                BRANCH,
+                INPUT,
+                Column("link", "", "the link that moves", "text"),
+                Column("relative_to", "", "the link it is seen from", "text"),
+                Column("ux", "", "pole axis, x in ground axes"),
+                Column("uy", "", "pole axis, y in ground axes"),
+                Column("uz", "", "pole axis, z in ground axes"),
+                Column("rate", "", "rate * u = angular velocity per unit rate of q"),
+                Column("rate_dq", "1/rad", "derivative of rate by q"),
+                Column("conditioning", "", "sine of the angle of the two planes used"),
+                RESIDUAL,
+                STATUS,
+            ),
+        ),
+    )
+
+    only: tuple[str, ...] = ()
+    show: str = ""
+
+    def poles(self, mechanism: Mechanism) -> tuple[Pole, ...]:
+        """Return the wanted poles as pairs of link numbers."""
+        if self.only:
+            return tuple(dict.fromkeys(parse_pole(mechanism, text) for text in self.only))
+        return all_poles(len(mechanism.links))
+
+    def shown(self, mechanism: Mechanism) -> Pole | None:
+        """Return the pole whose great circles are drawn, if any is secondary."""
+        if self.show:
+            return parse_pole(mechanism, self.show)
+        primary = {pole_of(*ends) for ends in mechanism.ends}
+        return next((p for p in self.poles(mechanism) if p not in primary), None)
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return the wanted poles with their rates, derivatives and great circles."""
+        wanted = frozenset(self.poles(mechanism))
+        shown = self.shown(mechanism)
+        return Needs(
+            directions=wanted,
+            rates=wanted,
+            derivatives=True,
+            planes=frozenset() if shown is None else frozenset([shown]),
+        )
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return the table `poles`."""
+        mechanism = batch.mechanism
+        wanted = self.poles(mechanism)
+        n, k = len(batch), len(wanted)
+
+        def per_row(values: NDArray[Any]) -> NDArray[Any]:
+            return np.repeat(values, k)
+
+        def per_pole(values: list[NDArray[Any]]) -> NDArray[Any]:
+            return np.stack(values, axis=1).ravel()
+
+        directions = np.stack([batch.direction(*pole) for pole in wanted], axis=1)
+        directions = directions.reshape(n * k, 3)
+        links = np.array(mechanism.links)
+        return {
+            "poles": {
+                "sample": per_row(batch.sample),
+                "branch": per_row(batch.branch),
+                "q": per_row(batch.q),
+                "link": np.tile(links[[j for _, j in wanted]], n),
+                "relative_to": np.tile(links[[i for i, _ in wanted]], n),
+                "ux": directions[:, 0],
+                "uy": directions[:, 1],
+                "uz": directions[:, 2],
+                "rate": per_pole([batch.rate(*pole) for pole in wanted]),
+                "rate_dq": per_pole([batch.rate_dq(*pole) for pole in wanted]),
+                "conditioning": per_pole([batch.conditioning(*pole) for pole in wanted]),
+                "residual": per_row(batch.residual),
+                "status": per_row(batch.status),
+            }
+        }
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return arrows along the poles, great circles of one, coefficient plots."""
+        mechanism = batch.mechanism
+        primary = {pole_of(*ends) for ends in mechanism.ends}
+        driven = batch.plan.input
+        unit = _short(mechanism, pole_of(*mechanism.ends[driven]))
+        shown = self.shown(mechanism)
+        scenes = []
+        for number, rows in batch.branch_rows().items():
+            parts: list[Primitive] = []
+            for pole in self.poles(mechanism):
+                low, high = (mechanism.links[k] for k in pole)
+                short = _short(mechanism, pole)
+                parts.append(
+                    Arrow(
+                        f"pole/{high}_{low}",
+                        f"P{short}",
+                        batch.direction(*pole)[rows],
+                        pole in primary,
+                    )
+                )
+                for group, letter, values in (
+                    ("velocity coefficients", f"ω{short}/ω{unit}", batch.rate(*pole)),
+                    ("acceleration coefficients", f"(ω{short}/ω{unit})′", batch.rate_dq(*pole)),
+                ):
+                    if pole != pole_of(*mechanism.ends[driven]):
+                        where = f"plots/{group.split()[0]}/{high}_{low}"
+                        parts.append(Series(where, letter, group, values[rows]))
+            if shown is not None:
+                normals = batch.planes(*shown)[rows]
+                parts += [
+                    GreatCircle(
+                        f"construction/circle_{k}",
+                        f"great circle {k + 1} of P{_short(mechanism, shown)}",
+                        normals[:, k],
+                    )
+                    for k in (0, 1)
+                ]
+            scenes.append(Scene(number, tuple(parts)))
+        return tuple(scenes)
+
+
+def _short(mechanism: Mechanism, pole: Pole) -> str:
+    low, high = (mechanism.links[k] for k in pole)
+    return f"{high}{low}" if len(low) == len(high) == 1 else f"({high},{low})"

@@ -1,0 +1,1 @@
+"""The mechanism files that come with spherekit."""

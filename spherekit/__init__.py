@@ -1,0 +1,66 @@
+"""spherekit: analysis of spherical mechanisms from their link/pair graph.
+
+    import spherekit as sk
+
+    mechanism = sk.load("four_bar")
+    plan = sk.plan(mechanism)
+    motion = sk.trace(mechanism, samples=361)
+    result = sk.run(mechanism, "poles", samples=361)
+    result.frame()
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from spherekit.version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from spherekit.analysis.contract import AbstractAnalysis as AbstractAnalysis
+    from spherekit.analysis.contract import Batch as Batch
+    from spherekit.analysis.contract import Needs as Needs
+    from spherekit.analysis.result import RunResult as RunResult
+    from spherekit.analysis.run import run as run
+    from spherekit.conventions import Status as Status
+    from spherekit.errors import SpherekitError as SpherekitError
+    from spherekit.files.read import load as load
+    from spherekit.files.write import dump as dump
+    from spherekit.model.mechanism import Mechanism as Mechanism
+    from spherekit.motion.motion import Motion as Motion
+    from spherekit.motion.motion import trace as trace
+    from spherekit.planning.poles import Plan as Plan
+    from spherekit.planning.poles import plan as plan
+    from spherekit.planning.table import as_text as table
+
+_HOME = {
+    "AbstractAnalysis": "spherekit.analysis.contract:AbstractAnalysis",
+    "Batch": "spherekit.analysis.contract:Batch",
+    "Mechanism": "spherekit.model.mechanism:Mechanism",
+    "Motion": "spherekit.motion.motion:Motion",
+    "Needs": "spherekit.analysis.contract:Needs",
+    "Plan": "spherekit.planning.poles:Plan",
+    "RunResult": "spherekit.analysis.result:RunResult",
+    "SpherekitError": "spherekit.errors:SpherekitError",
+    "Status": "spherekit.conventions:Status",
+    "dump": "spherekit.files.write:dump",
+    "load": "spherekit.files.read:load",
+    "plan": "spherekit.planning.poles:plan",
+    "run": "spherekit.analysis.run:run",
+    "table": "spherekit.planning.table:as_text",
+    "trace": "spherekit.motion.motion:trace",
+}
+
+__all__ = ["__version__", *_HOME]  # noqa: PLE0604
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use, so that importing spherekit stays light."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'spherekit' has no attribute {name!r}")
+    module, _, attribute = _HOME[name].partition(":")
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,186 @@
+"""The contract between spherekit and an analysis: needs, batch, tables, scene.
+
+A plugin is a final frozen dataclass derived from `AbstractAnalysis`; its fields are its
+parameters. It says what it needs before anything is computed, gets exactly that for all
+samples at once, and returns the tables it declared.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.scene import Scene
+from spherekit.analysis.tables import Table, TableData
+from spherekit.errors import UndeclaredNeed
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import Plan, Pole, pole_of
+from spherekit.rates.field import PoleField
+from spherekit.sphere.rotation import Floats
+
+CONTRACT = 1
+"""Version of this contract; a plugin states the one it was written for."""
+
+
+@final
+@dataclass(frozen=True)
+class Needs:
+    """What an analysis reads, by link numbers, pair names and link names.
+
+    `directions`: poles whose axis direction is wanted. `rates`: poles whose velocity
+    coefficient is wanted too; with `derivatives`, also its derivative by the input.
+    `planes`: poles whose two great circles are wanted. `pair_values`, `rotations`: pairs
+    and links by name.
+    """
+
+    directions: frozenset[Pole] = frozenset()
+    rates: frozenset[Pole] = frozenset()
+    derivatives: bool = False
+    planes: frozenset[Pole] = frozenset()
+    pair_values: frozenset[str] = frozenset()
+    rotations: frozenset[str] = frozenset()
+
+    def union(self, other: "Needs") -> "Needs":
+        """Return what two analyses need together."""
+        return Needs(
+            self.directions | other.directions,
+            self.rates | other.rates,
+            self.derivatives or other.derivatives,
+            self.planes | other.planes,
+            self.pair_values | other.pair_values,
+            self.rotations | other.rotations,
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Batch:
+    """Read-only view of a block of samples of all branches, limited to declared needs.
+
+    Rows run branch after branch, in each the samples in order; failed rows hold NaN.
+    """
+
+    mechanism: Mechanism
+    plan: Plan
+    needs: Needs
+    _motion: Motion
+    _field: PoleField | None = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self._motion)
+
+    @property
+    def sample(self) -> NDArray[np.int64]:
+        """(n,) sample numbers."""
+        return self._motion.sample
+
+    @property
+    def branch(self) -> NDArray[np.int64]:
+        """(n,) branch numbers."""
+        return self._motion.branch
+
+    @property
+    def q(self) -> Floats:
+        """(n,) variable of the driven pair, rad."""
+        return self._motion.q
+
+    @property
+    def residual(self) -> Floats:
+        """(n,) closure residual, rad."""
+        return self._motion.residual
+
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """(n,) codes of `spherekit.conventions.Status`."""
+        return self._motion.status if self._field is None else self._field.status
+
+    def branch_rows(self) -> Mapping[int, slice]:
+        """Return the rows of each branch, by its number."""
+        k = self._motion.samples
+        return {
+            item.number: slice(n * k, (n + 1) * k)
+            for n, item in enumerate(self._motion.branches)
+        }
+
+    def direction(self, i: int, j: int) -> Floats:
+        """Return the pole axis of two links: unit vectors (n, 3) in ground axes."""
+        return self._pole(i, j, "directions", self._found().direction)
+
+    def conditioning(self, i: int, j: int) -> Floats:
+        """Return (n,) the sine of the angle between the two planes that gave the pole."""
+        return self._pole(i, j, "directions", self._found().angle)
+
+    def rate(self, i: int, j: int) -> Floats:
+        """Return (n,) the coefficient of link max(i, j) relative to the other."""
+        return self._pole(i, j, "rates", self._found().rate)
+
+    def rate_dq(self, i: int, j: int) -> Floats:
+        """Return (n,) the derivative of the coefficient by the input, 1/rad."""
+        if not self.needs.derivatives:
+            raise UndeclaredNeed("rate_dq was read; declare Needs(derivatives=True)")
+        return self._pole(i, j, "rates", self._found().rate_dq)
+
+    def planes(self, i: int, j: int) -> Floats:
+        """Return (n, 2, 3) unit normals of the great circles that gave the pole."""
+        return self._pole(i, j, "planes", self._found().planes)
+
+    def pair_value(self, name: str) -> Floats:
+        """Return (n,) the variable of a pair, rad in (-pi, pi]."""
+        if name not in self.needs.pair_values:
+            raise UndeclaredNeed(
+                f'pair_value("{name}") was read; declare it in Needs(pair_values=...)'
+            )
+        return self._motion.values[:, self.mechanism.pair_number[name]]
+
+    def rotation(self, link: str) -> Floats:
+        """Return (n, 3, 3) from link axes to ground axes."""
+        if link not in self.needs.rotations:
+            raise UndeclaredNeed(
+                f'rotation("{link}") was read; declare it in Needs(rotations=...)'
+            )
+        return self._motion.rotations[:, self.mechanism.link_number[link]]
+
+    def _found(self) -> PoleField:
+        if self._field is None:
+            raise UndeclaredNeed("a pole was read; declare it in needs()")
+        return self._field
+
+    def _pole(self, i: int, j: int, what: str, values: Mapping[Pole, Floats]) -> Floats:
+        pole = pole_of(i, j)
+        if pole not in getattr(self.needs, what):
+            links = self.mechanism.links
+            raise UndeclaredNeed(
+                f"the pole of links {links[pole[1]]} and {links[pole[0]]} was read; "
+                f"declare it in Needs({what}=...)"
+            )
+        return values[pole]
+
+
+class AbstractAnalysis(ABC):
+    """Base class of analyses; subclasses are final frozen dataclasses of parameters."""
+
+    name: ClassVar[str]
+    version: ClassVar[str]
+    contract: ClassVar[int] = CONTRACT
+    summary: ClassVar[str]
+    cites: ClassVar[tuple[str, ...]] = ()
+    tables: ClassVar[tuple[Table, ...]]
+    rowwise: ClassVar[bool] = False
+    """Whether rows depend on their own sample only: then blocks are given as they come."""
+
+    @abstractmethod
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return what will be read; cheap, and `AnalysisError` for bad parameters."""
+
+    @abstractmethod
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return the declared tables by name for all rows of the batch."""
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return what is to be seen of the batch; nothing by default."""
+        del batch
+        return ()

@@ -1,0 +1,309 @@
+"""Running analyses: what they need is planned, evaluated in blocks, and handed over."""
+
+import hashlib
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any, Protocol
+
+import numpy as np
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.registry import create
+from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
+from spherekit.analysis.scene import Scene
+from spherekit.analysis.stage import motion_scenes, plan_notes, static_scene
+from spherekit.analysis.tables import (
+    BRANCH,
+    INPUT,
+    RESIDUAL,
+    SAMPLE,
+    STATUS,
+    Column,
+    Table,
+    TableData,
+    concatenate,
+)
+from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
+from spherekit.errors import SpherekitError
+from spherekit.files.write import canonical_text
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import BLOCK, DEFAULT_SAMPLES, Motion, Tracer, status_counts
+from spherekit.planning.rigidity import graph_mobility
+from spherekit.rates.core import rank_mobility
+from spherekit.rates.field import PoleField, SignMemory, evaluate
+from spherekit.rates.request import Request, request
+from spherekit.sphere.rotation import Floats
+from spherekit.version import __version__
+
+
+class Recorder(Protocol):
+    """What a run tells a viewer while it goes on; see `spherekit.view`."""
+
+    def start(self, scenes: Sequence[Scene], input_values: Floats) -> None:
+        """Take the static scenes and all input values (samples,) rad of the run."""
+
+    def log(self, scene: Scene, samples: Any, input_values: Floats) -> None:
+        """Take one block of one branch: sample numbers (k,), inputs (k,) rad."""
+
+
+Progress = Callable[[int, int], None]
+
+
+def needs_of(mechanism: Mechanism, analyses: Sequence[AbstractAnalysis]) -> Needs:
+    """Return what several analyses need together."""
+    together = Needs()
+    for analysis in analyses:
+        together = together.union(analysis.needs(mechanism))
+    return together
+
+
+def request_for(mechanism: Mechanism, driven: str, needs: Needs) -> Request:
+    """Return the planned request behind some needs."""
+    return request(
+        mechanism,
+        driven,
+        sorted(needs.directions),
+        sorted(needs.rates),
+        needs.derivatives,
+        sorted(needs.planes),
+    )
+
+
+def run(
+    mechanism: Mechanism,
+    analyses: str | AbstractAnalysis | Sequence[str | AbstractAnalysis] = "poles",
+    *,
+    samples: int = DEFAULT_SAMPLES,
+    input_pair: str | None = None,
+    branch: int | None = None,
+    search: bool = True,
+    recorder: Recorder | None = None,
+    progress: Progress | None = None,
+    block: int = BLOCK,
+) -> RunResult:
+    """Run analyses over the motion of a mechanism.
+
+    Parameters
+    ----------
+    mechanism
+        A single-DOF mechanism.
+    analyses
+        Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects.
+    samples
+        Number of input values over the input's range, both ends included.
+    input_pair, branch, search
+        See `spherekit.trace`.
+    recorder
+        Receives the scenes block by block while the run goes on.
+    progress
+        Called with samples done and samples in all after each block.
+    block
+        Samples evaluated at once.
+
+    Returns
+    -------
+    RunResult
+        An analysis that fails is in its `failures`; the others are not affected.
+
+    Raises
+    ------
+    AnalysisError, PlanError, SolveError
+        Before any sample is computed, for unknown names or impossible mechanisms.
+    """
+    started = time.perf_counter()
+    if isinstance(analyses, str | AbstractAnalysis):
+        analyses = [analyses]
+    chosen = [create(item) if isinstance(item, str) else item for item in analyses]
+    tracer = Tracer(mechanism, input_pair, branch, search)
+    mechanism = tracer.mechanism
+    driven = mechanism.inputs[0].pair
+    own = [analysis.needs(mechanism) for analysis in chosen]
+    needs = needs_of(mechanism, chosen)
+    wanted = request_for(mechanism, driven, needs)
+    planned = time.perf_counter()
+    collected: dict[str, list[dict[str, TableData]]] = {a.name: [] for a in chosen}
+    failures: dict[str, str] = {}
+    motions: list[Motion] = []
+    fields: list[PoleField | None] = []
+    memory = SignMemory()
+    inputs = tracer.inputs(samples)
+    if recorder is not None:
+        recorder.start([static_scene(wanted.plan)], inputs)
+
+    def attempt(analysis: AbstractAnalysis, what: Needs, motion: Motion, field: Any) -> None:
+        if analysis.name in failures:
+            return
+        batch = Batch(mechanism, wanted.plan, what, motion, field)
+        try:
+            tables = dict(analysis.compute(batch))
+            for table in analysis.tables:
+                table.check(tables[table.name], analysis.name)
+            collected[analysis.name].append(tables)
+            if recorder is not None:
+                _log(recorder, analysis.scene(batch), motion)
+        except SpherekitError as problem:
+            failures[analysis.name] = str(problem)
+        except Exception:  # a plugin's own fault must not lose the others' results
+            failures[analysis.name] = traceback.format_exc()
+
+    done = 0
+    for motion in tracer.blocks(samples, block):
+        field = evaluate(motion, wanted, memory) if wanted.poles else None
+        if recorder is not None:
+            _log(recorder, motion_scenes(motion), motion)
+        for analysis, what in zip(chosen, own, strict=True):
+            if analysis.rowwise:
+                attempt(analysis, what, motion, field)
+        motions.append(motion)
+        fields.append(field)
+        done += motion.samples
+        if progress is not None:
+            progress(done, samples)
+    if not all(analysis.rowwise for analysis in chosen):
+        whole = tracer.at(inputs)
+        field = evaluate(whole, wanted) if wanted.poles else None
+        for analysis, what in zip(chosen, own, strict=True):
+            if not analysis.rowwise:
+                attempt(analysis, what, whole, field)
+    results = {MOTION: _motion_result(mechanism, motions, fields)}
+    for analysis in chosen:
+        if analysis.name not in failures and collected[analysis.name]:
+            results[analysis.name] = _gather(analysis, collected[analysis.name])
+    finished = time.perf_counter()
+    summary = _summary(mechanism, tracer, wanted, chosen, motions, fields, failures)
+    summary["seconds"] = {
+        "plan_and_branches": planned - started,
+        "evaluate": finished - planned,
+    }
+    return RunResult(results, failures, summary)
+
+
+def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion) -> None:
+    k = motion.samples
+    for scene in scenes:
+        recorder.log(scene, motion.sample[:k], motion.q[:k])
+
+
+def _gather(analysis: AbstractAnalysis, parts: list[dict[str, TableData]]) -> AnalysisResult:
+    data = {}
+    for table in analysis.tables:
+        whole = concatenate([part[table.name] for part in parts])
+        data[table.name] = _in_order(whole) if len(parts) > 1 else whole
+    return AnalysisResult(analysis.name, analysis.tables, data)
+
+
+def _in_order(data: TableData) -> TableData:
+    """Rows by branch, then sample; rows of one sample keep their order."""
+    if "branch" not in data or "sample" not in data:
+        return data
+    order = np.lexsort((data["sample"], data["branch"]))
+    return {name: np.asarray(values)[order] for name, values in data.items()}
+
+
+def _motion_result(
+    mechanism: Mechanism, motions: list[Motion], fields: list[PoleField | None]
+) -> AnalysisResult:
+    pairs = [Column(f"theta_{p.name}", "rad", f"variable of pair {p.name}") for p in mechanism.pairs]
+    table = Table(
+        MOTION,
+        "the configurations: one row per sample and branch",
+        (SAMPLE, BRANCH, INPUT, *pairs, RESIDUAL, STATUS),
+    )
+    parts: list[TableData] = []
+    for motion, field in zip(motions, fields, strict=True):
+        part: dict[str, Any] = {
+            "sample": motion.sample,
+            "branch": motion.branch,
+            "q": motion.q,
+        }
+        for number, column in enumerate(pairs):
+            part[column.name] = motion.values[:, number]
+        part["residual"] = motion.residual
+        part["status"] = motion.status if field is None else field.status
+        parts.append(part)
+    whole = _in_order(concatenate(parts))
+    return AnalysisResult(MOTION, (table,), {MOTION: whole})
+
+
+def mechanism_hash(mechanism: Mechanism) -> str:
+    """Return the SHA-256 of a mechanism's canonical file, in hexadecimal."""
+    return hashlib.sha256(canonical_text(mechanism, "rad").encode()).hexdigest()
+
+
+def _summary(
+    mechanism: Mechanism,
+    tracer: Tracer,
+    wanted: Request,
+    chosen: Sequence[AbstractAnalysis],
+    motions: list[Motion],
+    fields: list[PoleField | None],
+    failures: dict[str, str],
+) -> dict[str, Any]:
+    status = np.concatenate(
+        [m.status if f is None else f.status for m, f in zip(motions, fields, strict=True)]
+    )
+    residual = np.concatenate([motion.residual for motion in motions])
+    branch = np.concatenate([motion.branch for motion in motions])
+    closed = np.isfinite(residual)
+    error = _largest([e for f in fields if f for e in f.error.values()])
+    by_equations = [float(np.mean(f.by_equations)) for f in fields if f]
+    rank = None
+    for motion in motions:
+        if np.any(motion.status == Status.OK):
+            first = int(np.argmax(motion.status == Status.OK))
+            axes = motion.axes[first : first + 1]
+            rank = int(rank_mobility(tracer.solver.closure.tree, axes)[0])
+            break
+    return {
+        "spherekit": __version__,
+        "numpy": np.__version__,
+        "mechanism": mechanism.name,
+        "mechanism_hash": mechanism_hash(mechanism),
+        "input": mechanism.inputs[0].pair,
+        "range_rad": [tracer.low, tracer.high],
+        "samples": sum(motion.samples for motion in motions),
+        "mobility": {"graph": graph_mobility(mechanism), "rank": rank},
+        "groups": [group.kind for group in tracer.assembly.groups],
+        "plan": plan_notes(wanted.plan),
+        "branches": [
+            {
+                "number": item.number,
+                "mode": item.label,
+                "complete_search": tracer.assembly.has_closed_form,
+                "status": status_counts(status[branch == item.number]),
+            }
+            for item in tracer.branches
+        ],
+        "status": status_counts(status),
+        "status_meaning": {
+            Status(code).name: STATUS_MEANING[Status(code)] for code in np.unique(status)
+        },
+        "closure_tolerance_rad": CLOSURE_TOLERANCE,
+        "errors_reached": {
+            "largest_closure_residual_rad": float(np.max(residual[closed]))
+            if np.any(closed)
+            else None,
+            "largest_direction_error_bound_rad": error,
+            "fraction_by_velocity_equations": float(np.mean(by_equations))
+            if by_equations
+            else None,
+        },
+        "analyses": [
+            {
+                "name": analysis.name,
+                "version": analysis.version,
+                "parameters": asdict(analysis),  # type: ignore[call-overload]
+                "failed": analysis.name in failures,
+                "cites": list(analysis.cites),
+            }
+            for analysis in chosen
+        ],
+    }
+
+
+def _largest(arrays: Sequence[Floats]) -> float | None:
+    finite = [array[np.isfinite(array)] for array in arrays]
+    finite = [array for array in finite if len(array)]
+    return float(max(np.max(array) for array in finite)) if finite else None

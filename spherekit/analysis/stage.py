@@ -1,0 +1,131 @@
+"""The stage every recording has: links turning on the sphere, the graph, the plan."""
+
+from typing import Any
+
+import numpy as np
+
+from spherekit.analysis.scene import Body, Graph, Primitive, Scene, Text
+from spherekit.model.geometry import link_axes
+from spherekit.model.graph import layout
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import BlockPoles, LinePole, Plan
+from spherekit.planning.table import as_markdown, describe
+from spherekit.sphere.rotation import Floats, arc
+
+CURVE_STEP = np.radians(2.0)
+
+
+def static_scene(plan: Plan) -> Scene:
+    """Return what does not move: the link/pair graph and the plan's Table."""
+    return Scene(None, (_graph(plan.mechanism), _text(plan)))
+
+
+def motion_scenes(motion: Motion) -> tuple[Scene, ...]:
+    """Return the turning links of every branch of a block."""
+    mechanism = motion.mechanism
+    axes = link_axes(mechanism)
+    scenes = []
+    for position, branch in enumerate(motion.branches):
+        rows = slice(position * motion.samples, (position + 1) * motion.samples)
+        bodies: list[Primitive] = []
+        for number, link in enumerate(mechanism.links):
+            quaternions = None if number == 0 else motion.quaternions(number)[rows]
+            names = list(axes[link])
+            joints = np.array([axes[link][name] for name in names]).reshape(-1, 3)
+            bodies.append(
+                Body(
+                    f"link/{link}",
+                    link,
+                    link_curves(joints),
+                    joints,
+                    names,
+                    number,
+                    quaternions,
+                )
+            )
+        scenes.append(Scene(branch.number, tuple(bodies)))
+    return tuple(scenes)
+
+
+def link_curves(joints: Floats) -> list[Floats]:
+    """Return the great-circle arcs (k, 3) that draw a link: its sides, in convex order."""
+    if len(joints) < 2:
+        return []
+    if len(joints) == 2:
+        return [great_arc(joints[0], joints[1])]
+    middle = joints.sum(axis=0)
+    length = np.linalg.norm(middle)
+    pole = middle / length if length > 1e-6 else joints[0]
+    side = joints - np.outer(joints @ pole, pole)
+    east = side[int(np.argmax(np.linalg.norm(side, axis=1)))]
+    east = east / np.linalg.norm(east)
+    azimuth = np.arctan2(side @ np.cross(pole, east), side @ east)
+    order = np.argsort(azimuth, kind="stable")
+    return [
+        great_arc(joints[a], joints[b])
+        for a, b in zip(order, np.roll(order, -1), strict=True)
+    ]
+
+
+def great_arc(a: Floats, b: Floats) -> Floats:
+    """Return points (k, 3) along the shorter great-circle arc between unit vectors."""
+    angle = float(arc(a, b))
+    across = b - (a @ b) * a
+    length = np.linalg.norm(across)
+    if length < 1e-12:
+        return np.array([a, b])
+    t = np.linspace(0.0, angle, max(2, int(np.ceil(angle / CURVE_STEP)) + 1))[:, None]
+    return np.asarray(np.cos(t) * a + np.sin(t) * (across / length))
+
+
+def _graph(mechanism: Mechanism) -> Graph:
+    places = layout(mechanism)
+    nodes: list[tuple[str, str, int | None]] = [
+        (f"link {name}", name if number else f"{name} (ground)", number)
+        for number, name in enumerate(mechanism.links)
+    ]
+    nodes += [(f"pair {p.name}", f"{p.type} {p.name}", None) for p in mechanism.pairs]
+    edges = [
+        (f"link {link}", f"pair {pair.name}")
+        for pair in mechanism.pairs
+        for link in pair.links
+    ]
+    return Graph("graph", nodes, edges, [*places.links, *places.pairs])
+
+
+def _text(plan: Plan) -> Text:
+    mechanism = plan.mechanism
+    driven = mechanism.pairs[plan.input]
+    steps = [
+        describe(plan, step)
+        for step in plan.steps
+        if isinstance(step, LinePole | BlockPoles)
+    ]
+    lines = [
+        f"# Plan of {mechanism.name}",
+        f"Input: pair {driven.name}, link {driven.links[1]} relative to {driven.links[0]}.",
+        "",
+        as_markdown(plan),
+        "",
+        "x: primary pole (axis of a pair). I, II, ...: the pass of the "
+        "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part.",
+        "",
+        "```",
+        *steps,
+        "```",
+    ]
+    if mechanism.source is not None:
+        lines += ["", f"Source: {mechanism.source.citation}"]
+    return Text("plan", "Plan", "\n".join(lines))
+
+
+def plan_notes(plan: Plan) -> dict[str, Any]:
+    """Return the plan's key figures for the summary."""
+    return {
+        "passes": max(plan.rounds.values(), default=0),
+        "poles": len(plan.rounds),
+        "irreducible_parts": [
+            [plan.mechanism.links[k] for k in block.links] for block in plan.blocks
+        ],
+    }

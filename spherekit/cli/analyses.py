@@ -1,0 +1,84 @@
+"""`spherekit analyses`: what is installed, broken plugins with their reason."""
+
+import argparse
+import json
+from dataclasses import MISSING
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("name", nargs="?", metavar="NAME", help="describe this one")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """List the analyses, or describe one."""
+    if options.name:
+        return _describe(options)
+    from spherekit.analysis.registry import load, records
+
+    rows = []
+    for record in records():
+        summary = "" if record.error else load(record.name).summary
+        rows.append((record, summary))
+    if options.json:
+        print(
+            json.dumps(
+                [
+                    {
+                        "name": record.name,
+                        "origin": record.origin,
+                        "target": record.target,
+                        "summary": summary,
+                        "error": record.error or None,
+                    }
+                    for record, summary in rows
+                ],
+                indent=2,
+            )
+        )
+        return 0
+    for record, summary in rows:
+        print(f"{record.name:20s} {summary or 'BROKEN: ' + record.error}")
+    return 0
+
+
+def _describe(options: argparse.Namespace) -> int:
+    from spherekit.analysis.registry import load, parameters
+
+    cls = load(options.name)
+    allowed = parameters(cls)
+    if options.json:
+        print(
+            json.dumps(
+                {
+                    "name": cls.name,
+                    "version": cls.version,
+                    "summary": cls.summary,
+                    "cites": cls.cites,
+                    "parameters": {key: shown for key, (shown, _) in allowed.items()},
+                    "tables": {
+                        table.name: [
+                            {"name": c.name, "unit": c.unit, "meaning": c.meaning}
+                            for c in table.columns
+                        ]
+                        for table in cls.tables
+                    },
+                },
+                indent=2,
+            )
+        )
+        return 0
+    print(f"{cls.name} {cls.version}: {cls.summary}")
+    for text in cls.cites:
+        print(f"  cites {text}")
+    print("parameters:" if allowed else "parameters: none")
+    for key, (shown, default) in allowed.items():
+        value = "required" if default is MISSING else f"default {default!r}"
+        print(f"  {key}: {shown}, {value}")
+    for table in cls.tables:
+        print(f"table {table.name}: {table.meaning}")
+        for column in table.columns:
+            unit = f" [{column.unit}]" if column.unit else ""
+            print(f"  {column.name:14s}{unit:8s} {column.meaning}")
+    return 0

@@ -1,0 +1,38 @@
+"""`spherekit mechanisms`: what can be named instead of a path."""
+
+import argparse
+import json
+import sys
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--json", action="store_true", help="as JSON")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """List the shipped mechanisms, one a line."""
+    from spherekit.errors import SpherekitError
+    from spherekit.files.library import shipped
+    from spherekit.files.read import load
+
+    rows = []
+    for pack in shipped():
+        if pack.fault:
+            print(f"spherekit: pack {pack.name}: {pack.fault}", file=sys.stderr)
+        for name in sorted(pack.files):
+            try:
+                mechanism = load(name)
+            except SpherekitError as problem:
+                print(f"spherekit: {problem}", file=sys.stderr)
+                continue
+            source = mechanism.source.citation if mechanism.source else ""
+            rows.append((name, len(mechanism.links), len(mechanism.pairs), source))
+    if options.json:
+        keys = ("name", "links", "pairs", "source")
+        print(json.dumps([dict(zip(keys, row, strict=True)) for row in rows], indent=2))
+        return 0
+    width = max((len(row[0]) for row in rows), default=0)
+    for name, links, pairs, source in rows:
+        print(f"{name:{width}}  {links:3d} links {pairs:3d} pairs  {source}")
+    return 0

@@ -1,0 +1,161 @@
+"""`spherekit run`: analyses over the motion, tables to a folder, scenes to a viewer."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from typing import Any
+
+from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
+from spherekit.errors import AnalysisError
+
+BAR = 30
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("file", metavar="FILE", help="path or shipped name")
+    parser.add_argument(
+        "-a", "--analysis", action="append", metavar="NAME[:key=value,...]",
+        help="analysis to run, may be repeated (default poles)",
+    )
+    parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
+    parser.add_argument("--samples", type=int, default=361, metavar="N")
+    parser.add_argument("--input", metavar="PAIR", help="the driven pair")
+    parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
+    parser.add_argument(
+        "--no-search", action="store_true",
+        help="only the assembly mode of the reference pose, if the file gives one",
+    )
+    parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    parser.add_argument(
+        "--strict", action="store_true", help="exit with 3 if any sample failed"
+    )
+    parser.add_argument("--save", metavar="X.rrd", help="write a recording")
+    live = parser.add_mutually_exclusive_group()
+    live.add_argument(
+        "--serve", nargs="?", const=9876, type=int, metavar="PORT",
+        help="serve the recording to viewers while the run goes on",
+    )
+    live.add_argument("--connect", metavar="URL", help="stream into a running viewer")
+    live.add_argument("--view", action="store_true", help="open the viewer")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run, write, and print the summary."""
+    from spherekit.analysis.run import run
+    from spherekit.files.read import load
+
+    if options.samples < 1:
+        raise AnalysisError(f"--samples must be at least 1, not {options.samples}")
+    mechanism = load(options.file)
+    if options.output is not None:
+        from spherekit.files.atomic import make_folder
+
+        make_folder(options.output)
+    with _recorder(options, mechanism.name) as recorder:
+        result = run(
+            mechanism,
+            options.analysis or ["poles"],
+            samples=options.samples,
+            input_pair=options.input,
+            branch=options.branch,
+            search=not options.no_search,
+            recorder=recorder,
+            progress=_progress(options),
+        )
+        if options.output is not None:
+            paths = result.write(options.output, options.deg)
+            if not options.quiet:
+                print(f"{len(paths)} files in {options.output}", file=sys.stderr)
+        if options.json:
+            print(json.dumps(result.summary, indent=2, ensure_ascii=False))
+        else:
+            print(report(result.summary))
+        sys.stdout.flush()
+        for name, why in result.failures.items():
+            print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
+        if options.serve is not None:
+            _keep_serving(options, recorder)
+    if options.save and not options.quiet:
+        print(f"recording in {options.save}", file=sys.stderr)
+    if result.failures:
+        return FAILED_ANALYSIS
+    failed = any(name != "OK" for name in result.summary["status"])
+    return FAILED_SAMPLES if options.strict and failed else 0
+
+
+def report(summary: Any) -> str:
+    """Return the summary in a few lines for people."""
+    errors = summary["errors_reached"]
+    mobility = summary["mobility"]
+    lines = [
+        f"{summary['mechanism']}: {summary['samples']} samples of input "
+        f"{summary['input']}, {len(summary['branches'])} branches; mobility "
+        f"{mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
+        f"{', '.join(summary['groups'])}"
+    ]
+    for branch in summary["branches"]:
+        counts = ", ".join(f"{n} {name}" for name, n in branch["status"].items())
+        lines.append(f"  branch {branch['number']} ({branch['mode']}): {counts}")
+    for name, meaning in summary["status_meaning"].items():
+        if name != "OK":
+            lines.append(f"  {name}: {meaning}")
+    if errors["largest_closure_residual_rad"] is not None:
+        lines.append(
+            f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
+        )
+    if errors["largest_direction_error_bound_rad"] is not None:
+        lines.append(
+            "largest error bound of a pole direction "
+            f"{errors['largest_direction_error_bound_rad']:.1e} rad"
+        )
+    return "\n".join(lines)
+
+
+def _recorder(options: argparse.Namespace, name: str) -> Any:
+    live = options.serve is not None or options.connect or options.view
+    if not (options.save or live):
+        return nullcontext(None)
+    from spherekit.view.rerun_view import Recorder
+
+    return Recorder.open(
+        name,
+        path=options.save,
+        serve=options.serve,
+        connect=options.connect,
+        spawn=options.view,
+    )
+
+
+def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
+    if not options.quiet:
+        print(
+            f"serving at {recorder.url}; open it with: rerun {recorder.url}\n"
+            "stop with Ctrl-C",
+            file=sys.stderr,
+        )
+    try:
+        while True:
+            time.sleep(3600)
+    except KeyboardInterrupt:
+        pass
+
+
+def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:
+    if options.quiet or not sys.stderr.isatty():
+        return None
+    started = time.monotonic()
+
+    def show(done: int, total: int) -> None:
+        if time.monotonic() - started < 0.5 and done < total:
+            return
+        filled = BAR * done // total
+        end = "\n" if done == total else ""
+        bar = "#" * filled + "." * (BAR - filled)
+        print(f"\r[{bar}] {done}/{total} samples", end=end, file=sys.stderr, flush=True)
+
+    return show

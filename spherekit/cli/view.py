@@ -1,0 +1,56 @@
+"""`spherekit view`: a recording in the viewer, or as a picture."""
+
+import argparse
+from pathlib import Path
+
+from spherekit.errors import OutputError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("file", metavar="FILE|DIR", help="X.rrd, or a folder with one")
+    parser.add_argument("--png", metavar="FILE", help="write a picture, no display needed")
+    parser.add_argument("--sample", type=int, metavar="N", help="sample to show")
+    parser.add_argument(
+        "--only-3d", action="store_true", help="only the mechanism in the picture"
+    )
+    parser.add_argument(
+        "--size", default="1600x1000", metavar="WxH", help="size of the picture"
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Open the viewer, or write the picture."""
+    path = find_recording(options.file)
+    if options.png is None:
+        from spherekit.view.screenshot import open_viewer
+
+        open_viewer(path)
+        return 0
+    from spherekit.view.screenshot import screenshot
+
+    try:
+        width, height = (int(part) for part in options.size.lower().split("x"))
+    except ValueError:
+        raise OutputError(f"--size {options.size!r}: write WIDTHxHEIGHT, as 1600x1000") from None
+    screenshot(
+        path,
+        Path(options.png),
+        sample=options.sample,
+        size=(width, height),
+        view="3D" if options.only_3d else "all",
+    )
+    return 0
+
+
+def find_recording(name: str) -> Path:
+    """Return the recording that a path or a folder stands for."""
+    path = Path(name)
+    if path.is_dir():
+        found = sorted(path.glob("*.rrd"))
+        if not found:
+            raise OutputError(f"{name}: the folder holds no recording; run with --save")
+        return max(found, key=lambda item: item.stat().st_mtime)
+    if not path.is_file():
+        raise OutputError(f"{name}: no such recording; make one: run FILE --save X.rrd")
+    return path

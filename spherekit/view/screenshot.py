@@ -1,0 +1,197 @@
+"""Pictures of a recording, taken by a viewer without a window."""
+
+import os
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import IO, Literal
+
+from spherekit.errors import OutputError
+from spherekit.view.sdk import ViewerClient
+from spherekit.view.timelines import SAMPLE, input_scale
+
+START_TIMEOUT = 30.0
+LOAD_TIMEOUT = 60.0
+FRAMES = 20
+
+NO_VULKAN = (
+    "the viewer found no graphics driver; install a Vulkan driver, on Debian and "
+    "Ubuntu the package mesa-vulkan-drivers, which needs no graphics card"
+)
+
+
+def screenshot(
+    recording: Path | str,
+    picture: Path | str,
+    *,
+    sample: int | None = None,
+    input_deg: float | None = None,
+    view: Literal["all", "3D"] = "all",
+    size: tuple[int, int] = (1600, 1000),
+) -> Path:
+    """Write a PNG of a recording at one sample, or at one input angle.
+
+    Parameters
+    ----------
+    recording : Path or str
+        The ``*.rrd`` file.
+    picture : Path or str
+        The PNG to write.
+    sample, input_deg : optional
+        Where to put the time cursor, one of the two; the start if neither is given.
+    view : "all" or "3D"
+        The whole window, or only the 3D view of the page in front.
+    size : (width, height)
+        Size of the window in points; the picture may have two pixels to a point.
+
+    """
+    recording, picture = Path(recording), Path(picture)
+    if not recording.is_file():
+        raise OutputError(f"{recording} does not exist")
+    if sample is not None and input_deg is not None:
+        raise ValueError("give a sample or an input angle, not both")
+    with _viewer(size) as client:
+        client.open(str(recording.resolve()))
+        timelines = _loaded(client, recording)
+        timeline, tick = _cursor(timelines, sample, input_deg, recording)
+        client.set_time(timeline, sequence=tick, play_state="paused")
+        state = client.get_state()
+        troubles = [report.summary for each in state.views for report in each.reports]
+        if troubles:
+            raise OutputError(f"the viewer cannot show {recording}: {troubles[0]}")
+        data = _settled(client, None)
+        if view == "3D":
+            data = _space(client, recording)
+    try:
+        picture.write_bytes(data)
+    except OSError as error:
+        raise OutputError(f"cannot write {picture}: {error.strerror}") from error
+    return picture
+
+
+def _settled(client: ViewerClient, view_id: str | None) -> bytes:
+    """Return a picture once it no longer changes: plots come some frames late."""
+    data = client.take_screenshot(view_id=view_id)
+    for _ in range(FRAMES):
+        time.sleep(0.1)
+        last, data = data, client.take_screenshot(view_id=view_id)
+        if data == last:
+            break
+    return data
+
+
+def _space(client: ViewerClient, recording: Path) -> bytes:
+    """Return a picture of the 3D view that is in front."""
+    for view in client.get_state().views:
+        if view.view_class == "3D":
+            try:
+                return _settled(client, view.view_id)
+            except ConnectionError as error:  # hidden behind another tab
+                if "NotFound" not in str(error):
+                    raise
+    raise OutputError(f"{recording} shows no 3D view")
+
+
+def _cursor(
+    timelines: dict[str, int],
+    sample: int | None,
+    input_deg: float | None,
+    recording: Path,
+) -> tuple[str, int]:
+    """Return the timeline and the time on it that were asked for."""
+    scales = {name: input_scale(name) for name in timelines}
+    inputs = [(name, scale) for name, scale in scales.items() if scale is not None]
+    if sample is None and input_deg is not None:
+        if not inputs:
+            raise OutputError(f"{recording} has no input timeline; name a sample")
+        name, scale = inputs[0]
+        return name, round(input_deg * scale)
+    if SAMPLE not in timelines:
+        raise OutputError(f"{recording} has no timeline named {SAMPLE}")
+    if sample is None and inputs:
+        return inputs[0][0], timelines[inputs[0][0]]
+    return SAMPLE, timelines[SAMPLE] if sample is None else sample
+
+
+def _loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
+    """Wait until a recording is there; return its timelines and where they start."""
+    deadline = time.monotonic() + LOAD_TIMEOUT
+    while time.monotonic() < deadline:
+        state = client.get_state()
+        active = [r for r in state.recordings if r.store_id == state.active_recording]
+        if active and not state.loading and active[0].timelines:
+            return {line.name: line.start or 0 for line in active[0].timelines}
+        time.sleep(0.05)
+    raise OutputError(
+        f"the viewer did not load {recording} within {LOAD_TIMEOUT:.0f} s; check it "
+        "with `rerun rrd verify`"
+    )
+
+
+@contextmanager
+def _viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
+    """Run a viewer without a window for a while."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [
+        str(_program()),
+        "--headless",
+        "--hide-welcome-screen",
+        "--bind=127.0.0.1",
+        f"--port={port}",
+        f"--window-size={size[0]}x{size[1]}",
+    ]
+    # Silent, since log messages would appear in the picture; panics are still heard.
+    environment = os.environ | {"RERUN_APP_ONLY": "true", "RUST_LOG": "off"}
+    with tempfile.TemporaryFile() as talk:
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=talk, env=environment
+        )
+        try:
+            _wait_for(process, port, talk)
+            yield ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+        except (RuntimeError, ConnectionError) as error:
+            raise OutputError(_complaint(process, talk, str(error))) from error
+        finally:
+            process.kill()
+            process.wait()
+
+
+def _wait_for(process: subprocess.Popen[bytes], port: int, talk: IO[bytes]) -> None:
+    deadline = time.monotonic() + START_TIMEOUT
+    while time.monotonic() < deadline:
+        if process.poll() is not None:
+            raise OutputError(_complaint(process, talk, "it ended at once"))
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+        except OSError:
+            time.sleep(0.05)
+        else:
+            return
+    raise OutputError(_complaint(process, talk, "it did not start"))
+
+
+def _complaint(process: subprocess.Popen[bytes], talk: IO[bytes], reason: str) -> str:
+    """Return why the viewer failed, from what it wrote on its error stream."""
+    talk.seek(0)
+    said = talk.read().decode(errors="replace")
+    lost = ("graphics adapter", "render context", "Vulkan", "wgpu")
+    if any(word in said for word in lost) and process.poll() is not None:
+        return NO_VULKAN
+    return f"the viewer could not take a picture: {reason}"
+
+
+def _program() -> Path:
+    """Return the viewer that belongs to the installed package, whatever the PATH."""
+    spec = find_spec("rerun_cli")
+    if spec is None or spec.origin is None:
+        raise OutputError("the viewer is missing; install the package rerun-sdk")
+    folder = Path(spec.origin).parent
+    name = "rerun.exe" if os.name == "nt" else "rerun"
+    return folder / name

@@ -1,0 +1,81 @@
+"""Independent ways to the same numbers; nothing here calls a solver of spherekit."""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+
+def null_space(count, ends, axes):
+    """Return link rates (count, 3) with |w| = 1 in all, and the relative gap.
+
+    The velocity equations themselves: w_b - w_a has no component across the pair's axis.
+    One link fixed, singular value decomposition; the gap is the second smallest singular
+    value over the largest.
+    """
+    rows = np.zeros((3 * len(ends), 3 * count))
+    for k, ((a, b), u) in enumerate(zip(ends, axes, strict=True)):
+        across = np.eye(3) - np.outer(u, u)
+        rows[3 * k : 3 * k + 3, 3 * b : 3 * b + 3] = across
+        rows[3 * k : 3 * k + 3, 3 * a : 3 * a + 3] = -across
+    _, values, right = np.linalg.svd(rows[:, 3:])
+    w = np.vstack([np.zeros(3), right[-1].reshape(-1, 3)])
+    return w, values[-2] / values[0]
+
+
+def closure_gap(mechanism, rotations, frames):
+    """Return the largest misalignment (rad) of a pair's axis between its two links."""
+    first, second = frames
+    worst = 0.0
+    for k, (a, b) in enumerate(mechanism.ends):
+        one = rotations[:, a] @ first[k, :, 2]
+        other = rotations[:, b] @ second[k, :, 2]
+        sine = np.linalg.norm(np.cross(one, other), axis=1)
+        worst = max(worst, float(np.nanmax(np.arctan2(sine, np.sum(one * other, axis=1)))))
+    return worst
+
+
+def integrated(ends, axes, driven, angle, rtol=1e-10):
+    """Return the pair axes (pairs, 3) and link rotations after turning the input.
+
+    The links are turned by their angular velocities from the null space, integrated
+    with an explicit Runge-Kutta method: no closure equation is solved, so no other
+    assembly mode can be met.
+    """
+    count = max(max(pair) for pair in ends) + 1
+    owner = [a for a, _ in ends]
+    axes = np.asarray(axes)
+
+    def rates(turned):
+        w, _ = null_space(count, ends, turned)
+        a, b = ends[driven]
+        return w / ((w[b] - w[a]) @ turned[driven])
+
+    def right(_, state):
+        q = state.reshape(count, 4)
+        q = q / np.linalg.norm(q, axis=1, keepdims=True)
+        turn = Rotation.from_quat(q)
+        turned = np.array([turn[owner[k]].apply(axes[k]) for k in range(len(ends))])
+        w = rates(turned)
+        x, y, z, s = q.T
+        wx, wy, wz = w.T
+        return 0.5 * np.stack(
+            [
+                wx * s + wy * z - wz * y,
+                wy * s + wz * x - wx * z,
+                wz * s + wx * y - wy * x,
+                -wx * x - wy * y - wz * z,
+            ],
+            axis=1,
+        ).ravel()
+
+    start = np.tile([0.0, 0.0, 0.0, 1.0], count)
+    end = solve_ivp(right, (0.0, angle), start, rtol=rtol, atol=1e-12, method="DOP853")
+    q = end.y[:, -1].reshape(count, 4)
+    turn = Rotation.from_quat(q / np.linalg.norm(q, axis=1, keepdims=True))
+    return np.array([turn[owner[k]].apply(axes[k]) for k in range(len(ends))]), turn
+
+
+def off_axis(direction, vector):
+    """Return the angle-like distance (n,) of lines along two vectors: |sin|."""
+    sine = np.linalg.norm(np.cross(direction, vector), axis=-1)
+    return sine / (np.linalg.norm(direction, axis=-1) * np.linalg.norm(vector, axis=-1))

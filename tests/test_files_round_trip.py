@@ -1,0 +1,305 @@
+"""Writing a mechanism and reading it back gives exactly the same mechanism."""
+
+import datetime
+import errno
+import math
+import os
+import stat
+import tomllib
+
+import numpy as np
+import pytest
+
+from spherekit.errors import OutputError
+from spherekit.files.angles import to_radians, to_text, unit_vector
+from spherekit.files.atomic import make_folder
+from spherekit.files.check import schema
+from spherekit.files.document import Written
+from spherekit.files.read import load, loads
+from spherekit.files.write import canonical_text, dump, dumps
+from spherekit.model.mechanism import (
+    Input,
+    LinkSizes,
+    Load,
+    Mass,
+    Mechanism,
+    Output,
+    Pair,
+    PoseGeometry,
+    Profile,
+    SizeGeometry,
+    Source,
+)
+
+UNITS = ("deg", "rad")
+USER = {
+    "note": 'say "x"\\ \t\n\x01\x7f é 😀',
+    "a key": {"deep er": {"x": [1, 2.5, True, {"y": "z", "w": []}]}},
+    "empty": {},
+    "day": datetime.date(2026, 11, 21),
+    "moment": datetime.datetime(2026, 11, 21, 4, 5, 6, 789, tzinfo=datetime.UTC),
+    "clock": datetime.time(4, 5),
+    "rates": [1e-300, -0.0, 1e22, 5e-324, math.inf],
+}
+
+
+def random_pairs(random, links):
+    """Return R pairs along a closed chain with one chord more, in random order."""
+    ends = [(k, (k + 1) % links) for k in range(links)] + [(0, links // 2)]
+    pairs = [
+        Pair(f"p{k}_{a}{b}", "R", (f"L{a}", f"L{b}") if k % 2 else (f"L{b}", f"L{a}"))
+        for k, (a, b) in enumerate(ends)
+    ]
+    return tuple(pairs[k] for k in random.permutation(len(pairs)))
+
+
+def random_profile(random, kind):
+    """Return a random profile of a kind."""
+    centre = random_axis(random)
+    angles = tuple(map(float, random.uniform(-1, 1, 3)))
+    if kind == "circle":
+        return Profile(kind, centre, radius=float(random.uniform(0.1, 3)))
+    if kind == "great_circle":
+        return Profile(kind, centre)
+    if kind == "fourier":
+        return Profile(kind, centre, cosines=angles, sines=angles[:2])
+    points = tuple(random_axis(random) for _ in range(5))
+    return Profile(kind, points=points, closed=bool(random.integers(2)))
+
+
+def random_axis(random):
+    """Return a random unit vector as floats."""
+    xyz = random.normal(size=3)
+    return tuple(map(float, xyz / np.linalg.norm(xyz)))
+
+
+def random_mechanism(seed):
+    """Return a random mechanism: any legal content, not one that moves."""
+    random = np.random.default_rng(seed)
+    count = int(random.integers(3, 7))
+    links = tuple(f"L{k}" for k in range(count))
+    pairs = random_pairs(random, count)
+    scale = 10.0 ** random.integers(-9, 1)
+
+    def angle():
+        return float(random.uniform(-2 * math.pi, 2 * math.pi) * scale)
+
+    if seed % 2:
+        contact = random.choice(["circle", "great_circle", "fourier", "points"], 2)
+        profiles = tuple(random_profile(random, str(kind)) for kind in contact)
+        axes = {pair.name: random_axis(random) for pair in pairs}
+        values = {pair.name: angle() for pair in pairs[1:]}
+        pairs = (*pairs, Pair("contact", "Cr", (links[1], links[0]), profiles))
+        geometry = PoseGeometry(axes, values)
+    else:
+        sizes = {}
+        for link in links:
+            on_link = tuple(pair.name for pair in pairs if link in pair.links)
+            arcs = tuple(angle() for _ in on_link[1:])
+            sizes[link] = LinkSizes(on_link, arcs, tuple(angle() for _ in on_link[2:]))
+        geometry = SizeGeometry(sizes, {pairs[0].name: angle()})
+    half = random.normal(size=(3, 3)) * 10.0 ** random.integers(-12, 12)
+    tensor = tuple(tuple(map(float, row)) for row in half + half.T)
+    first = pairs[0].name
+    return Mechanism(
+        name=f"random_{seed}",
+        ground=links[0],
+        links=links,
+        pairs=pairs,
+        geometry=geometry,
+        inputs=(Input(first, angle(), angle()),),
+        outputs=(Output("out", links[2], links[1]),),
+        masses=(Mass(links[1], tensor),),
+        loads=(Load("spring", first, f"-2*theta_{first}"),),
+        source=Source("A, 'B \"C\"', 2024", "nothing\nmuch") if seed % 3 else None,
+        user=USER if seed % 5 == 0 else {},
+    )
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("seed", range(40))
+def test_random_mechanisms(seed, unit, tmp_path):
+    mechanism = random_mechanism(seed)
+    path = tmp_path / "written.toml"
+    dump(mechanism, path, unit)
+    again = load(path)
+    assert again == mechanism
+    assert again.links == mechanism.links
+    assert dumps(again, unit) == path.read_text(encoding="utf-8")
+    assert tomllib.loads(dumps(mechanism, unit))["angle_unit"] == unit
+
+
+def test_every_radian_can_be_written_in_degrees():
+    random = np.random.default_rng(7)
+    angles = [*random.uniform(-13, 13, 9_000), *10.0 ** random.uniform(-300, 1, 2_000)]
+    longest = 0
+    for angle in map(float, angles):
+        for near in (angle, math.nextafter(angle, 0), math.nextafter(angle, 99)):
+            text = to_text(near, "deg")
+            assert to_radians(Written(text), "deg") == near
+            assert tomllib.loads(f"a = {text}")["a"] == float(text)
+            longest = max(longest, len(text.split("e")[0].strip("-").replace(".", "")))
+    assert longest <= 24
+
+
+def test_short_degrees_stay_short_and_mean_what_programs_compute():
+    for tenths in range(-7200, 7201):
+        degrees = tenths / 10
+        assert to_text(math.radians(degrees), "deg") in (repr(degrees), "0.0")
+    assert to_radians(Written("60.10000000000000000000000"), "deg") == math.radians(
+        60.1
+    )
+    assert to_radians(45, "deg") == math.pi / 4
+    assert to_text(math.pi, "deg") == "180.0"
+    assert to_text(math.radians(1e-9), "deg") == "1e-9"
+    assert to_text(5e-324, "rad") == "5e-324"
+
+
+def test_smallest_angles_in_degrees():
+    for angle in (5e-324, 1e-310, 2.2250738585072014e-308, -5e-324):
+        assert to_radians(Written(to_text(angle, "deg")), "deg") == angle
+
+
+def test_unit_vectors_are_left_alone_once_normalised():
+    random = np.random.default_rng(3)
+    for xyz in random.normal(size=(2000, 3)):
+        nearly = xyz / np.linalg.norm(xyz) * random.uniform(0.9995, 1.0005)
+        once = unit_vector(tuple(map(float, nearly)))
+        assert abs(math.hypot(*once) - 1) < 4e-16
+        assert unit_vector(once) == once
+
+
+def test_tables_stand_in_the_order_of_the_schema():
+    keys = list(tomllib.loads(dumps(random_mechanism(5))))
+    assert keys == [key for key in schema()["properties"] if key in keys]
+    pair = random_mechanism(1).pairs[-1].name
+    written = tomllib.loads(dumps(random_mechanism(1)))["pairs"][pair]
+    order = list(schema()["$defs"]["pair"]["properties"])
+    assert list(written) == sorted(written, key=order.index)
+
+
+def test_a_written_file_is_readable_by_people():
+    text = dumps(random_mechanism(2))
+    assert max(map(len, text.splitlines())) <= 100
+    assert text.startswith('format = 1\nname = "random_2"\nangle_unit = "deg"\n')
+    assert "\n\n[source]\n" in text
+    assert "\n\n\n" not in text
+
+
+def square(**changes):
+    """Return a small mechanism with some fields changed."""
+    fields = {
+        "name": "small",
+        "ground": "1",
+        "links": ("1", "2"),
+        "pairs": (Pair("a", "R", ("1", "2")),),
+        "geometry": PoseGeometry({"a": (0.0, 0.0, 1.0)}),
+    }
+    return Mechanism(**{**fields, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"user": {"x": None}}, "no value of type NoneType"),
+        ({"user": {"x": np.int64(3)}}, "no value of type int64"),
+        ({"user": {3: 1}}, "the key 3 is not text"),
+        ({"name": "a/b"}, "would not be readable"),
+        ({"inputs": (Input("a", 0.0, math.nan),)}, "would not be readable"),
+        ({"geometry": PoseGeometry({"a": (0.0, 0.0, 2.0)})}, "needs a unit vector"),
+        (
+            {"geometry": PoseGeometry({"a": (0.0, 0.0, 1.0001)})},
+            "geometry would not read",
+        ),
+        ({"loads": (Load("f", "a", "theta_b"),)}, "would not be readable"),
+        ({"masses": (Mass("2", np.eye(3)),)}, "masses"),
+    ],
+)
+def test_what_the_format_cannot_hold_is_refused(changes, words):
+    with pytest.raises(OutputError, match=r"^(small|a/b): ") as caught:
+        dumps(square(**changes))
+    assert words in str(caught.value)
+
+
+def test_user_data_that_differs_from_itself_is_written():
+    assert math.isnan(loads(dumps(square(user={"x": math.nan}))).user["x"])
+    assert loads(dumps(square(user={"x": (1, 2)}))).user == {"x": [1, 2]}
+
+
+def test_unknown_unit():
+    with pytest.raises(OutputError, match='allowed: "deg", "rad"'):
+        dumps(square(), "grad")
+
+
+def test_large_angles_are_written_in_degrees_only():
+    mechanism = square(inputs=(Input("a", 0.0, 20.0),))
+    assert loads(dumps(mechanism, "deg")) == mechanism
+    with pytest.raises(OutputError, match="more than two turns"):
+        dumps(mechanism, "rad")
+
+
+def test_places_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("x")
+    for path, words in (
+        (tmp_path / "none" / "x.toml", "the folder does not exist"),
+        (tmp_path / "file" / "x.toml", "a part of the path is a file"),
+        (tmp_path, "is a folder"),
+        (tmp_path / "x\0.toml", "null"),
+    ):
+        with pytest.raises(OutputError, match=words):
+            dump(square(), path)
+    with pytest.raises(OutputError, match="is a file, not a folder"):
+        make_folder(tmp_path / "file")
+    with pytest.raises(OutputError, match="a part of the path is a file"):
+        make_folder(tmp_path / "file" / "inner")
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+    assert make_folder(tmp_path / "a" / "b") == make_folder(tmp_path / "a" / "b")
+
+
+def test_text_that_is_not_unicode(tmp_path):
+    with pytest.raises(OutputError, match="has no UTF-8"):
+        dump(square(user={"x": "\ud800"}), tmp_path / "x.toml")
+
+
+def test_the_canonical_text_exists_also_where_no_file_does():
+    far = square(inputs=(Input("a", 0.0, 20.0),))
+    assert canonical_text(far, "rad") != canonical_text(square(), "rad")
+    assert canonical_text(square(), "deg") == dumps(square(), "deg")
+
+
+@pytest.mark.parametrize(
+    ("function", "code", "words"),
+    [
+        ("fsync", errno.ENOSPC, "the disk is full"),
+        ("open", errno.EACCES, "the folder is not writable"),
+        ("replace", errno.EROFS, "read-only"),
+    ],
+)
+def test_failed_writing_leaves_the_old_file(
+    tmp_path, monkeypatch, function, code, words
+):
+    path = tmp_path / "x.toml"
+    path.write_text("old")
+
+    def failing(*_):
+        raise OSError(code, os.strerror(code))
+
+    text = square()
+    monkeypatch.setattr(os, function, failing)
+    with pytest.raises(OutputError, match=words):
+        dump(text, path)
+    monkeypatch.undo()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_links_to_files_and_permissions_stay(tmp_path):
+    path, link = tmp_path / "x.toml", tmp_path / "link.toml"
+    dump(square(), path)
+    link.symlink_to(path)
+    dump(square(name="other"), link)
+    assert link.is_symlink()
+    assert load(path).name == "other"
+    mask = os.umask(0)
+    os.umask(mask)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~mask

@@ -1,0 +1,217 @@
+"""The planner: the lecture's Table, ancestors, irreducible parts, freedoms."""
+
+import json
+
+import networkx as nx
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, FOUR_BAR, joints, mechanism, random_axes, random_chain
+
+import spherekit as sk
+from spherekit.errors import PlanError
+from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry
+from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.poles import LinePole, all_poles, plan
+from spherekit.planning.table import as_dict, as_markdown, as_text, cells, describe
+
+LECTURE_TABLE = [
+    ["■", "x", "I", "x", "II", "x"],
+    ["x", "■", "x", "I", "III", "III"],
+    ["I", "x", "■", "x", "x", "II"],
+    ["x", "I", "x", "■", "III", "III"],
+    ["II", "III", "x", "III", "■", "x"],
+    ["x", "III", "II", "III", "x", "■"],
+]
+"""Di Gregorio 2019, lecture 2, case study 'Spherical Stephenson Mechanism'."""
+
+
+def test_table_of_the_lecture():
+    planned = sk.plan(sk.load("stephenson"))
+    assert cells(planned) == LECTURE_TABLE
+    text = as_text(planned).splitlines()
+    assert text[0].split() == list("123456")
+    assert [line.split()[1:] for line in text[1:]] == LECTURE_TABLE
+    markdown = [
+        [entry.strip() for entry in line.strip("|").split("|")]
+        for line in as_markdown(planned).splitlines()
+    ]
+    assert [row[1:] for row in markdown[2:]] == LECTURE_TABLE
+    assert json.loads(json.dumps(as_dict(planned)))["table"] == LECTURE_TABLE
+
+
+def test_steps_name_case_and_sources():
+    planned = sk.plan(sk.load("stephenson"))
+    lines = [describe(planned, step) for step in planned.steps]
+    assert "I    P31 case (a) = (P21 P32) x (P41 P43)" in lines
+    assert "II   P51 case (a) = (P31 P53) x (P61 P65)" in lines
+    assert "III  P62 case (a) = (P21 P61) x (P32 P63)" in lines
+
+
+def test_plan_for_one_pole_holds_only_its_ancestors():
+    planned = sk.plan(sk.load("stephenson"), ["5/2"])
+    secondary = [step.pole for step in planned.steps if isinstance(step, LinePole)]
+    assert secondary == [(0, 2), (0, 4), (1, 4)]
+    assert len(planned.steps) == 7 + 3
+    for chain in EIGHT_BARS:
+        whole = plan(mechanism(chain, random_axes(np.random.default_rng(1), 10)))
+        for pole in all_poles(8):
+            small = plan(whole.mechanism, [pole])
+            _check_ancestry(small, pole)
+
+
+def _check_ancestry(planned, pole):
+    known, used = set(), set()
+    for step in planned.steps:
+        if isinstance(step, LinePole):
+            assert len(step.via) >= 2
+            assert set(step.sources) <= known
+            used |= set(step.sources)
+            known.add(step.pole)
+        elif hasattr(step, "poles"):
+            known |= set(step.poles)
+        else:
+            known.add(step.pole)
+    assert pole in known
+    by_line = {s.pole for s in planned.steps if isinstance(s, LinePole)}
+    assert by_line <= used | {pole}
+
+
+def test_two_eight_bars_are_indeterminate_and_completed():
+    stuck = []
+    for number, chain in enumerate(EIGHT_BARS, start=1):
+        planned = plan(mechanism(chain, random_axes(np.random.default_rng(number), 10)))
+        assert set(planned.rounds) == set(all_poles(8))
+        if planned.blocks:
+            stuck.append((number, len(planned.blocks[0].poles)))
+    # the double butterfly (no pole by A-K) and the single flier (two of 18)
+    assert stuck == [(6, 16), (9, 18)]
+
+
+def test_passes_of_the_eight_bars():
+    # poles found in each pass; counted by hand-checked enumeration of the A-K closure
+    layers = {1: [6, 8, 4], 5: [2, 2, 4, 2, 8], 12: [2, 2, 6, 8], 15: [6, 12], 16: [2, 4, 12]}
+    for number, expected in layers.items():
+        planned = plan(mechanism(EIGHT_BARS[number - 1], random_axes(np.random.default_rng(0), 10)))
+        rounds = list(planned.rounds.values())
+        assert [rounds.count(k) for k in range(1, max(rounds) + 1)] == expected
+
+
+def test_atlas_is_complete_and_without_repetition():
+    graphs = [nx.Graph(joints(chain)) for chain in EIGHT_BARS]
+    for k, graph in enumerate(graphs):
+        assert not any(nx.is_isomorphic(graph, other) for other in graphs[:k])
+    random = np.random.default_rng(8)
+    seen = set()
+    for _ in range(400):
+        drawn = nx.Graph(random_chain(random, 8))
+        matches = [k for k, graph in enumerate(graphs) if nx.is_isomorphic(graph, drawn)]
+        assert len(matches) == 1
+        seen.add(matches[0])
+    assert len(seen) == 16
+
+
+def test_groups_of_every_input_of_the_eight_bars():
+    # 75 inputs leave dyads only, 53 a dyad and a triad, 32 one group of seven bodies
+    count = {"dyads": 0, "triad": 0, "seven": 0}
+    for chain in EIGHT_BARS:
+        made = mechanism(chain, random_axes(np.random.default_rng(2), 10))
+        for pair in made.pairs:
+            kinds = [len(g.bodies) for g in plan_assembly(made, pair.name).groups]
+            key = {3: "dyads", 5: "triad", 7: "seven"}[max(kinds)]
+            assert sum(k - 1 for k in kinds) == 6
+            count[key] += 1
+    assert count == {"dyads": 75, "triad": 53, "seven": 32}
+
+
+def test_random_ten_and_twelve_bars_are_planned_completely():
+    random = np.random.default_rng(10)
+    blocks = 0
+    for links in [10] * 30 + [12] * 10:
+        edges = random_chain(random, links)
+        planned = plan(mechanism(edges, random_axes(random, len(edges))))
+        assert set(planned.rounds) == set(all_poles(links))
+        blocks += bool(planned.blocks)
+    assert 0 < blocks < 40
+
+
+def test_plan_does_not_depend_on_order_or_names():
+    base = joints("1-2 1-4 1-5 2-3 2-7 3-4 3-8 5-6 5-8 6-7")
+    random = np.random.default_rng(5)
+    axes = random_axes(random, 10)
+    expected = plan(mechanism(base, axes)).rounds
+    for _ in range(10):
+        order = random.permutation(10)
+        rename = np.concatenate([[0, 1], 2 + random.permutation(7)])
+        edges = [tuple(int(rename[x]) for x in base[k]) for k in order]
+        rounds = plan(mechanism(edges, axes[order])).rounds
+        for (i, j), number in expected.items():
+            a, b = rename[i + 1] - 1, rename[j + 1] - 1
+            assert rounds[(min(a, b), max(a, b))] == number
+
+
+def _broken(edges, **changes):
+    made = mechanism(edges, random_axes(np.random.default_rng(0), len(joints(edges))))
+    return made if not changes else None
+
+
+@pytest.mark.parametrize(
+    ("edges", "words"),
+    [
+        ("1-2 2-3 3-4 1-4 5-6", ["not connected", "[5, 6]"]),
+        ("1-2 2-3 1-3", ["rigid", "[1, 2, 3]"]),
+        ("1-2 2-3 1-3 3-4 4-5 5-6 1-6", ["rigid", "[1, 2, 3]"]),
+        ("1-2 2-3 3-4 1-4 1-3 2-4 4-5", ["over-constrained"]),
+        ("1-2 2-3 3-4 4-5 1-5", ["= 2", "needs 1"]),
+    ],
+)
+def test_chains_without_a_single_freedom_are_refused(edges, words):
+    with pytest.raises(PlanError) as caught:
+        plan(_broken(edges))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_two_pairs_between_the_same_links_are_refused():
+    pairs = (Pair("a", "R", ("1", "2")), Pair("b", "R", ("1", "2")))
+    made = Mechanism(
+        "twice", "1", ("1", "2"), pairs, PoseGeometry({"a": (1, 0, 0), "b": (0, 1, 0)})
+    )
+    with pytest.raises(PlanError, match="over-constrained"):
+        plan(made)
+
+
+def test_unknown_pole_and_input():
+    made = sk.load("four_bar")
+    with pytest.raises(PlanError, match=r"is no pole.*LINK/LINK"):
+        sk.plan(made, ["5/1"])
+    with pytest.raises(sk.SpherekitError, match='did you mean "41"'):
+        sk.plan(made, input_pair="4_1")
+    assert sk.plan(made, ["31"]).requested == sk.plan(made, ["1/3"]).requested
+
+
+def test_mechanism_with_contact_pairs_uses_contact_lines():
+    # four-bar chain 1-2-3-4 whose pair 3-4 is a sliding contact and one bar less:
+    # a disc cam (1-2 R, 2-3 Cs, 1-3 R) has mobility 1, P23 by A-K and the contact plane
+    from spherekit.model.mechanism import Profile
+
+    circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
+    cam = Mechanism(
+        "cam",
+        "1",
+        ("1", "2", "3"),
+        (
+            Pair("12", "R", ("1", "2")),
+            Pair("13", "R", ("1", "3")),
+            Pair("23", "Cs", ("2", "3"), (circle, circle)),
+        ),
+        PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)}),
+    )
+    planned = plan(cam)
+    (step,) = [s for s in planned.steps if isinstance(s, LinePole)]
+    assert step.case == "b"
+    assert describe(planned, step) == "I    P32 case (b) = (P21 P31) x (contact 23)"
+
+
+def test_four_bar_mobility_words():
+    made = mechanism(FOUR_BAR, random_axes(np.random.default_rng(0), 4))
+    assert plan(made).input == 0

@@ -1,0 +1,461 @@
+"""The recordings: what is in the file, what happens when it cannot be written."""
+
+import resource
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from closed_forms import (
+    FOUR_BAR_ARCS,
+    Arcs,
+    Floats,
+    four_bar_angles,
+    four_bar_axes,
+    four_bar_coefficients,
+    four_bar_frames,
+    four_bar_poles,
+)
+
+pytest.importorskip("rerun", reason="the viewer extra is not installed")
+
+from rerun.chunk import RrdReader
+
+from spherekit.analysis.scene import (
+    Arrow,
+    Body,
+    Graph,
+    GreatCircle,
+    Primitive,
+    Scene,
+    Series,
+    Text,
+)
+from spherekit.errors import OutputError
+from spherekit.view.rerun_view import Recorder
+from spherekit.view.screenshot import screenshot
+from spherekit.view.shapes import path_on_sphere, quaternions_to
+from spherekit.view.timelines import input_scale, input_timeline
+
+SAMPLES = np.arange(361)
+INPUTS = np.radians(SAMPLES)
+NO_CRANK: Arcs = (np.pi / 3, np.radians(50), np.radians(40), np.radians(50))
+"""Closes on part of the turn only."""
+
+NAMES = ("1 frame", "2 crank", "3 coupler", "4 rocker")
+ENDS = (("41", "21"), ("21", "32"), ("32", "43"), ("43", "41"))
+
+
+def quaternions(matrices: Floats) -> Floats:
+    """Return (n, 4) xyzw of rotation matrices, as the largest eigenvectors."""
+    found = np.full((len(matrices), 4), np.nan)
+    good = np.isfinite(matrices).all(axis=(1, 2))
+    m = matrices[good]
+    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
+    k = np.zeros((len(m), 4, 4))
+    k[:, 0, 0], k[:, 1, 1], k[:, 2, 2] = xx - yy - zz, yy - xx - zz, zz - xx - yy
+    k[:, 3, 3] = xx + yy + zz
+    k[:, 1, 0], k[:, 2, 0] = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0]
+    k[:, 2, 1] = m[:, 1, 2] + m[:, 2, 1]
+    k[:, 3, 0], k[:, 3, 1] = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0]
+    k[:, 3, 2] = m[:, 1, 0] - m[:, 0, 1]
+    found[good] = np.linalg.eigh(k)[1][:, :, -1]
+    return found
+
+
+def link(number: int, arcs: Arcs, turn: Floats | None) -> Body:
+    """Return link `number` of the four-bar, along its arc from z towards y."""
+    angle = np.linspace(0.0, arcs[number - 1], 24)
+    curve = np.stack([np.zeros_like(angle), np.sin(angle), np.cos(angle)], axis=-1)
+    return Body(
+        path=f"link/{number}",
+        label=NAMES[number - 1],
+        curves=[curve],
+        joints=curve[[0, -1]],
+        joint_labels=ENDS[number - 1],
+        number=number - 1,
+        quaternions=turn,
+    )
+
+
+def resting(arcs: Arcs) -> Scene:
+    """Return what does not move: the frame, the graph, the plan."""
+    pairs = [("R " + name, (0.5 * x, 0.5 * y)) for name, x, y in PAIR_PLACES]
+    nodes = [(name[0], name, k) for k, name in enumerate(NAMES)]
+    nodes += [(name, name, None) for name, _ in pairs]
+    corners = [(0.0, 1.0), (0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
+    edges = [(f"R {name}", digit) for name, _, _ in PAIR_PLACES for digit in name]
+    graph = Graph("graph", nodes, edges, corners + [place for _, place in pairs])
+    return Scene(None, (link(1, arcs, None), graph, Text("plan", "Plan", PLAN)))
+
+
+PAIR_PLACES = (("21", 0, 1), ("32", 1, 0), ("43", 2, 1), ("41", 1, 2))
+PLAN = """```
+ pass   pole   lines
+    1   P31    (P21, P32) x (P41, P43)
+    1   P42    (P21, P41) x (P32, P43)
+```"""
+
+
+def block(mode: int, samples: np.ndarray, arcs: Arcs = FOUR_BAR_ARCS) -> Scene:
+    """Return the moving four-bar at some samples."""
+    q = INPUTS[samples]
+    frames = four_bar_frames(q, arcs, mode)
+    u = four_bar_axes(q, arcs, mode)
+    parts: list[Primitive] = [link(j, arcs, quaternions(frames[j])) for j in (2, 3, 4)]
+    parts += [Arrow(f"pole/{k}", f"P{k}", axis, True) for k, axis in u.items()]
+    parts += [
+        Arrow(f"pole/{k}", f"P{k}", axis, False)
+        for k, axis in four_bar_poles(q, arcs, mode).items()
+    ]
+    for a, b in (("41", "43"), ("21", "32")):
+        normal = np.cross(u[a], u[b])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        parts.append(GreatCircle(f"construction/31_{a}_{b}", f"P{a}, P{b}", normal))
+    third, fourth = four_bar_coefficients(q, arcs, mode)
+    theta41 = np.degrees(four_bar_angles(q, arcs, mode))
+    group = "Velocity coefficients"
+    parts += [
+        Series("plots/velocity/w31", "ω31/ω21", group, third),
+        Series("plots/velocity/w41", "ω41/ω21", group, fourth),
+        Series("plots/position/theta41", "θ41 (deg)", "Position", theta41),
+    ]
+    return Scene(mode, tuple(parts))
+
+
+def record(
+    path: Path, blocks: int = 1, arcs: Arcs = FOUR_BAR_ARCS, **places: object
+) -> Path:
+    """Record both modes of a four-bar."""
+    with Recorder("four bar", path=path, **places) as recorder:
+        recorder.start([resting(arcs)], INPUTS, branches={0: "Mode 0", 1: "Mode 1"})
+        for mode in (0, 1):
+            for samples in np.array_split(SAMPLES, blocks):
+                recorder.log(block(mode, samples, arcs), samples, INPUTS[samples])
+    return path
+
+
+def columns(path: Path) -> dict[tuple[str, str], list[object]]:
+    """Return the rows of every component that moves, and of the timelines."""
+    found: dict[tuple[str, str], list[object]] = {}
+    chunks = [chunk for chunk in RrdReader(path).stream() if not chunk.is_static]
+    batches = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks]
+    for entity, batch in sorted(
+        batches, key=lambda item: (item[0], item[1].column("sample")[0].as_py())
+    ):
+        for name in batch.schema.names:
+            if "row_id" not in name.lower():
+                rows = batch.column(name).to_pylist()
+                found.setdefault((entity, name), []).extend(rows)
+    return found
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The four-bar of the paper, in one block."""
+    return record(tmp_path_factory.mktemp("view") / "four_bar.rrd")
+
+
+@pytest.fixture(scope="module")
+def partial(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A four-bar that closes on part of the turn, in four blocks."""
+    path = tmp_path_factory.mktemp("view") / "no_crank.rrd"
+    return record(path, 4, NO_CRANK)
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_closed_forms_agree_with_each_other(mode: int) -> None:
+    theta21 = np.radians(np.arange(0.3, 360.0, 1.0))
+    step = 1e-5
+
+    def theta41(q: Floats) -> Floats:
+        return four_bar_angles(q, FOUR_BAR_ARCS, mode)
+
+    slope = (theta41(theta21 + step) - theta41(theta21 - step)) / (2.0 * step)
+    third, fourth = four_bar_coefficients(theta21, FOUR_BAR_ARCS, mode)
+    np.testing.assert_allclose(fourth, slope, atol=1e-8)
+    u = four_bar_axes(theta21, FOUR_BAR_ARCS, mode)
+    poles = four_bar_poles(theta21, FOUR_BAR_ARCS, mode)
+    omega = third[:, None] * poles["31"]
+    coupler = np.cross(omega, u["32"]) - np.cross(u["21"], u["32"])
+    np.testing.assert_allclose(coupler, 0.0, atol=1e-12)
+    along = np.einsum("ij,ij->i", u["43"], u["32"])
+    np.testing.assert_allclose(along, np.cos(FOUR_BAR_ARCS[2]), atol=1e-14)
+
+
+def test_series_keep_every_digit_and_both_timelines(recording: Path) -> None:
+    found = columns(recording)
+    for mode in (0, 1):
+        entity = f"/four_bar/branch_{mode}/plots/velocity/w41"
+        values = np.concatenate(found[entity, "Scalars:scalars"])
+        _, fourth = four_bar_coefficients(INPUTS, FOUR_BAR_ARCS, mode)
+        np.testing.assert_array_equal(values, fourth)
+        for timeline in ("sample", "input_deg"):
+            assert found[entity, timeline] == SAMPLES.tolist()
+
+
+def test_poles_and_links_are_where_they_belong(recording: Path) -> None:
+    found = columns(recording)
+    vectors = np.array(found["/four_bar/branch_1/pole/31", "Arrows3D:vectors"])
+    u31 = four_bar_poles(INPUTS, FOUR_BAR_ARCS, 1)["31"]
+    np.testing.assert_allclose(vectors[:, 0], 1.25 * u31, atol=1e-6)
+    entity = "/four_bar/branch_1/link/3"
+    turns = np.array(found[entity, "Transform3D:quaternion"])[:, 0]
+    frames = four_bar_frames(INPUTS, FOUR_BAR_ARCS, 1)
+    np.testing.assert_allclose(turns, quaternions(frames[3]), atol=1e-6)
+    np.testing.assert_allclose(np.array(found[entity, "Transform3D:scale"]), 1.0)
+
+
+def test_what_stays_is_logged_once(partial: Path) -> None:
+    still = [
+        (chunk.entity_path, name)
+        for chunk in RrdReader(partial).stream()
+        if chunk.is_static and chunk.entity_path.startswith("/four_bar")
+        for name in chunk.to_record_batch().schema.names
+        if ":" in name and "RowId" not in name
+    ]
+    assert len(still) == len(set(still))
+    curves = {entity for entity, name in still if name == "LineStrips3D:strips"}
+    links = {f"/four_bar/branch_{m}/link/{j}" for m in (0, 1) for j in (2, 3, 4)}
+    paths = {f"/four_bar/branch_{m}/pole/31/path" for m in (0, 1)}
+    assert links | paths | {"/four_bar/link/1"} <= curves
+
+
+@pytest.mark.parametrize("blocks", [5, 361])
+def test_block_size_does_not_matter(
+    recording: Path, tmp_path: Path, blocks: int
+) -> None:
+    assert columns(record(tmp_path / "b.rrd", blocks)) == columns(recording)
+
+
+def test_failed_samples_leave_nothing_on_the_screen(partial: Path) -> None:
+    found = columns(partial)
+    failed = np.isnan(four_bar_angles(INPUTS, NO_CRANK, 0))
+    assert 0 < failed.sum() < len(failed)
+    base = "/four_bar/branch_0"
+    arrows = found[f"{base}/pole/31", "Arrows3D:vectors"]
+    assert [len(row or []) for row in arrows] == (~failed).astype(int).tolist()
+    labels = found[f"{base}/link/3/labels", "Points3D:show_labels"]
+    assert [row[0] for row in labels] == (~failed).tolist()
+    for entity in (f"{base}/link/3", f"{base}/construction/31_41_43"):
+        turns = np.array(found[entity, "Transform3D:quaternion"])
+        assert np.isfinite(turns).all()
+        scale = np.array(found[entity, "Transform3D:scale"])[:, 0, 0]
+        assert np.array_equal(scale < 1e-3, failed)
+    shown = found[f"{base}/status", "Points3D:positions"]
+    assert [len(row or []) for row in shown] == failed.astype(int).tolist()
+    values = np.concatenate(found[f"{base}/plots/velocity/w41", "Scalars:scalars"])
+    assert np.array_equal(np.isnan(values), failed)
+
+
+def test_input_timeline_uses_the_coarsest_whole_unit() -> None:
+    for degrees, name in [
+        ([0.0, 90.0, 360.0], "input_deg"),
+        ([0.0, 0.5], "input_deg_x10"),
+        ([0.25], "input_deg_x100"),
+        ([-0.125, 7.0], "input_deg_x1000"),
+        ([1.0 / 3.0], "input_deg_x1000"),
+    ]:
+        line = input_timeline(np.radians(degrees))
+        assert line.name == name
+        assert line.exact == (degrees != [1.0 / 3.0])
+        ticks = np.rint(np.array(degrees) * line.scale)
+        assert np.array_equal(line.ticks(np.radians(degrees)), ticks)
+        assert input_scale(name) == line.scale
+    assert input_scale("sample") is None
+
+
+def test_shapes() -> None:
+    normals = np.array([[0, 0, 1.0], [0, 0, -1.0], [0.6, 0, -0.8], [0, 1.0, 0]])
+    x, y, z, w = quaternions_to(normals).T
+    turned = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
+    np.testing.assert_allclose(turned.T, normals, atol=1e-15)
+    angle = np.radians(np.arange(0.0, 100.0, 10.0))
+    arc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    arc[4] = np.nan
+    arc[7:] *= -1.0
+    lines = path_on_sphere(arc)
+    assert len(lines) == 3
+    for line in lines:
+        np.testing.assert_allclose(np.linalg.norm(line, axis=1), 1.0)
+        assert np.linalg.norm(np.diff(line, axis=0), axis=1).max() < np.radians(3.1)
+    assert path_on_sphere(np.tile([0.0, 0.0, 1.0], (5, 1))) == []
+    assert path_on_sphere(np.full((3, 3), np.nan)) == []
+
+
+def test_places_that_cannot_be_written(tmp_path: Path) -> None:
+    folder = tmp_path / "folder.rrd"
+    folder.mkdir()
+    for path, words in [
+        (folder, "is a folder"),
+        (tmp_path / "none" / "a.rrd", "does not exist"),
+        (tmp_path / "a.txt", "named *.rrd"),
+    ]:
+        with (
+            pytest.raises(OutputError, match=words.replace("*", r"\*")),
+            Recorder.to_file(path, "x"),
+        ):
+            pass
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full of Linux")
+def test_full_disk_from_the_start(tmp_path: Path) -> None:
+    (tmp_path / "a.rrd.part").symlink_to("/dev/full")
+    with pytest.raises(OutputError, match="room"):
+        record(tmp_path / "a.rrd")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_disk_that_fills_on_the_way_keeps_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    path.write_text("the recording of yesterday")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, hard))
+    try:
+        with pytest.raises(OutputError, match="make room"):
+            record(path, 8)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_text() == "the recording of yesterday"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_interrupted_run_keeps_its_part(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with (
+        pytest.raises(KeyboardInterrupt) as caught,
+        Recorder.to_file(path, "four bar") as recorder,
+    ):
+        recorder.start([resting(FOUR_BAR_ARCS)], INPUTS)
+        recorder.log(block(0, SAMPLES[:50]), SAMPLES[:50], INPUTS[:50])
+        raise KeyboardInterrupt
+    part = tmp_path / "a.rrd.part"
+    assert list(tmp_path.iterdir()) == [part]
+    assert str(part) in caught.value.__notes__[0]
+    assert len(columns(part)["/four_bar/branch_0/link/2", "sample"]) == 50
+
+
+def test_wrong_number_of_rows(tmp_path: Path) -> None:
+    with (
+        pytest.raises(ValueError, match="link/2 has 50 rows, the block has 49"),
+        Recorder.to_file(tmp_path / "a.rrd", "four bar") as recorder,
+    ):
+        recorder.start([], INPUTS)
+        recorder.log(block(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
+
+
+def test_no_viewer_listens(tmp_path: Path) -> None:
+    for url in ("127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"):
+        with (
+            pytest.raises(OutputError, match="looks like"),
+            Recorder.connected(url, "x"),
+        ):
+            pass
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        url = f"rerun+http://127.0.0.1:{other.getsockname()[1]}/proxy"
+        for listens in (False, True):
+            if listens:
+                other.listen()
+            with (
+                pytest.raises(OutputError, match="no viewer listens"),
+                Recorder("x", path=tmp_path / "a.rrd", url=url),
+            ):
+                pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def free_port() -> int:
+    """Return a port that nothing listens at."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def test_port_in_use() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with (
+            pytest.raises(OutputError, match="cannot serve"),
+            Recorder.serving(port, "x"),
+        ):
+            pass
+
+
+def test_file_and_live_together(tmp_path: Path, recording: Path) -> None:
+    port = free_port()
+    with Recorder.serving(port, "server") as server:
+        assert server.url == f"rerun+http://127.0.0.1:{port}/proxy"
+        path = record(tmp_path / "a.rrd", 3, url=server.url)
+    assert columns(path) == columns(recording)
+
+
+def test_lost_viewer_does_not_stop_the_file(tmp_path: Path, recording: Path) -> None:
+    port = free_port()
+    server = Recorder.serving(port, "server")
+    url = f"rerun+http://127.0.0.1:{port}/proxy"
+    with server, Recorder("four bar", path=tmp_path / "a.rrd", url=url) as recorder:
+        recorder.start([resting(FOUR_BAR_ARCS)], INPUTS, branches={0: "0", 1: "1"})
+        for mode in (0, 1):
+            if mode == 1:
+                server.__exit__(None, None, None)
+                with pytest.warns(UserWarning, match="the file goes on"):
+                    recorder.log(block(mode, SAMPLES), SAMPLES, INPUTS)
+            else:
+                recorder.log(block(mode, SAMPLES), SAMPLES, INPUTS)
+    assert columns(tmp_path / "a.rrd") == columns(recording)
+
+
+def picture(recording: Path, path: Path, **options: object) -> np.ndarray:
+    """Return a screenshot as an array, or skip the test where none can be taken."""
+    try:
+        screenshot(recording, path, **options)
+    except OutputError as error:
+        if "mesa-vulkan-drivers" in str(error):
+            pytest.skip("no Vulkan driver: install mesa-vulkan-drivers")
+        raise
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    return np.array(pytest.importorskip("PIL.Image").open(path).convert("RGB"))
+
+
+@pytest.mark.viewer
+def test_picture_shows_the_mechanism(recording: Path, tmp_path: Path) -> None:
+    first = picture(recording, tmp_path / "a.png", input_deg=60.0, size=(1200, 800))
+    again = picture(recording, tmp_path / "b.png", sample=60, size=(1200, 800))
+    assert first.shape[1] % 1200 == 0
+    near = np.abs(first[..., None, :].astype(int) - np.array(COLOURS)).max(axis=-1) < 40
+    assert (near.sum(axis=(0, 1)) > 150).all(), "a link or a pole is not to be seen"
+    space = first[:, : first.shape[1] // 2], again[:, : again.shape[1] // 2]
+    different = (space[0][:-80] != space[1][:-80]).any(axis=-1).mean()
+    assert different < 0.01
+
+
+COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
+
+
+@pytest.mark.viewer
+def test_picture_of_a_failed_sample(partial: Path, tmp_path: Path) -> None:
+    seen = picture(partial, tmp_path / "a.png", sample=60, view="3D")
+    gone = picture(partial, tmp_path / "b.png", sample=180, view="3D")
+    coupler = np.array(COLOURS[1])
+    assert (np.abs(seen.astype(int) - coupler).max(axis=-1) < 25).sum() > 150
+    assert (np.abs(gone.astype(int) - coupler).max(axis=-1) < 25).sum() < 20
+
+
+@pytest.mark.viewer
+def test_picture_without_graphics_names_the_package(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VK_DRIVER_FILES", "/nonexistent")
+    monkeypatch.setenv("VK_ICD_FILENAMES", "/nonexistent")
+    with pytest.raises(OutputError, match="mesa-vulkan-drivers"):
+        screenshot(recording, tmp_path / "a.png")
+
+
+def test_picture_of_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="does not exist"):
+        screenshot(tmp_path / "none.rrd", tmp_path / "a.png")
