@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     from spherekit.analysis.contract import Needs as Needs
     from spherekit.analysis.result import RunResult as RunResult
     from spherekit.analysis.run import run as run
+    from spherekit.analysis.study import run_study as run_study
     from spherekit.conventions import Status as Status
     from spherekit.errors import SpherekitError as SpherekitError
     from spherekit.files.read import load as load
+    from spherekit.files.study import Study as Study
+    from spherekit.files.study import load_study as load_study
     from spherekit.files.write import dump as dump
     from spherekit.model.mechanism import Mechanism as Mechanism
     from spherekit.motion.motion import Motion as Motion
@@ -41,10 +44,13 @@ _HOME = {
     "RunResult": "spherekit.analysis.result:RunResult",
     "SpherekitError": "spherekit.errors:SpherekitError",
     "Status": "spherekit.conventions:Status",
+    "Study": "spherekit.files.study:Study",
     "dump": "spherekit.files.write:dump",
     "load": "spherekit.files.read:load",
+    "load_study": "spherekit.files.study:load_study",
     "plan": "spherekit.planning.poles:plan",
     "run": "spherekit.analysis.run:run",
+    "run_study": "spherekit.analysis.study:run_study",
     "table": "spherekit.planning.table:as_text",
     "trace": "spherekit.motion.motion:trace",
 }

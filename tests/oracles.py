@@ -34,28 +34,27 @@ def closure_gap(mechanism, rotations, frames):
     return worst
 
 
-def integrated(ends, axes, driven, angle, rtol=1e-10):
-    """Return the pair axes (pairs, 3) and link rotations after turning the input.
+def integrated(ends, axes, driven, angles, rtol=1e-9):
+    """Return the pair axes (angles, pairs, 3) after turning the input by `angles`.
 
     The links are turned by their angular velocities from the null space, integrated
     with an explicit Runge-Kutta method: no closure equation is solved, so no other
-    assembly mode can be met.
+    assembly mode can be met. `angles` lie on one side of 0, in order away from it.
     """
     count = max(max(pair) for pair in ends) + 1
-    owner = [a for a, _ in ends]
+    owner = np.array([a for a, _ in ends])
     axes = np.asarray(axes)
 
-    def rates(turned):
-        w, _ = null_space(count, ends, turned)
-        a, b = ends[driven]
-        return w / ((w[b] - w[a]) @ turned[driven])
-
-    def right(_, state):
+    def turned_axes(state):
         q = state.reshape(count, 4)
         q = q / np.linalg.norm(q, axis=1, keepdims=True)
-        turn = Rotation.from_quat(q)
-        turned = np.array([turn[owner[k]].apply(axes[k]) for k in range(len(ends))])
-        w = rates(turned)
+        return q, Rotation.from_quat(q[owner]).apply(axes)
+
+    def right(_, state):
+        q, turned = turned_axes(state)
+        w, _ = null_space(count, ends, turned)
+        a, b = ends[driven]
+        w = w / ((w[b] - w[a]) @ turned[driven])
         x, y, z, s = q.T
         wx, wy, wz = w.T
         return 0.5 * np.stack(
@@ -69,10 +68,11 @@ def integrated(ends, axes, driven, angle, rtol=1e-10):
         ).ravel()
 
     start = np.tile([0.0, 0.0, 0.0, 1.0], count)
-    end = solve_ivp(right, (0.0, angle), start, rtol=rtol, atol=1e-12, method="DOP853")
-    q = end.y[:, -1].reshape(count, 4)
-    turn = Rotation.from_quat(q / np.linalg.norm(q, axis=1, keepdims=True))
-    return np.array([turn[owner[k]].apply(axes[k]) for k in range(len(ends))]), turn
+    found = solve_ivp(
+        right, (0.0, angles[-1]), start, t_eval=angles, rtol=rtol, atol=1e-11, method="DOP853"
+    )
+    states = np.asarray(found.y).reshape(len(start), -1).T
+    return np.array([turned_axes(state)[1] for state in states])
 
 
 def off_axis(direction, vector):

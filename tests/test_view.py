@@ -2,6 +2,7 @@
 
 import resource
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,16 @@ def block(mode: int, samples: np.ndarray, arcs: Arcs = FOUR_BAR_ARCS) -> Scene:
     return Scene(mode, tuple(parts))
 
 
+def part(scene: Scene, rows: np.ndarray) -> Scene:
+    """Return some rows of a scene."""
+    names = ("quaternions", "directions", "normals", "values")
+    parts = []
+    for primitive in scene.primitives:
+        name = next(name for name in names if hasattr(primitive, name))
+        parts.append(replace(primitive, **{name: getattr(primitive, name)[rows]}))
+    return Scene(scene.branch, tuple(parts))
+
+
 def record(
     path: Path, blocks: int = 1, arcs: Arcs = FOUR_BAR_ARCS, **places: object
 ) -> Path:
@@ -130,8 +141,9 @@ def record(
     with Recorder("four bar", path=path, **places) as recorder:
         recorder.start([resting(arcs)], INPUTS, branches={0: "Mode 0", 1: "Mode 1"})
         for mode in (0, 1):
+            whole = block(mode, SAMPLES, arcs)
             for samples in np.array_split(SAMPLES, blocks):
-                recorder.log(block(mode, samples, arcs), samples, INPUTS[samples])
+                recorder.log(part(whole, samples), samples, INPUTS[samples])
     return path
 
 
@@ -144,10 +156,16 @@ def columns(path: Path) -> dict[tuple[str, str], list[object]]:
         batches, key=lambda item: (item[0], item[1].column("sample")[0].as_py())
     ):
         for name in batch.schema.names:
-            if "row_id" not in name.lower():
+            if name != "rerun.controls.RowId":
                 rows = batch.column(name).to_pylist()
                 found.setdefault((entity, name), []).extend(rows)
     return found
+
+
+def differences(one: Path, other: Path) -> list[tuple[str, str]]:
+    """Return the components that two recordings do not share, NaN equal to NaN."""
+    a, b = columns(one), columns(other)
+    return sorted(k for k in a.keys() | b.keys() if repr(a.get(k)) != repr(b.get(k)))
 
 
 @pytest.fixture(scope="module")
@@ -225,7 +243,7 @@ def test_what_stays_is_logged_once(partial: Path) -> None:
 def test_block_size_does_not_matter(
     recording: Path, tmp_path: Path, blocks: int
 ) -> None:
-    assert columns(record(tmp_path / "b.rrd", blocks)) == columns(recording)
+    assert differences(record(tmp_path / "b.rrd", blocks), recording) == []
 
 
 def test_failed_samples_leave_nothing_on_the_screen(partial: Path) -> None:
@@ -390,7 +408,7 @@ def test_file_and_live_together(tmp_path: Path, recording: Path) -> None:
     with Recorder.serving(port, "server") as server:
         assert server.url == f"rerun+http://127.0.0.1:{port}/proxy"
         path = record(tmp_path / "a.rrd", 3, url=server.url)
-    assert columns(path) == columns(recording)
+    assert differences(path, recording) == []
 
 
 def test_lost_viewer_does_not_stop_the_file(tmp_path: Path, recording: Path) -> None:
@@ -406,7 +424,7 @@ def test_lost_viewer_does_not_stop_the_file(tmp_path: Path, recording: Path) -> 
                     recorder.log(block(mode, SAMPLES), SAMPLES, INPUTS)
             else:
                 recorder.log(block(mode, SAMPLES), SAMPLES, INPUTS)
-    assert columns(tmp_path / "a.rrd") == columns(recording)
+    assert differences(tmp_path / "a.rrd", recording) == []
 
 
 def picture(recording: Path, path: Path, **options: object) -> np.ndarray:

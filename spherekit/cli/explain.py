@@ -7,10 +7,12 @@ from typing import Any
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("file", metavar="FILE", help="path or shipped name")
+    parser.add_argument(
+        "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
+    )
     parser.add_argument(
         "-a", "--analysis", action="append", metavar="NAME[:key=value,...]",
-        help="analysis to explain, may be repeated (default poles)",
+        help="analysis to explain, may be repeated (default: the study's, or poles)",
     )
     parser.add_argument("--input", metavar="PAIR", help="the driven pair")
     parser.add_argument("--json", action="store_true", help="as JSON")
@@ -20,14 +22,16 @@ def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.registry import create
     from spherekit.analysis.run import needs_of, request_for
-    from spherekit.files.read import load
+    from spherekit.analysis.study import analyses_of
+    from spherekit.files.study import load_study
     from spherekit.planning.assembly import plan_assembly
     from spherekit.planning.poles import LinePole, PrimaryPole, default_input
     from spherekit.planning.table import describe, pole_name
 
-    mechanism = load(options.file)
+    study = load_study(options.file)
+    mechanism = study.mechanism
     driven = options.input or default_input(mechanism)
-    analyses = [create(text) for text in options.analysis or ["poles"]]
+    analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
     needs = needs_of(mechanism, analyses)
     wanted = request_for(mechanism, driven, needs)
     plan = wanted.plan

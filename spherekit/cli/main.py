@@ -16,7 +16,7 @@ from spherekit.version import __version__
 BAD_INPUT, USAGE, FAILED_SAMPLES, FAILED_ANALYSIS = 1, 2, 3, 4
 
 COMMANDS = {
-    "validate": "check mechanism files and say what they hold",
+    "validate": "check mechanism and study files and say what they hold",
     "plan": "print the Table and the steps that give every pole axis",
     "explain": "say what an analysis will compute, before any number is",
     "run": "run analyses over the motion; write tables and a recording",

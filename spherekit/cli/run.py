@@ -6,30 +6,39 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 from spherekit.errors import AnalysisError
+
+if TYPE_CHECKING:
+    from spherekit.files.study import Study
 
 BAR = 30
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("file", metavar="FILE", help="path or shipped name")
+    parser.add_argument(
+        "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
+    )
     parser.add_argument(
         "-a", "--analysis", action="append", metavar="NAME[:key=value,...]",
-        help="analysis to run, may be repeated (default poles)",
+        help="analysis to run, may be repeated (default: the study's, or poles)",
     )
     parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
-    parser.add_argument("--samples", type=int, default=361, metavar="N")
+    parser.add_argument("--samples", type=int, metavar="N", help="default 361")
     parser.add_argument("--input", metavar="PAIR", help="the driven pair")
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
         "--no-search", action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
     )
-    parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
+    parser.add_argument(
+        "--deg", action="store_true", help="angles in tables in degrees"
+    )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
         "--strict", action="store_true", help="exit with 3 if any sample failed"
@@ -46,31 +55,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run, write, and print the summary."""
-    from spherekit.analysis.run import run
-    from spherekit.files.read import load
+    from spherekit.analysis.registry import create
+    from spherekit.analysis.study import analyses_of, run_study
+    from spherekit.files.study import load_study
 
-    if options.samples < 1:
-        raise AnalysisError(f"--samples must be at least 1, not {options.samples}")
-    mechanism = load(options.file)
-    if options.output is not None:
+    study = overridden(load_study(options.file), options)
+    analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    if study.folder is not None:
         from spherekit.files.atomic import make_folder
 
-        make_folder(options.output)
-    with _recorder(options, mechanism.name) as recorder:
-        result = run(
-            mechanism,
-            options.analysis or ["poles"],
-            samples=options.samples,
-            input_pair=options.input,
-            branch=options.branch,
-            search=not options.no_search,
-            recorder=recorder,
-            progress=_progress(options),
+        make_folder(study.folder)
+    with _recorder(options, study) as recorder:
+        result = run_study(
+            study, analyses, recorder=recorder, progress=_progress(options)
         )
-        if options.output is not None:
-            paths = result.write(options.output, options.deg)
+        if study.folder is not None:
+            paths = result.write(study.folder, study.degrees)
             if not options.quiet:
-                print(f"{len(paths)} files in {options.output}", file=sys.stderr)
+                print(f"{len(paths)} files in {study.folder}", file=sys.stderr)
         if options.json:
             print(json.dumps(result.summary, indent=2, ensure_ascii=False))
         else:
@@ -80,12 +82,30 @@ def execute(options: argparse.Namespace) -> int:
             print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
         if options.serve is not None:
             _keep_serving(options, recorder)
-    if options.save and not options.quiet:
-        print(f"recording in {options.save}", file=sys.stderr)
+    if study.recording is not None and not options.quiet:
+        print(f"recording in {study.recording}", file=sys.stderr)
     if result.failures:
         return FAILED_ANALYSIS
     failed = any(name != "OK" for name in result.summary["status"])
     return FAILED_SAMPLES if options.strict and failed else 0
+
+
+def overridden(study: "Study", options: argparse.Namespace) -> "Study":
+    """Return a study in which the flags given explicitly replace what the file says."""
+    if options.samples is not None and options.samples < 1:
+        raise AnalysisError(f"--samples must be at least 1, not {options.samples}")
+    if options.input is not None:
+        study = replace(study, mechanism=study.mechanism.with_input(options.input))
+    given = {
+        "samples": options.samples,
+        "branch": options.branch,
+        "folder": None if options.output is None else Path(options.output),
+        "recording": None if options.save is None else Path(options.save),
+        "search": False if options.no_search else None,
+        "degrees": True if options.deg else None,
+    }
+    changes = {key: value for key, value in given.items() if value is not None}
+    return replace(study, **changes)
 
 
 def report(summary: Any) -> str:
@@ -116,15 +136,15 @@ def report(summary: Any) -> str:
     return "\n".join(lines)
 
 
-def _recorder(options: argparse.Namespace, name: str) -> Any:
+def _recorder(options: argparse.Namespace, study: "Study") -> Any:
     live = options.serve is not None or options.connect or options.view
-    if not (options.save or live):
+    if study.recording is None and not live:
         return nullcontext(None)
     from spherekit.view.rerun_view import Recorder
 
     return Recorder.open(
-        name,
-        path=options.save,
+        study.mechanism.name,
+        path=study.recording,
         serve=options.serve,
         connect=options.connect,
         spawn=options.view,

@@ -10,7 +10,10 @@ from spherekit.errors import SpherekitError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("files", nargs="+", metavar="FILE", help="path or shipped name")
+    parser.add_argument(
+        "files", nargs="+", metavar="FILE|STUDY",
+        help="mechanism or study: path or shipped name",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object per file")
 
 
@@ -28,18 +31,21 @@ def execute(options: argparse.Namespace) -> int:
             if options.json:
                 print(json.dumps({"file": name, "ok": False, "error": str(problem)}))
             continue
-        print(json.dumps({"file": name, "ok": True, **facts}) if options.json else line(facts))
+        text = json.dumps({"file": name, "ok": True, **facts})
+        print(text if options.json else line(facts))
     return bad
 
 
 def check(name: str) -> dict[str, Any]:
-    """Return what a mechanism file holds, having planned and assembled it."""
-    from spherekit.files.read import load
+    """Return what a mechanism or study file holds, having planned and assembled it."""
+    from spherekit.analysis.study import analyses_of
+    from spherekit.files.study import load_study
     from spherekit.motion.motion import Tracer
     from spherekit.planning.poles import default_input, plan
     from spherekit.planning.rigidity import graph_mobility
 
-    mechanism = load(name)
+    study = load_study(name)
+    mechanism = study.mechanism
     facts: dict[str, Any] = {
         "name": mechanism.name,
         "links": len(mechanism.links),
@@ -47,6 +53,9 @@ def check(name: str) -> dict[str, Any]:
         "mobility": graph_mobility(mechanism),
         "input": default_input(mechanism),
     }
+    if study.document is not None:
+        facts["study"] = study.name
+        facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
     planned = plan(mechanism)
     facts["irreducible_parts"] = len(planned.blocks)
     if all(pair.type == "R" for pair in mechanism.pairs):
@@ -58,10 +67,16 @@ def check(name: str) -> dict[str, Any]:
 
 def line(facts: dict[str, Any]) -> str:
     """Return one line that says what a good file holds."""
-    text = (
-        f"{facts['name']}: ok, {facts['links']} links, {facts['pairs']} pairs, mobility "
+    text = f"{facts['name']}: ok"
+    if "study" in facts:
+        text = f"{facts['study']}: ok, study of {facts['name']}"
+    text += (
+        f", {facts['links']} links, {facts['pairs']} pairs, mobility "
         f"{facts['mobility']}, input {facts['input']}"
     )
     if "groups" in facts:
-        text += f", groups: {', '.join(facts['groups']) or 'none'}, branches: {facts['branches']}"
+        groups = ", ".join(facts["groups"]) or "none"
+        text += f", groups: {groups}, branches: {facts['branches']}"
+    if "study" in facts:
+        text += f", analyses: {', '.join(facts['analyses'])}"
     return text

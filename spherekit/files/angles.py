@@ -5,7 +5,8 @@ from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 from typing import Literal
 
 from spherekit.conventions import EPS
-from spherekit.files.document import Written
+from spherekit.files.document import Document, Written
+from spherekit.files.locate import KeyPath
 
 AngleUnit = Literal["deg", "rad"]
 Vector = tuple[float, float, float]
@@ -36,6 +37,25 @@ def to_radians(number: float, unit: AngleUnit) -> float:
     if len(_EXACT.normalize(written).as_tuple().digits) <= _FLOAT_DIGITS:
         return math.radians(number)
     return float(_EXACT.multiply(written, _DEGREE))
+
+
+def angle_at(
+    document: Document, path: KeyPath, number: float, unit: AngleUnit
+) -> float:
+    """Return the angle that stands at a key path of a file, in radians.
+
+    Raises
+    ------
+    FileError
+        If a file in radians has a number that only makes sense in degrees.
+    """
+    if unit == "rad" and abs(number) > LARGEST_RADIANS:
+        raise document.fault(
+            path,
+            f"found {float(number)} rad, more than two turns: this looks like "
+            'degrees; write radians, or set angle_unit = "deg" for the whole file',
+        )
+    return to_radians(number, unit)
 
 
 def to_text(angle: float, unit: AngleUnit) -> str:

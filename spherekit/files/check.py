@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from itertools import islice
-from typing import Any
+from typing import Any, Literal
 
 from spherekit.conventions import MAX_NAME_LENGTH, listing, nearest
 from spherekit.errors import FileError
@@ -14,7 +14,13 @@ from spherekit.files.document import Document, spelt
 from spherekit.files.locate import KeyPath
 
 FORMAT = 1
-"""The format of mechanism files that this version reads and writes."""
+"""The format of mechanism and study files that this version reads and writes."""
+
+Kind = Literal["mechanism", "study"]
+_SCHEMAS: Mapping[Kind, str] = {
+    "mechanism": f"format_{FORMAT}.schema.json",
+    "study": f"study_{FORMAT}.schema.json",
+}
 
 _INTEGER_BITS = 200
 _Fault = tuple[KeyPath, str]
@@ -23,20 +29,21 @@ _TYPES = {
     "array": "an array [...]",
     "string": "text in quotes",
     "number": "a number",
+    "integer": "a whole number",
     "boolean": "true or false",
 }
 
 
 @cache
-def schema() -> Mapping[str, Any]:
-    """Return the JSON Schema of mechanism files: every key, its limits and unit."""
-    resource = files("spherekit.files") / f"format_{FORMAT}.schema.json"
+def schema(kind: Kind = "mechanism") -> Mapping[str, Any]:
+    """Return the JSON Schema of a kind of file: every key, its limits and unit."""
+    resource = files("spherekit.files") / _SCHEMAS[kind]
     found: Mapping[str, Any] = json.loads(resource.read_text(encoding="utf-8"))
     return found
 
 
-def check(document: Document) -> None:
-    """Refuse a document that breaks the format.
+def check(document: Document, kind: Kind = "mechanism") -> None:
+    """Refuse a document that breaks the format of its kind of file.
 
     Raises
     ------
@@ -47,8 +54,9 @@ def check(document: Document) -> None:
     faults = list(_not_numbers(document.data))
     if faults:
         raise document.faults(faults)
-    errors = _validator().iter_errors(document.data)
-    faults = list(islice((fault for error in errors for fault in _explain(error)), 100))
+    errors = _validator(kind).iter_errors(document.data)
+    explained = (fault for error in errors for fault in _explain(error, kind))
+    faults = list(islice(explained, 100))
     if faults:
         raise document.faults(faults)
 
@@ -66,12 +74,17 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def mismatch(value: object, wanted: str) -> str:
+    """Return the message about a value of another type than wanted."""
+    return f"found {shown(value)} ({_kind(value)}), needs {wanted}"
+
+
 @cache
-def _validator() -> Any:
+def _validator(kind: Kind) -> Any:
     # jsonschema takes longer to import than a mechanism file takes to read.
     from jsonschema import Draft202012Validator
 
-    return Draft202012Validator(schema())
+    return Draft202012Validator(schema(kind))
 
 
 def _check_format(document: Document) -> None:
@@ -108,7 +121,7 @@ def _not_numbers(data: Mapping[str, Any]) -> Iterator[_Fault]:
             yield path, f"found {shown(value)}, needs a number of ordinary size"
 
 
-def _explain(error: Any) -> Iterator[_Fault]:
+def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
     """Turn one error of jsonschema into a path and a message of ours."""
     path: KeyPath = tuple(error.absolute_path)
     rule, limit, value = error.validator, error.validator_value, error.instance
@@ -119,11 +132,10 @@ def _explain(error: Any) -> Iterator[_Fault]:
     elif rule == "required":
         for key in limit:
             if key not in value:
-                described = _described(error.schema, key)
+                described = _described(error.schema, key, kind)
                 yield path, f"the key {key} is missing{described}"
     elif rule == "type":
-        wanted = _TYPES.get(limit, limit)
-        yield path, f"found {shown(value)} ({_kind(value)}), needs {wanted}"
+        yield path, mismatch(value, _TYPES.get(limit, limit))
     elif rule in ("enum", "const"):
         allowed = limit if rule == "enum" else [limit]
         hint = nearest(value, allowed) if isinstance(value, str) else ""
@@ -167,8 +179,9 @@ def _unknown_keys(
             yield (*path, key), f"unknown key{hint or ';'} {allowed}"
 
 
-def _described(part: Mapping[str, Any], key: str) -> str:
-    parts = (part, *schema()["$defs"].values())
+def _described(part: Mapping[str, Any], key: str, kind: Kind) -> str:
+    whole = schema(kind)
+    parts = (part, *whole["$defs"].values(), whole)
     declared = [
         each["properties"].get(key, {}) for each in parts if "properties" in each
     ]

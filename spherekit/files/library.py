@@ -1,4 +1,4 @@
-"""Mechanism files by path or by name; names come from installed packs."""
+"""Mechanism and study files by path or name; names come from installed packs."""
 
 import os
 from collections.abc import Mapping
@@ -15,7 +15,8 @@ GROUP = "spherekit.mechanisms"
 """Entry-point group of packs; the value is the package that holds the files."""
 
 _SUFFIX = ".toml"
-_STUDY = ".study.toml"
+STUDY_SUFFIX = ".study.toml"
+"""How the names of study files end; all other files are mechanisms."""
 
 
 @final
@@ -29,6 +30,11 @@ class Pack:
     version: str
     files: Mapping[str, Path] = field(default_factory=dict)
     fault: str = ""
+    studies: Mapping[str, Path] = field(default_factory=dict)
+
+    def path(self, name: str) -> Path | None:
+        """Return the file with a name, a mechanism before a study."""
+        return self.files.get(name) or self.studies.get(name)
 
 
 def shipped() -> tuple[Pack, ...]:
@@ -38,7 +44,7 @@ def shipped() -> tuple[Pack, ...]:
 
 
 def find(name_or_path: str | os.PathLike[str]) -> Path:
-    """Return the path of a mechanism file, given its path or a shipped name.
+    """Return the path of a mechanism or study file, given as a path or shipped name.
 
     A plain name is looked up in the packs first, so that a folder of results named
     after its mechanism does not hide it.
@@ -52,11 +58,11 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
     path = Path(wanted)
     plain = isinstance(name_or_path, str) and _is_name(wanted)
     packs = shipped() if plain else ()
-    holders = [pack for pack in packs if wanted in pack.files]
+    holders = [held for pack in packs if (held := pack.path(wanted)) is not None]
     if len(holders) == 1:
-        return holders[0].files[wanted]
+        return holders[0]
     if holders:
-        paths = listing(pack.files[wanted] for pack in holders)
+        paths = listing(holders)
         raise FileError(f'"{wanted}" is shipped by several packs; give a path: {paths}')
     try:
         if path.exists():
@@ -66,6 +72,11 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
     raise FileError(_not_found(path, shipped()))
 
 
+def is_study(path: Path) -> bool:
+    """Return whether a path is named as a study file."""
+    return path.name.endswith(STUDY_SUFFIX)
+
+
 def _is_name(word: str) -> bool:
     return bool(NAME_PATTERN.fullmatch(word)) and len(word) <= MAX_NAME_LENGTH
 
@@ -73,7 +84,6 @@ def _is_name(word: str) -> bool:
 def _pack(entry: EntryPoint) -> Pack:
     distribution = entry.dist.name if entry.dist else "unknown"
     version = entry.dist.version if entry.dist else ""
-    known = Pack(entry.name, entry.value, distribution, version)
 
     def broken(fault: str) -> Pack:
         return Pack(entry.name, entry.value, distribution, version, fault=fault)
@@ -85,23 +95,29 @@ def _pack(entry: EntryPoint) -> Pack:
     if spec is None:
         return broken(f'no package is named "{entry.value}"')
     files: dict[str, Path] = {}
+    studies: dict[str, Path] = {}
     for folder in spec.submodule_search_locations or ():
         try:
             entries = sorted(Path(folder).iterdir())
         except OSError as error:
             return broken(f"{folder}: {error.strerror}; install the pack unpacked")
         for path in entries:
-            if path.name.endswith(_SUFFIX) and not path.name.endswith(_STUDY):
-                if not _is_name(path.stem):
-                    return broken(f"{path.name}: not a name of letters, digits and _")
-                files.setdefault(path.stem, path)
+            if not path.name.endswith(_SUFFIX):
+                continue
+            name = path.name.removesuffix(STUDY_SUFFIX).removesuffix(_SUFFIX)
+            if not _is_name(name):
+                return broken(f"{path.name}: not a name of letters, digits and _")
+            (studies if is_study(path) else files).setdefault(name, path)
     if not files:
         return broken(f"{entry.value} holds no {_SUFFIX} files")
-    return Pack(known.name, known.package, distribution, version, files)
+    return Pack(
+        entry.name, entry.value, distribution, version, files, studies=studies
+    )
 
 
 def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
     names = [name for pack in packs for name in pack.files]
+    studies = [name for pack in packs for name in pack.studies]
     folder = path.parent
     try:
         nearby = sorted(
@@ -110,7 +126,7 @@ def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
     except OSError:
         return f"{path}: not found; nor is its folder {folder} readable"
     message = f"{path}: not found"
-    hint = nearest(path.name, nearby) or nearest(path.stem, names)
+    hint = nearest(path.name, nearby) or nearest(path.stem, [*names, *studies])
     message += hint or ";"
     if nearby:
         message += f" Files in {folder}: {listing(nearby)}."

@@ -9,16 +9,15 @@ from typing import Any, NoReturn, final
 from spherekit.conventions import nearest
 from spherekit.errors import FileError, ModelError
 from spherekit.files.angles import (
-    LARGEST_RADIANS,
     AngleUnit,
     Vector,
+    angle_at,
     direction,
-    to_radians,
     unit_vector,
 )
 from spherekit.files.check import check
 from spherekit.files.document import Document, parse, read_text
-from spherekit.files.library import find
+from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
 from spherekit.model import expression
 from spherekit.model.mechanism import (
@@ -53,6 +52,11 @@ def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
         If there is no such file, or with one line for each fault in it.
     """
     path = find(name_or_path)
+    if is_study(path):
+        raise FileError(
+            f"{path}: is a study, not a mechanism; read it with load_study, or run it "
+            "with spherekit run"
+        )
     return loads(read_text(path), str(path))
 
 
@@ -249,13 +253,7 @@ class _Reader:
         return tuple(self.angle((*path, k), number) for k, number in enumerate(numbers))
 
     def angle(self, path: KeyPath, number: float) -> float:
-        if self.unit == "rad" and abs(number) > LARGEST_RADIANS:
-            self.fail(
-                path,
-                f"found {float(number)} rad, more than two turns: this looks like "
-                'degrees; write radians, or set angle_unit = "deg" for the whole file',
-            )
-        return to_radians(number, self.unit)
+        return angle_at(self.document, path, number, self.unit)
 
     def fail(self, path: KeyPath, message: str) -> NoReturn:
         raise self.document.fault(path, message)

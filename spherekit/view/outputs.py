@@ -6,14 +6,16 @@ Here every such loss is an `OutputError`.
 
 import socket
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import final
 from urllib.parse import urlsplit
 
 from spherekit.errors import OutputError
 from spherekit.view.sdk import RrdReader, rr
+from spherekit.view.sink import PipedFile
 
-FILE_TIMEOUT = 120.0
 LIVE_TIMEOUT = 30.0
 PROBE_TIMEOUT = 2.0
 
@@ -51,7 +53,7 @@ class FileOutput(AbstractOutput):
         self.stream = stream
         self.path = path
         self.part = path.with_name(path.name + ".part")
-        self._pending = False
+        self._file: PipedFile | None = None
 
     def open(self) -> None:
         """Start the part file beside the file."""
@@ -68,52 +70,53 @@ class FileOutput(AbstractOutput):
                 "first or choose another"
             )
         try:
-            self.stream.save(self.part)
-        except RuntimeError as error:
-            self._remove()
+            self._file = PipedFile(self.stream, self.part)
+        except OSError as error:
             raise OutputError(
-                f"cannot write {self.part}: {_reason(error)}; choose a folder you may "
+                f"cannot write {self.part}: {error.strerror}; choose a folder you may "
                 "write to, on a disk with room"
             ) from error
-        self._pending = True
 
     def flush(self) -> None:
-        """Wait until everything is on the disk."""
-        try:
-            self.stream.flush(timeout_sec=FILE_TIMEOUT)
-        except RuntimeError as error:
-            self._give_up()
-            raise OutputError(
-                f"{self.path} could not be written whole ({_reason(error)}), probably "
-                "because the disk is full; make room or choose another disk. The part "
-                "written was removed"
-            ) from error
+        """Hand all that was logged to the file."""
+        if self._file is not None:
+            self._try(self._file.flush)
 
     def complete(self, rows: int) -> None:
         """Close the part file, read it back, and give it its name."""
-        self.flush()
-        self.stream.disconnect()
+        if self._file is None:
+            return
+        self._try(self._file.close)
         self._check(rows)
+        self._file = None
         try:
             self.part.replace(self.path)
         except OSError as error:
-            self._pending = False
             raise OutputError(
                 f"cannot replace {self.path}: {error.strerror}; the whole recording is "
                 f"in {self.part}"
             ) from error
-        self._pending = False
 
     def close(self, keep: bool) -> str:
         """Close the part file of a run that stopped half-way; `keep` it or not."""
-        if not self._pending:
+        if self._file is None:
             return ""
         if not keep:
             self._give_up()
             return ""
-        self._pending = False
-        self.stream.disconnect()
+        self._try(self._file.close)
+        self._file = None
         return f"what was recorded until then is in {self.part}"
+
+    def _try(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except OSError as error:
+            self._give_up()
+            raise OutputError(
+                f"{self.path} could not be written whole: {error.strerror}; make room "
+                "or choose another disk. The part written was removed"
+            ) from error
 
     def _check(self, rows: int) -> None:
         try:
@@ -133,13 +136,12 @@ class FileOutput(AbstractOutput):
             )
 
     def _give_up(self) -> None:
-        self._pending = False
-        self.stream.disconnect()
-        self._remove()
-
-    def _remove(self) -> None:
-        if self.part.is_file() or self.part.is_symlink():
-            self.part.unlink(missing_ok=True)
+        """Remove the part file."""
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close()
+            self._file = None
+        self.part.unlink(missing_ok=True)
 
 
 @final
@@ -185,6 +187,7 @@ class ViewerOutput(AbstractOutput):
     def __init__(self, stream: rr.RecordingStream, url: str) -> None:
         self.stream = stream
         self.url = url
+        self._place = ("", 0)
 
     def open(self) -> None:
         """Check that a viewer listens there, and connect."""
@@ -198,7 +201,8 @@ class ViewerOutput(AbstractOutput):
                 f'"{self.url}" is not the address of a viewer; it looks like '
                 "rerun+http://127.0.0.1:9876/proxy"
             )
-        if not _speaks_http2(host, port):
+        self._place = (host, port)
+        if not _speaks_http2(*self._place):
             raise OutputError(
                 f"no viewer listens at {self.url}; start one with `rerun --port {port}`"
                 " or leave the recording in a file"
@@ -207,6 +211,10 @@ class ViewerOutput(AbstractOutput):
 
     def flush(self) -> None:
         """Wait until the viewer has everything."""
+        if not _speaks_http2(*self._place):  # rerun would go on as if it were there
+            raise OutputError(
+                f"the viewer at {self.url} is gone; start it again, or record to a file"
+            )
         _flush_live(self.stream, f"the viewer at {self.url}")
 
     def complete(self, rows: int) -> None:

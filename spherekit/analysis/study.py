@@ -1,0 +1,165 @@
+"""Running studies: the analyses a study file names, checked against their plugins."""
+
+import os
+import types
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import MISSING
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.registry import load, parameters
+from spherekit.analysis.result import RunResult
+from spherekit.analysis.run import Progress, Recorder, run
+from spherekit.conventions import listing, nearest
+from spherekit.errors import PluginError, SpherekitError
+from spherekit.files.check import mismatch, shown
+from spherekit.files.study import Study, load_study
+from spherekit.motion.motion import DEFAULT_SAMPLES
+
+DEFAULT_ANALYSIS = "poles"
+_WORDS = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text in quotes",
+}
+
+
+def run_study(
+    study: Study | str | os.PathLike[str],
+    analyses: Sequence[str | AbstractAnalysis] = (),
+    *,
+    recorder: Recorder | None = None,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Run a study, given as such, as the path of its file, or as a shipped name.
+
+    Nothing is written: see `RunResult.write` and the study's `folder`.
+
+    Parameters
+    ----------
+    study
+        The study; a mechanism file is the study with all defaults.
+    analyses
+        Names or analysis objects that replace the study's own.
+    recorder, progress
+        See `spherekit.run`.
+
+    Raises
+    ------
+    FileError
+        With file and line of what the study asks for wrongly.
+    PlanError, SolveError
+        See `spherekit.run`.
+    """
+    if not isinstance(study, Study):
+        study = load_study(study)
+    return run(
+        study.mechanism,
+        analyses or analyses_of(study),
+        samples=study.samples or DEFAULT_SAMPLES,
+        branch=study.branch,
+        search=study.search,
+        recorder=recorder,
+        progress=progress,
+    )
+
+
+def analyses_of(study: Study) -> list[AbstractAnalysis]:
+    """Return the analyses that a study names, poles by default.
+
+    Raises
+    ------
+    FileError
+        If there is no such analysis or parameter, a value has the wrong type, a
+        parameter is missing, or the analysis refuses the mechanism.
+    PluginError
+        If an analysis that is asked for cannot be used.
+    """
+    found = []
+    for name, values in (study.analyses or {DEFAULT_ANALYSIS: {}}).items():
+        with _located(study, name):
+            cls = load(name)
+        given = _given(study, cls, values)
+        with _located(study, name):
+            analysis = cls(**given)
+            analysis.needs(study.mechanism)
+        found.append(analysis)
+    return found
+
+
+@contextmanager
+def _located(study: Study, name: str) -> Iterator[None]:
+    """Give complaints about an analysis the file and line that ask for it."""
+    try:
+        yield
+    except PluginError:
+        raise
+    except SpherekitError as problem:
+        raise study.fault(("analyses", name), str(problem)) from None
+
+
+def _given(
+    study: Study, cls: type[AbstractAnalysis], values: Mapping[str, Any]
+) -> dict[str, Any]:
+    path = ("analyses", cls.name)
+    allowed, hints = parameters(cls), get_type_hints(cls)
+    given = {}
+    for key, value in values.items():
+        if key not in allowed:
+            known = listing(f"{each} ({kind})" for each, (kind, _) in allowed.items())
+            raise study.fault(
+                (*path, key),
+                f"unknown parameter{nearest(key, allowed) or ';'} allowed for "
+                f"{cls.name}: {known or 'none'}",
+            )
+        try:
+            given[key] = _typed(value, hints[key])
+        except TypeError:
+            wanted = mismatch(value, _words(hints[key]))
+            raise study.fault((*path, key), wanted) from None
+    missing = [
+        key
+        for key, (_, default) in allowed.items()
+        if default is MISSING and key not in given
+    ]
+    if missing:
+        raise study.fault(path, f"parameters missing: {listing(missing)}")
+    return given
+
+
+def _typed(value: Any, hint: Any) -> Any:
+    """Return a value of a file as a parameter of this type, or raise `TypeError`."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    if hint in (bool, int, str) and type(value) is hint:
+        return value
+    if origin is Literal and value in inner:
+        return value
+    if origin is tuple and isinstance(value, list):
+        if inner[1:] == (...,):
+            return tuple(_typed(item, inner[0]) for item in value)
+        if len(inner) == len(value):
+            pairs = zip(value, inner, strict=True)
+            return tuple(_typed(item, each) for item, each in pairs)
+    if origin in (Union, types.UnionType):
+        for each in inner:
+            with suppress(TypeError):
+                return _typed(value, each)
+    raise TypeError(hint)
+
+
+def _words(hint: Any) -> str:
+    """Return what a file has to hold for a parameter of this type."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return f"one of {listing(map(shown, inner))}"
+    if origin is tuple:
+        if inner[1:] == (...,):
+            return f"an array [...] with in each place {_words(inner[0])}"
+        return f"an array of {len(inner)} values: {listing(map(_words, inner))}"
+    if origin in (Union, types.UnionType):
+        return " or ".join(_words(each) for each in inner if each is not types.NoneType)
+    return _WORDS.get(hint, f"a value of type {hint}, which no file can give")

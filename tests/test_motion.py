@@ -1,0 +1,289 @@
+"""The motion: closure, assembly modes, reach, statuses, and that no branch flips."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes
+from closed_forms import four_bar_angles
+from oracles import closure_gap, integrated, null_space
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.errors import PlanError, SolveError
+from spherekit.model.geometry import pair_frames
+from spherekit.model.mechanism import (
+    Input,
+    LinkSizes,
+    Mechanism,
+    Pair,
+    SizeGeometry,
+)
+from spherekit.motion.branches import Solver
+from spherekit.motion.follow import follow
+from spherekit.motion.motion import Tracer
+from spherekit.planning.assembly import plan_assembly
+
+SHIPPED = (
+    "four_bar",
+    "universal_joint",
+    "watt",
+    "stephenson",
+    "double_butterfly",
+    "single_flier",
+)
+FULL_TURN = (0.0, 2 * np.pi)
+
+
+def four_bar(arcs, span=FULL_TURN):
+    """Return the four-bar of Di Gregorio 2024, Fig. 5, with these arcs (4,) rad."""
+    base = sk.load("four_bar")
+    sizes = {
+        link: replace(size, arcs=(float(arcs[int(link) - 1]),))
+        for link, size in base.geometry.links.items()
+    }
+    return replace(
+        base,
+        geometry=replace(base.geometry, links=sizes),
+        inputs=(Input("21", *span),),
+    )
+
+
+def random_crank(random):
+    """Return arcs of a four-bar whose input turns fully, well away from change points."""
+    while True:
+        a = random.uniform(0.1, np.pi - 0.1, 4)
+        reach_low = np.cos(a[2] - a[3]) - np.cos(a[0] - a[1])
+        reach_high = np.cos(a[0] + a[1]) - np.cos(a[2] + a[3])
+        if min(reach_low, reach_high) > 1e-3:
+            return a
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_mechanism_closes_over_its_whole_turn(name):
+    motion = sk.trace(sk.load(name))
+    own = motion.branch == 0
+    assert np.all(motion.status[own] == Status.OK)
+    frames = pair_frames(motion.mechanism)
+    assert closure_gap(motion.mechanism, motion.rotations, frames) < 2e-15
+    assert np.nanmax(motion.residual) < 5e-15
+    turns = motion.rotations[own]
+    assert np.max(np.abs(turns[0] - turns[-1])) < 1e-12
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_reported_variables_describe_the_orientations(name):
+    motion = sk.trace(sk.load(name), samples=25, search=False)
+    first, second = pair_frames(motion.mechanism)
+    for k, (a, b) in enumerate(motion.mechanism.ends):
+        c, s = np.cos(motion.values[:, k]), np.sin(motion.values[:, k])
+        zero = np.zeros_like(c)
+        turn = np.moveaxis(np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]), -1, 0)
+        expected = motion.rotations[:, a] @ first[k] @ turn @ second[k].T
+        assert np.nanmax(np.abs(expected - motion.rotations[:, b])) < 1e-14
+
+
+def test_four_hundred_random_cranks_never_flip():
+    """12 samples a turn; theta41 against eq. (25) of Di Gregorio 2024 for one p all over."""
+    random = np.random.default_rng(400)
+    for _ in range(400):
+        arcs = random_crank(random)
+        motion = sk.trace(four_bar(arcs), samples=13)
+        assert len(motion.branches) == 2
+        assert np.all(motion.status == Status.OK)
+        theta41 = motion.values[:, 3].reshape(2, 13)
+        q = motion.q[:13]
+        found = []
+        for branch in (0, 1):
+            for p in (0, 1):
+                gap = np.abs(np.exp(1j * four_bar_angles(q, arcs, p)) - np.exp(1j * theta41[branch]))
+                if np.max(gap) < 1e-9:
+                    found.append((branch, p))
+        assert len(found) == 2
+        assert {p for _, p in found} == {0, 1}
+
+
+def test_following_random_cranks_stays_on_the_closed_form():
+    """The follower of irreducible groups, made to follow four-bars, keeps their mode."""
+    random = np.random.default_rng(40)
+    for _ in range(60):
+        made = four_bar(random_crank(random))
+        solver = Solver(made, plan_assembly(made, "21"))
+        tracer = Tracer(made)
+        for branch in tracer.branches:
+            start = solver.evaluate(branch, np.zeros(1)).values[0]
+            curve = follow(solver.closure, solver.assembly.input, start, 0.0, 2 * np.pi)
+            assert not curve.lost
+            assert curve.inputs[-1] == 2 * np.pi
+            there = solver.evaluate(branch, curve.inputs).values
+            assert np.max(np.abs(np.exp(1j * there) - np.exp(1j * curve.values))) < 1e-9
+
+
+def check_against_integration(made, samples=13):
+    """Compare the samples of the reference pose's branch with integrated velocities.
+
+    Returns how many were compared. The branch is compared as far as it is connected: a
+    mode of dyads may appear again beyond a range that it does not reach.
+    """
+    tracer = Tracer(made, search=False)
+    motion = tracer.at(tracer.inputs(samples))
+    reference = tracer.at(np.zeros(1)).axes[0]
+    assert not np.any(motion.status == Status.BRANCH_LOST)
+    assert not np.any(motion.status == Status.NOT_CONVERGED)
+    compared = 0
+    for way in (1, -1):
+        fine = way * np.linspace(0.0, np.pi, 1801)
+        bad = np.flatnonzero(tracer.at(fine).status != Status.OK)
+        end = np.pi + 1.0 if not len(bad) else abs(fine[bad[0]])
+        q = motion.q * way
+        rows = np.flatnonzero((motion.status == Status.OK) & (q > 0.0) & (q < end))
+        rows = rows[np.argsort(q[rows])]
+        if not len(rows):
+            continue
+        true = integrated(made.ends, reference, motion.input, motion.q[rows])
+        assert len(true) >= len(rows) - 1
+        for row, axes in zip(rows, true, strict=False):
+            _, gap = null_space(len(made.links), made.ends, axes)
+            assert np.max(np.abs(axes - motion.axes[row])) < 1e-6 / min(gap, 1.0)
+            compared += 1
+    return compared
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("chain", "pairs", "driven", "count"),
+    [
+        (STEPHENSON, 7, "p1_2", 200),
+        (STEPHENSON, 7, "p1_6", 200),
+        *((chain, 10, "p1_5", 25) for chain in EIGHT_BARS),
+    ],
+)
+def test_random_mechanisms_never_flip(chain, pairs, driven, count):
+    random = np.random.default_rng(pairs * count)
+    reached = 0
+    for _ in range(count):
+        made = mechanism(chain, random_axes(random, pairs), driven, span=(-np.pi, np.pi))
+        reached += check_against_integration(made)
+    assert reached > count, reached
+
+
+def test_rocker_is_reported_out_of_reach_exactly_where_it_is():
+    """Grashof-free four-bar: reach limits of its diagonal in closed form."""
+    arcs = np.radians([70.0, 60.0, 30.0, 45.0])
+    motion = sk.trace(four_bar(arcs), samples=3601)
+    cosine = np.cos(arcs[0]) * np.cos(arcs[1]) + np.sin(arcs[0]) * np.sin(arcs[1]) * np.cos(motion.q)
+    diagonal = np.arccos(cosine)
+    reachable = (diagonal > arcs[3] - arcs[2]) & (diagonal < arcs[2] + arcs[3])
+    assert 0 < np.sum(reachable) < len(reachable)
+    assert np.array_equal(motion.status == Status.OK, reachable)
+    assert np.all(motion.status[~reachable] == Status.OUT_OF_REACH)
+    assert np.all(np.isnan(motion.values[~reachable][:, 1:]))
+    assert np.all(np.isnan(motion.rotations[~reachable]))
+    assert len(motion) == 2 * 3601
+    assert np.all(np.isfinite(motion.q))
+
+
+def test_followed_branches_end_at_the_dead_centre_of_the_input():
+    """A Stephenson driven in its outer loop: branches meet in pairs at dead centres."""
+    made = mechanism(
+        STEPHENSON, random_axes(np.random.default_rng(3), 7), "p1_6", span=(-np.pi, np.pi)
+    )
+    tracer = Tracer(made)
+    ends = []
+    for branch in tracer.branches:
+        curve = branch.curve
+        assert not curve.lost
+        for free, q in zip(curve.ends_free, curve.inputs[[0, -1]], strict=True):
+            if free:
+                ends.append(q)
+                axes = tracer.at(np.array([q])).axes
+                rows = [r for r in range(len(axes)) if np.all(np.isfinite(axes[r]))]
+                a, b = made.ends[tracer.assembly.input]
+                slowest = min(
+                    abs((w[b] - w[a]) @ axes[r, tracer.assembly.input])
+                    for r in rows
+                    for w in [null_space(6, made.ends, axes[r])[0]]
+                )
+                assert slowest < 1e-4
+    ends = np.sort(ends)
+    assert len(ends) % 2 == 0
+    assert len(ends) > 0
+    assert np.max(np.abs(ends[0::2] - ends[1::2])) < 1e-9
+
+
+def test_dead_centre_itself_closes_but_has_no_rates():
+    arcs = np.radians([70.0, 60.0, 30.0, 45.0])
+    cosine = (np.cos(arcs[2] + arcs[3]) - np.cos(arcs[0]) * np.cos(arcs[1])) / (
+        np.sin(arcs[0]) * np.sin(arcs[1])
+    )
+    made = four_bar(arcs, (0.0, float(np.arccos(cosine))))
+    result = sk.run(made, "poles", samples=5)
+    last = result.frame().query("sample == 4")
+    assert set(last["status"]) <= {"AT_SINGULARITY", "OUT_OF_REACH"}
+    assert last["rate"].isna().all()
+
+
+def test_the_same_motion_in_blocks_and_at_once():
+    for name in ("stephenson", "double_butterfly"):
+        tracer = Tracer(sk.load(name), search=False)
+        whole = tracer.at(tracer.inputs(50))
+        parts = list(tracer.blocks(50, size=7))
+        assert [len(part) for part in parts] == [7 * len(tracer.branches)] * 7 + [
+            len(tracer.branches)
+        ]
+        joined = np.concatenate([part.values for part in parts if len(tracer.branches) == 1] or [
+            whole.values
+        ])
+        assert np.allclose(joined, whole.values, rtol=0, atol=1e-13)
+
+
+def test_arcs_that_cannot_close_are_refused_with_the_group():
+    with pytest.raises(SolveError, match="arcs cannot close: the dyad of pairs 32, 43, 41"):
+        sk.trace(four_bar(np.radians([20.0, 30.0, 100.0, 20.0])))
+    random = mechanism(EIGHT_BARS[8], random_axes(np.random.default_rng(1), 10))
+    lengths = {
+        link: LinkSizes(
+            tuple(p.name for p in random.pairs if link in p.links),
+            *(
+                ((0.05, 0.05), (0.3,))
+                if sum(link in p.links for p in random.pairs) == 3
+                else ((1.5 if link == "3" else 0.05,), ())
+            ),
+        )
+        for link in random.links
+    }
+    made = Mechanism(
+        "far", "1", random.links, random.pairs, SizeGeometry(lengths), inputs=random.inputs
+    )
+    with pytest.raises(SolveError, match="did not close from any start"):
+        sk.trace(made)
+
+
+def test_unknown_branch_range_and_samples():
+    made = sk.load("four_bar")
+    with pytest.raises(SolveError, match="there is no branch 7; the branches found are 0, 1"):
+        sk.trace(made, branch=7)
+    with pytest.raises(SolveError, match="must rise"):
+        sk.trace(replace(made, inputs=(Input("21", 1.0, 1.0),)))
+    with pytest.raises(SolveError, match="at least 1, not 0"):
+        sk.trace(made, samples=0)
+    assert len(sk.trace(made, samples=1)) == 2
+
+
+def test_contact_pairs_are_refused_by_name():
+    from spherekit.model.mechanism import PoseGeometry, Profile
+
+    circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
+    cam = Mechanism(
+        "cam",
+        "1",
+        ("1", "2", "3"),
+        (
+            Pair("12", "R", ("1", "2")),
+            Pair("13", "R", ("1", "3")),
+            Pair("23", "Cs", ("2", "3"), (circle, circle)),
+        ),
+        PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)}),
+    )
+    with pytest.raises(PlanError, match=r"positions of contact pairs \(23\)"):
+        sk.trace(cam)

@@ -1,0 +1,278 @@
+"""Pole axes and coefficients against closed forms, 50 digits and the null space."""
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes, random_chain
+from closed_forms import (
+    FOUR_BAR_ARCS,
+    four_bar_axes,
+    four_bar_coefficients,
+    four_bar_frames,
+    four_bar_poles,
+)
+from oracles import null_space, off_axis
+from scipy.optimize import brentq
+
+import spherekit as sk
+from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import all_poles
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import request
+
+
+def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
+    tracer = Tracer(made, search=search)
+    poles = all_poles(len(made.links)) if wanted is None else wanted
+    asked = request(tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles, derivatives)
+    motion = tracer.at(tracer.inputs(samples))
+    return motion, evaluate(motion, asked)
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    motion, field = field_of(sk.load("four_bar"))
+    modes = {}
+    for branch in motion.branches:
+        rows = motion.branch == branch.number
+        theta41 = motion.values[rows, motion.mechanism.pair_number["41"]]
+        for p in (0, 1):
+            u43 = four_bar_axes(motion.q[rows], FOUR_BAR_ARCS, p)["43"]
+            if np.allclose(motion.axes[rows, 2], u43, atol=1e-6):
+                modes[p] = rows
+        assert np.all(np.isfinite(theta41))
+    assert sorted(modes) == [0, 1]
+    return motion, field, modes
+
+
+@pytest.mark.parametrize("p", [0, 1])
+def test_four_bar_of_the_paper(four_bar, p):
+    """Di Gregorio 2024, Table 1: eqs. (22), (25), (26a), (26b), to 1e-12."""
+    motion, field, modes = four_bar
+    rows = modes[p]
+    q = motion.q[rows]
+    u = four_bar_axes(q, FOUR_BAR_ARCS, p) | four_bar_poles(q, FOUR_BAR_ARCS, p)
+    number = {name: k for k, name in enumerate("1234")}
+    for name in ("21", "32", "43", "41", "31", "42"):
+        pole = tuple(sorted(number[c] for c in name))
+        assert np.max(off_axis(field.direction[pole][rows], u[name])) < 1e-12
+    frames = four_bar_frames(q, FOUR_BAR_ARCS, p)
+    for link in (1, 2, 3, 4):
+        assert np.max(np.abs(motion.rotations[rows, link - 1] - frames[link])) < 1e-12
+    w31, w41 = four_bar_coefficients(q, FOUR_BAR_ARCS, p)
+    sense = np.sign(np.sum(field.direction[0, 2][rows] * u["31"], axis=1))
+    assert np.max(np.abs(field.rate[0, 2][rows] * sense - w31)) < 1e-12
+    assert np.max(np.abs(field.rate[0, 3][rows] - w41)) < 1e-12
+    assert np.max(np.abs(field.rate[0, 1][rows] - 1.0)) < 1e-15
+    # the remaining two by the relative-motion theorem, eq. (6), from the published ones
+    w21 = u["21"]
+    w3, w4 = w31[:, None] * u["31"], w41[:, None] * u["41"]
+    assert np.max(np.abs(_vector(field, (1, 2), rows) - (w3 - w21))) < 1e-12
+    assert np.max(np.abs(_vector(field, (1, 3), rows) - (w4 - w21))) < 1e-12
+    assert np.max(np.abs(_vector(field, (2, 3), rows) - (w4 - w3))) < 1e-12
+
+
+def _vector(field, pole, rows):
+    return field.direction[pole][rows] * field.rate[pole][rows][:, None]
+
+
+@pytest.mark.parametrize("p", [0, 1])
+def test_four_bar_derivatives_in_fifty_digits(four_bar, p):
+    """First and second derivatives of theta41 from eq. (25) by mpmath, 50 digits."""
+    motion, field, modes = four_bar
+    rows = np.flatnonzero(modes[p])[::40]
+    mpmath.mp.dps = 50
+    a1, a2, a3, a4 = (mpmath.pi / k for k in (3, 9, mpmath.mpf(18) / 7, mpmath.mpf(9) / 2))
+    sin, cos = mpmath.sin, mpmath.cos
+
+    def theta41(theta):
+        x0 = cos(a4) * (cos(theta) * sin(a2) * sin(a1) + cos(a1) * cos(a2)) - cos(a3)
+        x1 = sin(theta) * sin(a2) * sin(a4)
+        x2 = sin(a4) * (cos(theta) * sin(a2) * cos(a1) - sin(a1) * cos(a2))
+        root = mpmath.sqrt(x1**2 + x2**2 - x0**2)
+        return 2 * mpmath.atan((-x1 + (-1) ** p * root) / (x0 - x2))
+
+    for row in rows:
+        q = mpmath.mpf(float(motion.q[row]))
+        assert abs(float(mpmath.diff(theta41, q)) - field.rate[0, 3][row]) < 1e-13
+        assert abs(float(mpmath.diff(theta41, q, 2)) - field.rate_dq[0, 3][row]) < 1e-12
+
+
+def test_universal_joint():
+    """tan psi = tan theta / cos beta and its first two derivatives, to 1e-13."""
+    made = sk.load("universal_joint")
+    beta = np.radians(35.0)
+    motion, field = field_of(made)
+    psi = np.arctan2(np.sin(motion.q), np.cos(beta) * np.cos(motion.q))
+    turn = motion.values[:, motion.mechanism.pair_number["41"]] - psi
+    opposite = motion.branch == motion.branch[np.argmax(np.cos(turn) < 0)]
+    turn = np.where(opposite, turn - np.pi, turn)
+    assert np.max(np.abs(np.sin(turn / 2.0))) < 1e-13
+    below = 1.0 - np.sin(beta) ** 2 * np.cos(motion.q) ** 2
+    first = np.cos(beta) / below
+    second = -np.cos(beta) * np.sin(beta) ** 2 * np.sin(2 * motion.q) / below**2
+    assert np.max(np.abs(field.rate[0, 3] - first)) < 1e-13
+    assert np.max(np.abs(field.rate_dq[0, 3] - second)) < 1e-13
+    assert abs(np.max(first) - 1 / np.cos(beta)) < 1e-15
+    assert abs(np.max(field.rate[0, 3]) - 1 / np.cos(beta)) < 1e-13
+
+
+def compare_with_null_space(made, tolerance=1e-9, least_gap=1e-6):
+    """Compare every pole of one configuration; return whether the oracle could judge."""
+    ends = made.ends
+    motion, field = field_of(made, samples=3, search=False)
+    assert np.allclose(motion.q[1], 0.0)
+    w, gap = null_space(len(made.links), ends, motion.axes[1])
+    if gap < least_gap:
+        return False
+    a, b = ends[motion.input]
+    driven = (w[b] - w[a]) @ motion.axes[1, motion.input]
+    for i, j in all_poles(len(made.links)):
+        vector = w[j] - w[i]
+        size = np.linalg.norm(vector)
+        if size < 1e-4:
+            continue
+        assert off_axis(field.direction[i, j][1], vector / size) < tolerance
+        if abs(driven) > 1e-4:
+            ratio = vector / driven
+            ours = field.rate[i, j][1] * field.direction[i, j][1]
+            error = np.linalg.norm(ours - ratio) / max(1.0, np.linalg.norm(w / driven))
+            assert error < tolerance
+    return True
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(1, 17))
+def test_all_eight_bars_against_the_null_space(number):
+    random = np.random.default_rng(number)
+    judged = sum(
+        compare_with_null_space(mechanism(EIGHT_BARS[number - 1], random_axes(random, 10)))
+        for _ in range(100)
+    )
+    assert judged >= 98
+
+
+@pytest.mark.slow
+def test_random_ten_bars_against_the_null_space():
+    random = np.random.default_rng(1010)
+    judged = 0
+    for _ in range(100):
+        edges = random_chain(random, 10)
+        judged += compare_with_null_space(mechanism(edges, random_axes(random, 13)))
+    assert judged >= 97
+
+
+@pytest.mark.parametrize(
+    "name", ["four_bar", "stephenson", "watt", "double_butterfly", "single_flier"]
+)
+def test_derivatives_by_taylor_remainder(name):
+    """The remainder f(q + h) - f(q) - h f'(q) falls with the square of h."""
+    made = sk.load(name)
+    tracer = Tracer(made, search=False, branch=0)
+    poles = all_poles(len(made.links))
+    asked = request(tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles)
+    steps = np.array([0.0, 1e-2, 1e-3, 1e-4])
+    field = evaluate(tracer.at(1.234 + steps), asked)
+    for pole in poles:
+        rate = field.rate[pole]
+        rest = np.abs(rate - rate[0] - steps * field.rate_dq[pole][0])[1:]
+        size = max(1.0, abs(rate[0]))
+        assert rest[1] < 0.02 * rest[0] + 1e-12 * size
+        assert rest[2] < 0.02 * rest[1] + 1e-12 * size
+
+
+def test_coefficient_where_the_published_formula_is_indeterminate():
+    """Eq. (26a) is 0/0 where link 3 stands still on link 2; w31 = w21 is the limit.
+
+    A drag-link four-bar (ground 15, then 60, 55, 70 degrees) passes there twice a turn.
+    """
+    arcs = dict(zip("1234", np.radians([15.0, 60.0, 55.0, 70.0]), strict=True))
+    base = sk.load("four_bar")
+    sizes = {
+        link: replace(size, arcs=(arcs[link],)) for link, size in base.geometry.links.items()
+    }
+    made = replace(base, geometry=replace(base.geometry, links=sizes))
+    tracer = Tracer(made)
+    poles = all_poles(4)
+    asked = request(tracer.mechanism, "21", poles, poles)
+    for branch in range(2):
+        low, high = 0.1, 3.0
+        one = Tracer(made, branch=branch)
+
+        def still(q, one=one):
+            return evaluate(one.at(q), asked).rate[1, 2][0]
+
+        grid = np.linspace(0.0, 2 * np.pi, 100)
+        values = evaluate(one.at(grid), asked).rate[1, 2]
+        k = int(np.flatnonzero(values[1:] * values[:-1] < 0.0)[0])
+        low, high = grid[k], grid[k + 1]
+        root = brentq(still, low, high, xtol=1e-15)
+        field = evaluate(one.at(root + np.array([-1e-7, 0.0, 1e-7])), asked)
+        assert np.all(np.abs(field.rate[1, 2]) < 1e-6)
+        total = _vector(field, (0, 1), slice(None)) + _vector(field, (1, 2), slice(None))
+        assert np.max(np.abs(_vector(field, (0, 2), slice(None)) - total)) < 1e-13
+        assert abs(abs(field.rate[0, 2][1]) - 1.0) < 1e-13
+
+
+def test_pruned_request_gives_the_same_numbers():
+    made = sk.load("double_butterfly")
+    _, whole = field_of(made, samples=25, search=False)
+    for pole in ((0, 3), (2, 6)):
+        _, small = field_of(made, samples=25, search=False, wanted=[pole])
+        assert np.allclose(small.direction[pole], whole.direction[pole], rtol=0, atol=1e-11)
+        assert np.allclose(small.rate[pole], whole.rate[pole], rtol=0, atol=1e-11)
+        assert np.allclose(small.rate_dq[pole], whole.rate_dq[pole], rtol=0, atol=1e-9)
+
+
+def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
+    """Many passes over random axes multiply rounding; the equations do not."""
+    random = np.random.default_rng(5)
+    taken = 0
+    for _ in range(40):
+        made = mechanism(EIGHT_BARS[4], random_axes(random, 10))
+        motion, field = field_of(made, samples=3, search=False)
+        w, gap = null_space(8, made.ends, motion.axes[1])
+        taken += bool(field.by_equations[1])
+        for i, j in all_poles(8):
+            vector = w[j] - w[i]
+            size = np.linalg.norm(vector)
+            distance = off_axis(field.direction[i, j][1], vector)
+            bound = max(field.error[i, j][1], 1e-14 / (gap * size))
+            assert distance < bound, (i, j, distance, bound)
+            if field.by_equations[1]:
+                assert distance < 1e-14 / (gap * size)
+    assert 5 <= taken <= 35
+
+
+def test_any_order_and_any_block_gives_the_same_rows():
+    made = sk.load("stephenson")
+    tracer = Tracer(made)
+    poles = all_poles(6)
+    asked = request(tracer.mechanism, "12", poles, poles)
+    q = tracer.inputs(60)
+    whole = evaluate(tracer.at(q), asked)
+    order = np.random.default_rng(0).permutation(60)
+    mixed = evaluate(tracer.at(q[order]), asked)
+    single = [evaluate(tracer.at(q[k : k + 1]), asked) for k in range(0, 60, 7)]
+    count = len(tracer.branches)
+    for pole in poles:
+        vector = _vector(whole, pole, slice(None)).reshape(count, 60, 3)
+        ours = _vector(mixed, pole, slice(None)).reshape(count, 60, 3)
+        assert np.max(np.abs(ours - vector[:, order])) < 1e-12
+        for position, field in enumerate(single):
+            ours = _vector(field, pole, slice(None))
+            assert np.max(np.abs(ours - vector[:, 7 * position])) < 1e-12
+
+
+def test_directions_are_continuous_over_the_turn():
+    """No reversal between neighbouring samples, and steps that shrink with refinement."""
+    for name in ("four_bar", "stephenson", "watt", "double_butterfly", "single_flier"):
+        for samples, least in ((721, 0.0), (7201, 0.9)):
+            motion, field = field_of(sk.load(name), samples=samples, search=False)
+            for pole, direction in field.direction.items():
+                for branch in motion.branches:
+                    rows = motion.branch == branch.number
+                    turned = np.sum(direction[rows][1:] * direction[rows][:-1], axis=1)
+                    assert np.nanmin(turned) > least, (name, pole)

@@ -1,0 +1,416 @@
+"""Study files: faults with file, line and key; runs; flags that override the file."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Literal, final
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.registry import registered
+from spherekit.analysis.study import analyses_of
+from spherekit.cli.main import main
+from spherekit.errors import AnalysisError, FileError
+from spherekit.files.check import schema
+from spherekit.files.library import shipped
+from spherekit.files.study import Study, load_study
+
+STUDY = """\
+format = 1
+mechanism = "stephenson"
+angle_unit = "deg"
+samples = 7
+branch = 1
+search = false
+
+[inputs.12]
+from = -30.0
+to = 90
+
+[analyses.poles]
+only = ["6/1", "5/1"]
+show = "6/1"
+[analyses.tuned]
+count = 3
+weight = 2
+kind = "b"
+ends = [1.5, 2]
+
+[output]
+folder = "out"
+recording = "x.rrd"
+degrees = true
+"""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Tuned(AbstractAnalysis):
+    """An analysis with a parameter of each type."""
+
+    name: ClassVar[str] = "tuned"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "nothing"
+    tables: ClassVar = ()
+
+    count: int
+    weight: float = 1.0
+    quick: bool = False
+    kind: Literal["a", "b"] = "a"
+    ends: tuple[float, float] = (0.0, 1.0)
+    limit: float | None = None
+
+    def needs(self, mechanism):
+        if self.count > 9:
+            raise AnalysisError("count is above 9")
+        return Needs()
+
+    def compute(self, batch):
+        return {}
+
+
+@pytest.fixture(autouse=True)
+def plugin():
+    with registered(Tuned):
+        yield
+
+
+def write(folder, text, name="x.study.toml"):
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def fault(folder, text):
+    """Return the message with which a study is refused, and its path."""
+    path = write(folder, text)
+    with pytest.raises(FileError) as caught:
+        analyses_of(load_study(path))
+    return str(caught.value), path
+
+
+def test_a_study_is_read_as_written(tmp_path):
+    study = load_study(write(tmp_path, STUDY))
+    assert (study.name, study.mechanism.name) == ("x", "stephenson")
+    assert (study.samples, study.branch, study.search) == (7, 1, False)
+    assert (study.folder, study.recording) == (Path("out"), Path("x.rrd"))
+    assert study.degrees is True
+    (driven,) = study.mechanism.inputs
+    expected = ("12", np.radians(-30), np.radians(90))
+    assert (driven.pair, driven.start, driven.stop) == expected
+    poles, tuned = analyses_of(study)
+    assert (poles.only, poles.show) == (("6/1", "5/1"), "6/1")
+    assert tuned == Tuned(count=3, weight=2.0, kind="b", ends=(1.5, 2.0))
+    assert type(tuned.weight) is type(tuned.ends[1]) is float
+
+
+def test_everything_but_the_mechanism_has_a_default(tmp_path):
+    path = write(tmp_path, 'format = 1\nmechanism = "four_bar"\n')
+    assert load_study(path) == Study("x", sk.load("four_bar"))
+    assert load_study("four_bar") == Study("four_bar", sk.load("four_bar"))
+    (only,) = analyses_of(load_study(path))
+    assert only.name == "poles"
+
+
+def test_the_mechanism_may_lie_beside_the_study(tmp_path, monkeypatch):
+    (tmp_path / "parts").mkdir()
+    sk.dump(sk.load("four_bar"), tmp_path / "parts" / "mine.toml")
+    path = write(tmp_path, 'format = 1\nmechanism = "parts/mine.toml"\n')
+    monkeypatch.chdir(tmp_path / "parts")
+    assert load_study(path).mechanism == sk.load("four_bar")
+
+
+def test_a_limit_not_given_is_that_of_the_mechanism(tmp_path):
+    text = 'format = 1\nmechanism = "stephenson"\nangle_unit = "rad"\n[inputs.12]\n'
+    (driven,) = load_study(write(tmp_path, text + "from = 0.5")).mechanism.inputs
+    assert (driven.start, driven.stop) == (0.5, 2 * np.pi)
+    without_unit = text.replace('angle_unit = "rad"\n', "").replace("12", "14")
+    driven, other = load_study(write(tmp_path, without_unit)).mechanism.inputs
+    assert (driven.pair, driven.start, driven.stop) == ("14", 0.0, 2 * np.pi)
+    assert other.pair == "12"
+
+
+FAULTS = {
+    # case: (old, new, line and key, words that must occur)
+    "unknown key": (
+        "samples = 7",
+        "sample = 7",
+        "4: sample: unknown key",
+        ['did you mean "samples"?', "allowed at the top of the file: format, mech"],
+    ),
+    "unknown key of the output": (
+        "folder =",
+        "foldr =",
+        "22: output.foldr: unknown key",
+        ['did you mean "folder"?', "allowed in output: folder, recording, degrees"],
+    ),
+    "no mechanism": (
+        'mechanism = "stephenson"\n',
+        "",
+        "1: the key mechanism is missing",
+        ["name of a shipped mechanism, or path"],
+    ),
+    "unknown mechanism": (
+        '"stephenson"',
+        '"stephensen"',
+        "2: mechanism: ",
+        ["not found", 'did you mean "stephenson"?'],
+    ),
+    "study of a study": (
+        '"stephenson"',
+        '"x.study.toml"',
+        '2: mechanism: found "x.study.toml", a study; needs a mechanism',
+        [],
+    ),
+    "no angle unit": (
+        'angle_unit = "deg"\n',
+        "",
+        "1: the key angle_unit is missing",
+        ["there is no default"],
+    ),
+    "degrees in a rad file": (
+        '"deg"',
+        '"rad"',
+        "9: inputs.12.from: found -30.0 rad",
+        ["looks like degrees"],
+    ),
+    "absent input": (
+        "[inputs.12]",
+        "[inputs.21]",
+        '8: inputs.21: stephenson has no pair "21"',
+        ["did you mean", "Pairs: 12, 14, 16"],
+    ),
+    "two inputs": (
+        "[analyses.poles]",
+        "[inputs.14]\n[analyses.poles]",
+        "8: inputs: has 2 entries, needs 1",
+        [],
+    ),
+    "falling range": (
+        "to = 90",
+        "to = -90",
+        "8: inputs.12: the range must rise",
+        ["-0.523599 to -1.5708 rad"],
+    ),
+    "no samples": ("= 7", "= 0", "4: samples: found 0, needs at least 1", []),
+    "half a sample": (
+        "= 7",
+        "= 7.5",
+        "4: samples: found 7.5 (number), needs a whole number",
+        [],
+    ),
+    "text for a branch": ("= 1\ns", '= "1"\ns', '5: branch: found "1" (text)', []),
+    "number for a truth": ("= false", "= 0", "6: search: found 0 (number)", []),
+    "unknown analysis": (
+        "[analyses.poles]",
+        "[analyses.pols]",
+        '12: analyses.pols: no analysis is named "pols"',
+        ['did you mean "poles"?', "Installed: "],
+    ),
+    "unknown parameter": (
+        "only =",
+        "onyl =",
+        "13: analyses.poles.onyl: unknown parameter",
+        ['did you mean "only"?', "allowed for poles: only (tuple[str, ...]), show (st"],
+    ),
+    "text for a list": (
+        '["6/1", "5/1"]',
+        '"6/1"',
+        '13: analyses.poles.only: found "6/1" (text), needs an array [...]',
+        ["in each place text in quotes"],
+    ),
+    "number in a list of text": (
+        '["6/1", "5/1"]',
+        '["6/1", 51]',
+        '13: analyses.poles.only: found ["6/1", 51] (array), needs an array',
+        [],
+    ),
+    "number for text": (
+        'show = "6/1"',
+        "show = 61",
+        "14: analyses.poles.show: found 61 (number), needs text in quotes",
+        [],
+    ),
+    "fraction for a count": (
+        "count = 3",
+        "count = 3.0",
+        "16: analyses.tuned.count: found 3.0 (number), needs a whole number",
+        [],
+    ),
+    "truth for a count": (
+        "count = 3",
+        "count = true",
+        "16: analyses.tuned.count: found true (true or false), needs a whole",
+        [],
+    ),
+    "table for a weight": (
+        "weight = 2",
+        "weight.x = 2",
+        "17: analyses.tuned.weight: found a table (table), needs a number",
+        [],
+    ),
+    "unknown choice": (
+        'kind = "b"',
+        'kind = "c"',
+        '18: analyses.tuned.kind: found "c" (text), needs one of "a", "b"',
+        [],
+    ),
+    "three ends": (
+        "[1.5, 2]",
+        "[1.5, 2, 3]",
+        "19: analyses.tuned.ends: found [1.5, 2, 3] (array), needs an array of 2",
+        [],
+    ),
+    "text for an optional number": (
+        "weight = 2",
+        'limit = "2"',
+        '17: analyses.tuned.limit: found "2" (text), needs a number',
+        [],
+    ),
+    "missing parameter": (
+        "count = 3\n",
+        "",
+        "15: analyses.tuned: parameters missing: count",
+        [],
+    ),
+    "refused parameter": (
+        "count = 3",
+        "count = 10",
+        "15: analyses.tuned: count is above 9",
+        [],
+    ),
+    "unknown pole": (
+        '["6/1", "5/1"]',
+        '["6/1", "5/7"]',
+        '12: analyses.poles: stephenson: "5/7" is no pole',
+        ["did you mean"],
+    ),
+    "not a number": ("weight = 2", "weight = nan", "17: analyses.tuned.weight: ", []),
+    "path in an analysis": (
+        "[analyses.tuned]",
+        '[analyses."../x"]',
+        "15: analyses.'../x': the name \"../x\" is not allowed",
+        [],
+    ),
+    "empty folder": ('"out"', '""', "22: output.folder: has 0 characters", []),
+    "hidden character": (
+        '"out"',
+        '"o\\u0000"',
+        "22: output.folder: 'o\\x00': not a usable path",
+        [],
+    ),
+    "mechanism key": ("search = false", 'ground = "1"', "6: ground: unknown key", []),
+    "newer format": ("format = 1", "format = 2", "1: format: found 2", ["newer"]),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_faults_name_line_key_and_remedy(case, tmp_path):
+    old, new, start, words = FAULTS[case]
+    assert old in STUDY
+    message, path = fault(tmp_path, STUDY.replace(old, new, 1))
+    assert message.startswith(f"{path}:{start}")
+    for word in words:
+        assert word in message
+
+
+def test_faults_of_the_mechanism_file_name_that_file(tmp_path):
+    (tmp_path / "bad.toml").write_text('format = 1\nname = "bad"\n')
+    message, _ = fault(tmp_path, STUDY.replace("stephenson", "bad.toml"))
+    assert message.startswith(f"{tmp_path / 'bad.toml'}:1: ")
+
+
+def test_a_study_is_no_mechanism(tmp_path):
+    path = write(tmp_path, STUDY)
+    with pytest.raises(FileError, match="is a study, not a mechanism; read it with"):
+        sk.load(path)
+
+
+def test_a_study_made_in_python_names_itself_and_the_key():
+    study = Study("mine", sk.load("four_bar"), analyses={"poles": {"onyl": []}})
+    with pytest.raises(AnalysisError, match=r"^mine: analyses.poles.onyl: unknown par"):
+        sk.run_study(study)
+
+
+def test_run_study_is_run_with_what_the_file_says(tmp_path):
+    text = STUDY.replace("[analyses.tuned]", "[output.x]").split("[output.x]")[0]
+    ours = sk.run_study(write(tmp_path, text))
+    study = load_study(tmp_path / "x.study.toml")
+    theirs = sk.run(
+        study.mechanism, "poles:only=6/1+5/1,show=6/1", samples=7, branch=1
+    )
+    pd.testing.assert_frame_equal(ours.frame(), theirs.frame())
+    assert ours.summary["range_rad"] == [np.radians(-30), np.radians(90)]
+
+
+def test_the_command_line_runs_a_study_and_writes_its_output(tmp_path, monkeypatch):
+    text = STUDY.replace('recording = "x.rrd"\n', "")
+    before, _, rest = text.partition("[analyses.tuned]")
+    write(tmp_path, before + rest[rest.index("[output]") :])
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "x.study.toml", "-q"]) == 0
+    frame = pd.read_parquet(tmp_path / "out" / "poles.parquet")
+    assert sorted({(r.link, r.relative_to) for r in frame.itertuples()}) == [
+        ("5", "1"),
+        ("6", "1"),
+    ]
+    assert set(frame["branch"]) == {1}
+    np.testing.assert_allclose(frame["q"].unique(), np.linspace(-30, 90, 7), atol=1e-13)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["analyses"][0]["parameters"]["only"] == ["6/1", "5/1"]
+
+
+def test_flags_given_override_the_study(tmp_path, monkeypatch, capsys):
+    write(tmp_path, STUDY.replace('recording = "x.rrd"\n', ""))
+    monkeypatch.chdir(tmp_path)
+    flags = "--samples 3 --input 14 --branch 0 -a poles:only=31 -o other --json -q"
+    assert main(["run", "x.study.toml", *flags.split()]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["samples"], summary["input"]) == (3, "14")
+    assert [item["number"] for item in summary["branches"]] == [0]
+    assert [item["name"] for item in summary["analyses"]] == ["poles"]
+    assert (tmp_path / "other" / "poles.csv").exists()
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_line_reports_a_faulty_study(tmp_path, capsys):
+    path = write(tmp_path, STUDY.replace("only =", "onyl ="))
+    for command in ("run", "explain", "validate"):
+        assert main([command, str(path)]) == 1
+        assert f"{path}:13: analyses.poles.onyl: unknown" in capsys.readouterr().err
+
+
+def test_explain_and_validate_take_the_study_s_input_and_analyses(tmp_path, capsys):
+    path = write(tmp_path, STUDY.replace("[inputs.12]", "[inputs.14]"))
+    assert main(["explain", str(path), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["input"] == "14"
+    assert facts["analyses"] == ["poles", "tuned"]
+    assert facts["asked"] == ["P51", "P61"]
+    assert main(["validate", str(path)]) == 0
+    assert "x: ok, study of stephenson" in capsys.readouterr().out
+
+
+def test_shipped_studies_are_found_by_name_and_run():
+    studies = [name for pack in shipped() for name in pack.studies]
+    assert "stephenson_output" in studies
+    for name in studies:
+        result = sk.run_study(name)
+        assert not result.failures
+        assert set(result.summary["status"]) == {"OK"}
+
+
+def test_every_key_of_the_schema_is_described():
+    whole = schema("study")
+    for part in (whole, *whole["$defs"].values()):
+        for key, value in part.get("properties", {}).items():
+            assert value.get("title"), key
+            assert value.get("description", "").endswith("."), key
+        if "properties" in part:
+            assert part["additionalProperties"] is False
+    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema.Draft202012Validator.check_schema(whole)
