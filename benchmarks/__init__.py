@@ -1,0 +1,1 @@
+"""Measured speed and accuracy of spherekit: ``python -m benchmarks --help``."""

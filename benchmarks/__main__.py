@@ -1,0 +1,60 @@
+"""The one entry: runs benchmarks, writes Markdown to stdout and figures as JSON."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
+
+from benchmarks.machine import describe
+from benchmarks.report import markdown
+
+NAMES = ("planning", "motion", "startup", "accuracy", "tracking")
+"""Modules of this package with a function `run(quick)` that returns sections."""
+
+INTRODUCTION = """\
+# Benchmarks
+
+Repeat with `python -m benchmarks > docs/benchmarks.md` in the root of the
+repository, after `pip install -e '.[test]'`; single ones by their names ({names}),
+and with `--quick` in a tenth of the time.
+
+Every time is the median of several repetitions. Where figures are compared, the jobs
+alternate within one run, and a ratio is the median of the ratios of the rounds: ratios
+hold from machine to machine and under load, single times do not."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmarks asked for."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
+    parser.add_argument("--quick", action="store_true", help="fewer sizes and rounds")
+    parser.add_argument("--json", metavar="FILE", help="write the figures here too")
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.names if name not in NAMES]
+    if unknown:
+        parser.error(f"no benchmark is named {unknown[0]}; choose from {NAMES}")
+    machine = describe()
+    print(INTRODUCTION.format(names=", ".join(f"`{name}`" for name in NAMES)))
+    print("\nMachine: " + "; ".join(f"{key} {value}" for key, value in machine.items()))
+    figures = {}
+    for name in options.names or NAMES:
+        started = time.perf_counter()
+        sections = import_module(f"benchmarks.{name}").run(options.quick)
+        seconds = time.perf_counter() - started
+        print(f"{name}: {seconds:.0f} s", file=sys.stderr)
+        figures[name] = [asdict(section) for section in sections]
+        for section in sections:
+            print("\n" + markdown(section), flush=True)
+    if options.json:
+        content = {"machine": machine, "benchmarks": figures}
+        text = json.dumps(content, indent=1, default=float)
+        Path(options.json).write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""Motion, poles and coefficients with derivatives: time per configuration."""
+
+from collections.abc import Callable
+
+from benchmarks.report import Cell, Section
+from benchmarks.timing import Times, median, ratio, rounds
+from spherekit.files.read import load
+from spherekit.motion.motion import BLOCK, Motion, Tracer
+from spherekit.planning.poles import all_poles
+from spherekit.rates.field import SignMemory, evaluate
+from spherekit.rates.request import Request, request
+
+NAMES = ("four_bar", "stephenson", "double_butterfly")
+
+
+def run(quick: bool) -> list[Section]:
+    """Return the times of the evaluation and of the search before it."""
+    tracers = {name: Tracer(load(name)) for name in NAMES}
+    rows: list[tuple[Cell, ...]] = []
+    for samples in (1, 361) if quick else (1, 361, 100_000):
+        repeats = 3 if samples > 1000 or quick else 7
+        rows += _evaluation(tracers, samples, repeats)
+    evaluation = Section(
+        "Motion and poles",
+        f"All branches over the input's range, in blocks of {BLOCK} samples as a run "
+        "has them; a configuration is one sample of one branch. `motion` gives "
+        "variables, orientations, status and residual; `poles` gives, from the motion, "
+        "every pole axis with its velocity coefficient, the derivative of that, and "
+        "error bounds. The search for branches is not included.",
+        (
+            "mechanism",
+            "links",
+            "poles",
+            "branches",
+            "samples",
+            "motion, ms",
+            "motion, ns per configuration",
+            "over four_bar",
+            "poles, ms",
+            "poles, ns per configuration",
+            "over four_bar",
+            "poles, ns per pole",
+        ),
+        rows,
+        "Ratios are per configuration.",
+    )
+    return [evaluation, _search(3 if quick else 5)]
+
+
+def _evaluation(
+    tracers: dict[str, Tracer], samples: int, repeats: int
+) -> list[tuple[Cell, ...]]:
+    jobs: dict[str, Callable[[], object]] = {}
+    for name, tracer in tracers.items():
+        made = tracer.mechanism
+        every = all_poles(len(made.links))
+        wanted = request(made, made.inputs[0].pair, every, every)
+        blocks = list(tracer.blocks(samples))
+        jobs[f"{name} motion"] = lambda each=tracer: _consume(each, samples)
+        jobs[f"{name} poles"] = lambda each=blocks, what=wanted: _poles(each, what)
+    times = rounds(jobs, repeats)
+    return [_row(tracers, name, samples, times) for name in tracers]
+
+
+def _consume(tracer: Tracer, samples: int) -> None:
+    for _ in tracer.blocks(samples):
+        pass
+
+
+def _poles(blocks: list[Motion], wanted: Request) -> None:
+    memory = SignMemory()
+    for block in blocks:
+        evaluate(block, wanted, memory)
+
+
+def _row(
+    tracers: dict[str, Tracer], name: str, samples: int, times: Times
+) -> tuple[Cell, ...]:
+    tracer, unit = tracers[name], tracers["four_bar"]
+    count = len(tracer.mechanism.links)
+    poles = count * (count - 1) // 2
+    configurations = samples * len(tracer.branches)
+    share = len(unit.branches) / len(tracer.branches)
+    row: list[Cell] = [name, count, poles, len(tracer.branches), samples]
+    for what in ("motion", "poles"):
+        seconds = median(times, f"{name} {what}")
+        row += [
+            1e3 * seconds,
+            1e9 * seconds / configurations,
+            share * ratio(times, f"{name} {what}", f"four_bar {what}"),
+        ]
+    row.append(1e9 * median(times, f"{name} poles") / configurations / poles)
+    return tuple(row)
+
+
+def _search(repeats: int) -> Section:
+    made = {name: load(name) for name in NAMES}
+    jobs = {name: lambda each=each: Tracer(each) for name, each in made.items()}
+    times = rounds(jobs, repeats)
+    rows: list[tuple[Cell, ...]] = []
+    for name in NAMES:
+        tracer = Tracer(made[name])
+        kinds = ", ".join(group.kind for group in tracer.assembly.groups)
+        seconds, relation = median(times, name), ratio(times, name, "four_bar")
+        rows.append((name, kinds, len(tracer.branches), 1e3 * seconds, relation))
+    return Section(
+        "Search for branches",
+        "Done once before any sample: dyads in closed form over the range; irreducible "
+        "groups by Newton's method from random starts at several inputs, and by "
+        "following each mode found.",
+        ("mechanism", "groups", "branches", "search, ms", "over four_bar"),
+        rows,
+    )

@@ -1,0 +1,111 @@
+"""Following irreducible groups: nodes and Newton steps for a turn of the input."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import wraps
+from typing import Any
+
+import numpy as np
+
+from benchmarks.report import Cell, Section
+from benchmarks.timing import median, rounds
+from spherekit.files.read import load
+from spherekit.motion.closure import Closure
+from spherekit.motion.follow import follow
+from spherekit.motion.motion import Tracer
+
+NAMES = ("double_butterfly", "single_flier")
+
+
+def run(quick: bool) -> list[Section]:
+    """Return the cost of every branch of the shipped mechanisms that need it."""
+    rows: list[tuple[Cell, ...]] = []
+    for name in NAMES:
+        tracer = Tracer(load(name))
+        for branch in tracer.branches:
+            rows.append(_branch(tracer, branch, 3 if quick else 7, name))
+    share = [float(row[4]) / float(row[3]) for row in rows if row[3]]
+    return [
+        Section(
+            "Tracking of irreducible groups",
+            "One branch followed from a node in its middle to both ends of its range, "
+            "then evaluated at 361 samples. A trial is one predicted step with its "
+            "Newton iteration; it is accepted as a node, or the step is halved.",
+            (
+                "mechanism",
+                "branch",
+                "range, turns",
+                "nodes",
+                "trials",
+                "Newton steps of the trials",
+                "Newton steps per node",
+                "nodes per turn",
+                "ms per turn",
+                "us per node",
+                "Newton steps of 361 samples, per sample",
+            ),
+            rows,
+            f"Median over the branches: {np.median(share):.2f} trials for a node.",
+        )
+    ]
+
+
+def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell, ...]:
+    curve = branch.curve
+    middle = curve.values[len(curve.inputs) // 2]
+    closure, driven = tracer.solver.closure, tracer.assembly.input
+
+    def job() -> object:
+        return follow(closure, driven, middle, tracer.low, tracer.high)
+
+    with counted() as cost:
+        found = job()
+    nodes = len(found.inputs)
+    turns = float(found.inputs[-1] - found.inputs[0]) / (2 * np.pi)
+    steps = cost["rows"] - cost["solved"]
+    seconds = median(rounds({"follow": job}, repeats), "follow")
+    q = np.linspace(found.inputs[0], found.inputs[-1], 361)
+    with counted() as later:
+        tracer.solver.evaluate(branch, q)
+    return (
+        name,
+        branch.number,
+        turns,
+        nodes,
+        cost["calls"],
+        steps,
+        steps / nodes,
+        nodes / turns,
+        1e3 * seconds / turns,
+        1e6 * seconds / nodes,
+        (later["rows"] - later["solved"]) / len(q),
+    )
+
+
+@contextmanager
+def counted() -> Iterator[Counter]:
+    """Count the calls of `Closure.solve`, the samples given and linearisations made.
+
+    Newton's method linearises once more than it steps: `rows` - `solved` are steps.
+    """
+    count: Counter = Counter()
+    solve, linearise = Closure.solve, Closure.linearise
+
+    @wraps(solve)
+    def counting_solve(self: Closure, values: Any, *args: Any, **named: Any) -> Any:
+        count["calls"] += 1
+        count["solved"] += len(values)
+        return solve(self, values, *args, **named)
+
+    @wraps(linearise)
+    def counting_linearise(self: Closure, values: Any) -> Any:
+        count["rows"] += len(values)
+        return linearise(self, values)
+
+    Closure.solve = counting_solve  # type: ignore[method-assign]
+    Closure.linearise = counting_linearise  # type: ignore[method-assign]
+    try:
+        yield count
+    finally:
+        Closure.solve, Closure.linearise = solve, linearise  # type: ignore[method-assign]

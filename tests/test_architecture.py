@@ -1,0 +1,154 @@
+"""The house rules that a machine can check: layers, heavy imports, public names."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import spherekit
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "spherekit"
+
+LAYERS = (
+    ("errors", "conventions", "version"),
+    ("sphere",),
+    ("model",),
+    ("files", "planning"),
+    ("motion",),
+    ("rates",),
+    ("analysis",),
+    ("view",),
+    ("cli",),
+)
+"""Each layer may import only layers above it in this list, and itself."""
+
+SIBLINGS = {"files": {"planning"}, "planning": {"files"}}
+PLUGINS_MAY_IMPORT = {"analysis", "sphere", "model", "planning", "errors", "conventions"}
+HOME_OF = {
+    "rerun": {"view"},
+    "pandas": {"analysis/frames.py"},
+    "pyarrow": {"analysis/frames.py", "view"},
+    "networkx": {"model/graph.py"},
+    "jsonschema": {"files/check.py"},
+}
+
+
+def imports(path):
+    """Return the modules a file imports, and whether at run time (not type checking)."""
+    found = set()
+
+    def visit(node, typing_only):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for child in node.body:
+                visit(child, True)
+            for child in node.orelse:
+                visit(child, typing_only)
+            return
+        if isinstance(node, ast.Import):
+            found.update((alias.name, typing_only) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found.add((node.module, typing_only))
+        for child in ast.iter_child_nodes(node):
+            visit(child, typing_only)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")), False)
+    return found
+
+
+def part_of(module):
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else "top"
+
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def test_dependencies_point_one_way():
+    level = {name: k for k, layer in enumerate(LAYERS) for name in layer}
+    wrong = []
+    for path in FILES:
+        inside = path.relative_to(PACKAGE).parts
+        own = inside[0].removesuffix(".py")
+        if own in ("__init__", "__main__"):
+            continue
+        assert own in level, f"{own} has no layer"
+        for module, _ in imports(path):
+            if module.split(".")[0] != "spherekit":
+                continue
+            other = part_of(module)
+            if level.get(other, 99) > level[own] or other in SIBLINGS.get(own, ()):
+                wrong.append(f"{path.relative_to(ROOT)} imports {module}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_plugins_use_the_public_contract_only():
+    for path in sorted((ROOT / "analyses").glob("*.py")):
+        for module, _ in imports(path):
+            if module.split(".")[0] == "spherekit":
+                assert part_of(module) in PLUGINS_MAY_IMPORT, f"{path.name}: {module}"
+            assert module.split(".")[0] not in HOME_OF, f"{path.name}: {module}"
+
+
+@pytest.mark.parametrize("library", HOME_OF)
+def test_each_heavy_library_has_one_home(library):
+    for path in FILES:
+        where = path.relative_to(PACKAGE).as_posix()
+        if any(where == home or where.startswith(home + "/") for home in HOME_OF[library]):
+            continue
+        used = {m.split(".")[0] for m, typing_only in imports(path) if not typing_only}
+        assert library not in used, f"{where} imports {library}"
+
+
+def test_importing_spherekit_loads_the_standard_library_and_numpy_only():
+    code = (
+        "import sys; before = set(sys.modules); import spherekit; "
+        "print(' '.join({m.split('.')[0] for m in set(sys.modules) - before}))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name for name in out.stdout.split() if name not in sys.stdlib_module_names}
+    assert loaded <= {"spherekit", "numpy"}
+
+
+def test_public_names_resolve():
+    for name in spherekit.__all__:
+        assert getattr(spherekit, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'no_such_name'"):
+        spherekit.no_such_name  # noqa: B018
+
+
+def test_no_cycles_between_modules():
+    edges = {}
+    for path in FILES:
+        own = ".".join(["spherekit", *path.relative_to(PACKAGE).with_suffix("").parts])
+        edges[own.removesuffix(".__init__")] = {
+            m for m, typing_only in imports(path) if m.startswith("spherekit") and not typing_only
+        }
+    done, active = set(), []
+
+    def visit(module):
+        assert module not in active, " -> ".join([*active[active.index(module) :], module])
+        if module in done:
+            return
+        active.append(module)
+        for other in edges.get(module, ()):
+            if other != "spherekit" and other in edges:
+                visit(other)
+        active.pop()
+        done.add(module)
+
+    for module in edges:
+        if module not in ("spherekit", "spherekit.__main__") and ".cli." not in module:
+            visit(module)
+
+
+def test_public_functions_have_no_catch_all_keywords_and_are_described():
+    for path in FILES:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        assert ast.get_docstring(tree) or path.name == "__init__.py", path
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                assert node.args.kwarg is None, f"{path.name}: {node.name}(**...)"

@@ -1,0 +1,170 @@
+"""The same mechanism described otherwise gives the same result."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, joints, mechanism, random_axes
+from oracles import off_axis
+from scipy.spatial.transform import Rotation
+
+import spherekit as sk
+from spherekit.model.mechanism import PoseGeometry
+from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import all_poles
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import request
+
+CHAIN = EIGHT_BARS[4]
+
+
+def rows(made, q, search=False):
+    """Return pole vectors by link names, {(link, relative to): (n, 3)}, and directions."""
+    tracer = Tracer(made, search=search)
+    poles = all_poles(len(made.links))
+    driven = tracer.mechanism.inputs[0].pair
+    field = evaluate(tracer.at(q), request(tracer.mechanism, driven, poles, poles))
+    names = made.links
+    vectors, lines = {}, {}
+    for i, j in poles:
+        w = field.direction[i, j] * field.rate[i, j][:, None]
+        vectors[names[j], names[i]] = w
+        vectors[names[i], names[j]] = -w
+        lines[names[j], names[i]] = lines[names[i], names[j]] = field.direction[i, j]
+    return vectors, lines
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(11)
+
+
+Q = np.array([-1e-3, 0.0, 1e-3])
+
+
+def same(one, other, tolerance=1e-10):
+    assert one.keys() == other.keys()
+    for key, value in one.items():
+        scale = max(1.0, np.nanmax(np.abs(value)))
+        assert np.allclose(value, other[key], rtol=0, atol=tolerance * scale, equal_nan=True), key
+
+
+def test_rotating_the_whole_mechanism(random):
+    for _ in range(10):
+        axes = random_axes(random, 10)
+        turn = Rotation.random(random_state=int(random.integers(1 << 30)))
+        vectors, _ = rows(mechanism(CHAIN, axes), Q)
+        turned, _ = rows(mechanism(CHAIN, turn.apply(axes)), Q)
+        same({key: turn.apply(value) for key, value in vectors.items()}, turned)
+
+
+def test_renaming_and_reordering_links_and_pairs(random):
+    edges = joints(CHAIN)
+    for _ in range(10):
+        axes = random_axes(random, 10)
+        vectors, _ = rows(mechanism(CHAIN, axes), Q)
+        order = random.permutation(10)
+        order = np.concatenate([[0], order[order != 0]])
+        new = {1: "ground", **{k: f"part_{x}" for k, x in zip(range(2, 9), random.permutation(7), strict=True)}}
+        made = mechanism([edges[k] for k in order], axes[order], driven="p1_2")
+        renamed = replace(
+            made,
+            ground="ground",
+            links=tuple(new[int(link)] for link in made.links[::-1]),
+            pairs=tuple(
+                replace(p, links=(new[int(p.links[0])], new[int(p.links[1])]))
+                for p in made.pairs
+            ),
+        )
+        again, _ = rows(renamed, Q)
+        same({(new[int(a)], new[int(b)]): v for (a, b), v in vectors.items()}, again)
+
+
+def test_another_ground_gives_the_same_relative_motions(random):
+    """Only the axes in which directions are given change: those of the new ground."""
+    axes = random_axes(random, 10)
+    made = mechanism(CHAIN, axes)
+    vectors, _ = rows(made, np.zeros(1))
+    other, _ = rows(replace(made, ground="5"), np.zeros(1))
+    same(vectors, other)
+
+
+def test_flipping_an_axis(random):
+    for pair in range(10):
+        axes = random_axes(random, 10)
+        made = mechanism(CHAIN, axes)
+        vectors, lines = rows(made, Q)
+        flipped = axes.copy()
+        flipped[pair] *= -1.0
+        again, flipped_lines = rows(mechanism(CHAIN, flipped), Q if pair else -Q)
+        sign = -1.0 if pair == 0 else 1.0
+        same(vectors, {key: sign * value for key, value in again.items()})
+        for key, line in lines.items():
+            assert np.nanmax(off_axis(line, flipped_lines[key])) < 1e-10
+
+
+def test_swapping_the_two_links_of_a_pair(random):
+    axes = random_axes(random, 10)
+    made = mechanism(CHAIN, axes)
+    vectors, _ = rows(made, Q)
+    for k in range(1, 10):
+        pairs = list(made.pairs)
+        pairs[k] = replace(pairs[k], links=pairs[k].links[::-1])
+        again, _ = rows(replace(made, pairs=tuple(pairs)), Q)
+        same(vectors, again)
+
+
+def test_sizes_and_reference_pose_describe_the_same_motion():
+    """The Stephenson of the shipped file, given again by its axes at some input."""
+    sized = sk.load("stephenson")
+    tracer = Tracer(sized)
+    start = tracer.at(np.array([0.7]))
+    first = start.branch == 2
+    axes = {p.name: tuple(start.axes[first][0, k]) for k, p in enumerate(sized.pairs)}
+    value = {p.name: float(start.values[first][0, k]) for k, p in enumerate(sized.pairs)}
+    posed = replace(sized, geometry=PoseGeometry(axes, value))
+    q = np.linspace(0.0, 6.0, 13)
+    motion = tracer.at(q)
+    other = Tracer(posed).at(q)
+    ours, theirs = motion.branch == 2, other.branch == 0
+    turned = np.exp(1j * motion.values[ours]) - np.exp(1j * other.values[theirs])
+    assert np.nanmax(np.abs(turned)) < 1e-13
+    assert np.nanmax(np.abs(motion.axes[ours] - other.axes[theirs])) < 1e-13
+
+
+def test_planar_limit():
+    """Arcs scaled by r: coefficients tend to the planar linkage's with error O(r^2)."""
+    base = sk.load("four_bar")
+    rates = []
+    for r in (1e-1, 1e-2, 1e-3):
+        sizes = {
+            link: replace(size, arcs=(size.arcs[0] * r,))
+            for link, size in base.geometry.links.items()
+        }
+        made = replace(base, geometry=replace(base.geometry, links=sizes))
+        vectors, _ = rows(made, np.array([0.9]), search=True)
+        rates.append(np.linalg.norm(vectors["4", "1"][0]))
+    planar = _planar_ratio(*[size.arcs[0] for size in base.geometry.links.values()], 0.9)
+    mode = int(np.argmin(np.abs(np.array(planar) - rates[-1])))
+    errors = np.abs(np.array(rates) - planar[mode])
+    assert errors[1] < 0.02 * errors[0]
+    assert errors[2] < 0.02 * errors[1] + 1e-11
+
+
+def _planar_ratio(ground, crank, coupler, rocker, theta):
+    """Return |w4/w2| of both modes of a planar four-bar, from its points' velocities."""
+    pin = crank * np.exp(1j * theta)
+    base = ground
+    reach = pin - base
+    length = abs(reach)
+    cosine = (length**2 + rocker**2 - coupler**2) / (2 * length * rocker)
+    best = []
+    for sign in (1, -1):
+        end = base + rocker * reach / length * np.exp(1j * sign * np.arccos(cosine))
+        along = end - pin
+        crank_speed = 1j * pin
+        rocker_speed = 1j * (end - base)
+        best.append(
+            abs((crank_speed.conjugate() * along).real / (rocker_speed.conjugate() * along).real)
+        )
+    return best

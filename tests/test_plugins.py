@@ -1,0 +1,219 @@
+"""Analyses: the contract, discovery, broken plugins, declared needs."""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, final
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.registry import create, load, names, records, registered
+from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
+from spherekit.errors import AnalysisError, PluginError
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Swing(AbstractAnalysis):
+    """The largest swing of one pair per branch: an analysis of whole batches."""
+
+    name: ClassVar = "swing"
+    version: ClassVar = "1"
+    summary: ClassVar = "range of a pair's variable"
+    tables: ClassVar = (
+        Table("swing", "one row per branch", (BRANCH, Column("swing", "rad", "largest"))),
+    )
+    pair: str = "41"
+
+    def needs(self, mechanism):
+        mechanism.pair(self.pair)
+        return Needs(pair_values=frozenset([self.pair]))
+
+    def compute(self, batch: Batch):
+        values = batch.pair_value(self.pair)
+        found = [(n, np.ptp(values[rows])) for n, rows in batch.branch_rows().items()]
+        return {
+            "swing": {
+                "branch": np.array([n for n, _ in found]),
+                "swing": np.array([s for _, s in found]),
+            }
+        }
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Greedy(AbstractAnalysis):
+    """Reads what it has not declared."""
+
+    name: ClassVar = "greedy"
+    version: ClassVar = "1"
+    summary: ClassVar = "reads too much"
+    rowwise: ClassVar = True
+    tables: ClassVar = (Table("greedy", "", (SAMPLE,)),)
+    what: str = "rate"
+
+    def needs(self, mechanism):
+        return Needs(directions=frozenset([(0, 1)]))
+
+    def compute(self, batch: Batch):
+        reads = {
+            "rate": lambda: batch.rate(0, 1),
+            "pole": lambda: batch.direction(0, 2),
+            "value": lambda: batch.pair_value("21"),
+            "rotation": lambda: batch.rotation("2"),
+            "rate_dq": lambda: batch.rate_dq(0, 1),
+            "nonsense": lambda: 1 / 0,
+            "columns": lambda: None,
+        }
+        reads[self.what]()
+        return {"greedy": {"other": batch.sample}}
+
+
+def test_poles_is_registered_like_anyones():
+    assert "poles" in names()
+    (own,) = [record for record in records() if record.name == "poles"]
+    assert own.error == ""
+    assert own.origin == "spherekit"
+    assert load("poles").__module__ == "spherekit_analyses.poles"
+
+
+def test_main_table_has_the_agreed_columns():
+    table = load("poles").tables[0]
+    assert [column.name for column in table.columns][:11] == [
+        "sample", "branch", "q", "link", "relative_to", "ux", "uy", "uz",
+        "rate", "rate_dq", "conditioning",
+    ]  # fmt: skip
+
+
+def test_an_analysis_of_whole_batches():
+    with registered(Swing):
+        result = sk.run(sk.load("four_bar"), ["swing:pair=41", "poles:only=31"], samples=19, block=5)
+    frame = result.frame("swing")
+    assert list(frame["branch"]) == [0, 1]
+    # the two modes of a four-bar mirror each other (theory of the paper's eq. 25)
+    assert frame["swing"][0] == pytest.approx(frame["swing"][1], abs=1e-12)
+    assert len(result.frame("poles")) == 2 * 19
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("rate", "Needs(rates=...)"),
+        ("pole", "links 3 and 1"),
+        ("value", 'pair_value("21")'),
+        ("rotation", 'rotation("2")'),
+        ("rate_dq", "derivatives=True"),
+        ("nonsense", "ZeroDivisionError"),
+        ("columns", "declared with columns"),
+    ],
+)
+def test_faults_of_one_analysis_do_not_touch_the_others(what, words):
+    with registered(Greedy):
+        result = sk.run(sk.load("four_bar"), [f"greedy:what={what}", "poles"], samples=5)
+    assert words in result.failures["greedy"]
+    assert len(result.frame("poles")) == 2 * 5 * 6
+    with pytest.raises(AnalysisError, match="greedy failed"):
+        result.frame("greedy")
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ("pole", 'did you mean "poles"'),
+        ("poles:onyl=31", 'did you mean "only"'),
+        ("poles:only", "is no parameter"),
+        ("swing:pair=14", "no pair is named"),
+        ("poles:only=91", "is no pole"),
+    ],
+)
+def test_wrong_requests_fail_before_anything_is_computed(request_, words):
+    with registered(Swing), pytest.raises(sk.SpherekitError) as caught:
+        sk.run(sk.load("four_bar"), request_)
+    assert words in str(caught.value)
+
+
+def test_parameters_are_converted_by_their_type():
+    assert create("poles:only=31+42,show=42").only == ("31", "42")
+
+
+BROKEN = {
+    "does_not_import": ("nowhere.at.all:Thing", "does not import"),
+    "raises": ("third_party:no_such_name", "does not import"),
+    "not_an_analysis": ("third_party:NotOne", "not a subclass"),
+    "misnamed": ("third_party:Misnamed", "calls itself 'other'"),
+    "old": ("third_party:Old", "written for contract 0"),
+    "unfinished": ("third_party:Unfinished", "methods missing: compute"),
+    "exits": ("third_party_exits:Thing", "SystemExit"),
+}
+
+
+@pytest.fixture
+def third_party(tmp_path: Path):
+    """A folder with an installed distribution whose analyses are all broken but one."""
+    (tmp_path / "third_party.py").write_text(
+        """
+from dataclasses import dataclass
+from spherekit.analysis.contract import AbstractAnalysis, Needs
+class NotOne: pass
+class Base(AbstractAnalysis):
+    version = "1"; summary = "s"; tables = ()
+    def needs(self, mechanism): return Needs()
+    def compute(self, batch): return {}
+@dataclass(frozen=True)
+class Fine(Base): name = "fine"
+@dataclass(frozen=True)
+class Misnamed(Base): name = "other"
+@dataclass(frozen=True)
+class Old(Base): name = "old"; contract = 0
+class Unfinished(AbstractAnalysis):
+    name = "unfinished"; version = "1"; summary = "s"; tables = ()
+    def needs(self, mechanism): return Needs()
+"""
+    )
+    (tmp_path / "third_party_exits.py").write_text("raise SystemExit(3)\n")
+    info = tmp_path / "third_party-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: third-party\nVersion: 1.0\n")
+    lines = [f"{name} = {target}" for name, (target, _) in BROKEN.items()]
+    lines.append("fine = third_party:Fine")
+    (info / "entry_points.txt").write_text("[spherekit.analyses]\n" + "\n".join(lines) + "\n")
+    return tmp_path
+
+
+def test_broken_plugins_are_listed_with_their_reason(third_party, monkeypatch):
+    monkeypatch.syspath_prepend(str(third_party))
+    listed = {record.name: record for record in records()}
+    for name, (_, words) in BROKEN.items():
+        assert words in listed[name].error, listed[name]
+        assert listed[name].origin == "third-party"
+        with pytest.raises(PluginError):
+            load(name)
+    assert listed["fine"].error == ""
+    assert listed["poles"].error == ""
+    assert len(sk.run(sk.load("four_bar"), "poles", samples=3).frame()) == 36
+
+
+def test_broken_plugins_do_not_stop_the_command_line(third_party):
+    run = subprocess.run(
+        [sys.executable, "-m", "spherekit", "analyses"],
+        capture_output=True,
+        text=True,
+        env={"PYTHONPATH": str(third_party), "PATH": ""},
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert "BROKEN: analysis old of third-party" in run.stdout
+    assert "pole axes and velocity coefficients" in run.stdout
+
+
+def test_the_same_name_twice_is_refused(third_party, monkeypatch):
+    (third_party / "third_party-1.0.dist-info" / "entry_points.txt").write_text(
+        "[spherekit.analyses]\npoles = third_party:Fine\n"
+    )
+    monkeypatch.syspath_prepend(str(third_party))
+    with pytest.raises(PluginError, match="several distributions"):
+        load("poles")
