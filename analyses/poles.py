@@ -23,6 +23,10 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, parse_pole, pole_of
 
 
+MANY = 6
+"""With more poles than this, those to the ground and the shown one are seen at first."""
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
 class Poles(AbstractAnalysis):
@@ -129,27 +133,35 @@ class Poles(AbstractAnalysis):
         driven = batch.plan.input
         unit = _short(mechanism, pole_of(*mechanism.ends[driven]))
         shown = self.shown(mechanism)
+        wanted = self.poles(mechanism)
+        many = len(wanted) > MANY
         scenes = []
         for number, rows in batch.branch_rows().items():
             parts: list[Primitive] = []
-            for pole in self.poles(mechanism):
+            for pole in wanted:
                 low, high = (mechanism.links[k] for k in pole)
                 short = _short(mechanism, pole)
+                first = not many or pole[0] == 0 or pole == shown
                 parts.append(
                     Arrow(
                         f"pole/{high}_{low}",
                         f"P{short}",
                         batch.direction(*pole)[rows],
                         pole in primary,
+                        first or pole in primary,
                     )
                 )
-                for group, letter, values in (
-                    ("velocity coefficients", f"ω{short}/ω{unit}", batch.rate(*pole)),
-                    ("acceleration coefficients", f"(ω{short}/ω{unit})′", batch.rate_dq(*pole)),
+                if pole == pole_of(*mechanism.ends[driven]):
+                    continue
+                for order, letter, values in (
+                    ("velocity", f"ω{short}/ω{unit}", batch.rate(*pole)),
+                    ("acceleration", f"(ω{short}/ω{unit})′", batch.rate_dq(*pole)),
                 ):
-                    if pole != pole_of(*mechanism.ends[driven]):
-                        where = f"plots/{group.split()[0]}/{high}_{low}"
-                        parts.append(Series(where, letter, group, values[rows]))
+                    group = f"{order} coefficients"
+                    if many:
+                        group += " to ground" if pole[0] == 0 else " between links"
+                    where = f"plots/{order}/{high}_{low}"
+                    parts.append(Series(where, letter, group, values[rows]))
             if shown is not None:
                 normals = batch.planes(*shown)[rows]
                 parts += [

@@ -19,8 +19,9 @@ INTRODUCTION = """\
 # Benchmarks
 
 Repeat with `python -m benchmarks > docs/benchmarks.md` in the root of the
-repository, after `pip install -e '.[test]'`; single ones by their names ({names}),
-and with `--quick` in a tenth of the time.
+repository, after `pip install -e '.[test]'`; single ones by their names
+({names}), a short run with `--quick`, the
+figures as JSON with `--json FILE`.
 
 Every time is the median of several repetitions. Where figures are compared, the jobs
 alternate within one run, and a ratio is the median of the ratios of the rounds: ratios

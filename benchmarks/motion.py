@@ -16,40 +16,45 @@ NAMES = ("four_bar", "stephenson", "double_butterfly")
 def run(quick: bool) -> list[Section]:
     """Return the times of the evaluation and of the search before it."""
     tracers = {name: Tracer(load(name)) for name in NAMES}
-    rows: list[tuple[Cell, ...]] = []
+    motion: list[tuple[Cell, ...]] = []
+    poles: list[tuple[Cell, ...]] = []
     for samples in (1, 361) if quick else (1, 361, 100_000):
-        repeats = 3 if samples > 1000 or quick else 7
-        rows += _evaluation(tracers, samples, repeats)
-    evaluation = Section(
-        "Motion and poles",
-        f"All branches over the input's range, in blocks of {BLOCK} samples as a run "
-        "has them; a configuration is one sample of one branch. `motion` gives "
-        "variables, orientations, status and residual; `poles` gives, from the motion, "
-        "every pole axis with its velocity coefficient, the derivative of that, and "
-        "error bounds. The search for branches is not included.",
-        (
-            "mechanism",
-            "links",
-            "poles",
-            "branches",
-            "samples",
-            "motion, ms",
-            "motion, ns per configuration",
-            "over four_bar",
-            "poles, ms",
-            "poles, ns per configuration",
-            "over four_bar",
-            "poles, ns per pole",
-        ),
-        rows,
-        "Ratios are per configuration.",
+        times = _times(tracers, samples, 3 if samples > 1000 or quick else 7)
+        for name in NAMES:
+            motion.append(_row(tracers, name, samples, times, "motion"))
+            row = _row(tracers, name, samples, times, "poles")
+            count = len(all_poles(len(tracers[name].mechanism.links)))
+            poles.append((*row, count, float(row[4] or 0) / count))
+    columns = (
+        "mechanism",
+        "branches",
+        "samples",
+        "ms",
+        "ns per configuration",
+        "over four_bar, per configuration",
     )
-    return [evaluation, _search(3 if quick else 5)]
+    return [
+        Section(
+            "Motion",
+            f"All branches over the input's range, in blocks of {BLOCK} samples as a "
+            "run has them; a configuration is one sample of one branch. Variables, "
+            "orientations, status and residual; the search for branches is not "
+            "included.",
+            columns,
+            motion,
+        ),
+        Section(
+            "Poles, coefficients and their derivatives",
+            "From that motion: every pole axis with its velocity coefficient, the "
+            "derivative of that by the input, and error bounds.",
+            (*columns, "poles", "ns per pole"),
+            poles,
+        ),
+        _search(3 if quick else 5),
+    ]
 
 
-def _evaluation(
-    tracers: dict[str, Tracer], samples: int, repeats: int
-) -> list[tuple[Cell, ...]]:
+def _times(tracers: dict[str, Tracer], samples: int, repeats: int) -> Times:
     jobs: dict[str, Callable[[], object]] = {}
     for name, tracer in tracers.items():
         made = tracer.mechanism
@@ -58,8 +63,7 @@ def _evaluation(
         blocks = list(tracer.blocks(samples))
         jobs[f"{name} motion"] = lambda each=tracer: _consume(each, samples)
         jobs[f"{name} poles"] = lambda each=blocks, what=wanted: _poles(each, what)
-    times = rounds(jobs, repeats)
-    return [_row(tracers, name, samples, times) for name in tracers]
+    return rounds(jobs, repeats)
 
 
 def _consume(tracer: Tracer, samples: int) -> None:
@@ -74,23 +78,19 @@ def _poles(blocks: list[Motion], wanted: Request) -> None:
 
 
 def _row(
-    tracers: dict[str, Tracer], name: str, samples: int, times: Times
+    tracers: dict[str, Tracer], name: str, samples: int, times: Times, what: str
 ) -> tuple[Cell, ...]:
-    tracer, unit = tracers[name], tracers["four_bar"]
-    count = len(tracer.mechanism.links)
-    poles = count * (count - 1) // 2
-    configurations = samples * len(tracer.branches)
-    share = len(unit.branches) / len(tracer.branches)
-    row: list[Cell] = [name, count, poles, len(tracer.branches), samples]
-    for what in ("motion", "poles"):
-        seconds = median(times, f"{name} {what}")
-        row += [
-            1e3 * seconds,
-            1e9 * seconds / configurations,
-            share * ratio(times, f"{name} {what}", f"four_bar {what}"),
-        ]
-    row.append(1e9 * median(times, f"{name} poles") / configurations / poles)
-    return tuple(row)
+    branches = len(tracers[name].branches)
+    share = len(tracers["four_bar"].branches) / branches
+    seconds = median(times, f"{name} {what}")
+    return (
+        name,
+        branches,
+        samples,
+        1e3 * seconds,
+        1e9 * seconds / (samples * branches),
+        share * ratio(times, f"{name} {what}", f"four_bar {what}"),
+    )
 
 
 def _search(repeats: int) -> Section:

@@ -58,9 +58,9 @@ def _table(quick: bool, triads: bool) -> Section:
     return Section(
         f"Planning: {title}",
         f"A four-bar grown by {what} added at random links ({chains} seeded chains of "
-        "each size, medians over them). `poles` is the plan of all m(m - 1)/2 pole axes "
-        "by Aronhold-Kennedy passes with irreducible parts; `groups` is the order in "
-        "which positions are solved.",
+        "each size, medians over them). `poles` is the plan of all m(m - 1)/2 pole "
+        "axes by Aronhold-Kennedy passes with irreducible parts; `groups` is the order "
+        "in which positions are solved.",
         (
             "links",
             "poles",
@@ -72,8 +72,9 @@ def _table(quick: bool, triads: bool) -> Section:
             "poles / groups",
         ),
         rows,
-        f"Fitted growth from {FIT_FROM} links on: plan of poles ~ links^"
-        f"{_exponent(rows, 4):.2f}, plan of groups ~ links^{_exponent(rows, 6):.2f}.",
+        f"Fitted growth from {FIT_FROM} links on: plan of poles as links to the power "
+        f"{_exponent(rows, 4):.2f}, plan of groups {_exponent(rows, 6):.2f}. The "
+        "number of poles alone grows as the power 2.",
     )
 
 

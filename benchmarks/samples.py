@@ -9,8 +9,8 @@ from spherekit.model.mechanism import Mechanism
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from chains import EIGHT_BARS, mechanism, random_axes  # noqa: E402
-from oracles import null_space, off_axis  # noqa: E402
+from chains import EIGHT_BARS, mechanism, random_axes
+from oracles import null_space, off_axis
 
 __all__ = ["EIGHT_BARS", "grown", "mechanism", "null_space", "off_axis", "random_axes"]
 

@@ -340,9 +340,7 @@ def test_run_study_is_run_with_what_the_file_says(tmp_path):
     text = STUDY.replace("[analyses.tuned]", "[output.x]").split("[output.x]")[0]
     ours = sk.run_study(write(tmp_path, text))
     study = load_study(tmp_path / "x.study.toml")
-    theirs = sk.run(
-        study.mechanism, "poles:only=6/1+5/1,show=6/1", samples=7, branch=1
-    )
+    theirs = sk.run(study.mechanism, "poles:only=6/1+5/1,show=6/1", samples=7, branch=1)
     pd.testing.assert_frame_equal(ours.frame(), theirs.frame())
     assert ours.summary["range_rad"] == [np.radians(-30), np.radians(90)]
 

@@ -3,7 +3,7 @@
 import hashlib
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Protocol
 
@@ -41,10 +41,21 @@ from spherekit.version import __version__
 class Recorder(Protocol):
     """What a run tells a viewer while it goes on; see `spherekit.view`."""
 
-    def start(self, scenes: Sequence[Scene], input_values: Floats) -> None:
-        """Take the static scenes and all input values (samples,) rad of the run."""
+    def start(
+        self,
+        scenes: Sequence[Scene],
+        inputs: Floats | None,
+        *,
+        branches: Mapping[int, str] | None = None,
+        properties: Mapping[str, str] | None = None,
+        focus: Floats | None = None,
+    ) -> None:
+        """Take what does not move, all inputs (samples,) rad, the branches' names.
 
-    def log(self, scene: Scene, samples: Any, input_values: Floats) -> None:
+        `focus` (3,) is the unit vector to the middle of the mechanism.
+        """
+
+    def log(self, scene: Scene, samples: Any, inputs: Floats | None = None) -> None:
         """Take one block of one branch: sample numbers (k,), inputs (k,) rad."""
 
 
@@ -130,7 +141,17 @@ def run(
     memory = SignMemory()
     inputs = tracer.inputs(samples)
     if recorder is not None:
-        recorder.start([static_scene(wanted.plan)], inputs)
+        recorder.start(
+            [static_scene(wanted.plan)],
+            inputs,
+            branches={b.number: f"Mode {b.number} ({b.label})" for b in tracer.branches},
+            properties={
+                "spherekit": __version__,
+                "mechanism_hash": mechanism_hash(mechanism),
+                "analyses": ", ".join(analysis.name for analysis in chosen),
+            },
+            focus=_middle(tracer, inputs),
+        )
 
     def attempt(analysis: AbstractAnalysis, what: Needs, motion: Motion, field: Any) -> None:
         if analysis.name in failures:
@@ -178,6 +199,15 @@ def run(
         "evaluate": finished - planned,
     }
     return RunResult(results, failures, summary)
+
+
+def _middle(tracer: Tracer, inputs: Floats) -> Floats | None:
+    """Return the mean direction (3,) of the pair axes of the first branch, if any."""
+    coarse = tracer.at(inputs[:: max(1, len(inputs) // 24)])
+    own = ~coarse.failed & (coarse.branch == coarse.branch[0])
+    mean = np.sum(coarse.axes[own], axis=(0, 1))
+    size = np.linalg.norm(mean)
+    return None if size < 1e-9 else np.asarray(mean / size)
 
 
 def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion) -> None:

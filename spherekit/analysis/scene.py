@@ -44,6 +44,8 @@ class Arrow:
     """(n, 3) unit vectors."""
     primary: bool
     """A pole axis that is the axis of a pair, drawn quieter than a secondary one."""
+    shown: bool = True
+    """Whether it is drawn from the start; otherwise it can be switched on."""
 
 
 @final

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.scene import Body, Graph, Primitive, Scene, Text
+from spherekit.analysis.scene import Body, Graph, Scene, Text
 from spherekit.model.geometry import link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
@@ -17,35 +17,30 @@ CURVE_STEP = np.radians(2.0)
 
 
 def static_scene(plan: Plan) -> Scene:
-    """Return what does not move: the link/pair graph and the plan's Table."""
-    return Scene(None, (_graph(plan.mechanism), _text(plan)))
+    """Return what does not move: the ground, the link/pair graph, the plan's Table."""
+    mechanism = plan.mechanism
+    return Scene(None, (_body(mechanism, 0, None), _graph(mechanism), _text(plan)))
 
 
 def motion_scenes(motion: Motion) -> tuple[Scene, ...]:
     """Return the turning links of every branch of a block."""
     mechanism = motion.mechanism
-    axes = link_axes(mechanism)
+    turns = {k: motion.quaternions(k) for k in range(1, len(mechanism.links))}
     scenes = []
     for position, branch in enumerate(motion.branches):
         rows = slice(position * motion.samples, (position + 1) * motion.samples)
-        bodies: list[Primitive] = []
-        for number, link in enumerate(mechanism.links):
-            quaternions = None if number == 0 else motion.quaternions(number)[rows]
-            names = list(axes[link])
-            joints = np.array([axes[link][name] for name in names]).reshape(-1, 3)
-            bodies.append(
-                Body(
-                    f"link/{link}",
-                    link,
-                    link_curves(joints),
-                    joints,
-                    names,
-                    number,
-                    quaternions,
-                )
-            )
+        bodies = [_body(mechanism, link, turn[rows]) for link, turn in turns.items()]
         scenes.append(Scene(branch.number, tuple(bodies)))
     return tuple(scenes)
+
+
+def _body(mechanism: Mechanism, number: int, quaternions: Floats | None) -> Body:
+    link = mechanism.links[number]
+    axes = link_axes(mechanism)[link]
+    joints = np.array(list(axes.values())).reshape(-1, 3)
+    return Body(
+        f"link/{link}", link, link_curves(joints), joints, list(axes), number, quaternions
+    )
 
 
 def link_curves(joints: Floats) -> list[Floats]:

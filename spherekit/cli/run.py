@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -84,6 +85,12 @@ def execute(options: argparse.Namespace) -> int:
             _keep_serving(options, recorder)
     if study.recording is not None and not options.quiet:
         print(f"recording in {study.recording}", file=sys.stderr)
+    if options.view:
+        from spherekit.view.viewer import open_viewer
+
+        note = open_viewer(study.recording)
+        if note and not options.quiet:
+            print(note, file=sys.stderr)
     if result.failures:
         return FAILED_ANALYSIS
     failed = any(name != "OK" for name in result.summary["status"])
@@ -105,7 +112,11 @@ def overridden(study: "Study", options: argparse.Namespace) -> "Study":
         "degrees": True if options.deg else None,
     }
     changes = {key: value for key, value in given.items() if value is not None}
-    return replace(study, **changes)
+    study = replace(study, **changes)
+    if options.view and study.recording is None:
+        folder = study.folder or Path(tempfile.mkdtemp(prefix="spherekit-"))
+        study = replace(study, recording=folder / f"{study.mechanism.name}.rrd")
+    return study
 
 
 def report(summary: Any) -> str:
@@ -137,17 +148,15 @@ def report(summary: Any) -> str:
 
 
 def _recorder(options: argparse.Namespace, study: "Study") -> Any:
-    live = options.serve is not None or options.connect or options.view
-    if study.recording is None and not live:
+    if study.recording is None and options.serve is None and not options.connect:
         return nullcontext(None)
     from spherekit.view.rerun_view import Recorder
 
-    return Recorder.open(
+    return Recorder(
         study.mechanism.name,
         path=study.recording,
-        serve=options.serve,
-        connect=options.connect,
-        spawn=options.view,
+        port=options.serve,
+        url=options.connect,
     )
 
 
@@ -158,11 +167,7 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
             "stop with Ctrl-C",
             file=sys.stderr,
         )
-    try:
-        while True:
-            time.sleep(3600)
-    except KeyboardInterrupt:
-        pass
+    recorder.serve_until_interrupted()
 
 
 def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:

@@ -1,6 +1,7 @@
 """`spherekit view`: a recording in the viewer, or as a picture."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from spherekit.errors import OutputError
@@ -23,9 +24,11 @@ def execute(options: argparse.Namespace) -> int:
     """Open the viewer, or write the picture."""
     path = find_recording(options.file)
     if options.png is None:
-        from spherekit.view.screenshot import open_viewer
+        from spherekit.view.viewer import open_viewer
 
-        open_viewer(path)
+        note = open_viewer(path)
+        if note and not options.quiet:
+            print(note, file=sys.stderr)
         return 0
     from spherekit.view.screenshot import screenshot
 

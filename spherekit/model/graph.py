@@ -22,7 +22,8 @@ def pieces(mechanism: Mechanism) -> list[list[str]]:
     """Return the connected pieces, each as its links in file order, ground's first."""
     order = mechanism.link_number
     found = nx.connected_components(link_graph(mechanism))
-    return sorted((sorted(piece, key=order.__getitem__) for piece in found), key=lambda p: order[p[0]])
+    sorted_pieces = (sorted(piece, key=order.__getitem__) for piece in found)
+    return sorted(sorted_pieces, key=lambda piece: order[piece[0]])
 
 
 def same_topology(one: Mechanism, other: Mechanism) -> bool:
@@ -73,7 +74,31 @@ def layout(mechanism: Mechanism) -> Layout:
         ]
         return scaled[0], scaled[1]
 
-    return Layout(
-        tuple(unit(node) for node in links),
-        tuple(unit(("pair", pair.name)) for pair in mechanism.pairs),
-    )
+    nodes = [*links, *(("pair", pair.name) for pair in mechanism.pairs)]
+    places = _apart([unit(node) for node in nodes])
+    return Layout(tuple(places[: len(links)]), tuple(places[len(links) :]))
+
+
+NODE_GAP = 0.12
+"""Nodes nearer than this would cover each other's names."""
+
+
+def _apart(places: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Push nodes away from each other until none covers another."""
+    for _ in range(50):
+        moved = False
+        for a in range(len(places)):
+            for b in range(a):
+                dx = places[a][0] - places[b][0]
+                dy = places[a][1] - places[b][1]
+                size = (dx * dx + dy * dy) ** 0.5
+                if size >= NODE_GAP:
+                    continue
+                moved = True
+                push = 0.5 * (NODE_GAP - size) + 1e-3
+                ux, uy = (dx / size, dy / size) if size > 1e-6 else (0.0, 1.0)
+                places[a] = (places[a][0] + push * ux, places[a][1] + push * uy)
+                places[b] = (places[b][0] - push * ux, places[b][1] - push * uy)
+        if not moved:
+            break
+    return places

@@ -38,7 +38,8 @@ USABLE_DIRECTION = 1e-6
 class PoleField:
     """Requested poles of a motion; rows as in the motion, NaN where it failed.
 
-    `direction[pole]` (n, 3) unit vector in ground axes, continuous along each branch;
+    `direction[pole]` (n, 3) unit vector in ground axes, continuous along each branch and
+    at its first sample on the side of the mechanism's axes (of a pair: its axis);
     `rate[pole]` (n,): rate * direction is the angular velocity of the pole's second
     link relative to its first per unit rate of the input; `rate_dq[pole]` (n,) its
     derivative by the input (1/rad); `angle[pole]` (n,) sine of the angle between the
@@ -251,7 +252,8 @@ def _continuous_signs(
     """Return the signs that make a direction continuous along each branch.
 
     The direction follows w itself, so its coefficient keeps its sign until w passes
-    through zero; where it does is read off the Hermite path between two samples.
+    through zero; where it does is read off the Hermite path between two samples. At the
+    first sample it points to the side where the sum of all pair axes lies.
     """
     signs = np.ones(unit.shape[1])
     for number, branch in enumerate(motion.branches):
@@ -274,7 +276,9 @@ def _continuous_signs(
             flips = _flips(np.append(q0, q), np.column_stack([v0, v]), np.column_stack([dv0, dv]))
             chain = s0 * np.cumprod(flips)
         else:
-            chain = np.cumprod(np.append(1.0, _flips(q, v, dv)))
+            home = np.sum(motion.axes[rows.start + good[0]], axis=0)
+            side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
+            chain = np.cumprod(np.append(side, _flips(q, v, dv)))
         signs[rows.start + good] = chain * along
         memory.last[key] = (q[-1:], v[:, -1:], dv[:, -1:], float(chain[-1]))
     return signs

@@ -14,7 +14,14 @@ import numpy as np
 
 from spherekit.conventions import EPS
 from spherekit.motion.closure import LoopTree
-from spherekit.planning.poles import BlockPoles, LinePole, Plan, Pole, PrimaryPole
+from spherekit.planning.poles import (
+    BlockPoles,
+    LinePole,
+    Plan,
+    Pole,
+    PrimaryPole,
+    pole_of,
+)
 from spherekit.rates.core import NullMotion, null_motion, null_motion_rate
 from spherekit.rates.vectors import cross, dot, norm, unit_rate
 from spherekit.sphere.rotation import Floats
@@ -59,6 +66,9 @@ def evaluate_lines(
             _intersect(step, lines, step.pole in keep_planes)
         else:
             _solve_block(plan, step, axes, lines)
+    for pole in keep_planes:
+        if pole not in lines.planes:
+            _planes_through(plan, pole, lines)
     return lines
 
 
@@ -78,20 +88,42 @@ def evaluate_line_rates(plan: Plan, lines: Lines, axes: Floats, turned: Floats) 
 
 def _line_sources(step: LinePole, k: int) -> tuple[Pole, Pole]:
     i, j = step.pole
-    return ((i, k) if i < k else (k, i)), ((j, k) if j < k else (k, j))
+    return pole_of(i, k), pole_of(j, k)
 
 
 def _intersect(step: LinePole, lines: Lines, keep_planes: bool) -> None:
+    normals, length, error = _great_circles(step, lines)
+    best, partner, first, vector, size, doubt = _best_two(normals, length, error)
+    across = norm(vector)
+    lines.unit[step.pole] = vector / np.where(across > 0.0, across, np.nan)
+    lines.error[step.pole] = np.minimum(doubt, 1.0)
+    lines.angle[step.pole] = size
+    lines.chosen[step.pole] = np.stack([best, partner])
+    if keep_planes:
+        pair = np.stack([first, _take(normals, partner)])
+        lines.planes[step.pole] = pair / norm(pair)[:, None]
+
+
+def _great_circles(step: LinePole, lines: Lines) -> tuple[Floats, Floats, Floats]:
+    """Return normals (lines, 3, n), their lengths and error bounds (lines, n)."""
     sources = [_line_sources(step, k) for k in step.via]
     a = np.stack([lines.unit[one] for one, _ in sources])
     b = np.stack([lines.unit[other] for _, other in sources])
     inherited = np.stack([lines.error[x] + lines.error[y] for x, y in sources])
     normals = cross(a, b)
     length = norm(normals)
-    error = (inherited + EPS) / np.maximum(length, EPS)
-    n = length.shape[1]
+    return normals, length, (inherited + EPS) / np.maximum(length, EPS)
+
+
+def _best_two(normals: Floats, length: Floats, error: Floats) -> tuple[Floats, ...]:
+    """Return for each sample the surest great circle and its surest partner.
+
+    The two line numbers (n,), the first normal and the intersection (3, n), the sine of
+    the angle between the planes and the error bound of the intersection (n,).
+    """
+    count, n = length.shape
     every = np.arange(n)
-    if len(sources) == 2:
+    if count == 2:
         best, partner = np.zeros(n, dtype=int), np.ones(n, dtype=int)
     else:
         best = np.argmin(error, axis=0)
@@ -99,18 +131,35 @@ def _intersect(step: LinePole, lines: Lines, keep_planes: bool) -> None:
     along = cross(first[None], normals)
     size = norm(along) / np.maximum(length * length[best, every], EPS * EPS)
     doubt = (error + error[best, every]) / np.maximum(size, EPS)
-    if len(sources) > 2:
+    if count > 2:
         doubt[best, every] = np.inf
         partner = np.argmin(doubt, axis=0)
-    vector = _take(along, partner)
-    across = norm(vector)
-    lines.unit[step.pole] = vector / np.where(across > 0.0, across, np.nan)
-    lines.error[step.pole] = np.minimum(doubt[partner, every], 1.0)
-    lines.angle[step.pole] = size[partner, every]
-    lines.chosen[step.pole] = np.stack([best, partner])
-    if keep_planes:
-        pair = np.stack([first, _take(normals, partner)])
-        lines.planes[step.pole] = pair / norm(pair)[:, None]
+    return (
+        best,
+        partner,
+        first,
+        _take(along, partner),
+        size[partner, every],
+        doubt[partner, every],
+    )
+
+
+def _planes_through(plan: Plan, pole: Pole, lines: Lines) -> None:
+    """Keep two great circles through a pole that was found otherwise, if there are any."""
+    i, j = pole
+    via = tuple(
+        k
+        for k in range(len(plan.mechanism.links))
+        if k not in pole and pole_of(i, k) in lines.unit and pole_of(j, k) in lines.unit
+    )
+    n = lines.unit[pole].shape[1]
+    if len(via) < 2:
+        lines.planes[pole] = np.full((2, 3, n), np.nan)
+        return
+    normals, length, error = _great_circles(LinePole(pole, 0, via), lines)
+    _, partner, first, *_ = _best_two(normals, length, error)
+    pair = np.stack([first, _take(normals, partner)])
+    lines.planes[pole] = pair / norm(pair)[:, None]
 
 
 def _take(stack: Floats, which: Floats) -> Floats:

@@ -4,9 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spherekit.view import colours, entities
 from spherekit.view.sdk import rr, rrb
 from spherekit.view.timelines import SAMPLE
+
+Floats = NDArray[np.float64]
 
 TURN_SECONDS = 12.0
 """Playing the whole range takes this long."""
@@ -14,7 +19,12 @@ TURN_SECONDS = 12.0
 TRAIL = 24
 """Recent samples shown as dots behind a pole."""
 
-EYE = (2.35, 1.45, 1.35)
+EYE_DISTANCE = 3.0
+EYE_ASIDE = 0.3
+"""Tangent of the angle between the eye's direction and the middle of the mechanism."""
+DEFAULT_FOCUS = (0.76, 0.47, 0.44)
+STEEP = 0.8
+"""A focus nearer to the z axis than this cosine is seen with x up instead of z."""
 
 
 @final
@@ -55,6 +65,8 @@ class Layout:
     branches: dict[int, str] = field(default_factory=dict)
     solids: list[tuple[int | None, str]] = field(default_factory=list)
     trails: list[tuple[int | None, str]] = field(default_factory=list)
+    hidden: list[tuple[int | None, str]] = field(default_factory=list)
+    focus: Floats | None = None
     groups: dict[str, list[SeriesEntry]] = field(default_factory=dict)
     panels: list[Panel] = field(default_factory=list)
 
@@ -106,6 +118,12 @@ class Layout:
         def here(owner: int | None) -> bool:
             return owner is None or owner == branch
 
+        overrides: dict[Any, Any] = {
+            path: [self._recent()] for owner, path in self.trails if here(owner)
+        }
+        for owner, path in self.hidden:
+            if here(owner):
+                overrides[path] = [rrb.EntityBehavior(visible=False)]
         contents = [f"+ {self.root}/sphere/**"]
         contents += [f"+ {path}/**" for owner, path in self.solids if here(owner)]
         return rrb.Spatial3DView(
@@ -114,12 +132,21 @@ class Layout:
             name=title,
             background=colours.BACKGROUND,
             line_grid=False,
-            eye_controls=rrb.EyeControls3D(
-                position=EYE, look_target=(0, 0, 0.04), eye_up=(0, 0, 1)
-            ),
-            overrides={
-                path: [self._recent()] for owner, path in self.trails if here(owner)
-            },
+            eye_controls=self._eye(),
+            overrides=overrides,
+        )
+
+    def _eye(self) -> rrb.EyeControls3D:
+        """Face the mechanism a little from the side, with z up where that is possible."""
+        focus = np.array(DEFAULT_FOCUS if self.focus is None else self.focus)
+        focus = focus / np.linalg.norm(focus)
+        up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP else [-1.0, 0.0, 0.0])
+        right = np.cross(focus, up)
+        right /= np.linalg.norm(right)
+        eye = focus + EYE_ASIDE * (0.8 * right + 0.6 * np.cross(right, focus))
+        position = EYE_DISTANCE * eye / np.linalg.norm(eye)
+        return rrb.EyeControls3D(
+            position=tuple(position), look_target=tuple(0.1 * focus), eye_up=tuple(up)
         )
 
     def _recent(self) -> rrb.VisibleTimeRanges:

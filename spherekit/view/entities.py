@@ -77,16 +77,16 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
             colour = colours.SILVER if primitive.primary else colours.GOLD
             radius = 0.006 if primitive.primary else 0.014
             yield "", rr.Arrows3D.from_fields(colors=colour, radii=radius)
-            yield (
-                "label",
-                rr.Points3D.from_fields(
-                    labels=primitive.label,
-                    show_labels=True,
-                    colors=colour,
-                    radii=POINT,
-                ),
-            )
             if not primitive.primary:
+                yield (
+                    "label",
+                    rr.Points3D.from_fields(
+                        labels=primitive.label,
+                        show_labels=True,
+                        colors=colour,
+                        radii=POINT,
+                    ),
+                )
                 yield (
                     "trail",
                     rr.Points3D.from_fields(colors=colours.PALE, radii=0.008),
@@ -124,10 +124,10 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
         case Arrow(directions=directions, primary=primary):
             good = present(directions)
             found, count = directions[good], good.astype(np.int64)
-            length, label = (1.15, 1.2) if primary else (1.25, 1.3)
+            length = 1.12 if primary else 1.25
             yield "", rr.Arrows3D.columns(vectors=length * found).partition(count)
-            yield "label", _points(label * found, count)
             if not primary:
+                yield "label", _points(1.3 * found, count)
                 yield "trail", _points(1.004 * found, count)
         case GreatCircle(normals=normals):
             good = present(normals)

@@ -165,6 +165,7 @@ class Recorder:
         *,
         branches: Mapping[int, str] | None = None,
         properties: Mapping[str, str] | None = None,
+        focus: Floats | None = None,
     ) -> None:
         """Begin the recording with all that does not move.
 
@@ -180,6 +181,8 @@ class Recorder:
             A branch left out gets its page when its first block comes.
         properties : mapping, optional
             Words about the run that the recording carries: versions, hashes.
+        focus : array (3,), optional
+            Unit vector to the middle of the mechanism, which the eye faces at first.
 
         """
         if inputs is not None and len(inputs) > 0:
@@ -191,6 +194,7 @@ class Recorder:
             layout = Layout(self.root, SAMPLE, 1, None)
             words = ""
         self._layout = layout
+        layout.focus = focus
         layout.branches.update(branches or {})
         for output in self._outputs:
             output.stream.send_recording_name(self.name)
@@ -308,8 +312,10 @@ class Recorder:
         match primitive:
             case Body() | GreatCircle():
                 layout.solids.append((branch, path))
-            case Arrow(primary=primary):
+            case Arrow(primary=primary, shown=shown):
                 layout.solids.append((branch, path))
+                if not shown:
+                    layout.hidden.append((branch, path))
                 self._paths[path] = (primary, [])
                 if not primary:
                     layout.trails.append((branch, f"{path}/trail"))

@@ -1,0 +1,46 @@
+"""Opening a recording in a viewer window."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from spherekit.errors import OutputError
+
+
+def open_viewer(recording: Path | str) -> str:
+    """Open a recording in a viewer of its own, which stays when this process ends.
+
+    Returns
+    -------
+    str
+        Empty if a window was opened, otherwise what to do without a display.
+
+    Raises
+    ------
+    OutputError
+        If there is no such recording.
+    """
+    path = Path(recording)
+    if not path.is_file():
+        raise OutputError(f"{path}: no such recording")
+    if not has_display():
+        return (
+            f"no display here: make a picture with `spherekit view {path} --png X.png`, "
+            f"or copy {path} to a machine with one and run `spherekit view` there"
+        )
+    subprocess.Popen(
+        [sys.executable, "-m", "rerun_cli", str(path.resolve())],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    return ""
+
+
+def has_display() -> bool:
+    """Return whether a window can be opened."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
