@@ -22,7 +22,6 @@ from spherekit.analysis.tables import (
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, parse_pole, pole_of
 
-
 MANY = 6
 """With more poles than this, those to the ground and the shown one are seen at first."""
 

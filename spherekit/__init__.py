@@ -1,12 +1,12 @@
 """spherekit: analysis of spherical mechanisms from their link/pair graph.
 
-    import spherekit as sk
+import spherekit as sk
 
-    mechanism = sk.load("four_bar")
-    plan = sk.plan(mechanism)
-    motion = sk.trace(mechanism, samples=361)
-    result = sk.run(mechanism, "poles", samples=361)
-    result.frame()
+mechanism = sk.load("four_bar")
+plan = sk.plan(mechanism)
+motion = sk.trace(mechanism, samples=361)
+result = sk.run(mechanism, "poles", samples=361)
+result.frame()
 """
 
 from importlib import import_module
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from spherekit.motion.motion import trace as trace
     from spherekit.planning.poles import Plan as Plan
     from spherekit.planning.poles import plan as plan
-    from spherekit.planning.table import as_text as table
+    from spherekit.planning.table import as_text as table  # noqa: F401
 
 _HOME = {
     "AbstractAnalysis": "spherekit.analysis.contract:AbstractAnalysis",
@@ -55,7 +55,7 @@ _HOME = {
     "trace": "spherekit.motion.motion:trace",
 }
 
-__all__ = ["__version__", *_HOME]  # noqa: PLE0604
+__all__ = ["__version__", *_HOME]
 
 
 def __getattr__(name: str) -> Any:

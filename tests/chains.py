@@ -6,9 +6,9 @@ Any set of axes is a legal reference pose, so random geometry is always assemble
 import networkx as nx
 import numpy as np
 
+from spherekit.errors import PlanError
 from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
 from spherekit.planning.rigidity import check_single_freedom
-from spherekit.errors import PlanError
 
 EIGHT_BARS = (
     "1-2 1-4 1-5 2-3 2-6 3-4 3-7 4-8 5-6 7-8",

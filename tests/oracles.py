@@ -57,19 +57,28 @@ def integrated(ends, axes, driven, angles, rtol=1e-9):
         w = w / ((w[b] - w[a]) @ turned[driven])
         x, y, z, s = q.T
         wx, wy, wz = w.T
-        return 0.5 * np.stack(
-            [
-                wx * s + wy * z - wz * y,
-                wy * s + wz * x - wx * z,
-                wz * s + wx * y - wy * x,
-                -wx * x - wy * y - wz * z,
-            ],
-            axis=1,
-        ).ravel()
+        return (
+            0.5
+            * np.stack(
+                [
+                    wx * s + wy * z - wz * y,
+                    wy * s + wz * x - wx * z,
+                    wz * s + wx * y - wy * x,
+                    -wx * x - wy * y - wz * z,
+                ],
+                axis=1,
+            ).ravel()
+        )
 
     start = np.tile([0.0, 0.0, 0.0, 1.0], count)
     found = solve_ivp(
-        right, (0.0, angles[-1]), start, t_eval=angles, rtol=rtol, atol=1e-11, method="DOP853"
+        right,
+        (0.0, angles[-1]),
+        start,
+        t_eval=angles,
+        rtol=rtol,
+        atol=1e-11,
+        method="DOP853",
     )
     states = np.asarray(found.y).reshape(len(start), -1).T
     return np.array([turned_axes(state)[1] for state in states])

@@ -26,7 +26,14 @@ LAYERS = (
 """Each layer may import only layers above it in this list, and itself."""
 
 SIBLINGS = {"files": {"planning"}, "planning": {"files"}}
-PLUGINS_MAY_IMPORT = {"analysis", "sphere", "model", "planning", "errors", "conventions"}
+PLUGINS_MAY_IMPORT = {
+    "analysis",
+    "sphere",
+    "model",
+    "planning",
+    "errors",
+    "conventions",
+}
 HOME_OF = {
     "rerun": {"view"},
     "pandas": {"analysis/frames.py"},
@@ -108,7 +115,9 @@ def test_importing_spherekit_loads_the_standard_library_and_numpy_only():
         "import sys; before = set(sys.modules); import spherekit; "
         "print(' '.join({m.split('.')[0] for m in set(sys.modules) - before}))"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     loaded = {name for name in out.stdout.split() if name not in sys.stdlib_module_names}
     assert loaded <= {"spherekit", "numpy"}
 
@@ -117,7 +126,7 @@ def test_public_names_resolve():
     for name in spherekit.__all__:
         assert getattr(spherekit, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'no_such_name'"):
-        spherekit.no_such_name  # noqa: B018
+        spherekit.no_such_name
 
 
 def test_no_cycles_between_modules():
@@ -125,7 +134,9 @@ def test_no_cycles_between_modules():
     for path in FILES:
         own = ".".join(["spherekit", *path.relative_to(PACKAGE).with_suffix("").parts])
         edges[own.removesuffix(".__init__")] = {
-            m for m, typing_only in imports(path) if m.startswith("spherekit") and not typing_only
+            m
+            for m, typing_only in imports(path)
+            if m.startswith("spherekit") and not typing_only
         }
     done, active = set(), []
 

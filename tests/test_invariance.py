@@ -46,7 +46,9 @@ def same(one, other, tolerance=1e-10):
     assert one.keys() == other.keys()
     for key, value in one.items():
         scale = max(1.0, np.nanmax(np.abs(value)))
-        assert np.allclose(value, other[key], rtol=0, atol=tolerance * scale, equal_nan=True), key
+        assert np.allclose(
+            value, other[key], rtol=0, atol=tolerance * scale, equal_nan=True
+        ), key
 
 
 def test_rotating_the_whole_mechanism(random):
@@ -65,7 +67,13 @@ def test_renaming_and_reordering_links_and_pairs(random):
         vectors, _ = rows(mechanism(CHAIN, axes), Q)
         order = random.permutation(10)
         order = np.concatenate([[0], order[order != 0]])
-        new = {1: "ground", **{k: f"part_{x}" for k, x in zip(range(2, 9), random.permutation(7), strict=True)}}
+        new = {
+            1: "ground",
+            **{
+                k: f"part_{x}"
+                for k, x in zip(range(2, 9), random.permutation(7), strict=True)
+            },
+        }
         made = mechanism([edges[k] for k in order], axes[order], driven="p1_2")
         renamed = replace(
             made,
@@ -165,6 +173,9 @@ def _planar_ratio(ground, crank, coupler, rocker, theta):
         crank_speed = 1j * pin
         rocker_speed = 1j * (end - base)
         best.append(
-            abs((crank_speed.conjugate() * along).real / (rocker_speed.conjugate() * along).real)
+            abs(
+                (crank_speed.conjugate() * along).real
+                / (rocker_speed.conjugate() * along).real
+            )
         )
     return best

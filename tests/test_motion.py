@@ -78,13 +78,15 @@ def test_reported_variables_describe_the_orientations(name):
     for k, (a, b) in enumerate(motion.mechanism.ends):
         c, s = np.cos(motion.values[:, k]), np.sin(motion.values[:, k])
         zero = np.zeros_like(c)
-        turn = np.moveaxis(np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]), -1, 0)
+        turn = np.moveaxis(
+            np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]), -1, 0
+        )
         expected = motion.rotations[:, a] @ first[k] @ turn @ second[k].T
         assert np.nanmax(np.abs(expected - motion.rotations[:, b])) < 1e-14
 
 
 def test_four_hundred_random_cranks_never_flip():
-    """12 samples a turn; theta41 against eq. (25) of Di Gregorio 2024 for one p all over."""
+    """12 samples a turn; theta41 against eq. (25) of Di Gregorio 2024, one p throughout."""
     random = np.random.default_rng(400)
     for _ in range(400):
         arcs = random_crank(random)
@@ -96,7 +98,9 @@ def test_four_hundred_random_cranks_never_flip():
         found = []
         for branch in (0, 1):
             for p in (0, 1):
-                gap = np.abs(np.exp(1j * four_bar_angles(q, arcs, p)) - np.exp(1j * theta41[branch]))
+                gap = np.abs(
+                    np.exp(1j * four_bar_angles(q, arcs, p)) - np.exp(1j * theta41[branch])
+                )
                 if np.max(gap) < 1e-9:
                     found.append((branch, p))
         assert len(found) == 2
@@ -171,7 +175,9 @@ def test_rocker_is_reported_out_of_reach_exactly_where_it_is():
     """Grashof-free four-bar: reach limits of its diagonal in closed form."""
     arcs = np.radians([70.0, 60.0, 30.0, 45.0])
     motion = sk.trace(four_bar(arcs), samples=3601)
-    cosine = np.cos(arcs[0]) * np.cos(arcs[1]) + np.sin(arcs[0]) * np.sin(arcs[1]) * np.cos(motion.q)
+    cosine = np.cos(arcs[0]) * np.cos(arcs[1]) + np.sin(arcs[0]) * np.sin(arcs[1]) * np.cos(
+        motion.q
+    )
     diagonal = np.arccos(cosine)
     reachable = (diagonal > arcs[3] - arcs[2]) & (diagonal < arcs[2] + arcs[3])
     assert 0 < np.sum(reachable) < len(reachable)
@@ -186,7 +192,10 @@ def test_rocker_is_reported_out_of_reach_exactly_where_it_is():
 def test_followed_branches_end_at_the_dead_centre_of_the_input():
     """A Stephenson driven in its outer loop: branches meet in pairs at dead centres."""
     made = mechanism(
-        STEPHENSON, random_axes(np.random.default_rng(3), 7), "p1_6", span=(-np.pi, np.pi)
+        STEPHENSON,
+        random_axes(np.random.default_rng(3), 7),
+        "p1_6",
+        span=(-np.pi, np.pi),
     )
     tracer = Tracer(made)
     ends = []
@@ -231,9 +240,9 @@ def test_the_same_motion_in_blocks_and_at_once():
         assert [len(part) for part in parts] == [7 * len(tracer.branches)] * 7 + [
             len(tracer.branches)
         ]
-        joined = np.concatenate([part.values for part in parts if len(tracer.branches) == 1] or [
-            whole.values
-        ])
+        joined = np.concatenate(
+            [part.values for part in parts if len(tracer.branches) == 1] or [whole.values]
+        )
         assert np.allclose(joined, whole.values, rtol=0, atol=1e-13)
 
 
@@ -253,7 +262,12 @@ def test_arcs_that_cannot_close_are_refused_with_the_group():
         for link in random.links
     }
     made = Mechanism(
-        "far", "1", random.links, random.pairs, SizeGeometry(lengths), inputs=random.inputs
+        "far",
+        "1",
+        random.links,
+        random.pairs,
+        SizeGeometry(lengths),
+        inputs=random.inputs,
     )
     with pytest.raises(SolveError, match="did not close from any start"):
         sk.trace(made)
@@ -261,7 +275,9 @@ def test_arcs_that_cannot_close_are_refused_with_the_group():
 
 def test_unknown_branch_range_and_samples():
     made = sk.load("four_bar")
-    with pytest.raises(SolveError, match="there is no branch 7; the branches found are 0, 1"):
+    with pytest.raises(
+        SolveError, match="there is no branch 7; the branches found are 0, 1"
+    ):
         sk.trace(made, branch=7)
     with pytest.raises(SolveError, match="must rise"):
         sk.trace(replace(made, inputs=(Input("21", 1.0, 1.0),)))

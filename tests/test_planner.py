@@ -89,9 +89,17 @@ def test_two_eight_bars_are_indeterminate_and_completed():
 
 def test_passes_of_the_eight_bars():
     # poles found in each pass; counted by hand-checked enumeration of the A-K closure
-    layers = {1: [6, 8, 4], 5: [2, 2, 4, 2, 8], 12: [2, 2, 6, 8], 15: [6, 12], 16: [2, 4, 12]}
+    layers = {
+        1: [6, 8, 4],
+        5: [2, 2, 4, 2, 8],
+        12: [2, 2, 6, 8],
+        15: [6, 12],
+        16: [2, 4, 12],
+    }
     for number, expected in layers.items():
-        planned = plan(mechanism(EIGHT_BARS[number - 1], random_axes(np.random.default_rng(0), 10)))
+        planned = plan(
+            mechanism(EIGHT_BARS[number - 1], random_axes(np.random.default_rng(0), 10))
+        )
         rounds = list(planned.rounds.values())
         assert [rounds.count(k) for k in range(1, max(rounds) + 1)] == expected
 

@@ -91,7 +91,9 @@ def test_main_table_has_the_agreed_columns():
 
 def test_an_analysis_of_whole_batches():
     with registered(Swing):
-        result = sk.run(sk.load("four_bar"), ["swing:pair=41", "poles:only=31"], samples=19, block=5)
+        result = sk.run(
+            sk.load("four_bar"), ["swing:pair=41", "poles:only=31"], samples=19, block=5
+        )
     frame = result.frame("swing")
     assert list(frame["branch"]) == [0, 1]
     # the two modes of a four-bar mirror each other (theory of the paper's eq. 25)
@@ -177,10 +179,14 @@ class Unfinished(AbstractAnalysis):
     (tmp_path / "third_party_exits.py").write_text("raise SystemExit(3)\n")
     info = tmp_path / "third_party-1.0.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: third-party\nVersion: 1.0\n")
+    (info / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: third-party\nVersion: 1.0\n"
+    )
     lines = [f"{name} = {target}" for name, (target, _) in BROKEN.items()]
     lines.append("fine = third_party:Fine")
-    (info / "entry_points.txt").write_text("[spherekit.analyses]\n" + "\n".join(lines) + "\n")
+    (info / "entry_points.txt").write_text(
+        "[spherekit.analyses]\n" + "\n".join(lines) + "\n"
+    )
     return tmp_path
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes, random_chain
+from chains import EIGHT_BARS, mechanism, random_axes, random_chain
 from closed_forms import (
     FOUR_BAR_ARCS,
     four_bar_axes,
@@ -26,7 +26,9 @@ from spherekit.rates.request import request
 def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
     tracer = Tracer(made, search=search)
     poles = all_poles(len(made.links)) if wanted is None else wanted
-    asked = request(tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles, derivatives)
+    asked = request(
+        tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles, derivatives
+    )
     motion = tracer.at(tracer.inputs(samples))
     return motion, evaluate(motion, asked)
 
@@ -191,7 +193,8 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
     arcs = dict(zip("1234", np.radians([15.0, 60.0, 55.0, 70.0]), strict=True))
     base = sk.load("four_bar")
     sizes = {
-        link: replace(size, arcs=(arcs[link],)) for link, size in base.geometry.links.items()
+        link: replace(size, arcs=(arcs[link],))
+        for link, size in base.geometry.links.items()
     }
     made = replace(base, geometry=replace(base.geometry, links=sizes))
     tracer = Tracer(made)

@@ -1,0 +1,1 @@
+"""The contract of analyses, their discovery, and running them."""

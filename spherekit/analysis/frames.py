@@ -25,10 +25,10 @@ def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFr
         unit = column.unit
         if column.kind == "status":
             names = [status.name for status in Status]
-            values = pd.Categorical.from_codes(np.asarray(values), categories=names)
+            values = pd.Categorical.from_codes(values, categories=pd.Index(names))
         elif column.kind == "text":
             codes, words = _codes(np.asarray(values))
-            values = pd.Categorical.from_codes(codes, categories=words)
+            values = pd.Categorical.from_codes(codes, categories=pd.Index(words))
         elif degrees and unit == "rad":
             values, unit = np.degrees(values), "deg"
         elif degrees and unit == "1/rad":

@@ -134,7 +134,9 @@ def parameters(cls: type[AbstractAnalysis]) -> dict[str, tuple[str, Any]]:
     found: dict[str, tuple[str, Any]] = {}
     for item in fields(cls):  # type: ignore[arg-type]
         hint = hints[item.name]
-        shown = getattr(hint, "__name__", str(hint)) if get_origin(hint) is None else str(hint)
+        shown = (
+            getattr(hint, "__name__", str(hint)) if get_origin(hint) is None else str(hint)
+        )
         default = item.default
         if item.default_factory is not MISSING:
             default = item.default_factory()
@@ -162,7 +164,9 @@ def create(request: str) -> AbstractAnalysis:
                 + (listing(f"{k}={shown}" for k, (shown, _) in allowed.items()) or "none")
             )
         given[key] = _convert(name, key, value, hints[key])
-    missing = [k for k, (_, default) in allowed.items() if default is MISSING and k not in given]
+    missing = [
+        k for k, (_, default) in allowed.items() if default is MISSING and k not in given
+    ]
     if missing:
         raise AnalysisError(f"{name}: parameters missing: {listing(missing)}")
     return cls(**given)

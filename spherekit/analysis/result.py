@@ -40,7 +40,10 @@ class RunResult:
     summary: Mapping[str, Any] = field(default_factory=dict)
 
     def frame(
-        self, analysis: str | None = None, table: str | None = None, degrees: bool = False
+        self,
+        analysis: str | None = None,
+        table: str | None = None,
+        degrees: bool = False,
     ) -> "pd.DataFrame":
         """Return a table as a pandas frame.
 
@@ -97,7 +100,10 @@ class RunResult:
             for position, table in enumerate(result.tables):
                 frame = self.frame(name, table.name, degrees)
                 stem = name if position == 0 else f"{name}_{table.name}"
-                notes = {"analysis": name, "mechanism_hash": self.summary["mechanism_hash"]}
+                notes = {
+                    "analysis": name,
+                    "mechanism_hash": self.summary["mechanism_hash"],
+                }
                 for suffix, data in (
                     ("csv", csv_bytes(frame)),
                     ("parquet", parquet_bytes(frame, notes)),

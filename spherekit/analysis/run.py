@@ -29,7 +29,13 @@ from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
 from spherekit.errors import SpherekitError
 from spherekit.files.write import canonical_text
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import BLOCK, DEFAULT_SAMPLES, Motion, Tracer, status_counts
+from spherekit.motion.motion import (
+    BLOCK,
+    DEFAULT_SAMPLES,
+    Motion,
+    Tracer,
+    status_counts,
+)
 from spherekit.planning.rigidity import graph_mobility
 from spherekit.rates.core import rank_mobility
 from spherekit.rates.field import PoleField, SignMemory, evaluate
@@ -153,7 +159,9 @@ def run(
             focus=_middle(tracer, inputs),
         )
 
-    def attempt(analysis: AbstractAnalysis, what: Needs, motion: Motion, field: Any) -> None:
+    def attempt(
+        analysis: AbstractAnalysis, what: Needs, motion: Motion, field: Any
+    ) -> None:
         if analysis.name in failures:
             return
         batch = Batch(mechanism, wanted.plan, what, motion, field)
@@ -216,7 +224,9 @@ def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion) -> None:
         recorder.log(scene, motion.sample[:k], motion.q[:k])
 
 
-def _gather(analysis: AbstractAnalysis, parts: list[dict[str, TableData]]) -> AnalysisResult:
+def _gather(
+    analysis: AbstractAnalysis, parts: list[dict[str, TableData]]
+) -> AnalysisResult:
     data = {}
     for table in analysis.tables:
         whole = concatenate([part[table.name] for part in parts])
@@ -235,7 +245,10 @@ def _in_order(data: TableData) -> TableData:
 def _motion_result(
     mechanism: Mechanism, motions: list[Motion], fields: list[PoleField | None]
 ) -> AnalysisResult:
-    pairs = [Column(f"theta_{p.name}", "rad", f"variable of pair {p.name}") for p in mechanism.pairs]
+    pairs = [
+        Column(f"theta_{p.name}", "rad", f"variable of pair {p.name}")
+        for p in mechanism.pairs
+    ]
     table = Table(
         MOTION,
         "the configurations: one row per sample and branch",

@@ -39,7 +39,13 @@ def _body(mechanism: Mechanism, number: int, quaternions: Floats | None) -> Body
     axes = link_axes(mechanism)[link]
     joints = np.array(list(axes.values())).reshape(-1, 3)
     return Body(
-        f"link/{link}", link, link_curves(joints), joints, list(axes), number, quaternions
+        f"link/{link}",
+        link,
+        link_curves(joints),
+        joints,
+        list(axes),
+        number,
+        quaternions,
     )
 
 

@@ -34,13 +34,18 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"spherekit {__version__}")
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
-        "-T", "--traceback", action="store_true", help="show the Python trace of an error"
+        "-T",
+        "--traceback",
+        action="store_true",
+        help="show the Python trace of an error",
     )
     common.add_argument("-q", "--quiet", action="store_true", help="no talk on stderr")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(
-            name, help=summary, description=summary[0].upper() + summary[1:] + ".",
+            name,
+            help=summary,
+            description=summary[0].upper() + summary[1:] + ".",
             parents=[common],
         )
         _module(name).add_arguments(sub)

@@ -9,7 +9,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="path or shipped name")
     parser.add_argument("--input", metavar="PAIR", help="the driven pair")
     parser.add_argument(
-        "--for", dest="poles", nargs="+", metavar="POLE", help="only these poles, as 3/1"
+        "--for",
+        dest="poles",
+        nargs="+",
+        metavar="POLE",
+        help="only these poles, as 3/1",
     )
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="table and steps as JSON")

@@ -85,7 +85,7 @@ def execute(options: argparse.Namespace) -> int:
             _keep_serving(options, recorder)
     if study.recording is not None and not options.quiet:
         print(f"recording in {study.recording}", file=sys.stderr)
-    if options.view:
+    if options.view and study.recording is not None:
         from spherekit.view.viewer import open_viewer
 
         note = open_viewer(study.recording)

@@ -35,7 +35,9 @@ def execute(options: argparse.Namespace) -> int:
     try:
         width, height = (int(part) for part in options.size.lower().split("x"))
     except ValueError:
-        raise OutputError(f"--size {options.size!r}: write WIDTHxHEIGHT, as 1600x1000") from None
+        raise OutputError(
+            f"--size {options.size!r}: write WIDTHxHEIGHT, as 1600x1000"
+        ) from None
     screenshot(
         path,
         Path(options.png),

@@ -1,0 +1,1 @@
+"""The frozen description of a mechanism and what follows from it alone."""

@@ -301,9 +301,7 @@ def _check_names(where: str, what: str, names: "list[str] | tuple[str, ...]") ->
                 "letters (A-Z, a-z), digits and underscores"
             )
         if name in seen:
-            raise ModelError(
-                f'{where}: {what} "{name}" is given twice; names are unique'
-            )
+            raise ModelError(f'{where}: {what} "{name}" is given twice; names are unique')
         seen.add(name)
 
 

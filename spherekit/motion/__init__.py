@@ -1,0 +1,1 @@
+"""Configurations of a mechanism over the range of its input."""

@@ -6,14 +6,14 @@ which it fails to close is the residual. Bodies may be links, or groups of links
 relative orientation differs from sample to sample.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.sphere.rotation import Floats, about_z, cross, rotation_vector, transpose
+from spherekit.sphere.rotation import Floats, about_z, rotation_vector, transpose
 
 
 @final
@@ -77,7 +77,7 @@ class LoopTree:
 
     def body_rates(self, axes: Floats, rates: Floats) -> Floats:
         """Return angular velocities (n, bodies, 3) relative to body 0, in its axes."""
-        return np.einsum("be,ne,nek->nbk", self.paths, rates, axes)
+        return np.asarray(np.einsum("be,ne,nek->nbk", self.paths, rates, axes))
 
 
 @final
@@ -92,7 +92,7 @@ class Closure:
     first: Floats
     second: Floats
 
-    def take(self, rows: Floats | Sequence[int]) -> "Closure":
+    def take(self, rows: NDArray[np.intp]) -> "Closure":
         """Return the closure of some samples only."""
         if len(self.first) == 1:
             return self
@@ -115,9 +115,8 @@ class Closure:
     def axes(self, placed: Floats) -> Floats:
         """Return the pair axes (n, pairs, 3) in the axes of body 0."""
         bodies = [a for a, _ in self.tree.ends]
-        return np.einsum("npij,npj->npi", placed[:, bodies], np.broadcast_to(
-            self.first[..., 2], (len(placed), len(bodies), 3)
-        ))
+        own = np.broadcast_to(self.first[..., 2], (len(placed), len(bodies), 3))
+        return np.asarray(np.einsum("npij,npj->npi", placed[:, bodies], own))
 
     def residual(self, values: Floats, placed: Floats) -> Floats:
         """Return (n, 3 loops): rotation vectors (rad) by which the loops stay open."""
@@ -205,12 +204,8 @@ class NewtonResult:
 def _solve_rows(matrices: Floats, right: Floats) -> Floats:
     if matrices.shape[1] == matrices.shape[2]:
         try:
-            return np.linalg.solve(matrices, right[..., None])[..., 0]
+            return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
         except np.linalg.LinAlgError:
             pass
-    return np.einsum("nij,nj->ni", np.linalg.pinv(matrices, rcond=1e-12), right)
-
-
-def axis_rates(axes: Floats, body_rates: Floats) -> Floats:
-    """Return the derivatives (n, pairs, 3) of axes fixed in bodies with these rates."""
-    return cross(body_rates, axes)
+    inverse = np.linalg.pinv(matrices, rcond=1e-12)
+    return np.asarray(np.einsum("nij,nj->ni", inverse, right))

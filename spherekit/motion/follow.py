@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.closure import Closure
@@ -57,10 +58,11 @@ class Curve:
         )
         return out, np.max(np.abs(b - a), axis=1)
 
-    def covers(self, q: Floats) -> "np.ndarray":
+    def covers(self, q: Floats) -> NDArray[np.bool_]:
         """Return (n,) whether each input lies on the curve."""
         slack = 1e-14 * np.maximum(1.0, np.abs(q))
-        return (q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack)
+        inside = (q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack)
+        return np.asarray(inside)
 
 
 @final

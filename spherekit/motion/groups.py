@@ -33,7 +33,12 @@ class State:
 
     @staticmethod
     def start(
-        first: Floats, second: Floats, links: int, driven: int, ends: tuple[int, int], q: Floats
+        first: Floats,
+        second: Floats,
+        links: int,
+        driven: int,
+        ends: tuple[int, int],
+        q: Floats,
     ) -> "State":
         """Return the state in which only the input pair has been given values q (n,)."""
         n = len(q)
@@ -46,7 +51,11 @@ class State:
     def copy(self) -> "State":
         """Return a state that can be assembled differently from here on."""
         return State(
-            self.first, self.second, dict(self.within), self.values.copy(), self.lost.copy()
+            self.first,
+            self.second,
+            dict(self.within),
+            self.values.copy(),
+            self.lost.copy(),
         )
 
     def repeat(self, times: int) -> "State":
@@ -62,7 +71,7 @@ class State:
     def axis(self, pair: int, link: int, is_first: bool) -> Floats:
         """Return the axis (n, 3) of a pair in the axes of the body that holds `link`."""
         frame = self.first[pair] if is_first else self.second[pair]
-        return self.within[link] @ frame[:, 2]
+        return np.asarray(self.within[link] @ frame[:, 2])
 
     def merge(self, group: Group, placed: Floats) -> None:
         """Make the group one body, its bodies placed (n, bodies, 3, 3) in the first."""
@@ -92,9 +101,7 @@ def place_dyad(
     """
 
     def joint(a: int, b: int) -> int:
-        return next(
-            k for k, pair in enumerate(group.ends) if set(pair) == {a, b}
-        )
+        return next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
 
     near, middle, far = joint(0, 1), joint(1, 2), joint(0, 2)
 
@@ -121,9 +128,7 @@ def place_dyad(
     return sine
 
 
-def group_closure(
-    state: State, group: Group, ends: tuple[tuple[int, int], ...]
-) -> Closure:
+def group_closure(state: State, group: Group, ends: tuple[tuple[int, int], ...]) -> Closure:
     """Return the closure of the group's bodies at the state's samples."""
     pairs = list(group.pairs)
     first = [state.within[ends[p][0]] @ state.first[p] for p in pairs]

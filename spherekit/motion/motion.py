@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status, listing
 from spherekit.errors import SolveError
+from spherekit.model.geometry import pair_frames
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.branches import Branch, Solver, find_branches
+from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.modes import find_branches
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.poles import default_input
 from spherekit.sphere.rotation import Floats, quaternion
@@ -55,11 +57,12 @@ class Motion:
     @cached_property
     def axes(self) -> Floats:
         """Pair axes (n, pairs, 3) in ground axes."""
-        from spherekit.model.geometry import pair_frames
-
         first, _ = pair_frames(self.mechanism)
         owners = [a for a, _ in self.mechanism.ends]
-        return np.einsum("npij,pj->npi", self.rotations[:, owners], first[:, :, 2])
+        turned: Floats = np.einsum(
+            "npij,pj->npi", self.rotations[:, owners], first[:, :, 2]
+        )
+        return turned
 
     def quaternions(self, link: int) -> Floats:
         """Return (n, 4) xyzw, from the link's axes to ground axes."""
@@ -68,7 +71,8 @@ class Motion:
     @property
     def failed(self) -> NDArray[np.bool_]:
         """(n,) rows that hold no configuration."""
-        return (self.status != Status.OK) & (self.status != Status.AT_SINGULARITY)
+        held = (self.status == Status.OK) | (self.status == Status.AT_SINGULARITY)
+        return np.asarray(~held)
 
 
 @final
@@ -174,4 +178,6 @@ def trace(
 def status_counts(status: Sequence[int] | NDArray[np.int8]) -> dict[str, int]:
     """Return how many samples have each status, by the status's name, OK first."""
     codes = np.asarray(status)
-    return {code.name: int(np.sum(codes == code)) for code in Status if np.any(codes == code)}
+    return {
+        code.name: int(np.sum(codes == code)) for code in Status if np.any(codes == code)
+    }

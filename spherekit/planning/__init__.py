@@ -1,0 +1,1 @@
+"""What follows from the graph: freedoms, groups, the sequence of poles."""

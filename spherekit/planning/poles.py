@@ -54,9 +54,7 @@ class LinePole:
     def sources(self) -> tuple[Pole, ...]:
         """The poles that its lines are drawn through."""
         i, j = self.pole
-        return tuple(
-            source for k in self.via for source in (pole_of(i, k), pole_of(j, k))
-        )
+        return tuple(source for k in self.via for source in (pole_of(i, k), pole_of(j, k)))
 
 
 @final
@@ -132,7 +130,9 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     }
     if len(found) == 1:
         return found.pop()
-    every = [f"{mechanism.links[j]}/{mechanism.links[i]}" for i, j in all_poles(len(number))]
+    every = [
+        f"{mechanism.links[j]}/{mechanism.links[i]}" for i, j in all_poles(len(number))
+    ]
     why = "could be several poles" if found else "is no pole"
     raise PlanError(
         f'{mechanism.name}: "{text}" {why}{nearest(text, every)} Write LINK/LINK with '
@@ -197,7 +197,9 @@ def plan(
     whole = Plan(mechanism, driven, all_poles(count), tuple(steps))
     if poles is None:
         return whole
-    wanted = [parse_pole(mechanism, p) if isinstance(p, str) else pole_of(*p) for p in poles]
+    wanted = [
+        parse_pole(mechanism, p) if isinstance(p, str) else pole_of(*p) for p in poles
+    ]
     return prune(whole, wanted)
 
 
@@ -248,9 +250,7 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
         elif step.pole in kept:
             if isinstance(step, LinePole):
                 i, j = step.pole
-                via = [
-                    k for k in step.via if {pole_of(i, k), pole_of(j, k)} <= kept
-                ]
+                via = [k for k in step.via if {pole_of(i, k), pole_of(j, k)} <= kept]
                 step = replace(step, via=tuple(via))
             steps.append(step)
     return Plan(whole.mechanism, whole.input, tuple(dict.fromkeys(wanted)), tuple(steps))
@@ -260,10 +260,7 @@ def _cheapest_lines(
     step: LinePole, cost: dict[Pole, frozenset[Pole]]
 ) -> tuple[tuple[int, ...], frozenset[Pole]]:
     i, j = step.pole
-    needs = {
-        k: cost[pole_of(i, k)] | cost[pole_of(j, k)]
-        for k in step.via
-    }
+    needs = {k: cost[pole_of(i, k)] | cost[pole_of(j, k)] for k in step.via}
     lines = max(2 - len(step.contacts), 0)
     first = sorted(needs, key=lambda k: (len(needs[k]), k))[:12]
     if lines == 0:

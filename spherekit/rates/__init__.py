@@ -1,0 +1,1 @@
+"""Pole axes, velocity coefficients and their derivatives."""

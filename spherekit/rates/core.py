@@ -106,7 +106,7 @@ def rank_mobility(tree: LoopTree, axes: Floats, tolerance: float = 1e-9) -> Floa
 
 def _inverse(matrices: Floats) -> Floats:
     try:
-        return np.linalg.inv(matrices)
+        return np.asarray(np.linalg.inv(matrices))
     except np.linalg.LinAlgError:
         out = np.full_like(matrices, np.nan)
         for k, matrix in enumerate(matrices):

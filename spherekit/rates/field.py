@@ -273,7 +273,9 @@ def _continuous_signs(
         key = (branch.number, pole)
         if key in memory.last:
             q0, v0, dv0, s0 = memory.last[key]
-            flips = _flips(np.append(q0, q), np.column_stack([v0, v]), np.column_stack([dv0, dv]))
+            flips = _flips(
+                np.append(q0, q), np.column_stack([v0, v]), np.column_stack([dv0, dv])
+            )
             chain = s0 * np.cumprod(flips)
         else:
             home = np.sum(motion.axes[rows.start + good[0]], axis=0)

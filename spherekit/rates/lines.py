@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
 from spherekit.motion.closure import LoopTree
@@ -43,13 +44,11 @@ class Lines:
     error: dict[Pole, Floats]
     angle: dict[Pole, Floats]
     planes: dict[Pole, Floats]
-    chosen: dict[Pole, Floats]
+    chosen: dict[Pole, NDArray[np.intp]]
     blocks: dict[BlockPoles, NullMotion]
 
 
-def evaluate_lines(
-    plan: Plan, axes: Floats, keep_planes: Collection[Pole] = ()
-) -> Lines:
+def evaluate_lines(plan: Plan, axes: Floats, keep_planes: Collection[Pole] = ()) -> Lines:
     """Return the directions of all poles of a plan.
 
     `axes` (n, pairs, 3) are the pair axes in ground axes; signs of secondary poles are
@@ -115,7 +114,9 @@ def _great_circles(step: LinePole, lines: Lines) -> tuple[Floats, Floats, Floats
     return normals, length, (inherited + EPS) / np.maximum(length, EPS)
 
 
-def _best_two(normals: Floats, length: Floats, error: Floats) -> tuple[Floats, ...]:
+def _best_two(
+    normals: Floats, length: Floats, error: Floats
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats, Floats, Floats]:
     """Return for each sample the surest great circle and its surest partner.
 
     The two line numbers (n,), the first normal and the intersection (3, n), the sine of
@@ -162,10 +163,10 @@ def _planes_through(plan: Plan, pole: Pole, lines: Lines) -> None:
     lines.planes[pole] = pair / norm(pair)[:, None]
 
 
-def _take(stack: Floats, which: Floats) -> Floats:
+def _take(stack: Floats, which: NDArray[np.intp]) -> Floats:
     """Return (3, n) from (lines, 3, n) with its own line for each sample."""
     index = np.broadcast_to(which[None, None, :], (1, *stack.shape[1:]))
-    return np.take_along_axis(stack, index, axis=0)[0]
+    return np.asarray(np.take_along_axis(stack, index, axis=0)[0])
 
 
 def _intersect_rate(step: LinePole, lines: Lines) -> None:
@@ -189,7 +190,8 @@ def _block_tree(plan: Plan, step: BlockPoles) -> LoopTree:
     number = {link: k for k, link in enumerate(step.links)}
     ends = plan.mechanism.ends
     return LoopTree(
-        len(step.links), tuple((number[ends[p][0]], number[ends[p][1]]) for p in step.pairs)
+        len(step.links),
+        tuple((number[ends[p][0]], number[ends[p][1]]) for p in step.pairs),
     )
 
 
@@ -211,17 +213,20 @@ def _block_rate(
 ) -> None:
     pairs = list(step.pairs)
     motion = lines.blocks[step]
-    change = null_motion_rate(_block_tree(plan, step), axes[:, pairs], turned[:, pairs], motion)
+    change = null_motion_rate(
+        _block_tree(plan, step), axes[:, pairs], turned[:, pairs], motion
+    )
     number = {link: k for k, link in enumerate(step.links)}
     for pole in step.poles:
         i, j = number[pole[0]], number[pole[1]]
-        vector, rate = (motion.w[:, j] - motion.w[:, i]).T, (change[:, j] - change[:, i]).T
+        vector, rate = (
+            (motion.w[:, j] - motion.w[:, i]).T,
+            (change[:, j] - change[:, i]).T,
+        )
         lines.rate[pole] = unit_rate(lines.unit[pole], norm(vector), rate)
 
 
-def decompose(
-    whole: Floats, one: Floats, other: Floats
-) -> tuple[Floats, Floats]:
+def decompose(whole: Floats, one: Floats, other: Floats) -> tuple[Floats, Floats]:
     """Return the coefficient of `one` in whole = x one + y other, and the sine (n,).
 
     The vector form of eq. (5) of Di Gregorio 2024. It is 0/0 only where the axes `one`

@@ -83,9 +83,7 @@ def request(
         more = _owners(pruned) - links if derivatives else set()
         if not more:
             everything = tuple(dict.fromkeys((*wanted, *coefficients)))
-            return Request(
-                pruned, everything, tuple(sorted(links)), derivatives, circles
-            )
+            return Request(pruned, everything, tuple(sorted(links)), derivatives, circles)
         links |= more
 
 

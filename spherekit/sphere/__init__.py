@@ -1,0 +1,1 @@
+"""Geometry on the sphere, on arrays; knows nothing of mechanisms."""

@@ -42,7 +42,7 @@ def perpendicular(axis: Floats) -> Floats:
     helper = np.zeros(3)
     helper[int(np.argmin(np.abs(axis)))] = 1.0
     side = cross(axis, helper)
-    return side / np.linalg.norm(side)
+    return np.asarray(side / np.linalg.norm(side))
 
 
 def rotation_vector(matrix: Floats) -> Floats:
@@ -64,14 +64,12 @@ def rotation_vector(matrix: Floats) -> Floats:
     cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
     small = sine < 1e-4
-    factor = np.where(
-        small, 1.0 + angle * angle / 6.0, angle / np.where(small, 1.0, sine)
-    )
-    out = 0.5 * factor[..., None] * twice_sine
+    factor = np.where(small, 1.0 + angle * angle / 6.0, angle / np.where(small, 1.0, sine))
+    out: Floats = 0.5 * factor[..., None] * twice_sine
     flipped = (cosine < 0.0) & (sine < 1e-3)
     if np.any(flipped):
         symmetric = 0.5 * (r + transpose(r))[flipped]
-        values, vectors = np.linalg.eigh(symmetric)
+        _, vectors = np.linalg.eigh(symmetric)
         axis = vectors[..., -1]
         turn = np.sum(axis * twice_sine[flipped], axis=-1, keepdims=True)
         axis = np.where(turn < 0.0, -axis, axis)
@@ -108,7 +106,7 @@ def quaternion(matrix: Floats) -> Floats:
     )
     best = np.argmax(np.where(np.isnan(four), -1.0, four), axis=1)
     chosen = rows[np.arange(len(r)), best]
-    return chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
+    return np.asarray(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))
 
 
 def matrix_from_quaternion(xyzw: Floats) -> Floats:
@@ -116,9 +114,15 @@ def matrix_from_quaternion(xyzw: Floats) -> Floats:
     x, y, z, w = xyzw[:, 0], xyzw[:, 1], xyzw[:, 2], xyzw[:, 3]
     return np.stack(
         [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1),
-            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1),
-            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1),
+            np.stack(
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1
+            ),
+            np.stack(
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1
+            ),
+            np.stack(
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1
+            ),
         ],
         axis=1,
     )
@@ -126,4 +130,5 @@ def matrix_from_quaternion(xyzw: Floats) -> Floats:
 
 def arc(a: Floats, b: Floats) -> Floats:
     """Return the angle (rad, 0 to pi) between unit vectors (..., 3), exact near 0, pi."""
-    return np.arctan2(np.linalg.norm(cross(a, b), axis=-1), np.sum(a * b, axis=-1))
+    sine = np.linalg.norm(cross(a, b), axis=-1)
+    return np.asarray(np.arctan2(sine, np.sum(a * b, axis=-1)))

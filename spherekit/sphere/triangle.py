@@ -77,7 +77,9 @@ def close_dyad(
     at_first, at_second, closes = vertex_angles(base, side_near, side_far)
     closes = closes & (length[:, 0] > REACH_SLACK)
 
-    def placed(axis: Floats, toward: Floats, angle: Floats, body: tuple[Floats, Floats]):
+    def placed(
+        axis: Floats, toward: Floats, angle: Floats, body: tuple[Floats, Floats]
+    ) -> Floats:
         tangent = np.cos(angle)[:, None] * toward + sign * np.sin(angle)[:, None] * normal
         outer, middle = body
         side = cross(cross(outer, middle), outer)

@@ -1,0 +1,254 @@
+"""Finding the assembly modes of a mechanism over the range of its input.
+
+All modes of dyads are enumerated; those of irreducible groups are searched for from many
+random starts at several inputs, and each new one is followed as far as it goes.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.errors import SolveError
+from spherekit.model.mechanism import PoseGeometry
+from spherekit.motion.branches import Branch, Solver, wrap
+from spherekit.motion.follow import follow
+from spherekit.motion.groups import State, group_closure, place_dyad, place_group
+from spherekit.planning.assembly import Group
+from spherekit.sphere.rotation import Floats
+
+MOST_BRANCHES = 64
+"""Branches of one run; a mechanism of many dyads has 2 to their number."""
+PROBES = 5
+"""Inputs at which all modes of irreducible groups are searched for."""
+STARTS = 192
+"""Random starts of one round of that search; it ends after two rounds without news."""
+MOST_ROUNDS = 12
+SAME_MODE = 1e-6
+"""Two closed configurations nearer than this (rad) are one."""
+
+
+def find_branches(
+    solver: Solver, low: float, high: float, search: bool = True
+) -> tuple[Branch, ...]:
+    """Return the branches that have at least one configuration in the input range.
+
+    The mode of a given reference pose comes first. All modes of dyads are found; those
+    of irreducible groups by a search at several inputs, which may miss some.
+
+    Raises
+    ------
+    SolveError
+        If the arcs close nowhere in the range.
+    """
+    if solver.assembly.has_closed_form:
+        branches = _dyad_branches(solver, low, high, search)
+    else:
+        branches = _followed_branches(solver, low, high, search)
+    if not branches:
+        raise SolveError(_why_nothing_closes(solver, low, high))
+    return tuple(branches)
+
+
+def _reference(solver: Solver) -> Floats | None:
+    geometry = solver.mechanism.geometry
+    if not isinstance(geometry, PoseGeometry):
+        return None
+    return np.array(
+        [geometry.values.get(pair.name, 0.0) for pair in solver.mechanism.pairs]
+    )
+
+
+def _dyad_branches(solver: Solver, low: float, high: float, search: bool) -> list[Branch]:
+    ends = solver.mechanism.ends
+    groups = solver.assembly.groups
+    found: list[tuple[int, ...]] = []
+
+    def extend(state: State, signs: tuple[int, ...]) -> None:
+        if len(found) >= MOST_BRANCHES or np.all(state.lost):
+            return
+        if len(signs) == len(groups):
+            found.append(signs)
+            return
+        for sign in (1, -1):
+            grown = state.copy()
+            place_dyad(grown, groups[len(signs)], ends, sign)
+            extend(grown, (*signs, sign))
+
+    reference = _reference(solver)
+    own: tuple[int, ...] | None = None
+    if reference is not None:
+        own = _signs_at(solver, reference)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if search or own is None:
+            extend(solver.start(np.linspace(low, high, 721)), ())
+    if own is not None:
+        found = [own, *(signs for signs in found if signs != own)][:MOST_BRANCHES]
+    return [Branch(number, signs) for number, signs in enumerate(found)]
+
+
+def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
+    """The dyad signs of a closed configuration with these variables (pairs,)."""
+    placed = solver.closure.orientations(values[None])
+    axes = solver.closure.axes(placed)[0]
+    signs = []
+    for group in solver.assembly.groups:
+        if group.is_dyad:
+            triple = float(np.linalg.det(axes[list(group.pairs)]))
+            signs.append(1 if triple >= 0.0 else -1)
+        else:
+            signs.append(0)
+    return tuple(signs)
+
+
+def _followed_branches(
+    solver: Solver, low: float, high: float, search: bool
+) -> list[Branch]:
+    driven = solver.assembly.input
+    branches: list[Branch] = []
+    reference = _reference(solver)
+
+    def add(values: Floats) -> None:
+        curve = follow(solver.closure, driven, values, low, high)
+        branch = Branch(len(branches), _signs_at(solver, values), curve)
+        branches.append(_with_determinants(solver, branch, float(values[driven])))
+
+    if reference is not None:
+        q = reference[driven]
+        turns = np.round((0.5 * (low + high) - q) / (2 * np.pi))
+        for turn in (0.0, turns):
+            if low <= q + 2 * np.pi * turn <= high:
+                values = reference.copy()
+                values[driven] += 2 * np.pi * turn
+                add(values)
+                break
+        else:
+            bounds = min(low, q), max(high, q)
+            values = reference.copy()
+            curve = follow(solver.closure, driven, values, *bounds)
+            if np.any(curve.covers(np.linspace(low, high, 721))):
+                signs = _signs_at(solver, values)
+                branch = Branch(0, signs, curve)
+                branches.append(_with_determinants(solver, branch, float(q)))
+    if search or not branches:
+        for k in range(PROBES):
+            q = low + (k + 0.5) / PROBES * (high - low)
+            for _, values in assemblies(solver, q):
+                if len(branches) < MOST_BRANCHES and not _is_known(
+                    solver, branches, q, values
+                ):
+                    add(values)
+    return branches
+
+
+def _with_determinants(solver: Solver, branch: Branch, q: float) -> Branch:
+    """Give the branch the signs of its irreducible groups' determinants at q."""
+    assert branch.curve is not None
+    state = solver.start(np.array([q]))
+    predicted, _ = branch.curve.predict(np.array([q]))
+    determinants = []
+    for group, sign in zip(solver.assembly.groups, branch.signs, strict=True):
+        if sign:
+            place_dyad(state, group, solver.mechanism.ends, sign)
+            determinants.append(float(sign))
+        else:
+            start = predicted[:, list(group.pairs)]
+            result = place_group(state, group, solver.mechanism.ends, start)
+            determinant, _ = solver.group_sign(group, result.values, state)
+            determinants.append(float(determinant[0]))
+    return Branch(branch.number, branch.signs, branch.curve, tuple(determinants))
+
+
+def _is_known(solver: Solver, branches: Sequence[Branch], q: float, values: Floats) -> bool:
+    for branch in branches:
+        assert branch.curve is not None
+        if not branch.curve.covers(np.array([q]))[0]:
+            continue
+        there = solver.evaluate(branch, np.array([q]))
+        if there.status[0] in (Status.OK, Status.AT_SINGULARITY) and not _far(
+            np.delete(there.values[0], solver.assembly.input),
+            np.delete(values, solver.assembly.input),
+        ):
+            return True
+    return False
+
+
+def _why_nothing_closes(solver: Solver, low: float, high: float) -> str:
+    name = solver.mechanism.name
+    degrees = f"[{np.degrees(low):.6g}, {np.degrees(high):.6g}] deg"
+    state = solver.start(np.linspace(low, high, 721))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for group in solver.assembly.groups:
+            pairs = ", ".join(solver.mechanism.pairs[p].name for p in group.pairs)
+            if not group.is_dyad:
+                break
+            place_dyad(state, group, solver.mechanism.ends, 1)
+            if np.all(state.lost):
+                return (
+                    f"{name}: arcs cannot close: the {group.kind} of pairs {pairs} "
+                    f"reaches nowhere for inputs in {degrees}; change the arcs of its "
+                    "links or the range"
+                )
+    return (
+        f"{name}: no configuration was found for inputs in {degrees}: the {group.kind} "
+        f"of pairs {pairs} did not close from any start; change its arcs or the range, "
+        "or give a reference pose"
+    )
+
+
+def assemblies(solver: Solver, q: float) -> list[tuple[tuple[int, ...], Floats]]:
+    """Return every mode found at one input: dyad signs and variables (pairs,).
+
+    Complete for dyads; for irreducible groups a search from random starts.
+    """
+    found: list[tuple[tuple[int, ...], Floats]] = []
+
+    def extend(state: State, signs: tuple[int, ...]) -> None:
+        if len(found) >= 4 * MOST_BRANCHES:
+            return
+        if len(signs) == len(solver.assembly.groups):
+            found.append((signs, state.values[0].copy()))
+            return
+        for sign, grown in _grow(solver, state, solver.assembly.groups[len(signs)]):
+            extend(grown, (*signs, sign))
+
+    with np.errstate(invalid="ignore", divide="ignore"):
+        extend(solver.start(np.array([q])), ())
+    return found
+
+
+def _grow(solver: Solver, state: State, group: Group) -> Iterator[tuple[int, State]]:
+    if group.is_dyad:
+        for sign in (1, -1):
+            grown = state.copy()
+            place_dyad(grown, group, solver.mechanism.ends, sign)
+            if not grown.lost[0]:
+                yield sign, grown
+        return
+    for values in _search(solver, state, group):
+        grown = state.copy()
+        place_group(grown, group, solver.mechanism.ends, values[None])
+        yield 0, grown
+
+
+def _search(solver: Solver, state: State, group: Group) -> list[Floats]:
+    random = np.random.default_rng(20240616)
+    single = group_closure(state, group, solver.mechanism.ends)
+    modes: list[Floats] = []
+    dry = 0
+    for _ in range(MOST_ROUNDS):
+        starts = random.uniform(-np.pi, np.pi, (STARTS, len(group.pairs)))
+        result = single.solve(starts, held=None, iterations=40)
+        known = len(modes)
+        for values in result.values[result.residual < CLOSURE_TOLERANCE]:
+            values = wrap(values)
+            if all(_far(values, mode) for mode in modes):
+                modes.append(values)
+        dry = dry + 1 if len(modes) == known else 0
+        if dry == 2:
+            break
+    return sorted(modes, key=lambda mode: [round(float(value), 6) for value in mode])
+
+
+def _far(one: Floats, other: Floats) -> bool:
+    return bool(np.max(np.abs(wrap(one - other))) > SAME_MODE)
