@@ -1,0 +1,207 @@
+"""The command line as a stranger uses it: every command, statuses, words on stderr."""
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from test_planner import LECTURE_TABLE
+
+from spherekit.cli.main import main
+
+ROOT = Path(__file__).parent.parent
+
+
+def run(capsys, *arguments):
+    status = main([str(word) for word in arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_plan_prints_the_lectures_table(capsys):
+    status, out, err = run(capsys, "plan", "stephenson")
+    assert (status, err) == (0, "")
+    assert [line.split()[1:] for line in out.splitlines()[1:]] == LECTURE_TABLE
+
+
+def test_plan_as_json_and_markdown(capsys):
+    _, out, _ = run(capsys, "plan", "stephenson", "--json")
+    assert json.loads(out)["table"] == LECTURE_TABLE
+    _, out, _ = run(capsys, "plan", "stephenson", "--markdown")
+    assert out.splitlines()[1] == "|---|---|---|---|---|---|---|"
+
+
+def test_plan_for_some_poles_with_steps(capsys):
+    _, out, _ = run(capsys, "plan", "stephenson", "--for", "3/1", "--steps")
+    assert "P31 case (a) = (P21 P32) x (P41 P43)" in out
+    assert "P51" not in out
+    status, _, err = run(capsys, "plan", "stephenson", "--for", "3/9")
+    assert status == 1
+    assert "LINK/LINK" in err
+
+
+def test_indeterminate_plan_names_part_and_method(capsys):
+    _, out, _ = run(capsys, "plan", "double_butterfly", "--steps")
+    assert "irreducible part of links 1, 2, 3, 4, 5, 6, 7, 8" in out
+    assert "null vector of the velocity equations" in out
+
+
+def test_validate_good_and_bad(capsys, tmp_path):
+    bad = tmp_path / "bad.toml"
+    bad.write_text('format = 1\nname = "x"\nangle_unit = "grad"\n')
+    status, out, err = run(capsys, "validate", "four_bar", bad, "watt")
+    assert status == 1
+    assert re.findall(r"^(\w+): ok", out, re.M) == ["four_bar", "watt"]
+    assert "bad.toml" in err
+    assert "angle_unit" in err
+    status, out, _ = run(capsys, "validate", "four_bar", "--json")
+    assert json.loads(out)["groups"] == ["dyad"]
+
+
+def test_every_shipped_mechanism_is_valid(capsys):
+    names = sorted(path.stem for path in (ROOT / "mechanisms").glob("*.toml"))
+    names = [name for name in names if not name.endswith(".study")]
+    status, out, err = run(capsys, "validate", *names)
+    assert (status, err) == (0, "")
+    assert len(out.splitlines()) == len(names) == 20
+
+
+def test_mechanisms_lists_all_with_their_source(capsys):
+    _, out, _ = run(capsys, "mechanisms", "--json")
+    rows = json.loads(out)
+    assert len(rows) == 20
+    assert all(row["source"] for row in rows)
+
+
+def test_explain_says_what_will_be_computed(capsys):
+    _, narrow, _ = run(capsys, "explain", "stephenson", "-a", "poles:only=31")
+    _, wide, _ = run(capsys, "explain", "stephenson")
+    assert "asked: 1 of 15 poles: P31" in narrow
+    assert "asked: 15 of 15" in wide
+    _, out, _ = run(capsys, "explain", "stephenson", "-a", "poles:only=31", "--json")
+    facts = json.loads(out)
+    assert facts["secondary_poles"] < 8
+    assert facts["positions"][0]["group"] == "dyad"
+
+
+def test_analyses_describe_their_tables(capsys):
+    _, out, _ = run(capsys, "analyses", "poles")
+    assert re.search(r"rate_dq +\[1/rad\] +derivative of rate by q", out)
+    _, out, _ = run(capsys, "analyses", "poles", "--json")
+    assert json.loads(out)["parameters"] == {"only": "tuple[str, ...]", "show": "str"}
+
+
+def test_run_writes_tables_and_recording(capsys, tmp_path):
+    status, out, err = run(
+        capsys, "run", "four_bar", "--samples", 13, "-o", tmp_path,
+        "--save", tmp_path / "a.rrd", "--deg",
+    )  # fmt: skip
+    assert status == 0
+    assert "branch 0 (+): 13 OK" in out
+    assert "recording in" in err
+    frame = pd.read_csv(tmp_path / "poles.csv")
+    assert frame["q"].max() == 360.0
+    assert (tmp_path / "a.rrd").stat().st_size > 10_000
+
+
+def test_statuses_of_run(capsys):
+    assert run(capsys, "run", "four_bar", "--samples", 5)[0] == 0
+    assert run(capsys, "run", "four_bar", "--samples", 5, "--strict")[0] == 0
+    lost = ("run", "four_bar", "--input", "43", "--samples", 9)
+    assert run(capsys, *lost)[0] == 0
+    assert run(capsys, *lost, "--strict")[0] == 3
+    assert run(capsys, "run", "no_such_mechanism")[0] == 1
+    assert run(capsys, "run", "four_bar", "-a", "pols")[0] == 1
+    assert run(capsys, "run", "four_bar", "--branch", 9)[0] == 1
+    assert run(capsys, "run", "four_bar", "--samples", 0)[0] == 1
+    with pytest.raises(SystemExit) as caught:
+        main(["run"])
+    assert caught.value.code == 2
+
+
+def test_errors_are_one_paragraph(capsys):
+    status, out, err = run(capsys, "run", "four_bra")
+    assert (status, out) == (1, "")
+    assert err.startswith("spherekit: ")
+    assert 'did you mean "four_bar"' in err
+    assert "Traceback" not in err
+    with pytest.raises(Exception, match="four_bra"):
+        main(["run", "four_bra", "--traceback"])
+
+
+def test_json_summary_on_stdout(capsys):
+    _, out, _ = run(capsys, "run", "watt", "--samples", 3, "--json", "-q")
+    assert json.loads(out)["mechanism"] == "watt"
+
+
+def test_view_says_what_to_do_without_display(capsys, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    status, _, err = run(capsys, "view", tmp_path)
+    assert (status, "holds no recording" in err) == (1, True)
+    status, _, err = run(capsys, "view", tmp_path / "none.rrd")
+    assert (status, "no such recording" in err) == (1, True)
+    out = run(capsys, "run", "four_bar", "--samples", 3, "-o", tmp_path, "--view", "-q")
+    assert out[0] == 0
+    status, _, err = run(capsys, "view", tmp_path)
+    assert (status, "--png" in err) == (0, True)
+
+
+def test_connect_without_viewer_fails_at_once(capsys):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    started = time.monotonic()
+    url = f"rerun+http://127.0.0.1:{port}/proxy"
+    status, _, err = run(capsys, "run", "four_bar", "--samples", 3, "--connect", url)
+    assert status == 1
+    assert str(port) in err
+    assert time.monotonic() - started < 4.0
+
+
+def test_closed_pipe_and_help():
+    command = f"{sys.executable} -m spherekit plan stephenson --json | head -c 10"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    text = subprocess.run(
+        [sys.executable, "-m", "spherekit", "--help"], capture_output=True, text=True, check=True
+    ).stdout
+    for command in ("validate", "plan", "explain", "run", "view", "mechanisms", "analyses"):
+        assert command in text
+
+
+def test_serve_streams_and_stops_on_interrupt():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "spherekit", "run", "four_bar", "--samples", "20", "--serve", str(port)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        for _ in range(200):
+            try:
+                socket.create_connection(("127.0.0.1", port), 0.2).close()
+                break
+            except OSError:
+                time.sleep(0.1)
+        else:
+            pytest.fail("never served")
+        time.sleep(1.5)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert f"127.0.0.1:{port}" in err
+    assert "branch 1 (-): 20 OK" in out
+    assert process.returncode == 0
+    assert "Traceback" not in err

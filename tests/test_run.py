@@ -1,0 +1,225 @@
+"""A run: tables, files, summary, blocks, recording, and what can go wrong outside."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.frames import read_parquet
+from spherekit.errors import OutputError
+from spherekit.planning.poles import all_poles
+
+POLES = [
+    "sample", "branch", "q", "link", "relative_to", "ux", "uy", "uz",
+    "rate", "rate_dq", "conditioning", "residual", "status",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def result():
+    return sk.run(sk.load("four_bar"), "poles", samples=37)
+
+
+def test_frame_is_tidy_and_complete(result):
+    frame = result.frame()
+    assert list(frame.columns) == POLES
+    assert len(frame) == 37 * 2 * 6
+    keys = frame.set_index(["sample", "branch", "link", "relative_to"]).index
+    assert keys.is_unique
+    assert set(frame["status"]) == {"OK"}
+    length = np.sqrt(frame["ux"] ** 2 + frame["uy"] ** 2 + frame["uz"] ** 2)
+    assert np.max(np.abs(length - 1.0)) < 1e-14
+    motion = result.frame("motion")
+    assert len(motion) == 37 * 2
+    assert [c for c in motion.columns if c.startswith("theta_")] == [
+        "theta_21", "theta_32", "theta_43", "theta_41",
+    ]  # fmt: skip
+
+
+def test_degrees_only_change_angles(result):
+    radians, degrees = result.frame(), result.frame(degrees=True)
+    assert degrees["q"].max() == pytest.approx(360.0)
+    assert np.allclose(np.radians(degrees["q"]), radians["q"])
+    assert np.allclose(np.degrees(degrees["rate_dq"]), radians["rate_dq"])
+    assert np.array_equal(degrees["rate"], radians["rate"])
+    assert degrees.attrs["units"]["q"] == "deg"
+    assert radians.attrs["units"]["rate_dq"] == "1/rad"
+
+
+def test_blocks_do_not_change_the_result(result):
+    again = sk.run(sk.load("four_bar"), "poles", samples=37, block=5)
+    pd.testing.assert_frame_equal(again.frame(), result.frame(), rtol=1e-13, atol=1e-13)
+    pd.testing.assert_frame_equal(
+        again.frame("motion"), result.frame("motion"), rtol=1e-13, atol=1e-13
+    )
+
+
+def test_running_twice_gives_the_same_bits(result):
+    again = sk.run(sk.load("four_bar"), "poles", samples=37)
+    pd.testing.assert_frame_equal(again.frame(), result.frame(), check_exact=True)
+
+
+def test_written_files_read_back_equal(result, tmp_path):
+    paths = result.write(tmp_path / "new" / "folder")
+    assert sorted(p.name for p in paths) == [
+        "motion.csv", "motion.parquet", "poles.csv", "poles.parquet", "summary.json",
+    ]  # fmt: skip
+    frame = result.frame()
+    parquet = read_parquet(tmp_path / "new" / "folder" / "poles.parquet")
+    assert parquet.attrs["units"]["q"] == "rad"
+    csv = pd.read_csv(
+        tmp_path / "new" / "folder" / "poles.csv",
+        dtype={"link": str, "relative_to": str},
+    )
+    for column in POLES:
+        if frame[column].dtype == float:
+            assert np.array_equal(frame[column], csv[column], equal_nan=True)
+            assert np.array_equal(frame[column], parquet[column], equal_nan=True)
+        else:
+            assert list(frame[column]) == list(csv[column]) == list(parquet[column])
+    summary = json.loads((tmp_path / "new" / "folder" / "summary.json").read_text())
+    assert summary["mobility"] == {"graph": 1, "rank": 1}
+    assert summary["status"] == {"OK": 74}
+    assert summary["errors_reached"]["largest_closure_residual_rad"] < 1e-14
+    assert len(summary["mechanism_hash"]) == 64
+    assert not [p for p in tmp_path.rglob("*.part")]
+
+
+def test_unreachable_samples_are_rows_with_a_reason():
+    made = sk.load("four_bar").with_input("43")
+    frame = sk.run(made, "poles", samples=61).frame()
+    assert len(frame) == 61 * 6 * frame["branch"].nunique()
+    lost = frame[frame["status"] == "OUT_OF_REACH"]
+    assert 0 < len(lost) < len(frame)
+    assert lost[["ux", "uy", "uz", "rate", "rate_dq", "conditioning"]].isna().all().all()
+    fine = frame[frame["status"] == "OK"]
+    assert fine.drop(columns=["status"]).notna().all().all()
+
+
+def test_wrong_names_of_results(result):
+    with pytest.raises(sk.SpherekitError, match='did you mean "poles"'):
+        result.frame("pole")
+    with pytest.raises(sk.SpherekitError, match="has no table"):
+        result.frame("poles", "pols")
+
+
+def test_folder_that_is_a_file(result, tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(OutputError, match="taken"):
+        result.write(tmp_path / "taken")
+    with pytest.raises(OutputError, match="taken"):
+        result.write(tmp_path / "taken" / "below")
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+def test_unwritable_folder(result, tmp_path):
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    folder.chmod(0o500)
+    if os.access(folder, os.W_OK):
+        folder = Path("/proc/spherekit")
+    with pytest.raises(OutputError):
+        result.write(folder)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_full_disk_leaves_no_half_file(result, tmp_path, monkeypatch):
+    """Every write goes to /dev/full, which has no space."""
+    import spherekit.files.atomic as atomic
+
+    real = os.open
+
+    def full(path, flags, *rest, **more):
+        if ".part" in str(path):
+            real(path, flags, *rest, **more)
+            return real("/dev/full", os.O_WRONLY)
+        return real(path, flags, *rest, **more)
+
+    monkeypatch.setattr(atomic.os, "open", full)
+    with pytest.raises(OutputError, match="disk is full"):
+        result.write(tmp_path / "out")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+class Listener:
+    """Keeps what a recorder is told."""
+
+    def __init__(self):
+        self.rows, self.paths, self.when = {}, set(), []
+
+    def start(self, scenes, inputs, *, branches=None, properties=None, focus=None):
+        self.inputs, self.branches, self.focus = inputs, branches, focus
+        self.still = [p.path for scene in scenes for p in scene.primitives]
+
+    def log(self, scene, samples, inputs=None):
+        self.when.append(len(samples))
+        for primitive in scene.primitives:
+            self.paths.add(primitive.path)
+            key = (scene.branch, primitive.path)
+            self.rows.setdefault(key, []).extend(samples)
+
+
+def test_scenes_come_block_by_block_while_the_run_goes_on():
+    listener, order = Listener(), []
+    sk.run(
+        sk.load("four_bar"),
+        "poles",
+        samples=25,
+        block=10,
+        recorder=listener,
+        progress=lambda done, total: order.append((done, total, len(listener.when))),
+    )
+    assert [entry[:2] for entry in order] == [(10, 25), (20, 25), (25, 25)]
+    assert order[0][2] < order[1][2] < order[2][2]
+    assert listener.branches == {0: "Mode 0 (+)", 1: "Mode 1 (-)"}
+    assert listener.still == ["link/1", "graph", "plan"]
+    for rows in listener.rows.values():
+        assert rows == list(range(25))
+    assert np.linalg.norm(listener.focus) == pytest.approx(1.0)
+
+
+def test_only_what_was_asked_for_is_logged():
+    narrow, wide = Listener(), Listener()
+    sk.run(sk.load("double_butterfly"), "poles:only=31", samples=3, search=False, recorder=narrow)
+    sk.run(sk.load("double_butterfly"), "poles", samples=3, search=False, recorder=wide)
+    arrows = {path for path in narrow.paths if path.startswith("pole/")}
+    assert arrows == {"pole/3_1"}
+    assert len([path for path in wide.paths if path.startswith("pole/")]) == len(all_poles(8))
+
+
+def test_pruned_run_gives_the_numbers_of_the_whole():
+    """The sign of a direction is a convention; rate * direction is not."""
+    made = sk.load("stephenson")
+    small = sk.run(made, "poles:only=52+64", samples=19).frame()
+    whole = sk.run(made, "poles", samples=19).frame()
+    keys = ["sample", "branch", "link", "relative_to"]
+    both = small.merge(whole, on=keys, suffixes=("", "_whole"))
+    assert len(both) == len(small) == 19 * 4 * 2
+    for axis in ("ux", "uy", "uz"):
+        ours, theirs = both[axis] * both["rate"], both[f"{axis}_whole"] * both["rate_whole"]
+        assert np.max(np.abs(ours - theirs)) < 1e-11
+
+
+def spherekit(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "spherekit", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        **options,
+    )
+
+
+def test_interrupted_write_names_the_reason_on_the_command_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    run = spherekit("run", "four_bar", "--samples", "5", "-o", tmp_path / "file")
+    assert run.returncode == 1
+    assert run.stderr.startswith("spherekit: ")
+    assert "Traceback" not in run.stderr
+    assert "file" in run.stderr
