@@ -138,8 +138,7 @@ def exact_rates(
             unit /= mpmath.norm(unit)
             least = sorted(range(3), key=lambda k, u=unit: abs(u[k]))[:2]
             normals = [
-                [(1 if k == e else 0) - unit[k] * unit[e] for k in range(3)]
-                for e in least
+                [(1 if k == e else 0) - unit[k] * unit[e] for k in range(3)] for e in least
             ]
             if pair == driven:
                 normals.append(list(unit))
@@ -153,8 +152,6 @@ def exact_rates(
         solved = mpmath.lu_solve(matrix, right)
         rates = [mpmath.mpf(0)] * 3 + list(solved)
         return {
-            (i, j): np.array(
-                [float(rates[3 * j + k] - rates[3 * i + k]) for k in range(3)]
-            )
+            (i, j): np.array([float(rates[3 * j + k] - rates[3 * i + k]) for k in range(3)])
             for i, j in poles
         }

@@ -74,9 +74,7 @@ def _runs(repeats: int) -> Section:
             unit: process("-c", "import numpy, pandas"),
             "spherekit run four_bar": process(*command),
             "spherekit run four_bar -o DIR": process(*command, "-o", target),
-            "spherekit run four_bar --save X.rrd": process(
-                *command, "--save", recording
-            ),
+            "spherekit run four_bar --save X.rrd": process(*command, "--save", recording),
             "spherekit validate four_bar": process(
                 "-m", "spherekit", "validate", "four_bar"
             ),

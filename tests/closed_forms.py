@@ -81,9 +81,7 @@ def four_bar_poles(theta21: Floats, arcs: Arcs, mode: int) -> dict[str, Floats]:
     return {"31": meet("41", "43", "21", "32"), "42": meet("21", "41", "32", "43")}
 
 
-def four_bar_coefficients(
-    theta21: Floats, arcs: Arcs, mode: int
-) -> tuple[Floats, Floats]:
+def four_bar_coefficients(theta21: Floats, arcs: Arcs, mode: int) -> tuple[Floats, Floats]:
     """Return the velocity coefficients w31/w21 and w41/w21 (n,), eqs. (26a), (26b).
 
     The first belongs to the pole 31 in the sense of `four_bar_poles`. Eq. (26a) is 0/0

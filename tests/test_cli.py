@@ -171,7 +171,10 @@ def test_closed_pipe_and_help():
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     assert done.stderr == ""
     text = subprocess.run(
-        [sys.executable, "-m", "spherekit", "--help"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "spherekit", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout
     for command in ("validate", "plan", "explain", "run", "view", "mechanisms", "analyses"):
         assert command in text
@@ -182,7 +185,17 @@ def test_serve_streams_and_stops_on_interrupt():
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     process = subprocess.Popen(
-        [sys.executable, "-m", "spherekit", "run", "four_bar", "--samples", "20", "--serve", str(port)],
+        [
+            sys.executable,
+            "-m",
+            "spherekit",
+            "run",
+            "four_bar",
+            "--samples",
+            "20",
+            "--serve",
+            str(port),
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

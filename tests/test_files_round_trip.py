@@ -146,9 +146,7 @@ def test_short_degrees_stay_short_and_mean_what_programs_compute():
     for tenths in range(-7200, 7201):
         degrees = tenths / 10
         assert to_text(math.radians(degrees), "deg") in (repr(degrees), "0.0")
-    assert to_radians(Written("60.10000000000000000000000"), "deg") == math.radians(
-        60.1
-    )
+    assert to_radians(Written("60.10000000000000000000000"), "deg") == math.radians(60.1)
     assert to_radians(45, "deg") == math.pi / 4
     assert to_text(math.pi, "deg") == "180.0"
     assert to_text(math.radians(1e-9), "deg") == "1e-9"
@@ -275,9 +273,7 @@ def test_the_canonical_text_exists_also_where_no_file_does():
         ("replace", errno.EROFS, "read-only"),
     ],
 )
-def test_failed_writing_leaves_the_old_file(
-    tmp_path, monkeypatch, function, code, words
-):
+def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch, function, code, words):
     path = tmp_path / "x.toml"
     path.write_text("old")
 

@@ -56,9 +56,7 @@ def pack(name):
 
 
 def test_packs_are_listed_and_found_without_importing(install):
-    folder = install(
-        "sk_pack", ["alpha_bar.toml", "beta.toml", "x.study.toml", "a.txt"]
-    )
+    folder = install("sk_pack", ["alpha_bar.toml", "beta.toml", "x.study.toml", "a.txt"])
     found = pack("sk_pack")
     assert dict(found.files) == {
         "alpha_bar": folder / "alpha_bar.toml",
@@ -81,18 +79,14 @@ def test_broken_packs_are_records(install):
     assert "not a name of letters" in pack("sk_named").fault
     assert "ModuleNotFoundError" in pack("sk_odd").fault
     assert find("gamma").name == "gamma.toml"
-    with pytest.raises(
-        FileError, match=r"Broken packs: .*sk_empty \(sk_empty holds no"
-    ):
+    with pytest.raises(FileError, match=r"Broken packs: .*sk_empty \(sk_empty holds no"):
         find("delta")
 
 
 def test_a_name_shipped_twice(install):
     install("sk_one", ["same.toml"])
     install("sk_two", ["same.toml"])
-    with pytest.raises(
-        FileError, match=r"shipped by several packs; give a path: .*sk_one"
-    ):
+    with pytest.raises(FileError, match=r"shipped by several packs; give a path: .*sk_one"):
         find("same")
 
 
@@ -120,9 +114,7 @@ def test_not_found_names_the_nearest(install, tmp_path, monkeypatch):
         find(tmp_path / "none" / "x.toml")
 
 
-@pytest.mark.parametrize(
-    "name", ["", "\0", "a" * 5000, "../../../none.toml", "x/\0.toml"]
-)
+@pytest.mark.parametrize("name", ["", "\0", "a" * 5000, "../../../none.toml", "x/\0.toml"])
 def test_unusable_names_are_file_errors(name):
     with pytest.raises(FileError):
         load(name)

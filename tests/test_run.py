@@ -88,7 +88,7 @@ def test_written_files_read_back_equal(result, tmp_path):
     assert summary["status"] == {"OK": 74}
     assert summary["errors_reached"]["largest_closure_residual_rad"] < 1e-14
     assert len(summary["mechanism_hash"]) == 64
-    assert not [p for p in tmp_path.rglob("*.part")]
+    assert not list(tmp_path.rglob("*.part"))
 
 
 def test_unreachable_samples_are_rows_with_a_reason():
@@ -186,11 +186,19 @@ def test_scenes_come_block_by_block_while_the_run_goes_on():
 
 def test_only_what_was_asked_for_is_logged():
     narrow, wide = Listener(), Listener()
-    sk.run(sk.load("double_butterfly"), "poles:only=31", samples=3, search=False, recorder=narrow)
+    sk.run(
+        sk.load("double_butterfly"),
+        "poles:only=31",
+        samples=3,
+        search=False,
+        recorder=narrow,
+    )
     sk.run(sk.load("double_butterfly"), "poles", samples=3, search=False, recorder=wide)
     arrows = {path for path in narrow.paths if path.startswith("pole/")}
     assert arrows == {"pole/3_1"}
-    assert len([path for path in wide.paths if path.startswith("pole/")]) == len(all_poles(8))
+    assert len([path for path in wide.paths if path.startswith("pole/")]) == len(
+        all_poles(8)
+    )
 
 
 def test_pruned_run_gives_the_numbers_of_the_whole():

@@ -240,9 +240,7 @@ def test_what_stays_is_logged_once(partial: Path) -> None:
 
 
 @pytest.mark.parametrize("blocks", [5, 361])
-def test_block_size_does_not_matter(
-    recording: Path, tmp_path: Path, blocks: int
-) -> None:
+def test_block_size_does_not_matter(recording: Path, tmp_path: Path, blocks: int) -> None:
     assert differences(record(tmp_path / "b.rrd", blocks), recording) == []
 
 

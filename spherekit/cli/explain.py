@@ -11,7 +11,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
     )
     parser.add_argument(
-        "-a", "--analysis", action="append", metavar="NAME[:key=value,...]",
+        "-a",
+        "--analysis",
+        action="append",
+        metavar="NAME[:key=value,...]",
         help="analysis to explain, may be repeated (default: the study's, or poles)",
     )
     parser.add_argument("--input", metavar="PAIR", help="the driven pair")

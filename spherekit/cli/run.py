@@ -26,7 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
     )
     parser.add_argument(
-        "-a", "--analysis", action="append", metavar="NAME[:key=value,...]",
+        "-a",
+        "--analysis",
+        action="append",
+        metavar="NAME[:key=value,...]",
         help="analysis to run, may be repeated (default: the study's, or poles)",
     )
     parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
@@ -34,12 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--input", metavar="PAIR", help="the driven pair")
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
-        "--no-search", action="store_true",
+        "--no-search",
+        action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
     )
-    parser.add_argument(
-        "--deg", action="store_true", help="angles in tables in degrees"
-    )
+    parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
         "--strict", action="store_true", help="exit with 3 if any sample failed"
@@ -47,7 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--save", metavar="X.rrd", help="write a recording")
     live = parser.add_mutually_exclusive_group()
     live.add_argument(
-        "--serve", nargs="?", const=9876, type=int, metavar="PORT",
+        "--serve",
+        nargs="?",
+        const=9876,
+        type=int,
+        metavar="PORT",
         help="serve the recording to viewers while the run goes on",
     )
     live.add_argument("--connect", metavar="URL", help="stream into a running viewer")
@@ -67,9 +73,7 @@ def execute(options: argparse.Namespace) -> int:
 
         make_folder(study.folder)
     with _recorder(options, study) as recorder:
-        result = run_study(
-            study, analyses, recorder=recorder, progress=_progress(options)
-        )
+        result = run_study(study, analyses, recorder=recorder, progress=_progress(options))
         if study.folder is not None:
             paths = result.write(study.folder, study.degrees)
             if not options.quiet:

@@ -11,7 +11,9 @@ from spherekit.errors import SpherekitError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "files", nargs="+", metavar="FILE|STUDY",
+        "files",
+        nargs="+",
+        metavar="FILE|STUDY",
         help="mechanism or study: path or shipped name",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object per file")

@@ -39,9 +39,7 @@ def to_radians(number: float, unit: AngleUnit) -> float:
     return float(_EXACT.multiply(written, _DEGREE))
 
 
-def angle_at(
-    document: Document, path: KeyPath, number: float, unit: AngleUnit
-) -> float:
+def angle_at(document: Document, path: KeyPath, number: float, unit: AngleUnit) -> float:
     """Return the angle that stands at a key path of a file, in radians.
 
     Raises

@@ -182,9 +182,7 @@ def _unknown_keys(
 def _described(part: Mapping[str, Any], key: str, kind: Kind) -> str:
     whole = schema(kind)
     parts = (part, *whole["$defs"].values(), whole)
-    declared = [
-        each["properties"].get(key, {}) for each in parts if "properties" in each
-    ]
+    declared = [each["properties"].get(key, {}) for each in parts if "properties" in each]
     text = next((each["description"] for each in declared if each), "")
     return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""
 

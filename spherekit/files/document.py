@@ -154,9 +154,7 @@ def parse(text: str, name: str) -> Document:
     except (ValueError, OverflowError):
         found = _HUGE_INTEGER.search(text)
         line = text.count("\n", 0, found.start()) + 1 if found else 1
-        raise FileError(
-            f"{name}:{line}: a value cannot be read: too many digits"
-        ) from None
+        raise FileError(f"{name}:{line}: a value cannot be read: too many digits") from None
     document = Document(name, text, data)
     _check_nesting(document)
     return document

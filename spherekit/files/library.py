@@ -110,9 +110,7 @@ def _pack(entry: EntryPoint) -> Pack:
             (studies if is_study(path) else files).setdefault(name, path)
     if not files:
         return broken(f"{entry.value} holds no {_SUFFIX} files")
-    return Pack(
-        entry.name, entry.value, distribution, version, files, studies=studies
-    )
+    return Pack(entry.name, entry.value, distribution, version, files, studies=studies)
 
 
 def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:

@@ -87,9 +87,7 @@ def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
         if mechanism.source.assumed:
             content["source"]["assumed"] = mechanism.source.assumed
     content["links"] = {link: _link(mechanism, link, unit) for link in mechanism.links}
-    content["pairs"] = {
-        item.name: _pair(mechanism, item, unit) for item in mechanism.pairs
-    }
+    content["pairs"] = {item.name: _pair(mechanism, item, unit) for item in mechanism.pairs}
     content["inputs"] = {
         item.pair: {"from": _angle(item.start, unit), "to": _angle(item.stop, unit)}
         for item in mechanism.inputs
@@ -103,8 +101,7 @@ def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
         for item in mechanism.masses
     }
     content["loads"] = {
-        item.name: {"pair": item.pair, "torque": item.torque}
-        for item in mechanism.loads
+        item.name: {"pair": item.pair, "torque": item.torque} for item in mechanism.loads
     }
     content["user"] = dict(mechanism.user)
     return {name: table for name, table in content.items() if table}

@@ -1,16 +1,19 @@
-"""Graph views of a mechanism; the only module that imports networkx."""
+"""Graph views of a mechanism; the only module that imports networkx, when called."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, final
-
-import networkx as nx
+from typing import TYPE_CHECKING, Any, final
 
 from spherekit.model.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 
 def link_graph(mechanism: Mechanism) -> "nx.MultiGraph[str]":
     """Return the graph with links as nodes and pairs as edges (key: pair name)."""
+    import networkx as nx
+
     graph: nx.MultiGraph[str] = nx.MultiGraph(name=mechanism.name)
     graph.add_nodes_from(mechanism.links)
     for pair in mechanism.pairs:
@@ -20,14 +23,27 @@ def link_graph(mechanism: Mechanism) -> "nx.MultiGraph[str]":
 
 def pieces(mechanism: Mechanism) -> list[list[str]]:
     """Return the connected pieces, each as its links in file order, ground's first."""
-    order = mechanism.link_number
-    found = nx.connected_components(link_graph(mechanism))
-    sorted_pieces = (sorted(piece, key=order.__getitem__) for piece in found)
-    return sorted(sorted_pieces, key=lambda piece: order[piece[0]])
+    joined: dict[int, set[int]] = {k: set() for k in range(len(mechanism.links))}
+    for a, b in mechanism.ends:
+        joined[a].add(b)
+        joined[b].add(a)
+    left = dict.fromkeys(joined)
+    found: list[list[str]] = []
+    while left:
+        reached, stack = set(), [next(iter(left))]
+        while stack:
+            link = stack.pop()
+            if link not in reached:
+                reached.add(link)
+                stack += joined[link]
+        found.append([mechanism.links[k] for k in sorted(reached)])
+        left = {k: None for k in left if k not in reached}
+    return found
 
 
 def same_topology(one: Mechanism, other: Mechanism) -> bool:
     """Return whether two mechanisms are the same graph with the same pair types."""
+    import networkx as nx
 
     def simple(mechanism: Mechanism) -> "nx.Graph[Any]":
         graph: nx.Graph[Any] = nx.Graph()
@@ -56,6 +72,8 @@ class Layout:
 
 def layout(mechanism: Mechanism) -> Layout:
     """Return positions for drawing the link/pair graph: few crossings, same every time."""
+    import networkx as nx
+
     graph: nx.Graph[Any] = nx.Graph()
     links = [("link", name) for name in mechanism.links]
     graph.add_nodes_from(links)

@@ -21,6 +21,9 @@ LARGEST_STEP = 0.2
 """Longest step of the input (rad)."""
 BEND = 0.02
 """Second-order part of a step that is aimed at (rad)."""
+NEARER = 0.3
+"""Part of slope / bend stepped at most: 0.6 of the way to a dead centre, where a
+variable goes as the square root of the way left and slope / bend is twice that way."""
 SMALLEST_STEP = 4e-13
 """A step below this means that the input has reached a dead centre (rad)."""
 MOST_NODES = 20000
@@ -110,7 +113,8 @@ def _march(
     step = LARGEST_STEP
     while (stop - at.q) * way > 0.0 and len(nodes) < MOST_NODES:
         bend = float(np.max(np.abs(at.bend))) + 1e-300
-        step = min(step, LARGEST_STEP, (2 * BEND / bend) ** 0.5)
+        slope = float(np.max(np.abs(at.slope)))
+        step = min(step, LARGEST_STEP, (2 * BEND / bend) ** 0.5, NEARER * slope / bend)
         step = max(step, SMALLEST_STEP)
         rest = (stop - at.q) * way
         last = step >= rest * (1 - 1e-9)

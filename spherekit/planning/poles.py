@@ -179,6 +179,7 @@ def plan(
             steps.append(PrimaryPole(pole, number))
             _mark(known, [pole])
     unknown = [p for p in all_poles(count) if not known[p[0]] >> p[1] & 1]
+    parts: dict[Pole, set[int]] = {}
     round_number = 0
     while unknown:
         round_number += 1
@@ -189,7 +190,7 @@ def plan(
             if common.bit_count() + len(touching) >= 2:
                 found.append(LinePole(pole, round_number, _bits(common), touching))
         if not found:
-            found = [_smallest_block(mechanism, game, unknown, round_number)]
+            found = [_smallest_block(mechanism, game, parts, unknown, round_number)]
         for step in found:
             _mark(known, step.poles if isinstance(step, BlockPoles) else [step.pole])
         steps += found
@@ -275,15 +276,17 @@ def _cheapest_lines(
 
 
 def _smallest_block(
-    mechanism: Mechanism, game: Pebbles, unknown: Sequence[Pole], round_number: int
+    mechanism: Mechanism,
+    game: Pebbles,
+    parts: dict[Pole, set[int]],
+    unknown: Sequence[Pole],
+    round_number: int,
 ) -> BlockPoles:
-    best: set[int] | None = None
-    for i, j in unknown:
-        part = game.moving_part(i, j)
-        if best is None or len(part) < len(best):
-            best = part
-    assert best is not None
-    inside = best
+    """Solve the smallest part with an unknown pole; `parts` keeps them between calls."""
+    for pole in unknown:
+        if pole not in parts:
+            parts[pole] = game.moving_part(*pole)
+    inside = min((parts[pole] for pole in unknown), key=len)
     return BlockPoles(
         links=tuple(sorted(inside)),
         pairs=tuple(

@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import SINGULAR_RATIO, Status
+from spherekit.conventions import EPS, SINGULAR_RATIO, Status
 from spherekit.motion.closure import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole, PrimaryPole
@@ -106,7 +106,7 @@ def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
         for link in wanted.links:
             w[link][:, weak] = exact.w[:, link].T
             dw[link][:, weak] = exact.dw[:, link].T
-        _mend_directions(wanted, lines, w, weak)
+        _mend_directions(wanted, lines, w, weak, exact.flatness)
     status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
     no_rate = status != Status.OK
     for vectors in (w, dw):
@@ -190,7 +190,11 @@ def _equations(motion: Motion, axes: Floats) -> LinkRates:
 
 
 def _mend_directions(
-    wanted: Request, lines: Lines, w: dict[int, Floats], weak: NDArray[np.bool_]
+    wanted: Request,
+    lines: Lines,
+    w: dict[int, Floats],
+    weak: NDArray[np.bool_],
+    flatness: Floats,
 ) -> None:
     """Take directions from the velocity equations where those are the better source."""
     primary = {s.pole for s in wanted.plan.steps if isinstance(s, PrimaryPole)}
@@ -201,7 +205,7 @@ def _mend_directions(
         vector = w[j][:, weak] - w[i][:, weak]
         length = norm(vector)
         scale = np.maximum(norm(w[j][:, weak]), norm(w[i][:, weak]))
-        error = 1e-15 * np.maximum(scale, 1.0) / np.maximum(length, 1e-300)
+        error = EPS * np.maximum(scale, 1.0) / np.maximum(length * flatness, EPS)
         better = error < np.nan_to_num(lines.error[pole][weak], nan=1.0)
         rows = np.flatnonzero(weak)[better]
         lines.unit[pole][:, rows] = vector[:, better] / length[better]

@@ -110,9 +110,7 @@ class Layout:
         space = self._space(branch, title)
         if not rows:
             return rrb.Horizontal(space, name=title)
-        return rrb.Horizontal(
-            space, rrb.Vertical(*rows), column_shares=[11, 9], name=title
-        )
+        return rrb.Horizontal(space, rrb.Vertical(*rows), column_shares=[11, 9], name=title)
 
     def _space(self, branch: int | None, title: str) -> rrb.Spatial3DView:
         def here(owner: int | None) -> bool:
@@ -198,8 +196,7 @@ class Layout:
 
     def _comparison(self) -> rrb.Container:
         plots = [
-            self._plot(group, series, mixed=True)
-            for group, series in self.groups.items()
+            self._plot(group, series, mixed=True) for group, series in self.groups.items()
         ]
         columns = 1 if len(plots) < 3 else 2
         return rrb.Grid(*plots, grid_columns=columns, name="Compare")

@@ -168,15 +168,11 @@ def failure_columns(failed: NDArray[np.bool_]) -> Iterable[rr.ComponentColumn]:
     return _points(np.zeros((int(failed.sum()), 3)), failed.astype(np.int64))
 
 
-def _points(
-    positions: Floats, count: NDArray[np.int64]
-) -> Iterable[rr.ComponentColumn]:
+def _points(positions: Floats, count: NDArray[np.int64]) -> Iterable[rr.ComponentColumn]:
     return rr.Points3D.columns(positions=positions).partition(count)
 
 
-def _turned(
-    quaternions: Floats, good: NDArray[np.bool_]
-) -> Iterable[rr.ComponentColumn]:
+def _turned(quaternions: Floats, good: NDArray[np.bool_]) -> Iterable[rr.ComponentColumn]:
     scale = np.where(good, 1.0, HIDDEN)[:, None] * np.ones(3)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     turn = np.where(good[:, None], quaternions, upright)
