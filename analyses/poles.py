@@ -121,7 +121,7 @@ class Poles(AbstractAnalysis):
                 "rate_dq": per_pole([batch.rate_dq(*pole) for pole in wanted]),
                 "conditioning": per_pole([batch.conditioning(*pole) for pole in wanted]),
                 "residual": per_row(batch.residual),
-                "status": per_row(batch.status),
+                "status": per_pole([batch.pole_status(*pole) for pole in wanted]),
             }
         }
 

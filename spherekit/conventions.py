@@ -15,6 +15,8 @@ class Status(IntEnum):
     BRANCH_LOST = 3
     NOT_CONVERGED = 4
     NOT_CLOSED = 5
+    NO_POLE = 6
+    ILL_CONDITIONED = 7
 
 
 STATUS_MEANING = {
@@ -28,6 +30,10 @@ STATUS_MEANING = {
     Status.NOT_CONVERGED: "the iteration did not reach the tolerance; start nearer "
     "or check for nearly parallel axes",
     Status.NOT_CLOSED: "the closure residual is above the tolerance",
+    Status.NO_POLE: "the two links do not move relative to each other here: the "
+    "coefficient is zero and they have no pole axis",
+    Status.ILL_CONDITIONED: "the links move, but nearly parallel axes leave the "
+    "direction of this pole unknown to the accuracy asked for",
 }
 
 EPS = 2.220446049250313e-16
@@ -38,6 +44,12 @@ CLOSURE_TOLERANCE = 1e-12
 
 REACH_SLACK = 16 * EPS
 """A spherical triangle may miss closing by this much (rad): rounding of its arcs."""
+
+USABLE_DIRECTION = 1e-6
+"""A pole direction with a larger error bound (rad) is not given."""
+
+NO_MOTION = 1e-9
+"""Links whose relative rate is below this part of their own rates move as one."""
 
 SINGULAR_RATIO = 1e-11
 """Smallest relative singular value of the closure Jacobian with trusted rates."""

@@ -8,7 +8,7 @@ samples at once, and returns the tables it declared.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, final
+from typing import ClassVar, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.field import PoleField
 from spherekit.sphere.rotation import Floats
+
+Values = TypeVar("Values")
 
 CONTRACT = 1
 """Version of this contract; a plugin states the one it was written for."""
@@ -114,6 +116,10 @@ class Batch:
         """Return (n,) the sine of the angle between the two planes that gave the pole."""
         return self._pole(i, j, "directions", self._found().angle)
 
+    def pole_status(self, i: int, j: int) -> NDArray[np.int8]:
+        """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
+        return self._pole(i, j, "directions", self._found().pole_status)
+
     def rate(self, i: int, j: int) -> Floats:
         """Return (n,) the coefficient of link max(i, j) relative to the other."""
         return self._pole(i, j, "rates", self._found().rate)
@@ -149,7 +155,7 @@ class Batch:
             raise UndeclaredNeed("a pole was read; declare it in needs()")
         return self._field
 
-    def _pole(self, i: int, j: int, what: str, values: Mapping[Pole, Floats]) -> Floats:
+    def _pole(self, i: int, j: int, what: str, values: Mapping[Pole, Values]) -> Values:
         pole = pole_of(i, j)
         if pole not in getattr(self.needs, what):
             links = self.mechanism.links

@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import EPS, SINGULAR_RATIO, Status
+from spherekit.conventions import EPS, NO_MOTION, SINGULAR_RATIO, USABLE_DIRECTION, Status
 from spherekit.motion.closure import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole, PrimaryPole
@@ -29,8 +29,6 @@ from spherekit.sphere.rotation import Floats, cross
 
 TRUSTED_ERROR = 1e-12
 """Samples whose propagated error bound exceeds this use the velocity equations."""
-USABLE_DIRECTION = 1e-6
-"""A direction that is worse than this (rad) is not given."""
 
 
 @final
@@ -43,10 +41,12 @@ class PoleField:
     `rate[pole]` (n,): rate * direction is the angular velocity of the pole's second
     link relative to its first per unit rate of the input; `rate_dq[pole]` (n,) its
     derivative by the input (1/rad); `angle[pole]` (n,) sine of the angle between the
-    two planes used; `error[pole]` (n,) bound of the direction's rounding error (rad).
+    two planes used, 0 where they coincide; `error[pole]` (n,) bound of the direction's rounding error (rad).
     `planes[pole]` (n, 2, 3) unit normals of those planes, for the poles asked for.
     `w[link]`, `dw[link]` (n, 3): rates of links relative to the ground.
     `status` (n,): the motion's, with AT_SINGULARITY where the rates are not finite.
+    `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED where only this
+    pole cannot be given.
     `by_equations` (n,): samples solved from the velocity equations instead.
     """
 
@@ -59,6 +59,7 @@ class PoleField:
     w: dict[int, Floats]
     dw: dict[int, Floats]
     status: NDArray[np.int8]
+    pole_status: dict[Pole, NDArray[np.int8]]
     by_equations: NDArray[np.bool_]
 
 
@@ -102,7 +103,7 @@ def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
     flat = np.zeros(len(motion), dtype=bool)
     if np.any(weak):
         exact = _equations(motion, axes[weak])
-        flat[weak] = exact.flatness < SINGULAR_RATIO
+        flat[weak] = ~(exact.flatness >= SINGULAR_RATIO)
         for link in wanted.links:
             w[link][:, weak] = exact.w[:, link].T
             dw[link][:, weak] = exact.dw[:, link].T
@@ -112,7 +113,7 @@ def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
     for vectors in (w, dw):
         for value in vectors.values():
             value[:, no_rate] = np.nan
-    field = PoleField({}, {}, {}, {}, {}, {}, {}, {}, status, weak)
+    field = PoleField({}, {}, {}, {}, {}, {}, {}, {}, status, {}, weak)
     for pole in wanted.poles:
         _add_pole(field, motion, wanted, lines, pole, w, dw, memory)
     for pole, normals in lines.planes.items():
@@ -234,10 +235,18 @@ def _add_pole(
     if not primary:
         signs = _continuous_signs(motion, unit, rate, w, dw, pole, memory, known)
         unit, rate, rate_dq = unit * signs, rate * signs, rate_dq * signs
+    own = field.status.copy()
+    unknown = bad & (own == Status.OK)
+    own[unknown] = Status.ILL_CONDITIONED
+    if known:
+        still = unknown & (norm(w[j] - w[i]) < NO_MOTION * np.maximum(1.0, norm(w[j])))
+        own[still] = Status.NO_POLE
+        rate[still] = 0.0
+    field.pole_status[pole] = own
     field.direction[pole] = unit.T
     field.rate[pole], field.rate_dq[pole] = rate, rate_dq
     field.error[pole] = np.where(bad, np.nan, error)
-    field.angle[pole] = np.where(bad, np.nan, lines.angle[pole])
+    field.angle[pole] = np.where(bad, np.nan, np.nan_to_num(lines.angle[pole]))
 
 
 SUBSTEPS = 8

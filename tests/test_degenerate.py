@@ -1,0 +1,118 @@
+"""Special geometry: coincident axes, change points, links that do not move, tiny arcs."""
+
+import warnings
+
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, mechanism, random_axes
+from oracles import null_space, off_axis
+from test_motion import four_bar
+
+import spherekit as sk
+from spherekit.errors import SolveError
+
+
+def run(made, samples=7, search=False):
+    """Run `poles` with every warning an error; no NaN may hide in a row called OK."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = sk.run(made, "poles", samples=samples, search=search)
+    assert not result.failures
+    frame = result.frame()
+    fine = frame[frame["status"] == "OK"]
+    assert not fine.isna().any().any()
+    assert frame.loc[frame["status"] == "OUT_OF_REACH", "rate"].isna().all()
+    return frame
+
+
+def special_axes(random, kind):
+    axes = random_axes(random, 10)
+    i, j, k = random.choice(10, 3, replace=False)
+    if kind == "coincident":
+        axes[i] = axes[j]
+    elif kind == "antipodal":
+        axes[i] = -axes[j]
+    elif kind == "three in a plane":
+        axes[i] = axes[j] + random.normal() * axes[k]
+    elif kind == "on a grid":
+        axes = np.round(2 * axes) / 2
+        axes[np.linalg.norm(axes, axis=1) < 0.1] = [1.0, 0.0, 0.0]
+    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    "kind", ["coincident", "antipodal", "three in a plane", "on a grid"]
+)
+def test_special_axes_give_the_null_space_or_a_reason(kind):
+    random = np.random.default_rng(len(kind))
+    judged = 0
+    for number in range(32):
+        axes = special_axes(random, kind)
+        made = mechanism(EIGHT_BARS[number % 16], axes, span=(-1.0, 1.0))
+        frame = run(made)
+        w, gap = null_space(8, made.ends, axes)
+        a, b = made.ends[0]
+        driven = (w[b] - w[a]) @ axes[0]
+        if gap < 1e-6 or abs(driven) < 1e-3:
+            continue
+        here = frame[frame["sample"] == 3]
+        for row in here.itertuples():
+            i, j = int(row.relative_to) - 1, int(row.link) - 1
+            vector = w[j] - w[i]
+            size = np.linalg.norm(vector)
+            if size > 1e-6:
+                assert row.status == "OK", row
+                assert off_axis(np.array([row.ux, row.uy, row.uz]), vector) < 1e-9
+                judged += 1
+            elif size < 1e-12:
+                assert row.status in ("OK", "NO_POLE"), row
+                assert abs(row.rate) < 1e-9
+    assert judged > 150
+
+
+@pytest.mark.parametrize(
+    "arcs",
+    [
+        (60, 40, 60, 40),
+        (60, 60, 60, 60),
+        (40, 60, 40, 60),
+        (90, 90, 90, 90),
+        (60, 20, 40, 40),
+        (60, 120, 70, 130),
+    ],
+)
+def test_change_points_have_a_status_and_no_garbage(arcs):
+    frame = run(four_bar(np.radians(arcs)), samples=37)
+    counts = frame["status"].value_counts()
+    assert 0 < counts["OK"] < len(frame)
+    assert set(counts[counts > 0].index) <= {"OK", "AT_SINGULARITY", "OUT_OF_REACH"}
+    assert frame.loc[frame["status"] == "OK", "rate"].abs().max() < 10.0
+
+
+@pytest.mark.parametrize("crank", [0.0, 1e-9])
+def test_a_crank_of_no_length_moves_nothing(crank):
+    frame = run(four_bar(np.array([1.0, crank, 1.0, 0.7])), samples=13)
+    still = frame[(frame["link"] == "3") & (frame["relative_to"] == "1")]
+    assert (still["rate"].abs() < 1e-8).all()
+    if crank == 0.0:
+        assert (still["status"] == "NO_POLE").all()
+        assert still["ux"].isna().all()
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-5, 1e-7])
+def test_tiny_arcs_keep_their_coefficients(size):
+    """Scaled down, the coefficients keep to those of a ten times larger mechanism."""
+    shape = np.array([1.0, 0.4, 1.1, 0.8])
+    small, large = (run(four_bar(shape * s), samples=13) for s in (size, size * 10))
+    both = small.merge(large, on=["sample", "branch", "link", "relative_to"])
+    pairs = both[(both["link"] == "4") & (both["relative_to"] == "1")]
+    gap = (pairs["rate_x"] - pairs["rate_y"]).abs()
+    assert gap.max() < 1e2 * size**2 + 1e-14 / size
+
+
+@pytest.mark.parametrize(
+    "arcs", [(179.9999, 60, 179, 70), (180, 20, 70, 40), (0, 20, 20, 0)]
+)
+def test_impossible_extremes_are_refused_in_words(arcs):
+    with pytest.raises(SolveError, match="arcs cannot close"):
+        run(four_bar(np.radians(arcs)))
