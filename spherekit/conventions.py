@@ -17,6 +17,8 @@ class Status(IntEnum):
     NOT_CLOSED = 5
     NO_POLE = 6
     ILL_CONDITIONED = 7
+    OFF_PROFILE = 8
+    CURVATURE = 9
 
 
 STATUS_MEANING = {
@@ -34,6 +36,9 @@ STATUS_MEANING = {
     "coefficient is zero and they have no pole axis",
     Status.ILL_CONDITIONED: "the links move, but nearly parallel axes leave the "
     "direction of this pole unknown to the accuracy asked for",
+    Status.OFF_PROFILE: "the contact has run off the end of an open profile",
+    Status.CURVATURE: "at the contact the profiles have equal curvature or would enter "
+    "each other; use a smaller roller or a less curved cam",
 }
 
 EPS = 2.220446049250313e-16
@@ -50,6 +55,9 @@ USABLE_DIRECTION = 1e-6
 
 NO_MOTION = 1e-9
 """Links whose relative rate is below this part of their own rates move as one."""
+
+EQUAL_CURVATURE = 1e-9
+"""Profiles in contact whose curvatures differ by less do not determine their motion."""
 
 SINGULAR_RATIO = 1e-11
 """Smallest relative singular value of the closure Jacobian with trusted rates."""

@@ -140,7 +140,8 @@ class Batch:
             raise UndeclaredNeed(
                 f'pair_value("{name}") was read; declare it in Needs(pair_values=...)'
             )
-        return self._motion.values[:, self.mechanism.pair_number[name]]
+        (number,) = self.mechanism.variables_of(self.mechanism.pair_number[name])
+        return self._motion.values[:, number]
 
     def rotation(self, link: str) -> Floats:
         """Return (n, 3, 3) from link axes to ground axes."""

@@ -245,14 +245,16 @@ def _in_order(data: TableData) -> TableData:
 def _motion_result(
     mechanism: Mechanism, motions: list[Motion], fields: list[PoleField | None]
 ) -> AnalysisResult:
-    pairs = [
-        Column(f"theta_{p.name}", "rad", f"variable of pair {p.name}")
-        for p in mechanism.pairs
+    variables = [
+        Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
+        for name, owner in zip(
+            mechanism.variable_names, mechanism.variable_owners, strict=True
+        )
     ]
     table = Table(
         MOTION,
         "the configurations: one row per sample and branch",
-        (SAMPLE, BRANCH, INPUT, *pairs, RESIDUAL, STATUS),
+        (SAMPLE, BRANCH, INPUT, *variables, RESIDUAL, STATUS),
     )
     parts: list[TableData] = []
     for motion, field in zip(motions, fields, strict=True):
@@ -261,7 +263,7 @@ def _motion_result(
             "branch": motion.branch,
             "q": motion.q,
         }
-        for number, column in enumerate(pairs):
+        for number, column in enumerate(variables):
             part[column.name] = motion.values[:, number]
         part["residual"] = motion.residual
         part["status"] = motion.status if field is None else field.status
@@ -296,8 +298,8 @@ def _summary(
     for motion in motions:
         if np.any(motion.status == Status.OK):
             first = int(np.argmax(motion.status == Status.OK))
-            axes = motion.axes[first : first + 1]
-            rank = int(rank_mobility(tracer.solver.closure.tree, axes)[0])
+            vectors = motion.vectors[first : first + 1]
+            rank = int(rank_mobility(tracer.solver.closure.tree, vectors)[0])
             break
     return {
         "spherekit": __version__,

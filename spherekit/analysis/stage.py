@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.scene import Body, Graph, Scene, Text
-from spherekit.model.geometry import link_axes
+from spherekit.model.geometry import Contact, geometry_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
@@ -38,15 +38,28 @@ def _body(mechanism: Mechanism, number: int, quaternions: Floats | None) -> Body
     link = mechanism.links[number]
     axes = link_axes(mechanism)[link]
     joints = np.array(list(axes.values())).reshape(-1, 3)
+    curves = [*link_curves(joints), *profile_curves(mechanism, link)]
     return Body(
         f"link/{link}",
         link,
-        link_curves(joints),
+        curves,
         joints,
         list(axes),
         number,
         quaternions,
     )
+
+
+def profile_curves(mechanism: Mechanism, link: str) -> list[Floats]:
+    """Return the profiles (k, 3) of a link's contact pairs, in link axes."""
+    found = []
+    joints = geometry_of(mechanism).joints
+    for pair, joint in zip(mechanism.pairs, joints, strict=True):
+        if isinstance(joint, Contact) and link in pair.links:
+            curve = joint.first if link == pair.links[0] else joint.second
+            s = np.linspace(0.0, curve.length, 181)
+            found.append(curve.at(s).frame[:, :, 2])
+    return found
 
 
 def link_curves(joints: Floats) -> list[Floats]:

@@ -194,7 +194,15 @@ class _Reader:
             self.profile((*path, "profiles", first), profiles[first]),
             self.profile((*path, "profiles", second), profiles[second]),
         )
-        return Pair(name, item["type"], (first, second), built)
+        start = self.angles((*path, "start"), item.get("start", [0.0, 0.0]))
+        return Pair(
+            name,
+            item["type"],
+            (first, second),
+            built,
+            item.get("contact", "external"),
+            (start[0], start[1]),
+        )
 
     def profile(self, path: KeyPath, item: _Table) -> Profile:
         has_centre = "centre_xyz" in item or "centre_lonlat" in item

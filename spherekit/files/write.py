@@ -130,6 +130,10 @@ def _pair(mechanism: Mechanism, pair: Pair, unit: AngleUnit) -> _Table:
             table["value"] = _angle(geometry.values[pair.name], unit)
     elif pair.name in geometry.zeros:
         table["zero"] = _angle(geometry.zeros[pair.name], unit)
+    if pair.contact != "external":
+        table["contact"] = pair.contact
+    if any(pair.start):
+        table["start"] = [_angle(angle, unit) for angle in pair.start]
     if pair.profiles is not None:
         table["profiles"] = {
             link: _profile(profile, unit)

@@ -1,74 +1,216 @@
 """Where each pair's axis and zero direction sit in its two links."""
 
+from dataclasses import dataclass
+from typing import final
+
 import numpy as np
 
 from spherekit.errors import ModelError
-from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
-from spherekit.sphere.rotation import Floats, about_z, cross, frame_from, perpendicular
+from spherekit.model.mechanism import (
+    LinkSizes,
+    Mechanism,
+    Pair,
+    PoseGeometry,
+    Profile,
+    SizeGeometry,
+)
+from spherekit.sphere.profile import Curve, circle, fourier, great_circle, through
+from spherekit.sphere.rotation import (
+    Floats,
+    about_z,
+    cross,
+    frame_from,
+    perpendicular,
+    rotation_vector,
+    transpose,
+)
 
 COLLINEAR = 1e-9
 """Below this sine two axes of a link count as one line for the reference arc."""
 
 
-def pair_frames(mechanism: Mechanism) -> tuple[Floats, Floats]:
-    """Return the frame of every pair in its first and in its second link.
+@final
+@dataclass(frozen=True)
+class Revolute:
+    """An R pair: its frame in both links, columns zero direction, its side, axis.
 
-    Returns
-    -------
-    first, second
-        (p, 3, 3): columns are the zero direction, axis x zero direction and the axis,
-        in the axes of the pair's first and second link. The variable v of an R pair
-        turns one into the other: R_second = R_first F_first Z(v) F_second^T, with Z a
-        rotation about z and R_link from link axes to ground axes.
+    R_second = R_first first Z(v) second^T with Z a rotation by the variable about z, and
+    R_link from link axes to ground axes.
+    """
+
+    first: Floats
+    second: Floats
+
+
+@final
+@dataclass(frozen=True)
+class Contact:
+    """A contact pair: the curves of both links, with tangents that agree at the contact.
+
+    R_second = R_first A_first(s_first) A_second(s_second)^T with A the moving frames
+    (tangent, normal, point) of the curves. In rolling, both arc lengths run together
+    from `start`; in sliding, each is a variable.
+    """
+
+    first: Curve
+    second: Curve
+    rolling: bool
+    start: tuple[float, float]
+
+
+Joint = Revolute | Contact
+
+
+@final
+@dataclass(frozen=True)
+class Geometry:
+    """The joints of a mechanism, in the order of its pairs.
+
+    `reference` holds the variables of the given reference pose, if there is one.
+    """
+
+    joints: tuple[Joint, ...]
+    reference: Floats | None
+
+
+def geometry_of(mechanism: Mechanism) -> Geometry:
+    """Return the joints of a mechanism and its reference pose.
 
     Raises
     ------
     ModelError
-        If the mechanism has contact pairs, whose frames move along their profiles.
+        If profiles are not curves, or do not touch in the reference pose.
     """
-    contact = [pair.name for pair in mechanism.pairs if pair.type != "R"]
-    if contact:
-        raise ModelError(
-            f"{mechanism.name}: positions of contact pairs ({', '.join(contact)}) are "
-            "not solved by this version; the plan and its Table are available"
+    given = mechanism.geometry
+    if isinstance(given, PoseGeometry):
+        first, second = _pose_frames(mechanism, given)
+    else:
+        first, second = _size_frames(mechanism, given)
+    joints: list[Joint] = []
+    reference: list[float] = []
+    for pair in mechanism.pairs:
+        if pair.type == "R":
+            joints.append(Revolute(first[pair.name], second[pair.name]))
+            if isinstance(given, PoseGeometry):
+                reference.append(given.values.get(pair.name, 0.0))
+            continue
+        curves = _curves(mechanism, pair)
+        start = pair.start
+        if isinstance(given, PoseGeometry):
+            start = touching(mechanism, pair, curves)
+            reference += [0.0] if pair.type == "Cr" else list(start)
+        joints.append(Contact(*curves, pair.type == "Cr", start))
+    known = isinstance(given, PoseGeometry)
+    return Geometry(tuple(joints), np.array(reference) if known else None)
+
+
+def _curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
+    assert pair.profiles is not None
+    made = []
+    for link, profile in zip(pair.links, pair.profiles, strict=True):
+        try:
+            made.append(_curve(profile))
+        except ValueError as problem:
+            raise ModelError(
+                f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: {problem}"
+            ) from None
+    first, second = made
+    return first, second.reversed() if pair.contact == "external" else second
+
+
+def _curve(profile: Profile) -> Curve:
+    if profile.kind == "points":
+        return through(np.array(profile.points), profile.closed)
+    centre = np.array(profile.centre)
+    if profile.kind == "circle":
+        return circle(centre, float(profile.radius or 0.0))
+    if profile.kind == "great_circle":
+        return great_circle(centre)
+    return fourier(centre, np.array(profile.cosines), np.array(profile.sines))
+
+
+GRID = 720
+TOUCHING = 1e-6
+"""Profiles must meet in the reference pose to this (rad); then they are made to exactly."""
+
+
+def touching(
+    mechanism: Mechanism, pair: Pair, curves: tuple[Curve, Curve]
+) -> tuple[float, float]:
+    """Return the arc lengths (rad) at which two profiles touch with links aligned."""
+    grids = [np.linspace(0.0, curve.length, GRID) for curve in curves]
+    frames = [curve.at(grid).frame for curve, grid in zip(curves, grids, strict=True)]
+    gap = np.arccos(np.clip(np.einsum("ik,jk->ij", *(f[:, :, 2] for f in frames)), -1, 1))
+    turn = np.arccos(np.clip(np.einsum("ik,jk->ij", *(f[:, :, 0] for f in frames)), -1, 1))
+    a, b = np.unravel_index(int(np.argmin(gap + 0.2 * turn)), gap.shape)
+    s = np.array([grids[0][a], grids[1][b]])
+    for _ in range(50):
+        one, other = (curve.at(x[None]) for curve, x in zip(curves, s, strict=True))
+        miss = rotation_vector(one.frame @ transpose(other.frame))[0]
+        columns = np.stack(
+            [
+                one.frame[0, :, 1] + one.curvature[0] * one.frame[0, :, 2],
+                -(other.frame[0, :, 1] + other.curvature[0] * other.frame[0, :, 2]),
+            ],
+            axis=1,
         )
-    geometry = mechanism.geometry
-    if isinstance(geometry, PoseGeometry):
-        return _pose_frames(mechanism, geometry)
-    return _size_frames(mechanism, geometry)
+        change = np.linalg.lstsq(columns, -miss, rcond=None)[0]
+        s = s + np.clip(change, -0.1, 0.1)
+        if np.max(np.abs(change)) < 1e-15:
+            break
+    if not np.linalg.norm(miss) < TOUCHING:
+        raise ModelError(
+            f"{mechanism.name}: pairs.{pair.name}: the profiles do not touch in the "
+            f"reference pose: the nearest frames differ by {np.linalg.norm(miss):.3g} rad; "
+            'move a profile, or set contact = "internal" or "external"'
+        )
+    return float(s[0]), float(s[1])
+
+
+def revolute_frames(geometry: Geometry) -> tuple[Floats, Floats]:
+    """Return the frames (pairs, 3, 3) of R pairs in both links, NaN for contact pairs."""
+    nothing = np.full((3, 3), np.nan)
+    first = [j.first if isinstance(j, Revolute) else nothing for j in geometry.joints]
+    second = [j.second if isinstance(j, Revolute) else nothing for j in geometry.joints]
+    return np.array(first), np.array(second)
 
 
 def link_axes(mechanism: Mechanism) -> dict[str, dict[str, Floats]]:
     """Return the unit axis (3,) of every R pair in each of its links, by names."""
-    first, second = pair_frames(mechanism)
     axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
-    for number, pair in enumerate(mechanism.pairs):
-        axes[pair.links[0]][pair.name] = first[number, :, 2]
-        axes[pair.links[1]][pair.name] = second[number, :, 2]
+    joints = geometry_of(mechanism).joints
+    for pair, joint in zip(mechanism.pairs, joints, strict=True):
+        if isinstance(joint, Revolute):
+            axes[pair.links[0]][pair.name] = joint.first[:, 2]
+            axes[pair.links[1]][pair.name] = joint.second[:, 2]
     return axes
 
 
-def _pose_frames(mechanism: Mechanism, geometry: PoseGeometry) -> tuple[Floats, Floats]:
-    first, second = [], []
-    for pair in mechanism.pairs:
-        axis = np.array(geometry.axes[pair.name], dtype=float)
-        frame = frame_from(axis, perpendicular(axis))
-        first.append(frame)
-        second.append(frame @ about_z(geometry.values.get(pair.name, 0.0)))
-    return np.array(first), np.array(second)
+def _pose_frames(
+    mechanism: Mechanism, geometry: PoseGeometry
+) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    first, second = {}, {}
+    for name, given in geometry.axes.items():
+        axis = np.array(given, dtype=float)
+        first[name] = frame_from(axis, perpendicular(axis))
+        second[name] = first[name] @ about_z(geometry.values.get(name, 0.0))
+    return first, second
 
 
-def _size_frames(mechanism: Mechanism, geometry: SizeGeometry) -> tuple[Floats, Floats]:
+def _size_frames(
+    mechanism: Mechanism, geometry: SizeGeometry
+) -> tuple[dict[str, Floats], dict[str, Floats]]:
     axes = {
         link: axes_from_sizes(geometry.links.get(link, LinkSizes(())))
         for link in mechanism.links
     }
-    first, second = [], []
+    first, second = {}, {}
     for pair in mechanism.pairs:
-        zero = geometry.zeros.get(pair.name, 0.0)
-        first.append(_reference_frame(axes[pair.links[0]], pair.name) @ about_z(zero))
-        second.append(_reference_frame(axes[pair.links[1]], pair.name))
-    return np.array(first), np.array(second)
+        if pair.type == "R":
+            zero = about_z(geometry.zeros.get(pair.name, 0.0))
+            first[pair.name] = _reference_frame(axes[pair.links[0]], pair.name) @ zero
+            second[pair.name] = _reference_frame(axes[pair.links[1]], pair.name)
+    return first, second
 
 
 def axes_from_sizes(sizes: LinkSizes) -> dict[str, Floats]:

@@ -46,13 +46,18 @@ class Profile:
 class Pair:
     """A kinematic pair; its variable moves the second link relative to the first.
 
-    `profiles`, for contact pairs, are the curves of the two links in that order.
+    `profiles`, for contact pairs, are the curves of the two links in that order. In an
+    external contact the two bodies lie on opposite sides of the common tangent, in an
+    internal one on the same side, the first within the second. `start` are the arc
+    lengths (rad) along both profiles at which the variable of a rolling contact is zero.
     """
 
     name: str
     type: PairType
     links: tuple[str, str]
     profiles: tuple[Profile, Profile] | None = None
+    contact: Literal["external", "internal"] = "external"
+    start: tuple[float, float] = (0.0, 0.0)
 
 
 @final
@@ -198,6 +203,30 @@ class Mechanism:
         """The two link numbers of every pair, in the order of `pairs`."""
         number = self.link_number
         return tuple((number[p.links[0]], number[p.links[1]]) for p in self.pairs)
+
+    @cached_property
+    def variable_owners(self) -> tuple[int, ...]:
+        """The pair number of every variable: R and Cr pairs have one, Cs pairs two."""
+        return tuple(
+            number
+            for number, pair in enumerate(self.pairs)
+            for _ in range(3 - CONSTRAINTS[pair.type])
+        )
+
+    @cached_property
+    def variable_names(self) -> tuple[str, ...]:
+        """``theta_PAIR`` (R), ``s_PAIR`` (Cr), ``s_PAIR_LINK`` for both links (Cs)."""
+        names: list[str] = []
+        for pair in self.pairs:
+            if pair.type == "Cs":
+                names += [f"s_{pair.name}_{link}" for link in pair.links]
+            else:
+                names.append(f"{'theta' if pair.type == 'R' else 's'}_{pair.name}")
+        return tuple(names)
+
+    def variables_of(self, pair: int) -> tuple[int, ...]:
+        """Return the numbers of a pair's variables."""
+        return tuple(n for n, owner in enumerate(self.variable_owners) if owner == pair)
 
     def pair(self, name: str) -> Pair:
         """Return the pair of this name; `ModelError` with the nearest match if none."""

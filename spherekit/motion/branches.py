@@ -11,12 +11,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.model.geometry import pair_frames
+from spherekit.conventions import CLOSURE_TOLERANCE, EQUAL_CURVATURE, Status
+from spherekit.model.geometry import Revolute, geometry_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import Closure, LoopTree
+from spherekit.motion.closure import Closure, PairStates
 from spherekit.motion.follow import Curve
-from spherekit.motion.groups import State, place_dyad, place_group
+from spherekit.motion.groups import State, group_variables, place_dyad, place_group
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.sphere.rotation import Floats
 
@@ -64,21 +64,14 @@ class Solver:
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
         self.mechanism = mechanism
         self.assembly = assembly
-        self.first, self.second = pair_frames(mechanism)
-        tree = LoopTree(len(mechanism.links), mechanism.ends)
-        self.closure = Closure(tree, self.first[None], self.second[None])
+        self.geometry = geometry_of(mechanism)
+        self.joints = self.geometry.joints
+        self.closure = Closure.of(mechanism, self.joints)
+        (self.driven,) = mechanism.variables_of(assembly.input)
 
     def start(self, q: Floats) -> State:
         """Return the state in which only the input has values q (n,)."""
-        driven = self.assembly.input
-        return State.start(
-            self.first,
-            self.second,
-            len(self.mechanism.links),
-            driven,
-            self.mechanism.ends[driven],
-            q,
-        )
+        return State.start(self.mechanism, self.joints, self.assembly.input, q)
 
     def evaluate(self, branch: Branch, q: Floats) -> Evaluated:
         """Return the branch at inputs q (n,) in any order; failed samples are NaN."""
@@ -102,18 +95,20 @@ class Solver:
                 continue
             assert branch.curve is not None
             _mark(status, outside, self._why_outside(branch.curve))
-            start = predicted[:, list(group.pairs)]
+            start = predicted[:, group_variables(state, group)]
             good = (status == Status.OK) | (status == Status.AT_SINGULARITY)
             start = np.where(good[:, None], start, np.nan)
-            result = place_group(state, group, ends, start)
+            result, states, jacobian = place_group(state, group, ends, start)
             _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
             distance = np.max(np.abs(result.values - start), axis=1)
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.BRANCH_LOST)
-            determinant, flatness = self.group_sign(group, result.values, state)
+            determinant, flatness = determinant_sign(jacobian)
             if branch.determinants:
                 flipped = determinant != branch.determinants[number]
                 _mark(status, flipped, Status.BRANCH_LOST)
             _mark(status, flatness < FLAT_GROUP, Status.AT_SINGULARITY)
+            _mark(status, ~np.all(states.inside, axis=1), Status.OFF_PROFILE)
+            _mark(status, _penetrates(state, group, states), Status.CURVATURE)
         return self._finish(state, status)
 
     def _finish(self, state: State, status: NDArray[np.int8]) -> Evaluated:
@@ -121,39 +116,44 @@ class Solver:
         links = range(len(self.mechanism.links))
         ground = np.swapaxes(state.within[0], -1, -2)
         rotations = np.stack([ground @ state.within[link] for link in links], axis=1)
-        placed = self.closure.orientations(values)
-        gap = self.closure.residual(values, placed)
+        gap = self.closure.residual(*self.closure.place(values))
         residual = np.max(np.abs(gap), axis=1) if gap.size else np.zeros(len(values))
         _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
         failed = (status != Status.OK) & (status != Status.AT_SINGULARITY)
         values = np.where(failed[:, None], np.nan, values)
         rotations[failed] = np.nan
         residual[failed] = np.nan
-        driven = self.assembly.input
-        free = [e for e in range(values.shape[1]) if e != driven]
+        free = [v for v in self.angles if v != self.driven]
         values[:, free] = wrap(values[:, free])
         return Evaluated(values, rotations, status, residual)
 
-    def group_sign(
-        self, group: Group, values: Floats, state: State
-    ) -> tuple[Floats, Floats]:
-        """Return the determinant's sign (n,) of a placed group, and how far it is flat."""
-        axes = np.stack(
-            [state.axis(pair, self.mechanism.ends[pair][0], True) for pair in group.pairs],
-            axis=1,
-        )
-        jacobian = LoopTree(len(group.bodies), group.ends).jacobian(axes)
-        sign, _ = np.linalg.slogdet(jacobian)
-        finite = np.all(np.isfinite(jacobian), axis=(1, 2))
-        flatness = np.ones(len(values))
-        if np.any(finite):
-            inverse_norm = np.linalg.norm(_inverse(jacobian[finite]), axis=(1, 2))
-            norm = np.linalg.norm(jacobian[finite], axis=(1, 2))
-            flatness[finite] = 1.0 / (inverse_norm * norm)
-        return sign, flatness
+    @property
+    def angles(self) -> list[int]:
+        """Numbers of the variables that are angles of R pairs."""
+        owners = self.mechanism.variable_owners
+        return [v for v, pair in enumerate(owners) if isinstance(self.joints[pair], Revolute)]
 
     def _why_outside(self, curve: Curve) -> Status:
         return Status.BRANCH_LOST if curve.lost else Status.OUT_OF_REACH
+
+
+def determinant_sign(jacobian: Floats) -> tuple[Floats, Floats]:
+    """Return the determinant's sign (n,) of square Jacobians, and how far they are flat."""
+    sign, _ = np.linalg.slogdet(jacobian)
+    finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+    flatness = np.ones(len(jacobian))
+    if np.any(finite):
+        inverse_norm = np.linalg.norm(_inverse(jacobian[finite]), axis=(1, 2))
+        norm = np.linalg.norm(jacobian[finite], axis=(1, 2))
+        flatness[finite] = 1.0 / (inverse_norm * norm)
+    return sign, flatness
+
+
+def _penetrates(state: State, group: Group, states: PairStates) -> NDArray[np.bool_]:
+    """Return (n,) whether a contact's profiles curve into each other, or alike."""
+    contact = [not isinstance(state.joints[p], Revolute) for p in group.pairs]
+    relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
+    return np.asarray(np.any(relative < EQUAL_CURVATURE, axis=1))
 
 
 def _inverse(matrices: Floats) -> Floats:

@@ -1,19 +1,29 @@
 """Loop closure of bodies joined by pairs: residual, Jacobian, and its Newton solver.
 
-The unknowns are the variables of the pairs. A spanning tree of pairs places every body
-in the axes of body 0; each remaining pair closes one loop, and the rotation vector by
-which it fails to close is the residual. Bodies may be links, or groups of links whose
+The unknowns are the variables of the pairs: one angle of an R pair, one arc length of a
+rolling contact, two of a sliding one. A spanning tree of pairs places every body in the
+axes of body 0; each remaining pair closes one loop, and the rotation vector by which it
+fails to close is the residual. Bodies may be links, or groups of links whose
 relative orientation differs from sample to sample.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.sphere.rotation import Floats, about_z, rotation_vector, transpose
+from spherekit.model.geometry import Joint, Revolute
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import (
+    Floats,
+    about_z,
+    cross,
+    rotation_vector,
+    transpose,
+)
 
 
 @final
@@ -21,12 +31,19 @@ from spherekit.sphere.rotation import Floats, about_z, rotation_vector, transpos
 class LoopTree:
     """A spanning tree of bodies and the loops that the other pairs close.
 
-    `ends[e]` are the first and second body of pair e. `signs[c, e]` says how pair e is
-    passed in loop c: +1 along, -1 against, 0 not at all.
+    `ends[e]` are the first and second body of pair e, `owners[v]` the pair of variable v.
     """
 
     count: int
     ends: tuple[tuple[int, int], ...]
+    owners: tuple[int, ...]
+
+    @staticmethod
+    def of(mechanism: Mechanism) -> "LoopTree":
+        """Return the tree of a whole mechanism, rooted in the ground."""
+        return LoopTree(
+            len(mechanism.links), mechanism.ends, mechanism.variable_owners
+        )
 
     @cached_property
     def branches(self) -> tuple[tuple[int, int, int], ...]:
@@ -45,13 +62,17 @@ class LoopTree:
         return tuple(order)
 
     @cached_property
-    def paths(self) -> Floats:
-        """(bodies, pairs): signed tree pairs on the way from body 0 to each body."""
+    def _pair_paths(self) -> Floats:
         paths = np.zeros((self.count, len(self.ends)))
         for pair, parent, child in self.branches:
             paths[child] = paths[parent]
             paths[child, pair] = 1.0 if self.ends[pair][0] == parent else -1.0
         return paths
+
+    @cached_property
+    def paths(self) -> Floats:
+        """(bodies, variables): sense in which the way from body 0 to each body uses it."""
+        return self._pair_paths[:, list(self.owners)]
 
     @cached_property
     def chords(self) -> tuple[int, ...]:
@@ -61,81 +82,225 @@ class LoopTree:
 
     @cached_property
     def signs(self) -> Floats:
-        """(loops, pairs) matrix of the senses in which loops pass pairs."""
+        """(loops, variables): sense in which loops pass the pair of each variable."""
         rows = np.zeros((len(self.chords), len(self.ends)))
         for row, chord in enumerate(self.chords):
             a, b = self.ends[chord]
-            rows[row] = self.paths[a] - self.paths[b]
+            rows[row] = self._pair_paths[a] - self._pair_paths[b]
             rows[row, chord] += 1.0
-        return rows
+        return rows[:, list(self.owners)]
 
-    def jacobian(self, axes: Floats) -> Floats:
-        """Return (n, 3 loops, pairs) from pair axes (n, pairs, 3): J rates = 0."""
-        n, pairs, _ = axes.shape
-        grid = self.signs[None, :, None, :] * np.swapaxes(axes, 1, 2)[:, None]
-        return np.ascontiguousarray(grid.reshape(n, 3 * len(self.chords), pairs))
+    def jacobian(self, vectors: Floats) -> Floats:
+        """Return J (n, 3 loops, variables) from vectors (n, variables, 3): J rates = 0.
 
-    def body_rates(self, axes: Floats, rates: Floats) -> Floats:
+        A variable's vector is the angular velocity of its pair's second body relative to
+        the first per unit rate of the variable.
+        """
+        n, variables, _ = vectors.shape
+        grid = self.signs[None, :, None, :] * np.swapaxes(vectors, 1, 2)[:, None]
+        return np.ascontiguousarray(grid.reshape(n, 3 * len(self.chords), variables))
+
+    def body_rates(self, vectors: Floats, rates: Floats) -> Floats:
         """Return angular velocities (n, bodies, 3) relative to body 0, in its axes."""
-        return np.asarray(np.einsum("be,ne,nek->nbk", self.paths, rates, axes))
+        return np.asarray(np.einsum("bv,nv,nvk->nbk", self.paths, rates, vectors))
+
+
+@final
+@dataclass(frozen=True)
+class PairStates:
+    """The pairs of n samples as their variables have them.
+
+    `first`, `second`: (n, pairs, 3, 3) frames in the axes of the pair's two bodies, which
+    coincide in space. `curvatures`, `curvature_rates`: (n, pairs, 2) of the two profiles
+    and their derivatives by arc length, zero for R pairs. `inside`: (n, pairs) whether
+    the contact lies on both profiles.
+    """
+
+    first: Floats
+    second: Floats
+    curvatures: Floats
+    curvature_rates: Floats
+    inside: NDArray[np.bool_]
+
+
+def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
+    """Return the states of pairs for variables (n, variables)."""
+    n, pairs = len(values), len(joints)
+    first, second = np.empty((n, pairs, 3, 3)), np.empty((n, pairs, 3, 3))
+    curvatures, rates = np.zeros((n, pairs, 2)), np.zeros((n, pairs, 2))
+    inside = np.ones((n, pairs), dtype=bool)
+    at = 0
+    for k, joint in enumerate(joints):
+        if isinstance(joint, Revolute):
+            first[:, k] = joint.first @ about_z(values[:, at])
+            second[:, k] = joint.second
+            at += 1
+            continue
+        last = at if joint.rolling else at + 1
+        offset = joint.start if joint.rolling else (0.0, 0.0)
+        one = joint.first.at(np.nan_to_num(values[:, at]) + offset[0])
+        other = joint.second.at(np.nan_to_num(values[:, last]) + offset[1])
+        first[:, k], second[:, k] = one.frame, other.frame
+        curvatures[:, k, 0], curvatures[:, k, 1] = one.curvature, other.curvature
+        rates[:, k, 0], rates[:, k, 1] = one.curvature_rate, other.curvature_rate
+        inside[:, k] = one.inside & other.inside
+        at = last + 1
+    return PairStates(first, second, curvatures, rates, inside)
+
+
+def variable_vectors(
+    joints: Sequence[Joint], frames: Floats, curvatures: Floats
+) -> Floats:
+    """Return the vectors (n, variables, 3) of all variables.
+
+    `frames` (n, pairs, 3, 3) are the pair frames in the axes wanted, `curvatures` as in
+    `PairStates`. With t, n, p the tangent, normal and point of a contact and k1, k2 the
+    curvatures: the axis (R); (k1 - k2) p (Cr); n + k1 p and -(n + k2 p) (Cs).
+    """
+    vectors = []
+    for k, joint in enumerate(joints):
+        normal, point = frames[:, k, :, 1], frames[:, k, :, 2]
+        k1, k2 = curvatures[:, k, :1], curvatures[:, k, 1:]
+        if isinstance(joint, Revolute):
+            vectors.append(point)
+        elif joint.rolling:
+            vectors.append((k1 - k2) * point)
+        else:
+            vectors += [normal + k1 * point, -(normal + k2 * point)]
+    return np.stack(vectors, axis=1)
+
+
+@final
+@dataclass(frozen=True)
+class PairRates:
+    """First derivatives at the pairs: of the variables' vectors and of the pair axes.
+
+    `vectors` (n, variables, 3); `axes` (n, pairs, 3), see `pair_axes`.
+    """
+
+    vectors: Floats
+    axes: Floats
+
+
+def pair_axes(joints: Sequence[Joint], frames: Floats) -> Floats:
+    """Return (n, pairs, 3): axis (R), contact line (Cr), normal of contact plane (Cs)."""
+    column = [
+        2 if isinstance(joint, Revolute) or joint.rolling else 0 for joint in joints
+    ]
+    return np.stack([frames[:, k, :, c] for k, c in enumerate(column)], axis=1)
+
+
+def pair_rates(
+    joints: Sequence[Joint],
+    frames: Floats,
+    states: PairStates,
+    first_w: Floats,
+    second_w: Floats,
+) -> PairRates:
+    """Return how vectors and axes change, given the rates of the pairs' two links.
+
+    `first_w`, `second_w` (n, pairs, 3) are angular velocities of the links in the axes
+    that `frames` (n, pairs, 3, 3) are given in. The contact moves along the profiles at
+    s1' = (w . p - k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2), w the
+    relative angular velocity (derived from the frames' own derivatives).
+    """
+    vectors, axes = [], []
+    for k, joint in enumerate(joints):
+        w1, w2 = first_w[:, k], second_w[:, k]
+        tangent, normal, point = (frames[:, k, :, c] for c in range(3))
+        if isinstance(joint, Revolute):
+            turned = cross(w1, point)
+            vectors.append(turned)
+            axes.append(turned)
+            continue
+        k1, k2 = states.curvatures[:, k, :1], states.curvatures[:, k, 1:]
+        dk1, dk2 = states.curvature_rates[:, k, :1], states.curvature_rates[:, k, 1:]
+        relative = w2 - w1
+        along_p = np.sum(relative * point, axis=1, keepdims=True)
+        along_n = np.sum(relative * normal, axis=1, keepdims=True)
+        if joint.rolling:
+            along_n = np.zeros_like(along_n)
+        s1 = (along_p - k2 * along_n) / (k1 - k2)
+        s2 = (along_p - k1 * along_n) / (k1 - k2)
+        moved = cross(w1, point) + s1 * tangent
+        if joint.rolling:
+            vectors.append((dk1 - dk2) * s1 * point + (k1 - k2) * moved)
+            axes.append(moved)
+        else:
+            vectors.append(cross(w1, normal + k1 * point) + s1 * dk1 * point)
+            vectors.append(-cross(w2, normal + k2 * point) - s2 * dk2 * point)
+            axes.append(cross(w1, tangent) + s1 * (k1 * normal - point))
+    return PairRates(np.stack(vectors, axis=1), np.stack(axes, axis=1))
 
 
 @final
 @dataclass(frozen=True)
 class Closure:
-    """A loop tree with the pair frames in its bodies' axes.
+    """A loop tree with the joints of its pairs.
 
-    `first`, `second`: (n or 1, pairs, 3, 3), see `spherekit.model.geometry`.
+    `lead_first`, `lead_second`: (n or 1, pairs, 3, 3), from the axes of the pair's links
+    to those of the bodies that hold them; identities where bodies are links.
     """
 
     tree: LoopTree
-    first: Floats
-    second: Floats
+    joints: tuple[Joint, ...]
+    lead_first: Floats
+    lead_second: Floats
+
+    @staticmethod
+    def of(mechanism: Mechanism, joints: tuple[Joint, ...]) -> "Closure":
+        """Return the closure of a whole mechanism, each link a body."""
+        same = np.broadcast_to(np.eye(3), (1, len(joints), 3, 3))
+        return Closure(LoopTree.of(mechanism), joints, same, same)
 
     def take(self, rows: NDArray[np.intp]) -> "Closure":
         """Return the closure of some samples only."""
-        if len(self.first) == 1:
+        if len(self.lead_first) == 1:
             return self
-        return Closure(self.tree, self.first[rows], self.second[rows])
+        return Closure(
+            self.tree, self.joints, self.lead_first[rows], self.lead_second[rows]
+        )
 
-    def orientations(self, values: Floats) -> Floats:
-        """Return (n, bodies, 3, 3), body axes to the axes of body 0."""
-        n = len(values)
-        placed = np.empty((n, self.tree.count, 3, 3))
+    def place(self, values: Floats) -> tuple[Floats, PairStates]:
+        """Return body orientations (n, bodies, 3, 3) in body 0, and the pairs' states."""
+        states = pair_states(self.joints, values)
+        first, second = self.lead_first @ states.first, self.lead_second @ states.second
+        states = replace(states, first=first, second=second)
+        placed = np.empty((len(values), self.tree.count, 3, 3))
         placed[:, 0] = np.eye(3)
         for pair, parent, child in self.tree.branches:
             ahead = self.tree.ends[pair][0] == parent
-            one, other = (self.first, self.second) if ahead else (self.second, self.first)
-            turn = about_z(values[:, pair] if ahead else -values[:, pair])
-            placed[:, child] = (
-                placed[:, parent] @ one[:, pair] @ turn @ transpose(other[:, pair])
-            )
-        return placed
+            one, other = (first, second) if ahead else (second, first)
+            placed[:, child] = placed[:, parent] @ one[:, pair] @ transpose(other[:, pair])
+        return placed, states
 
-    def axes(self, placed: Floats) -> Floats:
-        """Return the pair axes (n, pairs, 3) in the axes of body 0."""
-        bodies = [a for a, _ in self.tree.ends]
-        own = np.broadcast_to(self.first[..., 2], (len(placed), len(bodies), 3))
-        return np.asarray(np.einsum("npij,npj->npi", placed[:, bodies], own))
+    def frames(self, placed: Floats, states: PairStates) -> Floats:
+        """Return the pair frames (n, pairs, 3, 3) in the axes of body 0."""
+        return placed[:, [a for a, _ in self.tree.ends]] @ states.first
 
-    def residual(self, values: Floats, placed: Floats) -> Floats:
+    def residual(self, placed: Floats, states: PairStates) -> Floats:
         """Return (n, 3 loops): rotation vectors (rad) by which the loops stay open."""
         gaps = []
         for chord in self.tree.chords:
             a, b = self.tree.ends[chord]
             around = (
                 placed[:, a]
-                @ self.first[:, chord]
-                @ about_z(values[:, chord])
-                @ transpose(placed[:, b] @ self.second[:, chord])
+                @ states.first[:, chord]
+                @ transpose(placed[:, b] @ states.second[:, chord])
             )
             gaps.append(rotation_vector(around))
-        return np.concatenate(gaps, axis=1) if gaps else np.zeros((len(values), 0))
+        return np.concatenate(gaps, axis=1) if gaps else np.zeros((len(placed), 0))
+
+    def vectors(self, placed: Floats, states: PairStates) -> Floats:
+        """Return the variables' vectors (n, variables, 3) in the axes of body 0."""
+        frames = self.frames(placed, states)
+        return variable_vectors(self.joints, frames, states.curvatures)
 
     def linearise(self, values: Floats) -> tuple[Floats, Floats]:
-        """Return residual (n, 3 loops) and Jacobian (n, 3 loops, pairs)."""
-        placed = self.orientations(values)
-        return self.residual(values, placed), self.tree.jacobian(self.axes(placed))
+        """Return residual (n, 3 loops) and Jacobian (n, 3 loops, variables)."""
+        placed, states = self.place(values)
+        jacobian = self.tree.jacobian(self.vectors(placed, states))
+        return self.residual(placed, states), jacobian
 
     def solve(
         self,
@@ -149,9 +314,9 @@ class Closure:
         Parameters
         ----------
         values
-            (n, pairs) starting values; the variable `held` is not changed.
+            (n, variables) starting values; the variable `held` is not changed.
         held
-            Number of the input pair, or None if all variables are free.
+            Number of the input's variable, or None if all variables are free.
         iterations, trust
             Most steps taken, and the largest change (rad) of a variable in one step.
 
@@ -161,7 +326,7 @@ class Closure:
             Per sample: values, residual, the size of the first step and the ratio of
             the second to the first (0 where one step was enough).
         """
-        free = [e for e in range(len(self.tree.ends)) if e != held]
+        free = [v for v in range(values.shape[1]) if v != held]
         values = values.copy()
         n = len(values)
         residual = np.full(n, np.inf)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.motion.closure import Closure
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.motion.closure import Closure, pair_rates, variable_vectors
+from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2
 """Longest step of the input (rad)."""
@@ -34,7 +34,7 @@ MOST_NODES = 20000
 class Curve:
     """Nodes of one branch in rising input order, with exact slopes.
 
-    `inputs` (k,), `values` and `slopes` (k, pairs) in rad and rad/rad. `ends_free` says
+    `inputs` (k,), `values` and `slopes` (k, variables) in rad and rad/rad. `ends_free` says
     for both ends whether the branch ends there at a dead centre of the input (True) or
     because the range does (False); `lost` whether the following gave up for neither.
     """
@@ -46,7 +46,7 @@ class Curve:
     lost: bool
 
     def predict(self, q: Floats) -> tuple[Floats, Floats]:
-        """Return Hermite values (n, pairs) at inputs q (n,) and the local node spread."""
+        """Return Hermite values (n, variables) at inputs q (n,) and the local node spread."""
         k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, max(len(self.inputs) - 2, 0))
         if len(self.inputs) == 1:
             return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
@@ -87,9 +87,9 @@ def follow(closure: Closure, driven: int, values: Floats, low: float, high: floa
     closure
         Loop closure of the whole mechanism (constant pair frames).
     driven
-        Number of the input pair.
+        Number of the input's variable.
     values
-        (pairs,) a closed configuration with `values[driven]` in [low, high], rad.
+        (variables,) a closed configuration with `values[driven]` in [low, high], rad.
     """
     start = _node(closure, driven, values)
     down, down_free, down_lost = _march(closure, driven, start, low)
@@ -157,9 +157,10 @@ def _unit(slope: Floats) -> Floats:
 
 
 def _node(closure: Closure, driven: int, values: Floats) -> _Node:
-    placed = closure.orientations(values[None])
-    axes = closure.axes(placed)
-    jacobian = closure.tree.jacobian(axes)[0]
+    placed, states = closure.place(values[None])
+    frames = closure.frames(placed, states)
+    vectors = variable_vectors(closure.joints, frames, states.curvatures)
+    jacobian = closure.tree.jacobian(vectors)[0]
     free = [e for e in range(jacobian.shape[1]) if e != driven]
     square = jacobian[:, free]
     sign, _ = np.linalg.slogdet(square)
@@ -170,9 +171,9 @@ def _node(closure: Closure, driven: int, values: Floats) -> _Node:
     except np.linalg.LinAlgError:
         inverse = np.full_like(square, np.nan)
     slope[free] = -inverse @ jacobian[:, driven]
-    rates = closure.tree.body_rates(axes, slope[None])
-    owner = [a for a, _ in closure.tree.ends]
-    turned = cross(rates[:, owner], axes)
+    w = closure.tree.body_rates(vectors, slope[None])
+    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
+    turned = pair_rates(closure.joints, frames, states, first, second).vectors
     bend[free] = -inverse @ (closure.tree.jacobian(turned)[0] @ slope)
     flatness = float(singular[-1] / singular[0])
     return _Node(float(values[driven]), values, slope, bend, float(sign), flatness)

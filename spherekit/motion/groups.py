@@ -4,14 +4,22 @@ While groups are assembled each body carries the orientations of its links in it
 axes (those of one of its links); `State` holds them for a batch of samples.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
 
-from spherekit.motion.closure import Closure, LoopTree, NewtonResult
+from spherekit.model.geometry import Joint, Revolute
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.closure import (
+    Closure,
+    LoopTree,
+    NewtonResult,
+    PairStates,
+    pair_states,
+)
 from spherekit.planning.assembly import Group
-from spherekit.sphere.rotation import Floats, about_z, transpose
+from spherekit.sphere.rotation import Floats, transpose
 from spherekit.sphere.triangle import Bools, close_dyad
 
 
@@ -20,57 +28,43 @@ from spherekit.sphere.triangle import Bools, close_dyad
 class State:
     """Orientations of links within their bodies while a batch is being assembled.
 
-    `first`, `second` (p, 3, 3) are the pair frames in link axes; `within[link]` is
-    (n, 3, 3), from the link's axes to those of its body; `values` (n, p) are the pair
-    variables known so far.
+    `joints` are those of the mechanism's pairs and `variables[pair]` the numbers of
+    their variables; `within[link]` is (n, 3, 3), from the link's axes to those of its
+    body; `values` (n, variables) are the variables known so far.
     """
 
-    first: Floats
-    second: Floats
+    joints: tuple[Joint, ...]
+    variables: tuple[tuple[int, ...], ...]
     within: dict[int, Floats]
     values: Floats
     lost: Bools = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @staticmethod
-    def start(
-        first: Floats,
-        second: Floats,
-        links: int,
-        driven: int,
-        ends: tuple[int, int],
-        q: Floats,
-    ) -> "State":
+    def start(mechanism: Mechanism, joints: tuple[Joint, ...], driven: int, q: Floats) -> "State":
         """Return the state in which only the input pair has been given values q (n,)."""
         n = len(q)
-        within = {link: np.broadcast_to(np.eye(3), (n, 3, 3)) for link in range(links)}
-        within[ends[1]] = first[driven] @ about_z(q) @ transpose(second[driven])
-        values = np.full((n, len(first)), np.nan)
-        values[:, driven] = q
-        return State(first, second, within, values, np.zeros(n, dtype=bool))
+        unturned = np.broadcast_to(np.eye(3), (n, 3, 3))
+        within = dict.fromkeys(range(len(mechanism.links)), unturned)
+        variables = tuple(mechanism.variables_of(k) for k in range(len(joints)))
+        (number,) = variables[driven]
+        states = pair_states((joints[driven],), q[:, None])
+        placed = states.first[:, 0] @ transpose(states.second[:, 0])
+        within[mechanism.ends[driven][1]] = placed
+        values = np.full((n, len(mechanism.variable_owners)), np.nan)
+        values[:, number] = q
+        return State(joints, variables, within, values, np.zeros(n, dtype=bool))
 
     def copy(self) -> "State":
         """Return a state that can be assembled differently from here on."""
-        return State(
-            self.first,
-            self.second,
-            dict(self.within),
-            self.values.copy(),
-            self.lost.copy(),
-        )
-
-    def repeat(self, times: int) -> "State":
-        """Return the state of a single sample, repeated."""
-        return State(
-            self.first,
-            self.second,
-            {k: np.repeat(v, times, axis=0) for k, v in self.within.items()},
-            np.repeat(self.values, times, axis=0),
-            np.repeat(self.lost, times),
+        return replace(
+            self, within=dict(self.within), values=self.values.copy(), lost=self.lost.copy()
         )
 
     def axis(self, pair: int, link: int, is_first: bool) -> Floats:
-        """Return the axis (n, 3) of a pair in the axes of the body that holds `link`."""
-        frame = self.first[pair] if is_first else self.second[pair]
+        """Return the axis (n, 3) of an R pair in the axes of the body that holds `link`."""
+        joint = self.joints[pair]
+        assert isinstance(joint, Revolute)
+        frame = joint.first if is_first else joint.second
         return np.asarray(self.within[link] @ frame[:, 2])
 
     def merge(self, group: Group, placed: Floats) -> None:
@@ -81,14 +75,16 @@ class State:
                     self.within[link] = placed[:, position] @ self.within[link]
 
     def read_values(self, group: Group, ends: tuple[tuple[int, int], ...]) -> None:
-        """Set the variables of the group's pairs from the orientations of its links."""
+        """Set the variables of a dyad's pairs from the orientations of its links."""
         for pair in group.pairs:
             a, b = ends[pair]
-            one = self.within[a] @ self.first[pair]
-            other = self.within[b] @ self.second[pair]
+            joint = self.joints[pair]
+            assert isinstance(joint, Revolute)
+            one = self.within[a] @ joint.first
+            other = self.within[b] @ joint.second
             cosine = np.sum(one[..., 0] * other[..., 0], axis=-1)
             sine = np.sum(one[..., 1] * other[..., 0], axis=-1)
-            self.values[:, pair] = np.arctan2(sine, cosine)
+            self.values[:, self.variables[pair][0]] = np.arctan2(sine, cosine)
 
 
 def place_dyad(
@@ -128,21 +124,39 @@ def place_dyad(
     return sine
 
 
+def group_variables(state: State, group: Group) -> list[int]:
+    """Return the numbers of the variables of a group's pairs."""
+    return [number for pair in group.pairs for number in state.variables[pair]]
+
+
+def group_tree(state: State, group: Group) -> LoopTree:
+    """Return the loops of a group's bodies."""
+    owners = [k for k, pair in enumerate(group.pairs) for _ in state.variables[pair]]
+    return LoopTree(len(group.bodies), group.ends, tuple(owners))
+
+
 def group_closure(state: State, group: Group, ends: tuple[tuple[int, int], ...]) -> Closure:
     """Return the closure of the group's bodies at the state's samples."""
-    pairs = list(group.pairs)
-    first = [state.within[ends[p][0]] @ state.first[p] for p in pairs]
-    second = [state.within[ends[p][1]] @ state.second[p] for p in pairs]
-    tree = LoopTree(len(group.bodies), group.ends)
-    return Closure(tree, np.stack(first, axis=1), np.stack(second, axis=1))
+    pairs = group.pairs
+    return Closure(
+        group_tree(state, group),
+        tuple(state.joints[p] for p in pairs),
+        np.stack([state.within[ends[p][0]] for p in pairs], axis=1),
+        np.stack([state.within[ends[p][1]] for p in pairs], axis=1),
+    )
 
 
 def place_group(
     state: State, group: Group, ends: tuple[tuple[int, int], ...], start: Floats
-) -> NewtonResult:
-    """Close an irreducible group from starting values (n, its pairs), and merge it."""
+) -> tuple[NewtonResult, PairStates, Floats]:
+    """Close an irreducible group from starting values (n, its variables), and merge it.
+
+    Returns the solver's result, the states of its pairs, and its Jacobian.
+    """
     closure = group_closure(state, group, ends)
     result = closure.solve(start, held=None)
-    state.merge(group, closure.orientations(result.values))
-    state.values[:, list(group.pairs)] = result.values
-    return result
+    placed, states = closure.place(result.values)
+    jacobian = closure.tree.jacobian(closure.vectors(placed, states))
+    state.merge(group, placed)
+    state.values[:, group_variables(state, group)] = result.values
+    return result, states, jacobian

@@ -10,10 +10,17 @@ import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import PoseGeometry
-from spherekit.motion.branches import Branch, Solver, wrap
+from spherekit.model.geometry import Revolute
+from spherekit.motion.branches import Branch, Solver, determinant_sign, wrap
+from spherekit.motion.closure import Closure, pair_axes
 from spherekit.motion.follow import follow
-from spherekit.motion.groups import State, group_closure, place_dyad, place_group
+from spherekit.motion.groups import (
+    State,
+    group_closure,
+    group_variables,
+    place_dyad,
+    place_group,
+)
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 
@@ -25,7 +32,7 @@ STARTS = 192
 """Random starts of one round of that search; it ends after two rounds without news."""
 MOST_ROUNDS = 12
 SAME_MODE = 1e-6
-"""Two closed configurations nearer than this (rad) are one."""
+"""Closed configurations whose rotation matrices differ by less are one."""
 
 
 def find_branches(
@@ -50,15 +57,6 @@ def find_branches(
     return tuple(branches)
 
 
-def _reference(solver: Solver) -> Floats | None:
-    geometry = solver.mechanism.geometry
-    if not isinstance(geometry, PoseGeometry):
-        return None
-    return np.array(
-        [geometry.values.get(pair.name, 0.0) for pair in solver.mechanism.pairs]
-    )
-
-
 def _dyad_branches(solver: Solver, low: float, high: float, search: bool) -> list[Branch]:
     ends = solver.mechanism.ends
     groups = solver.assembly.groups
@@ -75,7 +73,7 @@ def _dyad_branches(solver: Solver, low: float, high: float, search: bool) -> lis
             place_dyad(grown, groups[len(signs)], ends, sign)
             extend(grown, (*signs, sign))
 
-    reference = _reference(solver)
+    reference = solver.geometry.reference
     own: tuple[int, ...] | None = None
     if reference is not None:
         own = _signs_at(solver, reference)
@@ -88,9 +86,9 @@ def _dyad_branches(solver: Solver, low: float, high: float, search: bool) -> lis
 
 
 def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
-    """The dyad signs of a closed configuration with these variables (pairs,)."""
-    placed = solver.closure.orientations(values[None])
-    axes = solver.closure.axes(placed)[0]
+    """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
+    placed, states = solver.closure.place(values[None])
+    axes = pair_axes(solver.joints, solver.closure.frames(placed, states))[0]
     signs = []
     for group in solver.assembly.groups:
         if group.is_dyad:
@@ -104,9 +102,9 @@ def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
 def _followed_branches(
     solver: Solver, low: float, high: float, search: bool
 ) -> list[Branch]:
-    driven = solver.assembly.input
+    driven = solver.driven
     branches: list[Branch] = []
-    reference = _reference(solver)
+    reference = solver.geometry.reference
 
     def add(values: Floats) -> None:
         curve = follow(solver.closure, driven, values, low, high)
@@ -152,9 +150,9 @@ def _with_determinants(solver: Solver, branch: Branch, q: float) -> Branch:
             place_dyad(state, group, solver.mechanism.ends, sign)
             determinants.append(float(sign))
         else:
-            start = predicted[:, list(group.pairs)]
-            result = place_group(state, group, solver.mechanism.ends, start)
-            determinant, _ = solver.group_sign(group, result.values, state)
+            start = predicted[:, group_variables(state, group)]
+            _, _, jacobian = place_group(state, group, solver.mechanism.ends, start)
+            determinant, _ = determinant_sign(jacobian)
             determinants.append(float(determinant[0]))
     return Branch(branch.number, branch.signs, branch.curve, tuple(determinants))
 
@@ -165,9 +163,9 @@ def _is_known(solver: Solver, branches: Sequence[Branch], q: float, values: Floa
         if not branch.curve.covers(np.array([q]))[0]:
             continue
         there = solver.evaluate(branch, np.array([q]))
+        placed, _ = solver.closure.place(values[None])
         if there.status[0] in (Status.OK, Status.AT_SINGULARITY) and not _far(
-            np.delete(there.values[0], solver.assembly.input),
-            np.delete(values, solver.assembly.input),
+            there.rotations[0], placed[0]
         ):
             return True
     return False
@@ -234,21 +232,41 @@ def _grow(solver: Solver, state: State, group: Group) -> Iterator[tuple[int, Sta
 def _search(solver: Solver, state: State, group: Group) -> list[Floats]:
     random = np.random.default_rng(20240616)
     single = group_closure(state, group, solver.mechanism.ends)
+    low, high = _starting_range(single)
     modes: list[Floats] = []
+    poses: list[Floats] = []
     dry = 0
     for _ in range(MOST_ROUNDS):
-        starts = random.uniform(-np.pi, np.pi, (STARTS, len(group.pairs)))
+        starts = random.uniform(low, high, (STARTS, len(low)))
         result = single.solve(starts, held=None, iterations=40)
         known = len(modes)
-        for values in result.values[result.residual < CLOSURE_TOLERANCE]:
-            values = wrap(values)
-            if all(_far(values, mode) for mode in modes):
+        good = result.values[result.residual < CLOSURE_TOLERANCE]
+        placed, states = single.place(good)
+        inside = np.all(states.inside, axis=1)
+        for values, pose in zip(good[inside], placed[inside], strict=True):
+            if all(_far(pose, other) for other in poses):
                 modes.append(values)
+                poses.append(pose)
         dry = dry + 1 if len(modes) == known else 0
         if dry == 2:
             break
-    return sorted(modes, key=lambda mode: [round(float(value), 6) for value in mode])
+    return sorted(modes, key=lambda mode: [round(float(value), 6) for value in wrap(mode)])
+
+
+def _starting_range(closure: Closure) -> tuple[Floats, Floats]:
+    """Return the limits (variables,) between which random starts are drawn."""
+    low: list[float] = []
+    high: list[float] = []
+    for joint in closure.joints:
+        if isinstance(joint, Revolute):
+            low, high = [*low, -np.pi], [*high, np.pi]
+        elif joint.rolling:
+            low, high = [*low, -joint.first.length], [*high, joint.first.length]
+        else:
+            low, high = [*low, 0.0, 0.0], [*high, joint.first.length, joint.second.length]
+    return np.array(low), np.array(high)
 
 
 def _far(one: Floats, other: Floats) -> bool:
-    return bool(np.max(np.abs(wrap(one - other))) > SAME_MODE)
+    """Return whether two sets of orientations (bodies, 3, 3) differ."""
+    return bool(np.max(np.abs(one - other)) > SAME_MODE)

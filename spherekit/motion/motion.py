@@ -1,7 +1,7 @@
 """The motion of a single-DOF mechanism: every branch at every sample of its input."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -10,9 +10,17 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status, listing
 from spherekit.errors import SolveError
-from spherekit.model.geometry import pair_frames
+from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.closure import (
+    PairRates,
+    PairStates,
+    pair_axes,
+    pair_rates,
+    pair_states,
+    variable_vectors,
+)
 from spherekit.motion.modes import find_branches
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.poles import default_input
@@ -29,12 +37,13 @@ class Motion:
     """Configurations in rows: branch after branch, in each the samples in order.
 
     Row r belongs to branch `branches[r // samples]`. Shapes: `sample`, `branch`,
-    `status`, `residual`, `q` (n,); `values` (n, pairs) rad; `rotations`
+    `status`, `residual`, `q` (n,); `values` (n, variables) rad; `rotations`
     (n, links, 3, 3), from link axes to ground axes. Rows with a status other than OK or
     AT_SINGULARITY hold NaN, except for sample, branch, q and status.
     """
 
     mechanism: Mechanism
+    joints: tuple[Joint, ...]
     assembly: Assembly
     branches: tuple[Branch, ...]
     samples: int
@@ -46,6 +55,20 @@ class Motion:
     status: NDArray[np.int8]
     residual: Floats
 
+    def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
+        """Return some rows only, as a motion of one nameless branch."""
+        return replace(
+            self,
+            samples=int(np.sum(chosen)),
+            sample=self.sample[chosen],
+            branch=self.branch[chosen],
+            q=self.q[chosen],
+            values=self.values[chosen],
+            rotations=self.rotations[chosen],
+            status=self.status[chosen],
+            residual=self.residual[chosen],
+        )
+
     def __len__(self) -> int:
         return len(self.q)
 
@@ -55,14 +78,29 @@ class Motion:
         return self.assembly.input
 
     @cached_property
-    def axes(self) -> Floats:
-        """Pair axes (n, pairs, 3) in ground axes."""
-        first, _ = pair_frames(self.mechanism)
+    def states(self) -> PairStates:
+        """The pairs' frames in link axes, curvatures, and whether contacts exist."""
+        return pair_states(self.joints, self.values)
+
+    @cached_property
+    def frames(self) -> Floats:
+        """Pair frames (n, pairs, 3, 3) in ground axes; columns as in `Joint`."""
         owners = [a for a, _ in self.mechanism.ends]
-        turned: Floats = np.einsum(
-            "npij,pj->npi", self.rotations[:, owners], first[:, :, 2]
-        )
-        return turned
+        return self.rotations[:, owners] @ self.states.first
+
+    @cached_property
+    def axes(self) -> Floats:
+        """Pair axes (n, pairs, 3) in ground axes, see `spherekit.motion.closure`."""
+        return pair_axes(self.joints, self.frames)
+
+    @cached_property
+    def vectors(self) -> Floats:
+        """Vectors of the variables (n, variables, 3) in ground axes."""
+        return variable_vectors(self.joints, self.frames, self.states.curvatures)
+
+    def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
+        """Return how vectors and axes change, see `spherekit.motion.closure.pair_rates`."""
+        return pair_rates(self.joints, self.frames, self.states, first_w, second_w)
 
     def quaternions(self, link: int) -> Floats:
         """Return (n, 4) xyzw, from the link's axes to ground axes."""
@@ -123,6 +161,7 @@ class Tracer:
         count, k = len(self.branches), len(q)
         return Motion(
             mechanism=self.mechanism,
+            joints=self.solver.joints,
             assembly=self.assembly,
             branches=self.branches,
             samples=k,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import final
 
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Mechanism
+from spherekit.model.mechanism import CONSTRAINTS, Mechanism
 from spherekit.planning.rigidity import Pebbles, check_single_freedom
 
 
@@ -27,11 +27,12 @@ class Group:
     bodies: tuple[tuple[int, ...], ...]
     pairs: tuple[int, ...]
     ends: tuple[tuple[int, int], ...]
+    revolute: bool = True
 
     @property
     def is_dyad(self) -> bool:
         """Whether the group has the closed form of a spherical triangle."""
-        return len(self.bodies) == 3
+        return self.revolute and len(self.bodies) == 3
 
     @property
     def loops(self) -> int:
@@ -43,6 +44,8 @@ class Group:
         """The group's name: dyad, triad, or its count of links and loops."""
         if self.is_dyad:
             return "dyad"
+        if not self.revolute:
+            return f"contact group of {len(self.bodies)} bodies"
         if len(self.bodies) == 5:
             return "triad"
         return f"{len(self.bodies)}-body group with {self.loops} loops"
@@ -72,24 +75,24 @@ def plan_assembly(mechanism: Mechanism, input_pair: str) -> Assembly:
     """
     check_single_freedom(mechanism)
     locked = mechanism.pair_number[mechanism.pair(input_pair).name]
-    contact = [pair.name for pair in mechanism.pairs if pair.type != "R"]
-    if contact:
+    if mechanism.pairs[locked].type != "R":
         raise PlanError(
-            f"{mechanism.name}: positions of contact pairs ({', '.join(contact)}) are "
-            "not solved by this version; the plan and its Table are available"
+            f"{mechanism.name}: inputs.{input_pair}: pair {input_pair} is a contact pair; "
+            "choose an R pair as input"
         )
     body_of = list(range(len(mechanism.links)))
     a, b = mechanism.ends[locked]
     body_of[b] = a
     open_pairs = {n: ends for n, ends in enumerate(mechanism.ends) if n != locked}
+    taken = [CONSTRAINTS[pair.type] for pair in mechanism.pairs]
     game = Pebbles(len(mechanism.links))
-    for ends in open_pairs.values():
+    for n, ends in open_pairs.items():
         one, other = body_of[ends[0]], body_of[ends[1]]
-        for _ in range(2):
+        for _ in range(taken[n]):
             game.insert(one, other)
     groups: list[Group] = []
     while open_pairs:
-        part = _smallest_part(game, open_pairs, body_of)
+        part = _smallest_part(game, open_pairs, body_of, taken)
         base = _base(part, body_of)
         members = {body: _links_of(body, body_of) for body in part}
         order = [base, *sorted(part - {base}, key=lambda body: members[body])]
@@ -110,6 +113,7 @@ def plan_assembly(mechanism: Mechanism, input_pair: str) -> Assembly:
                     )
                     for n in inside
                 ),
+                revolute=all(mechanism.pairs[n].type == "R" for n in inside),
             )
         )
         game.gather(base, 3)
@@ -133,18 +137,22 @@ def _base(part: set[int], body_of: list[int]) -> int:
 
 
 def _smallest_part(
-    game: Pebbles, open_pairs: dict[int, tuple[int, int]], body_of: list[int]
+    game: Pebbles,
+    open_pairs: dict[int, tuple[int, int]],
+    body_of: list[int],
+    taken: list[int],
 ) -> set[int]:
     joined: dict[int, set[int]] = {}
     for one, other in open_pairs.values():
         a, b = body_of[one], body_of[other]
         joined.setdefault(a, set()).add(b)
         joined.setdefault(b, set()).add(a)
-    for a in sorted(joined):
-        for b in sorted(joined[a]):
-            common = joined[a] & joined[b]
-            if b > a and common:
-                return {a, b, min(common)}
+    if all(taken[n] == 2 for n in open_pairs):
+        for a in sorted(joined):
+            for b in sorted(joined[a]):
+                common = joined[a] & joined[b]
+                if b > a and common:
+                    return {a, b, min(common)}
     best: set[int] | None = None
     for a in sorted(joined):
         game.gather(a, 3)

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.motion.closure import LoopTree
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.motion.motion import Motion
+from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -28,31 +30,27 @@ class LinkRates:
     flatness: Floats
 
 
-def driven_rates(
-    tree: LoopTree, axes: Floats, driven: int, owners: list[int], ground: int
-) -> LinkRates:
-    """Return the rates per unit rate of the driven pair, relative to body `ground`.
+def driven_rates(motion: Motion, rows: NDArray[np.bool_]) -> LinkRates:
+    """Return the rates of links relative to the ground, per unit rate of the input.
 
-    Parameters
-    ----------
-    axes
-        (n, pairs, 3) pair axes, in axes fixed to body `ground`.
-    owners
-        For each pair a body in which its axis is fixed.
+    `rows` (n,) says which rows of the motion are wanted.
     """
-    free = [e for e in range(axes.shape[1]) if e != driven]
-    jacobian = tree.jacobian(axes)
+    motion = motion.rows(rows)
+    tree = LoopTree.of(motion.mechanism)
+    (driven,) = motion.mechanism.variables_of(motion.input)
+    vectors = motion.vectors
+    free = [v for v in range(vectors.shape[1]) if v != driven]
+    jacobian = tree.jacobian(vectors)
     inverse = _inverse(jacobian[:, :, free])
-    rates = np.ones((len(axes), axes.shape[1]))
+    rates = np.ones((len(vectors), vectors.shape[1]))
     rates[:, free] = -np.einsum("nij,nj->ni", inverse, jacobian[:, :, driven])
-    w = tree.body_rates(axes, rates)
-    w = w - w[:, ground : ground + 1]
-    turned = cross(w[:, owners], axes)
-    second = np.zeros_like(rates)
+    w = tree.body_rates(vectors, rates)
+    first, second = (w[:, [pair[k] for pair in tree.ends]] for k in (0, 1))
+    turned = motion.rates_of_pairs(first, second).vectors
+    change = np.zeros_like(rates)
     bias = np.einsum("nij,nj->ni", tree.jacobian(turned), rates)
-    second[:, free] = -np.einsum("nij,nj->ni", inverse, bias)
-    dw = tree.body_rates(axes, second) + tree.body_rates(turned, rates)
-    dw = dw - dw[:, ground : ground + 1]
+    change[:, free] = -np.einsum("nij,nj->ni", inverse, bias)
+    dw = tree.body_rates(vectors, change) + tree.body_rates(turned, rates)
     size = np.linalg.norm(jacobian[:, :, free], axis=(1, 2))
     flatness = 1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)
     return LinkRates(w, dw, flatness)
@@ -63,8 +61,8 @@ def driven_rates(
 class NullMotion:
     """The motion of a single-freedom part up to its scale.
 
-    `rates` (n, pairs) has unit length; `inverse` (n, pairs, pairs) belongs to the
-    equations bordered by it, and gives derivatives; `w` (n, bodies, 3).
+    `rates` (n, variables) has unit length; `inverse` (n, variables, variables) is of the
+    equations bordered by them, and gives derivatives; `w` (n, bodies, 3).
     """
 
     rates: Floats
@@ -72,36 +70,36 @@ class NullMotion:
     w: Floats
 
 
-def null_motion(tree: LoopTree, axes: Floats) -> NullMotion:
-    """Return the null vector of the velocity equations of a part (n, pairs, 3)."""
-    jacobian = tree.jacobian(axes)
-    n, _, pairs = jacobian.shape
-    border = np.broadcast_to(np.cos(1.0 + np.arange(pairs)), (n, pairs))
+def null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
+    """Return the null vector of a part's velocity equations, vectors (n, variables, 3)."""
+    jacobian = tree.jacobian(vectors)
+    n, _, count = jacobian.shape
+    border = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
     for _ in range(2):
         bordered = np.concatenate([jacobian, border[:, None, :]], axis=1)
         inverse = _inverse(bordered)
         rates = inverse[:, :, -1]
         rates = rates / np.linalg.norm(rates, axis=1, keepdims=True)
         border = rates
-    return NullMotion(rates, inverse, tree.body_rates(axes, rates))
+    return NullMotion(rates, inverse, tree.body_rates(vectors, rates))
 
 
 def null_motion_rate(
-    tree: LoopTree, axes: Floats, turned: Floats, motion: NullMotion
+    tree: LoopTree, vectors: Floats, turned: Floats, motion: NullMotion
 ) -> Floats:
-    """Return the derivative (n, bodies, 3) of `motion.w`, given that of the axes."""
+    """Return the derivative (n, bodies, 3) of `motion.w`, given that of the vectors."""
     bias = np.einsum("nij,nj->ni", tree.jacobian(turned), motion.rates)
     second = -np.einsum("nij,nj->ni", motion.inverse[:, :, :-1], bias)
-    return tree.body_rates(axes, second) + tree.body_rates(turned, motion.rates)
+    return tree.body_rates(vectors, second) + tree.body_rates(turned, motion.rates)
 
 
-def rank_mobility(tree: LoopTree, axes: Floats, tolerance: float = 1e-9) -> Floats:
+def rank_mobility(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Floats:
     """Return the nullity (n,) of the velocity equations: the mobility at each sample."""
-    values = np.linalg.svd(tree.jacobian(axes), compute_uv=False)
+    values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
     if values.shape[1] == 0:
-        return np.full(len(axes), axes.shape[1])
+        return np.full(len(vectors), vectors.shape[1])
     rank = np.sum(values > tolerance * values[:, :1], axis=1)
-    return np.asarray(axes.shape[1] - rank)
+    return np.asarray(vectors.shape[1] - rank)
 
 
 def _inverse(matrices: Floats) -> Floats:

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS, NO_MOTION, SINGULAR_RATIO, USABLE_DIRECTION, Status
-from spherekit.motion.closure import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole, PrimaryPole
-from spherekit.rates.core import LinkRates, driven_rates
+from spherekit.rates.core import driven_rates
 from spherekit.rates.lines import (
     Lines,
     decompose,
@@ -23,9 +22,9 @@ from spherekit.rates.lines import (
     evaluate_line_rates,
     evaluate_lines,
 )
-from spherekit.rates.request import Request, axis_owner
+from spherekit.rates.request import Request
 from spherekit.rates.vectors import dot, norm
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats
 
 TRUSTED_ERROR = 1e-12
 """Samples whose propagated error bound exceeds this use the velocity equations."""
@@ -90,19 +89,18 @@ def evaluate(
 
 
 def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
-    axes = motion.axes
-    lines = evaluate_lines(wanted.plan, axes, wanted.planes)
+    lines = evaluate_lines(wanted.plan, motion, wanted.planes)
     w, doubt = _link_rates(wanted, lines)
     dw = {link: np.full_like(value, np.nan) for link, value in w.items()}
     if wanted.derivatives:
-        _add_rates(wanted, lines, axes, w, dw)
+        _add_rates(wanted, lines, motion, w, dw)
     for pole in wanted.poles:
         doubt = np.maximum(doubt, np.nan_to_num(lines.error[pole], nan=1.0))
     status = motion.status.copy()
     weak = (doubt > TRUSTED_ERROR) & ~motion.failed
     flat = np.zeros(len(motion), dtype=bool)
     if np.any(weak):
-        exact = _equations(motion, axes[weak])
+        exact = driven_rates(motion, weak)
         flat[weak] = ~(exact.flatness >= SINGULAR_RATIO)
         for link in wanted.links:
             w[link][:, weak] = exact.w[:, link].T
@@ -146,21 +144,20 @@ def _link_rates(wanted: Request, lines: Lines) -> tuple[dict[int, Floats], Float
 def _add_rates(
     wanted: Request,
     lines: Lines,
-    axes: Floats,
+    motion: Motion,
     w: dict[int, Floats],
     dw: dict[int, Floats],
 ) -> None:
     plan = wanted.plan
     mechanism = plan.mechanism
-    owner = [axis_owner(mechanism, pair) for pair in range(len(mechanism.pairs))]
-    turned = np.stack(
-        [
-            cross(w[link].T, axes[:, pair]) if link in w else np.zeros_like(axes[:, 0])
-            for pair, link in enumerate(owner)
-        ],
-        axis=1,
-    )
-    evaluate_line_rates(plan, lines, axes, turned)
+    unknown = np.full((len(motion), 3), np.nan)
+
+    def of_ends(which: int) -> Floats:
+        ends = [pair[which] for pair in mechanism.ends]
+        return np.stack([w[k].T if k in w else unknown for k in ends], axis=1)
+
+    turned = motion.rates_of_pairs(of_ends(0), of_ends(1))
+    evaluate_line_rates(plan, lines, motion, turned)
     a, b = mechanism.ends[plan.input]
     pole = (min(a, b), max(a, b))
     driven, driven_dq = lines.unit[pole], lines.rate[pole]
@@ -181,13 +178,6 @@ def _add_rates(
 
 def _toward(one: int, link: int) -> Pole:
     return (one, link) if one < link else (link, one)
-
-
-def _equations(motion: Motion, axes: Floats) -> LinkRates:
-    mechanism = motion.mechanism
-    tree = LoopTree(len(mechanism.links), mechanism.ends)
-    owners = [axis_owner(mechanism, pair) for pair in range(len(mechanism.pairs))]
-    return driven_rates(tree, axes, motion.input, owners, ground=0)
 
 
 def _mend_directions(

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
-from spherekit.motion.closure import LoopTree
+from spherekit.motion.closure import LoopTree, PairRates
+from spherekit.motion.motion import Motion
 from spherekit.planning.poles import (
     BlockPoles,
     LinePole,
@@ -36,7 +37,8 @@ class Lines:
     `unit[pole]`, `rate[pole]`: (3, n); `error[pole]`: (n,) bound of the direction's
     error (rad); `angle[pole]`: (n,) sine of the angle between the two planes used, 1
     for primary poles; `planes[pole]`: (2, 3, n) unit normals of those planes, kept for
-    the poles they were asked for.
+    the poles they were asked for. `contact[pair]`, `contact_rate[pair]`: (3, n) unit
+    normal of a sliding pair's contact plane and its derivative.
     """
 
     unit: dict[Pole, Floats]
@@ -44,18 +46,23 @@ class Lines:
     error: dict[Pole, Floats]
     angle: dict[Pole, Floats]
     planes: dict[Pole, Floats]
+    contact: dict[int, Floats]
+    contact_rate: dict[int, Floats]
     chosen: dict[Pole, NDArray[np.intp]]
     blocks: dict[BlockPoles, NullMotion]
 
 
-def evaluate_lines(plan: Plan, axes: Floats, keep_planes: Collection[Pole] = ()) -> Lines:
+def evaluate_lines(plan: Plan, motion: Motion, keep_planes: Collection[Pole] = ()) -> Lines:
     """Return the directions of all poles of a plan.
 
-    `axes` (n, pairs, 3) are the pair axes in ground axes; signs of secondary poles are
-    arbitrary here.
+    Signs of secondary poles are arbitrary here.
     """
-    lines = Lines({}, {}, {}, {}, {}, {}, {})
+    lines = Lines({}, {}, {}, {}, {}, {}, {}, {}, {})
+    axes = motion.axes
     n = len(axes)
+    for number, pair in enumerate(plan.mechanism.pairs):
+        if pair.type == "Cs":
+            lines.contact[number] = np.ascontiguousarray(axes[:, number].T)
     for step in plan.steps:
         if isinstance(step, PrimaryPole):
             lines.unit[step.pole] = np.ascontiguousarray(axes[:, step.pair].T)
@@ -64,25 +71,29 @@ def evaluate_lines(plan: Plan, axes: Floats, keep_planes: Collection[Pole] = ())
         elif isinstance(step, LinePole):
             _intersect(step, lines, step.pole in keep_planes)
         else:
-            _solve_block(plan, step, axes, lines)
+            _solve_block(plan, step, motion, lines)
     for pole in keep_planes:
         if pole not in lines.planes:
             _planes_through(plan, pole, lines)
     return lines
 
 
-def evaluate_line_rates(plan: Plan, lines: Lines, axes: Floats, turned: Floats) -> None:
-    """Add the derivatives of all directions, given those of the pair axes (n, pairs, 3).
+def evaluate_line_rates(
+    plan: Plan, lines: Lines, motion: Motion, turned: PairRates
+) -> None:
+    """Add the derivatives of all directions, given those at the pairs.
 
     The product rule through the same intersections that `evaluate_lines` chose.
     """
+    for number in lines.contact:
+        lines.contact_rate[number] = np.ascontiguousarray(turned.axes[:, number].T)
     for step in plan.steps:
         if isinstance(step, PrimaryPole):
-            lines.rate[step.pole] = np.ascontiguousarray(turned[:, step.pair].T)
+            lines.rate[step.pole] = np.ascontiguousarray(turned.axes[:, step.pair].T)
         elif isinstance(step, LinePole):
             _intersect_rate(step, lines)
         else:
-            _block_rate(plan, step, axes, turned, lines)
+            _block_rate(plan, step, motion, turned, lines)
 
 
 def _line_sources(step: LinePole, k: int) -> tuple[Pole, Pole]:
@@ -104,14 +115,18 @@ def _intersect(step: LinePole, lines: Lines, keep_planes: bool) -> None:
 
 
 def _great_circles(step: LinePole, lines: Lines) -> tuple[Floats, Floats, Floats]:
-    """Return normals (lines, 3, n), their lengths and error bounds (lines, n)."""
+    """Return normals (lines, 3, n), their lengths and error bounds (lines, n).
+
+    First those through pairs of known poles, then the contact planes.
+    """
     sources = [_line_sources(step, k) for k in step.via]
-    a = np.stack([lines.unit[one] for one, _ in sources])
-    b = np.stack([lines.unit[other] for _, other in sources])
-    inherited = np.stack([lines.error[x] + lines.error[y] for x, y in sources])
-    normals = cross(a, b)
-    length = norm(normals)
-    return normals, length, (inherited + EPS) / np.maximum(length, EPS)
+    normals = [cross(lines.unit[a], lines.unit[b]) for a, b in sources]
+    normals += [lines.contact[number] for number in step.contacts]
+    inherited = [lines.error[a] + lines.error[b] for a, b in sources]
+    inherited += [np.zeros_like(normals[-1][0]) for _ in step.contacts]
+    stack = np.stack(normals)
+    length = norm(stack)
+    return stack, length, (np.stack(inherited) + EPS) / np.maximum(length, EPS)
 
 
 def _best_two(
@@ -171,37 +186,42 @@ def _take(stack: Floats, which: NDArray[np.intp]) -> Floats:
 
 def _intersect_rate(step: LinePole, lines: Lines) -> None:
     sources = [_line_sources(step, k) for k in step.via]
-    a = np.stack([lines.unit[one] for one, _ in sources])
-    b = np.stack([lines.unit[other] for _, other in sources])
-    da = np.stack([lines.rate[one] for one, _ in sources])
-    db = np.stack([lines.rate[other] for _, other in sources])
-    normal, rate = [], []
-    for which in lines.chosen[step.pole]:
-        own_a, own_b = _take(a, which), _take(b, which)
-        normal.append(cross(own_a, own_b))
-        rate.append(cross(_take(da, which), own_b) + cross(own_a, _take(db, which)))
-    vector = cross(normal[0], normal[1])
-    change = cross(rate[0], normal[1]) + cross(normal[0], rate[1])
-    length = norm(vector)
-    lines.rate[step.pole] = unit_rate(lines.unit[step.pole], length, change)
+    normals = [cross(lines.unit[a], lines.unit[b]) for a, b in sources]
+    normals += [lines.contact[number] for number in step.contacts]
+    changes = [
+        cross(lines.rate[a], lines.unit[b]) + cross(lines.unit[a], lines.rate[b])
+        for a, b in sources
+    ]
+    changes += [lines.contact_rate[number] for number in step.contacts]
+    stack, stack_rate = np.stack(normals), np.stack(changes)
+    best, partner = lines.chosen[step.pole]
+    one, other = _take(stack, best), _take(stack, partner)
+    vector = cross(one, other)
+    change = cross(_take(stack_rate, best), other) + cross(one, _take(stack_rate, partner))
+    lines.rate[step.pole] = unit_rate(lines.unit[step.pole], norm(vector), change)
 
 
-def _block_tree(plan: Plan, step: BlockPoles) -> LoopTree:
+def _block_tree(plan: Plan, step: BlockPoles) -> tuple[LoopTree, list[int]]:
+    """Return the loops of an irreducible part, and the numbers of its variables."""
     number = {link: k for k, link in enumerate(step.links)}
-    ends = plan.mechanism.ends
-    return LoopTree(
-        len(step.links),
-        tuple((number[ends[p][0]], number[ends[p][1]]) for p in step.pairs),
+    mechanism = plan.mechanism
+    ends = tuple(
+        (number[a], number[b]) for a, b in (mechanism.ends[pair] for pair in step.pairs)
     )
+    variables = [mechanism.variables_of(pair) for pair in step.pairs]
+    owners = tuple(k for k, own in enumerate(variables) for _ in own)
+    flat = [variable for own in variables for variable in own]
+    return LoopTree(len(step.links), ends, owners), flat
 
 
-def _solve_block(plan: Plan, step: BlockPoles, axes: Floats, lines: Lines) -> None:
-    motion = null_motion(_block_tree(plan, step), axes[:, list(step.pairs)])
-    lines.blocks[step] = motion
+def _solve_block(plan: Plan, step: BlockPoles, motion: Motion, lines: Lines) -> None:
+    tree, variables = _block_tree(plan, step)
+    found = null_motion(tree, motion.vectors[:, variables])
+    lines.blocks[step] = found
     number = {link: k for k, link in enumerate(step.links)}
-    growth = np.linalg.norm(motion.inverse, axis=(1, 2))
+    growth = np.linalg.norm(found.inverse, axis=(1, 2))
     for pole in step.poles:
-        vector = (motion.w[:, number[pole[1]]] - motion.w[:, number[pole[0]]]).T
+        vector = (found.w[:, number[pole[1]]] - found.w[:, number[pole[0]]]).T
         length = norm(vector)
         lines.unit[pole] = vector / np.where(length > 0.0, length, np.nan)
         lines.error[pole] = np.minimum(EPS * growth / np.maximum(length, EPS), 1.0)
@@ -209,20 +229,18 @@ def _solve_block(plan: Plan, step: BlockPoles, axes: Floats, lines: Lines) -> No
 
 
 def _block_rate(
-    plan: Plan, step: BlockPoles, axes: Floats, turned: Floats, lines: Lines
+    plan: Plan, step: BlockPoles, motion: Motion, turned: PairRates, lines: Lines
 ) -> None:
-    pairs = list(step.pairs)
-    motion = lines.blocks[step]
+    tree, variables = _block_tree(plan, step)
+    found = lines.blocks[step]
     change = null_motion_rate(
-        _block_tree(plan, step), axes[:, pairs], turned[:, pairs], motion
+        tree, motion.vectors[:, variables], turned.vectors[:, variables], found
     )
     number = {link: k for k, link in enumerate(step.links)}
     for pole in step.poles:
         i, j = number[pole[0]], number[pole[1]]
-        vector, rate = (
-            (motion.w[:, j] - motion.w[:, i]).T,
-            (change[:, j] - change[:, i]).T,
-        )
+        vector = (found.w[:, j] - found.w[:, i]).T
+        rate = (change[:, j] - change[:, i]).T
         lines.rate[pole] = unit_rate(lines.unit[pole], norm(vector), rate)
 
 

@@ -8,7 +8,6 @@ from typing import final
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import (
     BlockPoles,
-    LinePole,
     Plan,
     Pole,
     PrimaryPole,
@@ -80,25 +79,30 @@ def request(
         for link in links - {a, b}:
             needed |= {pole_of(a, link), pole_of(b, link)}
         pruned = prune(whole, sorted(needed))
-        more = _owners(pruned) - links if derivatives else set()
+        more = _moving_links(pruned) - links if derivatives else set()
         if not more:
             everything = tuple(dict.fromkeys((*wanted, *coefficients)))
             return Request(pruned, everything, tuple(sorted(links)), derivatives, circles)
         links |= more
 
 
-def axis_owner(mechanism: Mechanism, pair: int) -> int:
-    """Return the link in which a pair's axis counts as fixed: the lower-numbered one."""
-    return min(mechanism.ends[pair])
+def _moving_links(planned: Plan) -> set[int]:
+    """The links whose rates tell how the axes used by a plan move.
 
-
-def _owners(plan_: Plan) -> set[int]:
+    The axis of an R pair is fixed in its first link; a contact moves along the profiles
+    of both.
+    """
+    mechanism = planned.mechanism
     used: set[int] = set()
-    for step in plan_.steps:
+    for step in planned.steps:
         if isinstance(step, PrimaryPole):
             used.add(step.pair)
         elif isinstance(step, BlockPoles):
             used |= set(step.pairs)
         else:
-            assert isinstance(step, LinePole)
-    return {axis_owner(plan_.mechanism, pair) for pair in used}
+            used |= set(step.contacts)
+    links: set[int] = set()
+    for pair in used:
+        revolute = mechanism.pairs[pair].type == "R"
+        links |= set(mechanism.ends[pair][:1] if revolute else mechanism.ends[pair])
+    return links
