@@ -59,6 +59,7 @@ class Poles(AbstractAnalysis):
                 Column("rate", "", "rate * u = angular velocity per unit rate of q"),
                 Column("rate_dq", "1/rad", "derivative of rate by q"),
                 Column("conditioning", "", "sine of the angle of the two planes used"),
+                Column("error_bound", "rad", "bound of the rounding error of u"),
                 RESIDUAL,
                 STATUS,
             ),
@@ -120,6 +121,7 @@ class Poles(AbstractAnalysis):
                 "rate": per_pole([batch.rate(*pole) for pole in wanted]),
                 "rate_dq": per_pole([batch.rate_dq(*pole) for pole in wanted]),
                 "conditioning": per_pole([batch.conditioning(*pole) for pole in wanted]),
+                "error_bound": per_pole([batch.error_bound(*pole) for pole in wanted]),
                 "residual": per_row(batch.residual),
                 "status": per_pole([batch.pole_status(*pole) for pole in wanted]),
             }

@@ -17,7 +17,7 @@ from spherekit.planning.poles import all_poles
 
 POLES = [
     "sample", "branch", "q", "link", "relative_to", "ux", "uy", "uz",
-    "rate", "rate_dq", "conditioning", "residual", "status",
+    "rate", "rate_dq", "conditioning", "error_bound", "residual", "status",
 ]  # fmt: skip
 
 

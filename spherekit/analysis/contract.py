@@ -116,6 +116,10 @@ class Batch:
         """Return (n,) the sine of the angle between the two planes that gave the pole."""
         return self._pole(i, j, "directions", self._found().angle)
 
+    def error_bound(self, i: int, j: int) -> Floats:
+        """Return (n,) a bound of the rounding error of the pole's direction, rad."""
+        return self._pole(i, j, "directions", self._found().error)
+
     def pole_status(self, i: int, j: int) -> NDArray[np.int8]:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
         return self._pole(i, j, "directions", self._found().pole_status)
@@ -158,7 +162,10 @@ class Batch:
 
     def _pole(self, i: int, j: int, what: str, values: Mapping[Pole, Values]) -> Values:
         pole = pole_of(i, j)
-        if pole not in getattr(self.needs, what):
+        declared = getattr(self.needs, what)
+        if what == "directions":
+            declared = declared | self.needs.rates | self.needs.planes
+        if pole not in declared:
             links = self.mechanism.links
             raise UndeclaredNeed(
                 f"the pole of links {links[pole[1]]} and {links[pole[0]]} was read; "

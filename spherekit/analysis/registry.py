@@ -86,7 +86,7 @@ def load(name: str) -> type[AbstractAnalysis]:
     entries = _entries().get(name, [])
     if not entries:
         raise AnalysisError(
-            f'no analysis is named "{name}"{nearest(name, names())} Installed: '
+            f'no analysis is named "{name}"{nearest(name, names()) or ";"} Installed: '
             f"{listing(names())}"
         )
     if len(entries) > 1:
@@ -158,7 +158,7 @@ def create(request: str) -> AbstractAnalysis:
     for part in filter(None, text.split(",")):
         key, equals, value = part.partition("=")
         if key not in allowed or not equals:
-            hint = nearest(key, allowed)
+            hint = nearest(key, allowed) or ";"
             raise AnalysisError(
                 f'{name}: "{part}" is no parameter{hint} Allowed: '
                 + (listing(f"{k}={shown}" for k, (shown, _) in allowed.items()) or "none")

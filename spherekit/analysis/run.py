@@ -117,7 +117,7 @@ def run(
     progress
         Called with samples done and samples in all after each block.
     block
-        Samples evaluated at once.
+        Samples evaluated at once; all, if an analysis wants whole batches.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def run(
         recorder.start(
             [static_scene(wanted.plan)],
             inputs,
-            branches={b.number: f"Mode {b.number} ({b.label})" for b in tracer.branches},
+            branches=_titles(tracer),
             properties={
                 "spherekit": __version__,
                 "mechanism_hash": mechanism_hash(mechanism),
@@ -178,24 +178,19 @@ def run(
             failures[analysis.name] = traceback.format_exc()
 
     done = 0
+    if not all(analysis.rowwise for analysis in chosen):
+        block = samples
     for motion in tracer.blocks(samples, block):
         field = evaluate(motion, wanted, memory) if wanted.poles else None
         if recorder is not None:
             _log(recorder, motion_scenes(motion), motion)
         for analysis, what in zip(chosen, own, strict=True):
-            if analysis.rowwise:
-                attempt(analysis, what, motion, field)
+            attempt(analysis, what, motion, field)
         motions.append(motion)
         fields.append(field)
         done += motion.samples
         if progress is not None:
             progress(done, samples)
-    if not all(analysis.rowwise for analysis in chosen):
-        whole = tracer.at(inputs)
-        field = evaluate(whole, wanted) if wanted.poles else None
-        for analysis, what in zip(chosen, own, strict=True):
-            if not analysis.rowwise:
-                attempt(analysis, what, whole, field)
     results = {MOTION: _motion_result(mechanism, motions, fields)}
     for analysis in chosen:
         if analysis.name not in failures and collected[analysis.name]:
@@ -207,6 +202,17 @@ def run(
         "evaluate": finished - planned,
     }
     return RunResult(results, failures, summary)
+
+
+def _titles(tracer: Tracer) -> dict[int, str]:
+    """Return a page title for each branch; the signs of dyads if there are any."""
+    signed = any(set(branch.label) != {"~"} for branch in tracer.branches)
+    return {
+        branch.number: f"Mode {branch.number} ({branch.label})"
+        if signed
+        else f"Mode {branch.number}"
+        for branch in tracer.branches
+    }
 
 
 def _middle(tracer: Tracer, inputs: Floats) -> Floats | None:
@@ -289,6 +295,15 @@ def _summary(
     status = np.concatenate(
         [m.status if f is None else f.status for m, f in zip(motions, fields, strict=True)]
     )
+    poles = np.concatenate(
+        [
+            codes[f.status == Status.OK]
+            for f in fields
+            if f
+            for codes in f.pole_status.values()
+        ]
+        or [np.zeros(0, dtype=np.int8)]
+    )
     residual = np.concatenate([motion.residual for motion in motions])
     branch = np.concatenate([motion.branch for motion in motions])
     closed = np.isfinite(residual)
@@ -316,14 +331,16 @@ def _summary(
             {
                 "number": item.number,
                 "mode": item.label,
-                "complete_search": tracer.assembly.has_closed_form,
                 "status": status_counts(status[branch == item.number]),
             }
             for item in tracer.branches
         ],
+        "search": tracer.search,
         "status": status_counts(status),
+        "pole_status": status_counts(poles),
         "status_meaning": {
-            Status(code).name: STATUS_MEANING[Status(code)] for code in np.unique(status)
+            Status(code).name: STATUS_MEANING[Status(code)]
+            for code in np.unique(np.concatenate([status, poles]))
         },
         "closure_tolerance_rad": CLOSURE_TOLERANCE,
         "errors_reached": {

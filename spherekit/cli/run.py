@@ -97,7 +97,7 @@ def execute(options: argparse.Namespace) -> int:
             print(note, file=sys.stderr)
     if result.failures:
         return FAILED_ANALYSIS
-    failed = any(name != "OK" for name in result.summary["status"])
+    failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
@@ -136,6 +136,10 @@ def report(summary: Any) -> str:
     for branch in summary["branches"]:
         counts = ", ".join(f"{n} {name}" for name, n in branch["status"].items())
         lines.append(f"  branch {branch['number']} ({branch['mode']}): {counts}")
+    lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
+    if lacking:
+        counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
+        lines.append(f"  of {sum(summary['pole_status'].values())} pole axes: {counts}")
     for name, meaning in summary["status_meaning"].items():
         if name != "OK":
             lines.append(f"  {name}: {meaning}")

@@ -26,6 +26,8 @@ from spherekit.sphere.rotation import Floats
 
 MOST_BRANCHES = 64
 """Branches of one run; a mechanism of many dyads has 2 to their number."""
+PROBED_INPUTS = 721
+"""Inputs over the range at which the modes of dyads are looked for."""
 PROBES = 5
 """Inputs at which all modes of irreducible groups are searched for."""
 STARTS = 192
@@ -79,7 +81,7 @@ def _dyad_branches(solver: Solver, low: float, high: float, search: bool) -> lis
         own = _signs_at(solver, reference)
     with np.errstate(invalid="ignore", divide="ignore"):
         if search or own is None:
-            extend(solver.start(np.linspace(low, high, 721)), ())
+            extend(solver.start(np.linspace(low, high, PROBED_INPUTS)), ())
     if own is not None:
         found = [own, *(signs for signs in found if signs != own)][:MOST_BRANCHES]
     return [Branch(number, signs) for number, signs in enumerate(found)]
@@ -124,7 +126,7 @@ def _followed_branches(
             bounds = min(low, q), max(high, q)
             values = reference.copy()
             curve = follow(solver.closure, driven, values, *bounds)
-            if np.any(curve.covers(np.linspace(low, high, 721))):
+            if np.any(curve.covers(np.linspace(low, high, PROBED_INPUTS))):
                 signs = _signs_at(solver, values)
                 branch = Branch(0, signs, curve)
                 branches.append(_with_determinants(solver, branch, float(q)))
@@ -174,7 +176,7 @@ def _is_known(solver: Solver, branches: Sequence[Branch], q: float, values: Floa
 def _why_nothing_closes(solver: Solver, low: float, high: float) -> str:
     name = solver.mechanism.name
     degrees = f"[{np.degrees(low):.6g}, {np.degrees(high):.6g}] deg"
-    state = solver.start(np.linspace(low, high, 721))
+    state = solver.start(np.linspace(low, high, PROBED_INPUTS))
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
             pairs = ", ".join(solver.mechanism.pairs[p].name for p in group.pairs)

@@ -21,7 +21,7 @@ from spherekit.motion.closure import (
     pair_states,
     variable_vectors,
 )
-from spherekit.motion.modes import find_branches
+from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.poles import default_input
 from spherekit.sphere.rotation import Floats, quaternion
@@ -145,6 +145,15 @@ class Tracer:
                     f"are {numbers}"
                 )
             self.branches = tuple(chosen)
+
+    @property
+    def search(self) -> str:
+        """How the assembly modes were found, and what that says of their number."""
+        if len(self.branches) >= MOST_BRANCHES:
+            return f"stopped at {MOST_BRANCHES} modes; there may be more"
+        if self.assembly.has_closed_form:
+            return f"all modes of dyads that close at one of {PROBED_INPUTS} inputs"
+        return "modes of irreducible groups searched from random starts; some may be missed"
 
     def inputs(self, samples: int) -> Floats:
         """Return the sampled input values (samples,), both ends of the range included."""

@@ -40,7 +40,8 @@ class PoleField:
     `rate[pole]` (n,): rate * direction is the angular velocity of the pole's second
     link relative to its first per unit rate of the input; `rate_dq[pole]` (n,) its
     derivative by the input (1/rad); `angle[pole]` (n,) sine of the angle between the
-    two planes used, 0 where they coincide; `error[pole]` (n,) bound of the direction's rounding error (rad).
+    two planes used, 0 where they coincide; `error[pole]` (n,) bound of the direction's
+    rounding error (rad).
     `planes[pole]` (n, 2, 3) unit normals of those planes, for the poles asked for.
     `w[link]`, `dw[link]` (n, 3): rates of links relative to the ground.
     `status` (n,): the motion's, with AT_SINGULARITY where the rates are not finite.
@@ -232,6 +233,7 @@ def _add_pole(
         still = unknown & (norm(w[j] - w[i]) < NO_MOTION * np.maximum(1.0, norm(w[j])))
         own[still] = Status.NO_POLE
         rate[still] = 0.0
+        rate_dq[still & (norm(dw[j] - dw[i]) < NO_MOTION)] = 0.0
     field.pole_status[pole] = own
     field.direction[pole] = unit.T
     field.rate[pole], field.rate_dq[pole] = rate, rate_dq

@@ -87,10 +87,11 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
                         radii=POINT,
                     ),
                 )
-                yield (
-                    "trail",
-                    rr.Points3D.from_fields(colors=colours.PALE, radii=0.008),
-                )
+                if primitive.shown:
+                    yield (
+                        "trail",
+                        rr.Points3D.from_fields(colors=colours.PALE, radii=0.008),
+                    )
         case GreatCircle():
             yield (
                 "",
@@ -121,14 +122,15 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
             good = present(quaternions)
             yield "", _turned(quaternions, good)
             yield "labels", rr.Points3D.columns(show_labels=good.tolist())
-        case Arrow(directions=directions, primary=primary):
+        case Arrow(directions=directions, primary=primary, shown=shown):
             good = present(directions)
             found, count = directions[good], good.astype(np.int64)
             length = 1.12 if primary else 1.25
             yield "", rr.Arrows3D.columns(vectors=length * found).partition(count)
             if not primary:
                 yield "label", _points(1.3 * found, count)
-                yield "trail", _points(1.004 * found, count)
+                if shown:
+                    yield "trail", _points(1.004 * found, count)
         case GreatCircle(normals=normals):
             good = present(normals)
             yield "", _turned(shapes.quaternions_to(normals), good)

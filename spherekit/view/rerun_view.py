@@ -317,7 +317,7 @@ class Recorder:
                 if not shown:
                     layout.hidden.append((branch, path))
                 self._paths[path] = (primary, [])
-                if not primary:
+                if shown and not primary:
                     layout.trails.append((branch, f"{path}/trail"))
             case Series(group=group, label=label):
                 entry = SeriesEntry(branch, path, label)

@@ -1,0 +1,207 @@
+"""The pages: their code runs, their commands print what they show, their links resolve."""
+
+import importlib
+import re
+import runpy
+import shlex
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import spherekit as sk
+from spherekit import errors
+from spherekit.analysis.registry import registered
+from spherekit.cli.main import main, parser
+from spherekit.conventions import Status
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = {
+    path.name: path.read_text(encoding="utf-8")
+    for path in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]
+}
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
+FILE_NAME = re.compile(r"# (\w+\.toml)\n")
+PLUGIN = "spherekit_torque_ratio"
+
+
+def blocks(page, kind):
+    return [code for name, code in BLOCK.findall(PAGES[page]) if name == kind]
+
+
+def pages_with(kind):
+    return [page for page in PAGES if blocks(page, kind)]
+
+
+def tutorial():
+    """The module of the plugin tutorial, and the code that uses it."""
+    return blocks("plugins.md", "python")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working folder with the files that the pages show."""
+    for page in PAGES:
+        for text in blocks(page, "toml"):
+            name = FILE_NAME.match(text)
+            if name:
+                (tmp_path / name[1]).write_text(text, encoding="utf-8")
+    first = (tmp_path / "crank_rocker.toml").read_text(encoding="utf-8")
+    misspelt = first.replace("arcs = [60.0]", "arc = [60.0]")
+    (tmp_path / "misspelt.toml").write_text(misspelt, encoding="utf-8")
+    (tmp_path / f"{PLUGIN}.py").write_text(tutorial()[0], encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importlib.invalidate_caches()
+    yield tmp_path
+    sys.modules.pop(PLUGIN, None)
+
+
+@pytest.mark.parametrize("page", pages_with("python"))
+def test_python_runs(page, folder):
+    for number, code in enumerate(blocks(page, "python")):
+        script = folder / f"block_{number}.py"
+        script.write_text(code, encoding="utf-8")
+        runpy.run_path(str(script))
+
+
+@pytest.mark.parametrize("page", pages_with("console"))
+def test_console_shows_what_commands_print(page, folder, capsys):
+    for block in blocks(page, "console"):
+        for example in filter(None, re.split(r"^\$ ", block, flags=re.M)):
+            command, _, shown = example.partition("\n")
+            program, *arguments = shlex.split(command)
+            assert program == "spherekit"
+            main(arguments)
+            printed = capsys.readouterr()
+            got = "".join(f"{line.rstrip()}\n" for line in printed.out.splitlines())
+            assert pattern(shown).fullmatch(got + printed.err), f"{command}\n{got}"
+
+
+def pattern(shown):
+    """What is shown as a pattern: a line ``...`` stands for any lines."""
+    lines = [
+        r"(?:.*\n)*" if line == "..." else re.escape(line.rstrip()) + r"\n"
+        for line in shown.splitlines()
+    ]
+    return re.compile("".join(lines))
+
+
+@pytest.mark.parametrize("page", pages_with("sh"))
+def test_commands_are_understood(page):
+    for block in blocks(page, "sh"):
+        for line in block.splitlines():
+            program, *arguments = shlex.split(line.split(" #")[0]) or [""]
+            if Path(program).name == "spherekit":
+                parser().parse_args(arguments)
+
+
+def test_inline_commands_are_understood():
+    for page, text in PAGES.items():
+        prose = BLOCK.sub("", text)
+        for line in re.findall(r"`(spherekit (?:run|plan|explain|view) [^`\n]+)`", prose):
+            if "..." not in line:
+                parser().parse_args(shlex.split(line)[1:]), page
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_resolve(page):
+    home = ROOT if page in ("README.md", "CONTRIBUTING.md") else DOCS
+    for target in re.findall(r"\]\(([^)\s]+)\)", BLOCK.sub("", PAGES[page])):
+        if re.match(r"[a-z]+:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (home / name).resolve() if name else home / page
+        assert path.exists(), target
+        if anchor:
+            assert anchor in anchors(path.read_text(encoding="utf-8")), target
+
+
+def anchors(text):
+    """The anchors of the headings of a page, as code hosts make them."""
+    headings = re.findall(r"^#+ (.+)$", BLOCK.sub("", text), re.M)
+    return {re.sub(r"[^\w\- ]", "", head).lower().replace(" ", "-") for head in headings}
+
+
+def test_key_reference_is_current():
+    made = runpy.run_path(str(DOCS / "make_reference.py"))["page"]()
+    assert made == PAGES["reference.md"], "run: python docs/make_reference.py"
+    for kind in ("mechanism", "study"):
+        for key in sk_schema(kind)["properties"]:
+            assert f"`{key}`" in made
+
+
+def sk_schema(kind):
+    from spherekit.files.check import schema
+
+    return schema(kind)
+
+
+def test_plugin_tutorial_is_a_distribution_that_works(folder):
+    (project, _) = (tomllib.loads(text) for text in blocks("plugins.md", "toml"))
+    ((name, target),) = project["project"]["entry-points"]["spherekit.analyses"].items()
+    module, _, attribute = target.partition(":")
+    assert project["tool"]["setuptools"]["py-modules"] == [module]
+    cls = getattr(importlib.import_module(module), attribute)
+    assert cls.name == name
+    with registered(cls):
+        result = sk.run(sk.load("four_bar"), [f"{name}:link=4", "poles"], samples=37)
+        assert not result.failures
+        poles = result.frame("poles").query("link == '4' and relative_to == '1'")
+        ratio = result.frame(name)["ratio"].to_numpy()
+        assert abs(ratio * poles["rate"].to_numpy() - 1.0).max() < 1e-12
+        with pytest.raises(sk.SpherekitError, match="is none of 2, 3, 4"):
+            sk.run(sk.load("four_bar"), f"{name}:link=1")
+        with pytest.raises(sk.SpherekitError, match="parameters missing: link"):
+            sk.run(sk.load("four_bar"), name)
+
+
+def test_plugin_tutorial_has_a_scene(folder):
+    cls = importlib.import_module(PLUGIN).TorqueRatio
+    seen = []
+
+    class Listener:
+        def start(self, scenes, inputs, **words):
+            pass
+
+        def log(self, scene, samples, inputs=None):
+            seen.extend((item.path, len(samples)) for item in scene.primitives)
+
+    sk.run(sk.load("four_bar"), cls(link="4"), samples=5, recorder=Listener())
+    assert seen.count(("plots/torque", 5)) == 2
+
+
+def test_every_exception_is_told():
+    told = "".join(PAGES.values())
+    told += "".join(path.read_text() for path in (ROOT / "tests").glob("test_*.py"))
+    for name, value in vars(errors).items():
+        if isinstance(value, type) and issubclass(value, errors.SpherekitError):
+            assert name in told
+
+
+def test_every_status_and_public_object_is_explained():
+    for status in Status:
+        assert f"`{status.name}`" in PAGES["motion.md"]
+    for name in ("Mechanism", "Plan", "Motion", "RunResult", "Needs", "Batch"):
+        assert f"`{name}`" in PAGES["architecture.md"]
+
+
+def test_every_dependency_has_its_reason():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = [*project["dependencies"], *project["optional-dependencies"]["test"]]
+    for requirement in wanted:
+        name = re.match(r"[\w-]+", requirement)[0]
+        assert re.search(rf"^\|.*\b{name}\b.*\|", PAGES["dependencies.md"], re.M), name
+
+
+def test_pictures_are_there_and_small():
+    for name in ("four_bar", "stephenson", "double_butterfly"):
+        assert (DOCS / "images" / f"{name}.png").stat().st_size < 400_000
+
+
+def test_pages_are_plain():
+    for page, text in PAGES.items():
+        assert not re.search(r"\b(?:e\.g|i\.e|etc|viz|cf)\.", text), page
+        assert "/work/" not in text and "/home/" not in text, page
