@@ -79,7 +79,7 @@ class Poles(AbstractAnalysis):
         """Return the pole whose great circles are drawn, if any is secondary."""
         if self.show:
             return parse_pole(mechanism, self.show)
-        primary = {pole_of(*ends) for ends in mechanism.ends}
+        primary = _primary(mechanism)
         return next((p for p in self.poles(mechanism) if p not in primary), None)
 
     def needs(self, mechanism: Mechanism) -> Needs:
@@ -130,7 +130,7 @@ class Poles(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return arrows along the poles, great circles of one, coefficient plots."""
         mechanism = batch.mechanism
-        primary = {pole_of(*ends) for ends in mechanism.ends}
+        primary = _primary(mechanism)
         driven = batch.plan.input
         unit = _short(mechanism, pole_of(*mechanism.ends[driven]))
         shown = self.shown(mechanism)
@@ -180,3 +180,12 @@ class Poles(AbstractAnalysis):
 def _short(mechanism: Mechanism, pole: Pole) -> str:
     low, high = (mechanism.links[k] for k in pole)
     return f"{high}{low}" if len(low) == len(high) == 1 else f"({high},{low})"
+
+
+def _primary(mechanism: Mechanism) -> set[Pole]:
+    """Return the poles that are the axis or contact line of a pair."""
+    return {
+        pole_of(*ends)
+        for pair, ends in zip(mechanism.pairs, mechanism.ends, strict=True)
+        if pair.type != "Cs"
+    }

@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
-from spherekit.planning.rigidity import check_single_freedom
+from spherekit.planning.rigidity import counted_freedom
 
 EIGHT_BARS = (
     "1-2 1-4 1-5 2-3 2-6 3-4 3-7 4-8 5-6 7-8",
@@ -78,7 +78,7 @@ def random_chain(random, links):
             continue
         candidate = mechanism(edges, random_axes(random, edges_wanted))
         try:
-            check_single_freedom(candidate)
+            counted_freedom(candidate)
         except PlanError:
             continue
         return edges

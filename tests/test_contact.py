@@ -1,11 +1,11 @@
-"""Rolling and sliding contact: cams that are four-bars, exact derivatives, random chains."""
+"""Rolling and sliding contact: cams as four-bars, gears, exact derivatives."""
 
 from dataclasses import replace
 
 import mpmath
 import numpy as np
 import pytest
-from chains import joints, mechanism, random_axes, random_chain
+from chains import random_axes, random_chain
 from oracles import off_axis
 from test_poles import field_of
 
@@ -45,7 +45,11 @@ def cam(ground, profile, follower, contact="external"):
             Pair("23", "Cs", ("2", "3"), (profile, follower), contact),
         ),
         SizeGeometry(
-            {"1": LinkSizes(("12", "13"), (ground,)), "2": LinkSizes(("12",)), "3": LinkSizes(("13",))}
+            {
+                "1": LinkSizes(("12", "13"), (ground,)),
+                "2": LinkSizes(("12",)),
+                "3": LinkSizes(("13",)),
+            }
         ),
         inputs=(Input("12", 0.0, 2 * np.pi),),
     )
@@ -75,7 +79,9 @@ def four_bar(ground, crank, coupler, rocker):
     )
 
 
-GROUND, ECCENTRICITY, DISC, ROLLER, ARM = (x * DEGREE for x in (60.0, 10.0, 25.0, 12.0, 45.0))
+GROUND, ECCENTRICITY, DISC, ROLLER, ARM = (
+    x * DEGREE for x in (60.0, 10.0, 25.0, 12.0, 45.0)
+)
 
 
 @pytest.mark.parametrize("kind", ["roller", "flat"])
@@ -115,15 +121,20 @@ def test_circular_cam_is_a_four_bar(kind):
 
 
 SHAPE = Profile(
-    "fourier", (0.0, 0.0, 1.0), cosines=(25 * DEGREE, 4 * DEGREE, 3 * DEGREE), sines=(0.0, 0.0, 1.0 * DEGREE)
+    "fourier",
+    (0.0, 0.0, 1.0),
+    cosines=(25 * DEGREE, 4 * DEGREE, 3 * DEGREE),
+    sines=(0.0, 0.0, 1.0 * DEGREE),
 )
 
 
 def test_non_circular_cam_against_fifty_digits():
-    """First and second derivatives of the follower's angle, contact, and the pole's plane."""
+    """Derivatives of the follower's angle, the contact, and the plane of the pole."""
     made = cam(GROUND, SHAPE, Profile("circle", at(ARM), ROLLER))
     motion, field = field_of(made, samples=13)
-    whole = [b for b in motion.branches if np.all(motion.status[motion.branch == b.number] == 0)]
+    whole = [
+        b for b in motion.branches if np.all(motion.status[motion.branch == b.number] == 0)
+    ]
     assert whole
     rows = np.flatnonzero(motion.branch == whole[0].number)
     assert np.max(motion.residual[rows]) < 1e-13
@@ -154,7 +165,9 @@ def test_non_circular_cam_against_fifty_digits():
             c = centre_in_cam(theta, psi)
             p = point(a)
             h = mpmath.mpf(10) ** -18
-            dp = [(u - v) / (2 * h) for u, v in zip(point(a + h), point(a - h), strict=True)]
+            dp = [
+                (u - v) / (2 * h) for u, v in zip(point(a + h), point(a - h), strict=True)
+            ]
             return (
                 sum(u * v for u, v in zip(p, c, strict=True)) - cos(12 * degree),
                 sum(u * v for u, v in zip(dp, c, strict=True)),
@@ -198,7 +211,7 @@ def null_space_with_contact(made, motion, row):
 
 
 def random_mixed(random, links):
-    """Return a random chain in which pairs became rolling and binary links sliding contact."""
+    """Return a random chain whose pairs and binary links became contacts."""
     while True:
         edges = random_chain(random, links)
         degree = {k: sum(k in e for e in edges) for k in range(1, links + 1)}
@@ -294,7 +307,9 @@ def test_derivatives_of_mixed_mechanisms_by_taylor_remainder():
     random = np.random.default_rng(7)
     for _ in range(12):
         made = random_mixed(random, 8)
-        tracer = Tracer(replace(made, inputs=(Input(made.inputs[0].pair, -0.02, 0.02),)), search=False)
+        tracer = Tracer(
+            replace(made, inputs=(Input(made.inputs[0].pair, -0.02, 0.02),)), search=False
+        )
         poles = all_poles(len(made.links))
         asked = request(tracer.mechanism, made.inputs[0].pair, poles, poles)
         steps = np.array([0.0, 1e-2, 1e-3, 1e-4])
@@ -308,3 +323,154 @@ def test_derivatives_of_mixed_mechanisms_by_taylor_remainder():
             rest = np.abs(rate - rate[0] - steps * field.rate_dq[pole][0])[1:]
             size = max(1.0, abs(rate[0]), abs(field.rate_dq[pole][0]))
             assert rest[2] < 0.02 * rest[1] + 1e-11 * size
+
+
+SHIPPED_GEARS = ("bevel_pair", "rolling_cones", "planetary_bevel")
+SHIPPED_CAMS = ("roller_cam", "flat_cam", "shaped_cam", "shaped_flat_cam")
+
+
+@pytest.mark.parametrize("name", [*SHIPPED_GEARS, *SHIPPED_CAMS])
+def test_shipped_contact_mechanisms_run_over_their_whole_range(name):
+    result = sk.run(sk.load(name), "poles", samples=37)
+    assert not result.failures
+    assert result.summary["status"] == {"OK": 37 * len(result.summary["branches"])}
+    assert result.summary["errors_reached"]["largest_closure_residual_rad"] < 1e-13
+    assert result.summary["mobility"]["rank"] == 1
+    by_graph = {"bevel_pair": 0, "rolling_cones": 0, "planetary_bevel": -1}.get(name, 1)
+    assert result.summary["mobility"]["graph"] == by_graph
+
+
+def test_bevel_gears():
+    """N1 / N2 with pitch cones of 23.15272713 and 51.84727287 deg at 75 deg; to 1e-13."""
+    made = sk.load("bevel_pair")
+    radii = [profile.radius / DEGREE for profile in made.pair("12").profiles]
+    assert np.allclose(radii, [23.15272713, 51.84727287], rtol=0, atol=5e-9)
+    _, field = field_of(made, samples=73)
+    assert np.max(np.abs(field.rate[0, 2] + 0.5)) < 1e-13
+    assert np.max(np.abs(field.rate_dq[0, 2])) < 1e-12
+    line = field.direction[1, 2]
+    # the pitch line: in the plane of the axes, at d1 from the pinion's axis
+    pinion, wheel = field.direction[0, 1], field.direction[0, 2]
+    assert np.max(np.abs(np.sum(np.cross(pinion, wheel) * line, axis=1))) < 1e-13
+    assert (
+        np.max(np.abs(np.abs(np.sum(pinion * line, axis=1)) - np.cos(radii[0] * DEGREE)))
+        < 1e-13
+    )
+
+
+def test_internal_bevel_gears():
+    """sin d1 / sin d2 = N1 / N2 with d2 - d1 the shaft angle."""
+    from spherekit.model.gears import pitch_angles
+
+    shaft = 30 * DEGREE
+    first, second = pitch_angles((20, 50), shaft, "internal")
+    assert second - first == pytest.approx(shaft, abs=1e-15)
+    assert np.sin(first) / np.sin(second) == pytest.approx(20 / 50, abs=1e-15)
+    base = sk.load("bevel_pair")
+    circles = tuple(Profile("circle", (0.0, 0.0, 1.0), r) for r in (first, second))
+    sizes = dict(base.geometry.links) | {"0": LinkSizes(("01", "02"), (shaft,))}
+    pairs = tuple(
+        replace(p, profiles=circles, contact="internal") if p.name == "12" else p
+        for p in base.pairs
+    )
+    _, field = field_of(
+        replace(base, pairs=pairs, geometry=SizeGeometry(sizes)), samples=13
+    )
+    assert np.max(np.abs(field.rate[0, 2] - 20 / 50)) < 1e-13
+
+
+def test_epicyclic_train_obeys_the_differential_law():
+    """w_output = 2 w_carrier with the equal side gear held, to 1e-13."""
+    made = sk.load("planetary_bevel")
+    _, field = field_of(made, samples=37)
+    number = made.link_number
+    w = field.w[number["output"]]
+    carrier = field.w[number["carrier"]]
+    assert np.max(np.abs(w - 2.0 * carrier)) < 1e-13
+    assert np.max(np.abs(field.dw[number["output"]])) < 1e-12
+
+
+def test_rolling_cones():
+    """w_roller / w_arm = sin(d_fixed + d_roll) / sin(d_roll), along the contact."""
+    made = sk.load("rolling_cones")
+    motion, field = field_of(made, samples=37)
+    number = made.link_number
+    ratio = np.sin(70 * DEGREE) / np.sin(20 * DEGREE)
+    size = np.linalg.norm(field.w[number["roller"]], axis=1)
+    assert np.max(np.abs(size - ratio)) < 1e-13
+    assert np.max(off_axis(field.w[number["roller"]], motion.axes[:, 2])) < 1e-13
+
+
+def test_redundant_constraints_are_named_and_rigid_wheels_refused():
+    made = sk.load("bevel_pair")
+    assert plan(made).steps
+    # two wheels that also roll on each other elsewhere cannot turn: rank leaves no freedom
+    circle = Profile("circle", at(0.3), 0.2)
+    pairs = (*made.pairs, Pair("x", "Cr", ("1", "2"), (circle, circle)))
+    with pytest.raises(sk.SpherekitError):
+        sk.trace(replace(made, pairs=pairs))
+
+
+def test_profiles_that_cannot_be_contacts():
+    disc, roller = (
+        Profile("circle", at(ECCENTRICITY), DISC),
+        Profile("circle", at(ARM), ROLLER),
+    )
+    with pytest.raises(ModelError, match=r"pairs\.23\.profiles\.2: .*radius"):
+        sk.trace(cam(GROUND, replace(disc, radius=4.0), roller))
+    crossing = [
+        (np.sin(0.5 * np.cos(t)) * 0.9, 0.4 * np.sin(2 * t), 1.0)
+        for t in np.arange(24) / 24 * 2 * np.pi
+    ]
+    points = tuple(tuple(np.array(p) / np.linalg.norm(p)) for p in crossing)
+    with pytest.raises(ModelError, match=r"profiles\.2: .*(itself|cross)"):
+        sk.trace(cam(GROUND, Profile("points", points=points), roller))
+
+
+def test_roller_larger_than_a_concave_cam_admits_has_a_status():
+    """A cam with a waist: a small roller reaches its bottom, a large one does not."""
+    waisted = Profile("fourier", (0.0, 0.0, 1.0), cosines=(25 * DEGREE, 0.0, 9 * DEGREE))
+    counts = {}
+    for radius in (2.0, 30.0):
+        made = cam(GROUND, waisted, Profile("circle", at(ARM), radius * DEGREE))
+        motion = sk.trace(made, samples=181)
+        counts[radius] = int(np.sum(motion.status == Status.CURVATURE))
+        if radius == 30.0:
+            assert np.all(np.isnan(motion.rotations[motion.status == Status.CURVATURE]))
+    assert counts[2.0] < counts[30.0]
+    assert counts[30.0] > 0
+
+
+def test_running_off_an_open_profile_has_a_status():
+    """An arc of the shaped cam alone: the follower loses it where it ends."""
+    whole = cam(GROUND, SHAPE, Profile("circle", at(ARM), ROLLER))
+    motion = sk.trace(whole, samples=361)
+    angles = np.linspace(-1.0, 1.0, 60)
+    colatitude = DEGREE * (
+        25 + 4 * np.cos(angles) + 3 * np.cos(2 * angles) + np.sin(2 * angles)
+    )
+    points = np.stack(
+        [
+            np.sin(colatitude) * np.cos(angles),
+            np.sin(colatitude) * np.sin(angles),
+            np.cos(colatitude),
+        ],
+        axis=1,
+    )
+    part = Profile("points", points=tuple(map(tuple, points)), closed=False)
+    open_motion = sk.trace(
+        cam(GROUND, part, Profile("circle", at(ARM), ROLLER)), samples=361
+    )
+    assert np.any(open_motion.status == Status.OK)
+    assert np.any(open_motion.status == Status.OFF_PROFILE)
+    ok = open_motion.status == Status.OK
+    psi = open_motion.values[ok, 1]
+    nearest = [
+        np.min(
+            np.abs(
+                np.exp(1j * motion.values[np.abs(motion.q - q) < 1e-9, 1]) - np.exp(1j * p)
+            )
+        )
+        for q, p in zip(open_motion.q[ok], psi, strict=True)
+    ]
+    assert np.nanmax(nearest) < 1e-5

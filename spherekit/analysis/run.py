@@ -13,7 +13,13 @@ from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.stage import motion_scenes, plan_notes, static_scene
+from spherekit.analysis.stage import (
+    Shape,
+    link_shapes,
+    motion_scenes,
+    plan_notes,
+    static_scene,
+)
 from spherekit.analysis.tables import (
     BRANCH,
     INPUT,
@@ -29,6 +35,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
 from spherekit.errors import SpherekitError
 from spherekit.files.write import canonical_text
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.closure import rank_mobility
 from spherekit.motion.motion import (
     BLOCK,
     DEFAULT_SAMPLES,
@@ -37,7 +44,6 @@ from spherekit.motion.motion import (
     status_counts,
 )
 from spherekit.planning.rigidity import graph_mobility
-from spherekit.rates.core import rank_mobility
 from spherekit.rates.field import PoleField, SignMemory, evaluate
 from spherekit.rates.request import Request, request
 from spherekit.sphere.rotation import Floats
@@ -146,9 +152,11 @@ def run(
     fields: list[PoleField | None] = []
     memory = SignMemory()
     inputs = tracer.inputs(samples)
+    shapes: list[Shape] = []
     if recorder is not None:
+        shapes = link_shapes(mechanism)
         recorder.start(
-            [static_scene(wanted.plan)],
+            [static_scene(wanted.plan, shapes)],
             inputs,
             branches=_titles(tracer),
             properties={
@@ -183,7 +191,7 @@ def run(
     for motion in tracer.blocks(samples, block):
         field = evaluate(motion, wanted, memory) if wanted.poles else None
         if recorder is not None:
-            _log(recorder, motion_scenes(motion), motion)
+            _log(recorder, motion_scenes(motion, shapes), motion)
         for analysis, what in zip(chosen, own, strict=True):
             attempt(analysis, what, motion, field)
         motions.append(motion)

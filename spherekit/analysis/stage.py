@@ -1,6 +1,7 @@
 """The stage every recording has: links turning on the sphere, the graph, the plan."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
 
@@ -14,51 +15,81 @@ from spherekit.planning.table import as_markdown, describe
 from spherekit.sphere.rotation import Floats, arc
 
 CURVE_STEP = np.radians(2.0)
+PROFILE_POINTS = 181
 
 
-def static_scene(plan: Plan) -> Scene:
+def static_scene(plan: Plan, shapes: list[Shape]) -> Scene:
     """Return what does not move: the ground, the link/pair graph, the plan's Table."""
     mechanism = plan.mechanism
-    return Scene(None, (_body(mechanism, 0, None), _graph(mechanism), _text(plan)))
+    return Scene(None, (_body(mechanism, shapes, 0, None), _graph(mechanism), _text(plan)))
 
 
-def motion_scenes(motion: Motion) -> tuple[Scene, ...]:
+def motion_scenes(motion: Motion, shapes: list[Shape]) -> tuple[Scene, ...]:
     """Return the turning links of every branch of a block."""
     mechanism = motion.mechanism
     turns = {k: motion.quaternions(k) for k in range(1, len(mechanism.links))}
     scenes = []
     for position, branch in enumerate(motion.branches):
         rows = slice(position * motion.samples, (position + 1) * motion.samples)
-        bodies = [_body(mechanism, link, turn[rows]) for link, turn in turns.items()]
+        bodies = [
+            _body(mechanism, shapes, link, turn[rows]) for link, turn in turns.items()
+        ]
         scenes.append(Scene(branch.number, tuple(bodies)))
     return tuple(scenes)
 
 
-def _body(mechanism: Mechanism, number: int, quaternions: Floats | None) -> Body:
-    link = mechanism.links[number]
-    axes = link_axes(mechanism)[link]
-    joints = np.array(list(axes.values())).reshape(-1, 3)
-    curves = [*link_curves(joints), *profile_curves(mechanism, link)]
+@final
+@dataclass(frozen=True)
+class Shape:
+    """What draws a link, in its own axes: curves (k, 3) each, joints (j, 3), names."""
+
+    curves: list[Floats]
+    joints: Floats
+    names: list[str]
+
+
+def link_shapes(mechanism: Mechanism) -> list[Shape]:
+    """Return the shape of every link."""
+    axes = link_axes(mechanism)
+    shapes = []
+    for link in mechanism.links:
+        joints = np.array(list(axes[link].values())).reshape(-1, 3)
+        curves = [*link_curves(joints), *profile_curves(mechanism, link, joints)]
+        shapes.append(Shape(curves, joints, list(axes[link])))
+    return shapes
+
+
+def _body(
+    mechanism: Mechanism, shapes: list[Shape], number: int, quaternions: Floats | None
+) -> Body:
+    link, shape = mechanism.links[number], shapes[number]
     return Body(
-        f"link/{link}",
-        link,
-        curves,
-        joints,
-        list(axes),
-        number,
-        quaternions,
+        f"link/{link}", link, shape.curves, shape.joints, shape.names, number, quaternions
     )
 
 
-def profile_curves(mechanism: Mechanism, link: str) -> list[Floats]:
-    """Return the profiles (k, 3) of a link's contact pairs, in link axes."""
+def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floats]:
+    """Return what draws a link's profiles: the curves (k, 3), and arcs that hold them.
+
+    Each curve is held by an arc from the link's first joint, if it has one, to the
+    curve's centre, or to its nearest point where it has no centre beside it.
+    """
     found = []
-    joints = geometry_of(mechanism).joints
-    for pair, joint in zip(mechanism.pairs, joints, strict=True):
-        if isinstance(joint, Contact) and link in pair.links:
-            curve = joint.first if link == pair.links[0] else joint.second
-            s = np.linspace(0.0, curve.length, 181)
-            found.append(curve.at(s).frame[:, :, 2])
+    for pair, joint in zip(mechanism.pairs, geometry_of(mechanism).joints, strict=True):
+        if not isinstance(joint, Contact) or link not in pair.links:
+            continue
+        assert pair.profiles is not None
+        which = pair.links.index(link)
+        curve = (joint.first, joint.second)[which]
+        points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame[:, :, 2]
+        found.append(points)
+        if len(joints):
+            profile = pair.profiles[which]
+            foot = points[int(np.argmax(points @ joints[0]))]
+            if profile.centre is not None and profile.kind != "great_circle":
+                foot = np.array(profile.centre)
+            if arc(joints[0], foot) > 1e-6:
+                found.append(great_arc(joints[0], foot))
     return found
 
 

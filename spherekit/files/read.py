@@ -20,6 +20,7 @@ from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
 from spherekit.model import expression
+from spherekit.model.gears import gear_axes, pitch_angles
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
@@ -180,6 +181,8 @@ class _Reader:
     def pair(self, name: str) -> Pair:
         item, path = self.document.data["pairs"][name], ("pairs", name)
         first, second = item["links"]
+        if "teeth" in item:
+            return self.gears(name, item)
         if "profiles" not in item:
             return Pair(name, item["type"], (first, second))
         profiles = item["profiles"]
@@ -203,6 +206,39 @@ class _Reader:
             item.get("contact", "external"),
             (start[0], start[1]),
         )
+
+    def gears(self, name: str, item: _Table) -> Pair:
+        """Return the rolling contact of two bevel gears: circles about their axes."""
+        path: KeyPath = ("pairs", name, "axes")
+        contact = item.get("contact", "external")
+        try:
+            centres, shaft_angle = gear_axes(
+                self.geometry(),
+                self.joined(),
+                (item["links"][0], item["links"][1]),
+                (item["axes"][0], item["axes"][1]),
+            )
+            teeth = item["teeth"]
+            radii = pitch_angles((teeth[0], teeth[1]), shaft_angle, contact)
+        except ModelError as error:
+            self.fail(path, str(error))
+        circles = [
+            Profile("circle", centre, radius)
+            for centre, radius in zip(centres, radii, strict=True)
+        ]
+        start = self.angles(("pairs", name, "start"), item.get("start", [0.0, 0.0]))
+        links = (item["links"][0], item["links"][1])
+        return Pair(
+            name, "Cr", links, (circles[0], circles[1]), contact, (start[0], start[1])
+        )
+
+    def joined(self) -> dict[str, tuple[str, str]]:
+        """Return the two links of every R pair."""
+        return {
+            pair: (item["links"][0], item["links"][1])
+            for pair, item in self.document.data["pairs"].items()
+            if item["type"] == "R"
+        }
 
     def profile(self, path: KeyPath, item: _Table) -> Profile:
         has_centre = "centre_xyz" in item or "centre_lonlat" in item

@@ -5,6 +5,7 @@ flip, or a curve of verified nodes for an irreducible group, which predicts wher
 Newton's method has to arrive and what it must not leave.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -12,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EQUAL_CURVATURE, Status
-from spherekit.model.geometry import Revolute, geometry_of
+from spherekit.model.geometry import Joint, Revolute, geometry_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import Closure, PairStates
+from spherekit.motion.closure import Closure, PairStates, left_inverse
 from spherekit.motion.follow import Curve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
-from spherekit.planning.assembly import Assembly, Group
+from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats
 
 FLAT_DYAD = 1e-6
@@ -84,6 +85,7 @@ class Solver:
         status = np.zeros(len(q), dtype=np.int8)
         if branch.curve is not None:
             predicted, spread = branch.curve.predict(q)
+            beyond = np.where(q < branch.curve.inputs[0], *branch.curve.ends)
             outside = ~branch.curve.covers(q)
         for number, (group, sign) in enumerate(
             zip(self.assembly.groups, branch.signs, strict=True)
@@ -94,7 +96,8 @@ class Solver:
                 _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
                 continue
             assert branch.curve is not None
-            _mark(status, outside, self._why_outside(branch.curve))
+            for reason in set(branch.curve.ends) - {Status.OK}:
+                _mark(status, outside & (beyond == reason), reason)
             start = predicted[:, group_variables(state, group)]
             good = (status == Status.OK) | (status == Status.AT_SINGULARITY)
             start = np.where(good[:, None], start, np.nan)
@@ -102,13 +105,17 @@ class Solver:
             _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
             distance = np.max(np.abs(result.values - start), axis=1)
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.BRANCH_LOST)
-            determinant, flatness = determinant_sign(jacobian)
+            determinant, flatness = determinant_signs(jacobian)
             if branch.determinants:
                 flipped = determinant != branch.determinants[number]
                 _mark(status, flipped, Status.BRANCH_LOST)
             _mark(status, flatness < FLAT_GROUP, Status.AT_SINGULARITY)
             _mark(status, ~np.all(states.inside, axis=1), Status.OFF_PROFILE)
-            _mark(status, _penetrates(state, group, states), Status.CURVATURE)
+            _mark(
+                status,
+                penetrates([self.joints[p] for p in group.pairs], states),
+                Status.CURVATURE,
+            )
         return self._finish(state, status)
 
     def _finish(self, state: State, status: NDArray[np.int8]) -> Evaluated:
@@ -131,36 +138,31 @@ class Solver:
     def angles(self) -> list[int]:
         """Numbers of the variables that are angles of R pairs."""
         owners = self.mechanism.variable_owners
-        return [v for v, pair in enumerate(owners) if isinstance(self.joints[pair], Revolute)]
+        return [
+            v for v, pair in enumerate(owners) if isinstance(self.joints[pair], Revolute)
+        ]
 
-    def _why_outside(self, curve: Curve) -> Status:
-        return Status.BRANCH_LOST if curve.lost else Status.OUT_OF_REACH
 
+def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:
+    """Return the determinant's sign (n,) of a group's Jacobians, and how far it is flat.
 
-def determinant_sign(jacobian: Floats) -> tuple[Floats, Floats]:
-    """Return the determinant's sign (n,) of square Jacobians, and how far they are flat."""
-    sign, _ = np.linalg.slogdet(jacobian)
-    finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+    The sign is 1 throughout for a group with redundant constraints.
+    """
+    square = jacobian.shape[1] == jacobian.shape[2]
+    sign = np.linalg.slogdet(jacobian)[0] if square else np.ones(len(jacobian))
     flatness = np.ones(len(jacobian))
-    if np.any(finite):
-        inverse_norm = np.linalg.norm(_inverse(jacobian[finite]), axis=(1, 2))
-        norm = np.linalg.norm(jacobian[finite], axis=(1, 2))
-        flatness[finite] = 1.0 / (inverse_norm * norm)
+    finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+    inverse_norm = np.linalg.norm(left_inverse(jacobian[finite]), axis=(1, 2))
+    norm = np.linalg.norm(jacobian[finite], axis=(1, 2))
+    flatness[finite] = np.nan_to_num(1.0 / (inverse_norm * norm))
     return sign, flatness
 
 
-def _penetrates(state: State, group: Group, states: PairStates) -> NDArray[np.bool_]:
+def penetrates(joints: Sequence[Joint], states: PairStates) -> NDArray[np.bool_]:
     """Return (n,) whether a contact's profiles curve into each other, or alike."""
-    contact = [not isinstance(state.joints[p], Revolute) for p in group.pairs]
+    contact = [not isinstance(joint, Revolute) for joint in joints]
     relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
     return np.asarray(np.any(relative < EQUAL_CURVATURE, axis=1))
-
-
-def _inverse(matrices: Floats) -> Floats:
-    try:
-        return np.asarray(np.linalg.inv(matrices))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(matrices))
 
 
 def wrap(angle: Floats) -> Floats:

@@ -41,9 +41,7 @@ class LoopTree:
     @staticmethod
     def of(mechanism: Mechanism) -> "LoopTree":
         """Return the tree of a whole mechanism, rooted in the ground."""
-        return LoopTree(
-            len(mechanism.links), mechanism.ends, mechanism.variable_owners
-        )
+        return LoopTree(len(mechanism.links), mechanism.ends, mechanism.variable_owners)
 
     @cached_property
     def branches(self) -> tuple[tuple[int, int, int], ...]:
@@ -148,9 +146,7 @@ def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
     return PairStates(first, second, curvatures, rates, inside)
 
 
-def variable_vectors(
-    joints: Sequence[Joint], frames: Floats, curvatures: Floats
-) -> Floats:
+def variable_vectors(joints: Sequence[Joint], frames: Floats, curvatures: Floats) -> Floats:
     """Return the vectors (n, variables, 3) of all variables.
 
     `frames` (n, pairs, 3, 3) are the pair frames in the axes wanted, `curvatures` as in
@@ -184,9 +180,7 @@ class PairRates:
 
 def pair_axes(joints: Sequence[Joint], frames: Floats) -> Floats:
     """Return (n, pairs, 3): axis (R), contact line (Cr), normal of contact plane (Cs)."""
-    column = [
-        2 if isinstance(joint, Revolute) or joint.rolling else 0 for joint in joints
-    ]
+    column = [2 if isinstance(joint, Revolute) or joint.rolling else 0 for joint in joints]
     return np.stack([frames[:, k, :, c] for k, c in enumerate(column)], axis=1)
 
 
@@ -372,5 +366,46 @@ def _solve_rows(matrices: Floats, right: Floats) -> Floats:
             return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
         except np.linalg.LinAlgError:
             pass
-    inverse = np.linalg.pinv(matrices, rcond=1e-12)
+    inverse = np.linalg.pinv(matrices, rcond=REDUNDANT)
     return np.asarray(np.einsum("nij,nj->ni", inverse, right))
+
+
+REDUNDANT = 1e-10
+"""Equations whose relative singular value is below this repeat the others."""
+
+
+def left_inverse(matrices: Floats) -> Floats:
+    """Return inverses (n, k, m) of matrices (n, m, k) with m >= k; NaN where singular.
+
+    With more rows than columns the extra equations must agree with the others.
+    """
+    if matrices.shape[1] == matrices.shape[2]:
+        try:
+            return np.asarray(np.linalg.inv(matrices))
+        except np.linalg.LinAlgError:
+            return np.concatenate([_one_inverse(matrix[None]) for matrix in matrices])
+    inverse = np.full((len(matrices), matrices.shape[2], matrices.shape[1]), np.nan)
+    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    values = np.linalg.svd(matrices[finite], compute_uv=False)
+    columns = matrices.shape[2]
+    full = np.zeros(len(matrices), dtype=bool)
+    if values.shape[1] >= columns:
+        full[finite] = values[:, columns - 1] > REDUNDANT * values[:, 0]
+    inverse[full] = np.linalg.pinv(matrices[full], rcond=REDUNDANT)
+    return inverse
+
+
+def _one_inverse(matrix: Floats) -> Floats:
+    try:
+        return np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:
+        return np.full_like(matrix, np.nan)
+
+
+def rank_mobility(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Floats:
+    """Return the nullity (n,) of the velocity equations: the mobility at each sample."""
+    values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
+    if values.shape[1] == 0:
+        return np.full(len(vectors), vectors.shape[1])
+    rank = np.sum(values > tolerance * values[:, :1], axis=1)
+    return np.asarray(vectors.shape[1] - rank)

@@ -13,8 +13,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.motion.closure import Closure, pair_rates, variable_vectors
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.model.geometry import Contact
+from spherekit.motion.closure import Closure, left_inverse, pair_rates, variable_vectors
 from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2
@@ -27,6 +28,9 @@ variable goes as the square root of the way left and slope / bend is twice that 
 SMALLEST_STEP = 4e-13
 """A step below this means that the input has reached a dead centre (rad)."""
 MOST_NODES = 20000
+NEARLY_FLAT, NEARLY_EQUAL, NEARLY_ENDED = 1e-3, 1e-3, 1e-6
+"""How near the last node is to a dead centre (relative singular value), to equal
+curvatures, and to the end of an open profile (rad), to name it as the reason."""
 
 
 @final
@@ -34,19 +38,18 @@ MOST_NODES = 20000
 class Curve:
     """Nodes of one branch in rising input order, with exact slopes.
 
-    `inputs` (k,), `values` and `slopes` (k, variables) in rad and rad/rad. `ends_free` says
-    for both ends whether the branch ends there at a dead centre of the input (True) or
-    because the range does (False); `lost` whether the following gave up for neither.
+    `inputs` (k,), `values` and `slopes` (k, variables) in rad and rad/rad. `ends` say why
+    the curve goes no further at both ends: OK where the range ends, else the status of
+    the samples beyond.
     """
 
     inputs: Floats
     values: Floats
     slopes: Floats
-    ends_free: tuple[bool, bool]
-    lost: bool
+    ends: tuple[Status, Status]
 
     def predict(self, q: Floats) -> tuple[Floats, Floats]:
-        """Return Hermite values (n, variables) at inputs q (n,) and the local node spread."""
+        """Return Hermite values (n, variables) at inputs q (n,), and the nodes' spread."""
         k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, max(len(self.inputs) - 2, 0))
         if len(self.inputs) == 1:
             return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
@@ -92,21 +95,20 @@ def follow(closure: Closure, driven: int, values: Floats, low: float, high: floa
         (variables,) a closed configuration with `values[driven]` in [low, high], rad.
     """
     start = _node(closure, driven, values)
-    down, down_free, down_lost = _march(closure, driven, start, low)
-    up, up_free, up_lost = _march(closure, driven, start, high)
+    down, why_down = _march(closure, driven, start, low)
+    up, why_up = _march(closure, driven, start, high)
     nodes = [*reversed(down), start, *up]
     return Curve(
         np.array([node.q for node in nodes]),
         np.array([node.values for node in nodes]),
         np.array([node.slope for node in nodes]),
-        (down_free, up_free),
-        down_lost or up_lost,
+        (why_down, why_up),
     )
 
 
 def _march(
     closure: Closure, driven: int, start: _Node, stop: float
-) -> tuple[list[_Node], bool, bool]:
+) -> tuple[list[_Node], Status]:
     nodes: list[_Node] = []
     at = start
     way = 1.0 if stop > start.q else -1.0
@@ -124,10 +126,27 @@ def _march(
             at = new
             step *= 2.0
         elif step <= 2 * SMALLEST_STEP * max(1.0, abs(at.q)):
-            return nodes, at.flatness < 1e-3, at.flatness >= 1e-3
+            return nodes, _why_ended(closure, at)
         else:
             step *= 0.5
-    return nodes, False, len(nodes) >= MOST_NODES
+    return nodes, Status.BRANCH_LOST if len(nodes) >= MOST_NODES else Status.OK
+
+
+def _why_ended(closure: Closure, at: _Node) -> Status:
+    """Return the status of the samples beyond the last node that could be reached."""
+    _, states = closure.place(at.values[None])
+    for k, joint in enumerate(closure.joints):
+        if not isinstance(joint, Contact):
+            continue
+        if states.curvatures[0, k, 0] - states.curvatures[0, k, 1] < NEARLY_EQUAL:
+            return Status.CURVATURE
+        first = at.values[closure.tree.owners.index(k)]
+        last = first if joint.rolling else at.values[closure.tree.owners.index(k) + 1]
+        start = joint.start if joint.rolling else (0.0, 0.0)
+        for curve, s in ((joint.first, first + start[0]), (joint.second, last + start[1])):
+            if not curve.closed and min(s, curve.length - s) < NEARLY_ENDED:
+                return Status.OFF_PROFILE
+    return Status.OUT_OF_REACH if at.flatness < NEARLY_FLAT else Status.BRANCH_LOST
 
 
 def _advance(closure: Closure, driven: int, at: _Node, q: float) -> _Node | None:
@@ -163,17 +182,21 @@ def _node(closure: Closure, driven: int, values: Floats) -> _Node:
     jacobian = closure.tree.jacobian(vectors)[0]
     free = [e for e in range(jacobian.shape[1]) if e != driven]
     square = jacobian[:, free]
-    sign, _ = np.linalg.slogdet(square)
+    sign = determinant_sign(square)
     singular = np.linalg.svd(square, compute_uv=False)
     slope, bend = np.ones(len(values)), np.zeros(len(values))
-    try:
-        inverse = np.linalg.inv(square)
-    except np.linalg.LinAlgError:
-        inverse = np.full_like(square, np.nan)
+    inverse = left_inverse(square[None])[0]
     slope[free] = -inverse @ jacobian[:, driven]
     w = closure.tree.body_rates(vectors, slope[None])
     first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
     turned = pair_rates(closure.joints, frames, states, first, second).vectors
     bend[free] = -inverse @ (closure.tree.jacobian(turned)[0] @ slope)
     flatness = float(singular[-1] / singular[0])
-    return _Node(float(values[driven]), values, slope, bend, float(sign), flatness)
+    return _Node(float(values[driven]), values, slope, bend, sign, flatness)
+
+
+def determinant_sign(matrix: Floats) -> float:
+    """Return the sign of a square matrix's determinant; 1 for one with extra rows."""
+    if matrix.shape[0] != matrix.shape[1]:
+        return 1.0
+    return float(np.linalg.slogdet(matrix)[0])

@@ -40,7 +40,9 @@ class State:
     lost: Bools = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @staticmethod
-    def start(mechanism: Mechanism, joints: tuple[Joint, ...], driven: int, q: Floats) -> "State":
+    def start(
+        mechanism: Mechanism, joints: tuple[Joint, ...], driven: int, q: Floats
+    ) -> "State":
         """Return the state in which only the input pair has been given values q (n,)."""
         n = len(q)
         unturned = np.broadcast_to(np.eye(3), (n, 3, 3))

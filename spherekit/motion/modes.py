@@ -10,8 +10,8 @@ import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import SolveError
-from spherekit.model.geometry import Revolute
-from spherekit.motion.branches import Branch, Solver, determinant_sign, wrap
+from spherekit.model.geometry import Contact, Revolute
+from spherekit.motion.branches import Branch, Solver, determinant_signs, penetrates, wrap
 from spherekit.motion.closure import Closure, pair_axes
 from spherekit.motion.follow import follow
 from spherekit.motion.groups import (
@@ -131,14 +131,25 @@ def _followed_branches(
                 branch = Branch(0, signs, curve)
                 branches.append(_with_determinants(solver, branch, float(q)))
     if search or not branches:
-        for k in range(PROBES):
-            q = low + (k + 0.5) / PROBES * (high - low)
+        for q in _probes(solver, low, high):
             for _, values in assemblies(solver, q):
                 if len(branches) < MOST_BRANCHES and not _is_known(
                     solver, branches, q, values
                 ):
                     add(values)
     return branches
+
+
+def _probes(solver: Solver, low: float, high: float) -> list[float]:
+    """Return the inputs at which modes are searched for.
+
+    Wheels mesh again after every turn, in another position of the train: those positions
+    are one motion, so a mechanism with rolling pairs is assembled at one input only, and
+    of modes that differ by whole turns of wheels the one nearest to the start is kept.
+    """
+    if any(isinstance(j, Contact) and j.rolling for j in solver.joints):
+        return [low]
+    return [low + (k + 0.5) / PROBES * (high - low) for k in range(PROBES)]
 
 
 def _with_determinants(solver: Solver, branch: Branch, q: float) -> Branch:
@@ -154,7 +165,7 @@ def _with_determinants(solver: Solver, branch: Branch, q: float) -> Branch:
         else:
             start = predicted[:, group_variables(state, group)]
             _, _, jacobian = place_group(state, group, solver.mechanism.ends, start)
-            determinant, _ = determinant_sign(jacobian)
+            determinant, _ = determinant_signs(jacobian)
             determinants.append(float(determinant[0]))
     return Branch(branch.number, branch.signs, branch.curve, tuple(determinants))
 
@@ -235,6 +246,7 @@ def _search(solver: Solver, state: State, group: Group) -> list[Floats]:
     random = np.random.default_rng(20240616)
     single = group_closure(state, group, solver.mechanism.ends)
     low, high = _starting_range(single)
+    rolling = [variable for variable, _ in _rolling(single)]
     modes: list[Floats] = []
     poses: list[Floats] = []
     dry = 0
@@ -244,8 +256,12 @@ def _search(solver: Solver, state: State, group: Group) -> list[Floats]:
         known = len(modes)
         good = result.values[result.residual < CLOSURE_TOLERANCE]
         placed, states = single.place(good)
-        inside = np.all(states.inside, axis=1)
-        for values, pose in zip(good[inside], placed[inside], strict=True):
+        inside = np.all(states.inside, axis=1) & ~penetrates(single.joints, states)
+        order = np.argsort(np.sum(np.abs(good[:, rolling]), axis=1), kind="stable")
+        for row in order[inside[order]]:
+            values, pose = good[row], placed[row]
+            if any(_meshes_again(single, values, mode) for mode in modes):
+                continue
             if all(_far(pose, other) for other in poses):
                 modes.append(values)
                 poses.append(pose)
@@ -263,10 +279,32 @@ def _starting_range(closure: Closure) -> tuple[Floats, Floats]:
         if isinstance(joint, Revolute):
             low, high = [*low, -np.pi], [*high, np.pi]
         elif joint.rolling:
-            low, high = [*low, -joint.first.length], [*high, joint.first.length]
+            half = 0.5 * max(joint.first.length, joint.second.length)
+            low, high = [*low, -half], [*high, half]
         else:
             low, high = [*low, 0.0, 0.0], [*high, joint.first.length, joint.second.length]
     return np.array(low), np.array(high)
+
+
+def _rolling(closure: Closure) -> list[tuple[int, Contact]]:
+    """Return the variable and joint of every rolling pair."""
+    return [
+        (variable, joint)
+        for variable, pair in enumerate(closure.tree.owners)
+        if isinstance(joint := closure.joints[pair], Contact) and joint.rolling
+    ]
+
+
+def _meshes_again(closure: Closure, one: Floats, other: Floats) -> bool:
+    """Return whether two modes (variables,) differ by whole turns of rolling wheels."""
+    shifted = False
+    for variable, joint in _rolling(closure):
+        way = one[variable] - other[variable]
+        turns = [way / curve.length for curve in (joint.first, joint.second)]
+        if min(abs(turn - round(turn)) for turn in turns) > SAME_MODE:
+            return False
+        shifted |= abs(way) > SAME_MODE
+    return shifted
 
 
 def _far(one: Floats, other: Floats) -> bool:

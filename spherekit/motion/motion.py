@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status, listing
-from spherekit.errors import SolveError
+from spherekit.errors import PlanError, SolveError
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Branch, Solver
@@ -19,11 +19,13 @@ from spherekit.motion.closure import (
     pair_axes,
     pair_rates,
     pair_states,
+    rank_mobility,
     variable_vectors,
 )
 from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.poles import default_input
+from spherekit.planning.rigidity import graph_mobility
 from spherekit.sphere.rotation import Floats, quaternion
 
 DEFAULT_SAMPLES = 361
@@ -136,6 +138,8 @@ class Tracer:
             )
         self.solver = Solver(self.mechanism, self.assembly)
         self.branches = find_branches(self.solver, self.low, self.high, search)
+        if any(group.redundant for group in self.assembly.groups):
+            self._check_rank()
         if branch is not None:
             chosen = [item for item in self.branches if item.number == branch]
             if not chosen:
@@ -145,6 +149,18 @@ class Tracer:
                     f"are {numbers}"
                 )
             self.branches = tuple(chosen)
+
+    def _check_rank(self) -> None:
+        """Raise `PlanError` unless the rank at some configuration leaves one freedom."""
+        found = self.at(np.linspace(self.low, self.high, 9))
+        good = found.rows(found.status == Status.OK)
+        ranks = rank_mobility(self.solver.closure.tree, good.vectors)
+        if len(ranks) and np.min(ranks) != 1:
+            raise PlanError(
+                f"{self.mechanism.name}: mobility {np.min(ranks)} by rank with "
+                f"{graph_mobility(self.mechanism)} by the graph, but this needs 1; add or "
+                "remove a pair"
+            )
 
     @property
     def search(self) -> str:

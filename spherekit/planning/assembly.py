@@ -11,7 +11,7 @@ from typing import final
 
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import CONSTRAINTS, Mechanism
-from spherekit.planning.rigidity import Pebbles, check_single_freedom
+from spherekit.planning.rigidity import Pebbles, counted_freedom
 
 
 @final
@@ -21,13 +21,15 @@ class Group:
 
     `bodies` are sets of link numbers already rigid relative to each other; the first
     is the one the others are placed in. `ends[k]` are the positions in `bodies` that
-    pair `pairs[k]` joins, first link first.
+    pair `pairs[k]` joins, first link first. `redundant` says that it has more equations
+    than unknowns, which agree for the geometry given.
     """
 
     bodies: tuple[tuple[int, ...], ...]
     pairs: tuple[int, ...]
     ends: tuple[tuple[int, int], ...]
     revolute: bool = True
+    redundant: bool = False
 
     @property
     def is_dyad(self) -> bool:
@@ -44,6 +46,8 @@ class Group:
         """The group's name: dyad, triad, or its count of links and loops."""
         if self.is_dyad:
             return "dyad"
+        if self.redundant:
+            return f"over-constrained group of {len(self.bodies)} bodies"
         if not self.revolute:
             return f"contact group of {len(self.bodies)} bodies"
         if len(self.bodies) == 5:
@@ -73,7 +77,7 @@ def plan_assembly(mechanism: Mechanism, input_pair: str) -> Assembly:
     PlanError
         If the mechanism does not have exactly one freedom, or a part is rigid.
     """
-    check_single_freedom(mechanism)
+    counted = counted_freedom(mechanism)
     locked = mechanism.pair_number[mechanism.pair(input_pair).name]
     if mechanism.pairs[locked].type != "R":
         raise PlanError(
@@ -84,6 +88,8 @@ def plan_assembly(mechanism: Mechanism, input_pair: str) -> Assembly:
     a, b = mechanism.ends[locked]
     body_of[b] = a
     open_pairs = {n: ends for n, ends in enumerate(mechanism.ends) if n != locked}
+    if counted is None:
+        return Assembly(locked, (_whole(mechanism, body_of, list(open_pairs)),))
     taken = [CONSTRAINTS[pair.type] for pair in mechanism.pairs]
     game = Pebbles(len(mechanism.links))
     for n, ends in open_pairs.items():
@@ -122,6 +128,20 @@ def plan_assembly(mechanism: Mechanism, input_pair: str) -> Assembly:
         for n in inside:
             del open_pairs[n]
     return Assembly(locked, tuple(groups))
+
+
+def _whole(mechanism: Mechanism, body_of: list[int], pairs: list[int]) -> Group:
+    """Return all bodies as one group, for mechanisms with redundant constraints."""
+    bodies = sorted(set(body_of), key=lambda body: (body != body_of[0], body))
+    position = {body: k for k, body in enumerate(bodies)}
+    ends = [mechanism.ends[n] for n in pairs]
+    return Group(
+        bodies=tuple(_links_of(body, body_of) for body in bodies),
+        pairs=tuple(pairs),
+        ends=tuple((position[body_of[a]], position[body_of[b]]) for a, b in ends),
+        revolute=False,
+        redundant=True,
+    )
 
 
 def _links_of(body: int, body_of: list[int]) -> tuple[int, ...]:

@@ -14,7 +14,7 @@ from typing import final
 from spherekit.conventions import nearest
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.rigidity import Pebbles, check_single_freedom
+from spherekit.planning.rigidity import Pebbles, counted_freedom
 
 Pole = tuple[int, int]
 """Two link numbers, smaller first; the pole of the second relative to the first."""
@@ -163,7 +163,7 @@ def plan(
     PlanError
         If the mobility is not one, a part is rigid or loose, or a pole is unknown.
     """
-    game = check_single_freedom(mechanism)
+    game = counted_freedom(mechanism)
     name = input_pair or default_input(mechanism)
     driven = mechanism.pair_number[mechanism.pair(name).name]
     count = len(mechanism.links)
@@ -278,14 +278,19 @@ def _cheapest_lines(
 
 def _smallest_block(
     mechanism: Mechanism,
-    game: Pebbles,
+    game: Pebbles | None,
     parts: dict[Pole, set[int]],
     unknown: Sequence[Pole],
     round_number: int,
 ) -> BlockPoles:
-    """Solve the smallest part with an unknown pole; `parts` keeps them between calls."""
+    """Solve the smallest part with an unknown pole; `parts` keeps them between calls.
+
+    Where counting does not decide on freedoms (`game` is None) the part is the whole.
+    """
     for pole in unknown:
-        if pole not in parts:
+        if game is None:
+            parts[pole] = set(range(len(mechanism.links)))
+        elif pole not in parts:
             parts[pole] = game.moving_part(*pole)
     inside = min((parts[pole] for pole in unknown), key=len)
     return BlockPoles(

@@ -105,27 +105,42 @@ def graph_mobility(mechanism: Mechanism) -> int:
     return FREEDOMS * (len(mechanism.links) - 1) - taken
 
 
-def check_single_freedom(mechanism: Mechanism) -> Pebbles:
-    """Check that a mechanism is one piece with one freedom and no rigid part.
+def counted_freedom(mechanism: Mechanism) -> Pebbles | None:
+    """Check by counting that a mechanism is one piece with one freedom.
 
     Returns
     -------
-    Pebbles
-        The played game, for questions about parts of the chain.
+    Pebbles or None
+        The played game, for questions about parts of the chain. None where the count is
+        not one but rolling pairs may make constraints redundant, as in every bevel pair
+        whose axes are held apart: then only the rank at a configuration decides.
 
     Raises
     ------
     PlanError
         Naming the links that are loose, rigid or over-constrained, or the mobility.
     """
-    where = mechanism.name
+    _check_connected(mechanism)
+    try:
+        return _play(mechanism)
+    except PlanError:
+        if any(pair.type == "Cr" for pair in mechanism.pairs):
+            return None
+        raise
+
+
+def _check_connected(mechanism: Mechanism) -> None:
     parts = pieces(mechanism)
     if len(parts) > 1:
         loose = "; ".join(", ".join(part) for part in parts[1:])
         raise PlanError(
-            f"{where}: the graph is not connected: no pairs join the ground to "
+            f"{mechanism.name}: the graph is not connected: no pairs join the ground to "
             f"[{loose}]; add the missing pairs or remove these links"
         )
+
+
+def _play(mechanism: Mechanism) -> Pebbles:
+    where = mechanism.name
     game = Pebbles(len(mechanism.links))
     names = mechanism.links
     for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):

@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.motion.closure import LoopTree
+from spherekit.motion.closure import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
 
@@ -41,7 +41,7 @@ def driven_rates(motion: Motion, rows: NDArray[np.bool_]) -> LinkRates:
     vectors = motion.vectors
     free = [v for v in range(vectors.shape[1]) if v != driven]
     jacobian = tree.jacobian(vectors)
-    inverse = _inverse(jacobian[:, :, free])
+    inverse = left_inverse(jacobian[:, :, free])
     rates = np.ones((len(vectors), vectors.shape[1]))
     rates[:, free] = -np.einsum("nij,nj->ni", inverse, jacobian[:, :, driven])
     w = tree.body_rates(vectors, rates)
@@ -77,7 +77,7 @@ def null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
     border = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
     for _ in range(2):
         bordered = np.concatenate([jacobian, border[:, None, :]], axis=1)
-        inverse = _inverse(bordered)
+        inverse = left_inverse(bordered)
         rates = inverse[:, :, -1]
         rates = rates / np.linalg.norm(rates, axis=1, keepdims=True)
         border = rates
@@ -91,25 +91,3 @@ def null_motion_rate(
     bias = np.einsum("nij,nj->ni", tree.jacobian(turned), motion.rates)
     second = -np.einsum("nij,nj->ni", motion.inverse[:, :, :-1], bias)
     return tree.body_rates(vectors, second) + tree.body_rates(turned, motion.rates)
-
-
-def rank_mobility(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Floats:
-    """Return the nullity (n,) of the velocity equations: the mobility at each sample."""
-    values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
-    if values.shape[1] == 0:
-        return np.full(len(vectors), vectors.shape[1])
-    rank = np.sum(values > tolerance * values[:, :1], axis=1)
-    return np.asarray(vectors.shape[1] - rank)
-
-
-def _inverse(matrices: Floats) -> Floats:
-    try:
-        return np.asarray(np.linalg.inv(matrices))
-    except np.linalg.LinAlgError:
-        out = np.full_like(matrices, np.nan)
-        for k, matrix in enumerate(matrices):
-            try:
-                out[k] = np.linalg.inv(matrix)
-            except np.linalg.LinAlgError:
-                continue
-        return out

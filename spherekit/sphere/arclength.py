@@ -1,0 +1,124 @@
+"""Arc length of a curve against its own parameter: measured once, inverted when asked."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from numpy.typing import NDArray
+
+from spherekit.sphere.paths import Path
+from spherekit.sphere.rotation import Floats
+
+SLOWEST = 1e-5
+"""A curve whose speed falls below this part of its mean speed has a cusp."""
+
+_ORDER = 16
+_DEEPEST = 40
+_TAIL = 1e-15
+
+
+@final
+@dataclass(frozen=True)
+class ArcLength:
+    """Arc length against the parameter u, as Legendre series of the speed on panels.
+
+    `edges` (panels + 1,) in u and `starts` (panels + 1,) in s bound the panels;
+    `speeds` (order, panels) are the coefficients of ds/dx, x = -1 to 1 on each.
+    """
+
+    edges: Floats
+    starts: Floats
+    speeds: Floats
+
+    @property
+    def length(self) -> float:
+        """The whole arc length (rad)."""
+        return float(self.starts[-1])
+
+    def at_edge(self, u: Floats) -> Floats:
+        """Return the arc lengths of parameters that are edges."""
+        return np.asarray(self.starts[np.searchsorted(self.edges, u)])
+
+    def invert(self, s: Floats) -> Floats:
+        """Return u (n,) at arc lengths s (n,) by Newton steps kept inside a bracket."""
+        last = len(self.edges) - 2
+        panel = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, last)
+        target = s - self.starts[panel]
+        low, high = np.full(s.shape, -1.0), np.full(s.shape, 1.0)
+        x = 2.0 * target / (self.starts[panel + 1] - self.starts[panel]) - 1.0
+        done = ~np.isfinite(x)
+        for _ in range(100):
+            covered, rate = self.within(panel, x)
+            low = np.where(covered <= target, x, low)
+            high = np.where(covered >= target, x, high)
+            new = x - (covered - target) / rate
+            lost = (new < low - 1e-9) | (new > high + 1e-9)
+            new = np.where(lost, 0.5 * (low + high), new)
+            near = ~lost & (np.abs(new - x) < 1e-9)
+            x, done = np.where(done, x, new), done | near
+            if np.all(done):
+                break
+        half = 0.5 * (self.edges[panel + 1] - self.edges[panel])
+        return np.asarray(self.edges[panel] + half * (1.0 + np.clip(x, -1.0, 1.0)))
+
+    def within(self, panel: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
+        """Return the arc length from a panel's start to x, and ds/dx, both (n,)."""
+        before, here = np.ones_like(x), x
+        rate = self.speeds[0, panel]
+        covered = rate * (1.0 + x)
+        for degree in range(1, len(self.speeds)):
+            after = ((2 * degree + 1) * x * here - degree * before) / (degree + 1)
+            part = self.speeds[degree, panel]
+            rate = rate + part * here
+            covered = covered + part * (after - before) / (2 * degree + 1)
+            before, here = here, after
+        return covered, rate
+
+
+def measure(path: Path, edges: Floats) -> ArcLength:
+    """Return the table of arc length over panels, halved until the series has ended.
+
+    Gauss-Legendre nodes give each series; the curve has to be smooth between `edges`.
+    """
+    nodes, weights = leggauss(_ORDER)
+    rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
+    rows *= np.arange(_ORDER) + 0.5
+    low, high = edges[:-1], edges[1:]
+    ready: list[tuple[Floats, Floats, Floats]] = []
+    slowest, where, total = np.inf, 0.0, 0.0
+    for depth in range(_DEEPEST + 1):
+        half = 0.5 * (high - low)
+        u = low[:, None] + half[:, None] * (1.0 + nodes)
+        speed = path.speed(u)
+        at = np.unravel_index(int(np.argmin(speed)), speed.shape)
+        if speed[at] < slowest:
+            slowest, where = float(speed[at]), float(u[at])
+        series = half[:, None] * (speed @ rows)
+        if depth == 0:
+            total = 2.0 * float(np.sum(series[:, 0]))
+        tail = np.max(np.abs(series[:, -2:]), axis=1) / _ORDER
+        smooth = (tail <= _TAIL * total) | (depth == _DEEPEST)
+        ready.append((low[smooth], high[smooth], series[smooth]))
+        rest = ~smooth
+        middle = low[rest] + half[rest]
+        low = np.concatenate([low[rest], middle])
+        high = np.concatenate([middle, high[rest]])
+        if not len(low):
+            break
+    ends = path.speed(edges)
+    if np.min(ends) < slowest:
+        slowest, where = float(np.min(ends)), float(edges[np.argmin(ends)])
+    if slowest < SLOWEST * total / (edges[-1] - edges[0]):
+        raise ValueError(
+            f"the curve has a cusp near {path.place(where)}: its speed vanishes there; a "
+            "profile has to be smooth"
+        )
+    starts = np.concatenate([part[0] for part in ready])
+    order = np.argsort(starts)
+    speeds = np.concatenate([part[2] for part in ready])[order]
+    return ArcLength(
+        edges=np.append(starts[order], edges[-1]),
+        starts=np.concatenate([[0.0], np.cumsum(2.0 * speeds[:, 0])]),
+        speeds=np.ascontiguousarray(speeds.T),
+    )

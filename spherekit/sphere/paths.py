@@ -1,0 +1,151 @@
+"""Curves on the unit sphere in a parameter of their own: a Fourier colatitude, a spline."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherekit.sphere.rotation import Floats, cross, frame_from
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+UNIT_TOLERANCE = 1e-6
+"""Centres and points may differ from unit length by this much; they are normalised."""
+
+
+class Path(Protocol):
+    """A curve in a parameter u of its own."""
+
+    def speed(self, u: Floats) -> Floats:
+        """Return |dp/du| at u of any shape."""
+
+    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
+
+    def place(self, u: float) -> str:
+        """Return words for where u is."""
+
+
+@final
+@dataclass(frozen=True)
+class FourierPath:
+    """A colatitude about the third column of `axes`; its parameter is the azimuth."""
+
+    axes: Floats
+    cosines: Floats
+    sines: Floats
+
+    def colatitude(self, a: Floats, derivatives: int) -> list[Floats]:
+        """Return the colatitude and so many derivatives at azimuths a of any shape."""
+        out = [np.full_like(a, self.cosines[0])]
+        out += [np.zeros_like(a) for _ in range(derivatives)]
+        for k in range(1, len(self.cosines)):
+            c, s = np.cos(k * a), np.sin(k * a)
+            even, odd = float(self.cosines[k]), float(self.sines[k])
+            for order in range(derivatives + 1):
+                out[order] += even * c + odd * s
+                even, odd = k * odd, -k * even
+        return out
+
+    def speed(self, u: Floats) -> Floats:
+        """Return |dp/du| at u of any shape."""
+        colatitude, slope = self.colatitude(u, 1)
+        return np.asarray(np.hypot(slope, np.sin(colatitude)))
+
+    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
+        colatitude, d1, d2, d3 = self.colatitude(u, 3)
+        s, c = np.sin(colatitude), np.cos(colatitude)
+        outward, along = turned(self.axes, u)
+        centre = self.axes[:, 2]
+        point = c[:, None] * centre + s[:, None] * outward
+        away = c[:, None] * outward - s[:, None] * centre
+        v = np.hypot(d1, s)
+        tangent = (d1 / v)[:, None] * away + (s / v)[:, None] * along
+        # k = bend / v^3 with bend = det(p, p', p''), in the basis away, along
+        bend = 2.0 * c * d1**2 + s * (s * c - d2)
+        bend_rate = d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
+        v_rate = d1 * (d2 + s * c) / v
+        k = bend / v**3
+        return exact_frame(point, tangent), k, bend_rate / v**4 - 3.0 * k * v_rate / v**2
+
+    def place(self, u: float) -> str:
+        """Return words for where u is."""
+        return f"azimuth {np.rad2deg(u) % 360.0:.6g} deg"
+
+
+@final
+@dataclass(frozen=True)
+class SplinePath:
+    """The radial projection p = x / |x| of a spline x(u) in space through points."""
+
+    spline: "BSpline"
+    knots: Floats
+    closed: bool
+
+    def speed(self, u: Floats) -> Floats:
+        """Return |dp/du| at u of any shape."""
+        x, x1 = self.spline(u), self.spline(u, 1)
+        across = cross(x, x1)
+        return np.asarray(np.sqrt(dot(across, across)) / dot(x, x))
+
+    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
+        x, x1, x2, x3 = (self.spline(u, order) for order in range(4))
+        r = np.sqrt(dot(x, x))
+        across = cross(x, x1)
+        size = np.sqrt(dot(across, across))
+        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|; |p'| = size / r^2
+        ratio = r / size
+        bend, bend_rate = dot(across, x2), dot(across, x3)
+        ratio_rate = ratio * (dot(x, x1) / r**2 - dot(across, cross(x, x2)) / size**2)
+        k_rate = ratio**3 * bend_rate + 3.0 * ratio**2 * ratio_rate * bend
+        k_rate = k_rate * r**2 / size
+        return exact_frame(x, cross(across, x)), ratio**3 * bend, k_rate
+
+    def place(self, u: float) -> str:
+        """Return words for where u is."""
+        count = len(self.knots) - int(self.closed)
+        return f"point {1 + int(np.argmin(np.abs(self.knots - u))) % count}"
+
+
+def quintic(knots: Floats, points: Floats, closed: bool) -> "BSpline":
+    """Return the quintic spline through points (m, 3) at knots (m,), periodic if closed."""
+    from scipy.interpolate import make_interp_spline
+
+    return make_interp_spline(knots, points, k=5, bc_type="periodic" if closed else None)
+
+
+def axes_about(centre: ArrayLike) -> Floats:
+    """Return axes (3, 3): columns towards azimuth 0 and 90 degrees, and the centre."""
+    given = np.array(centre, dtype=float)
+    size = float(np.sqrt(dot(given, given)))
+    if not abs(size - 1.0) <= UNIT_TOLERANCE:
+        raise ValueError(f"the centre has length {size:.9g}; it has to be a unit vector")
+    unit = given / size
+    first = np.eye(3)[1 if abs(unit[0]) > 0.9 else 0]
+    for _ in range(2):
+        first = first - dot(first, unit) * unit
+        first = first / np.sqrt(dot(first, first))
+    return np.stack([first, cross(unit, first), unit], axis=1)
+
+
+def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
+    """Return the unit vectors (n, 3) at right angles to the third axis: out, onward."""
+    c, s = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
+    return c * axes[:, 0] + s * axes[:, 1], c * axes[:, 1] - s * axes[:, 0]
+
+
+def dot(a: Floats, b: Floats) -> Floats:
+    """Return the products (...) of vectors (..., 3), the same for one as for many."""
+    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
+
+
+def exact_frame(point: Floats, tangent: Floats) -> Floats:
+    """Return frames (n, 3, 3) orthonormal to rounding from directions nearly so."""
+    p = point / np.sqrt(dot(point, point))[:, None]
+    t = tangent / np.sqrt(dot(tangent, tangent))[:, None]
+    t = t - dot(t, p)[:, None] * p
+    return frame_from(p, t / np.sqrt(dot(t, t))[:, None])

@@ -1,0 +1,373 @@
+"""Profiles: curves on the unit sphere against closed forms and 50-digit arithmetic."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import leggauss
+
+from spherekit.sphere import profile
+from spherekit.sphere.paths import SplinePath
+from spherekit.sphere.rotation import arc, transpose
+
+CENTRE = np.array([2.0, -1.0, 2.0]) / 3.0
+COSINES, SINES = [0.8, 0.11, -0.05, 0.02], [0.0, -0.07, 0.0, 0.03]
+
+
+def cam():
+    return profile.fourier(CENTRE, COSINES, SINES)
+
+
+def spherical(longitude, latitude):
+    c = np.cos(latitude)
+    return np.stack(
+        [c * np.cos(longitude), c * np.sin(longitude), np.sin(latitude)], axis=-1
+    )
+
+
+def lobes(a, depth=0.2):
+    """Points of a curve with three lobes; `a` is not its arc length."""
+    return spherical(a, 0.6 + depth * np.sin(3 * a))
+
+
+def curves():
+    a = np.arange(40) * (2 * np.pi / 40)
+    yield profile.circle(CENTRE, 0.4)
+    yield profile.circle([0.0, 0.0, 1.0], 2.9)
+    yield profile.great_circle([1.0, 0.0, 0.0])
+    yield cam()
+    yield profile.through(lobes(a))
+    yield profile.through(lobes(a[:25]), closed=False)
+
+
+@pytest.fixture(params=range(6))
+def curve(request):
+    return list(curves())[request.param]
+
+
+def exact_cam(a):
+    """Return s, p, t, n and dp/ds, dt/ds, dn/ds, k, dk/ds at azimuth a, in 50 digits."""
+    with mp.workdps(50):
+        size = mp.sqrt(9)
+        c = [2 / size, -1 / size, 2 / size]
+        first = [1 - c[0] * c[0], -c[0] * c[1], -c[0] * c[2]]
+        norm = mp.sqrt(mp.fdot(first, first))
+        first = [x / norm for x in first]
+
+        def cross(x, y):
+            return [
+                x[1] * y[2] - x[2] * y[1],
+                x[2] * y[0] - x[0] * y[2],
+                x[0] * y[1] - x[1] * y[0],
+            ]
+
+        second = cross(c, first)
+
+        def point(u):
+            angle = mp.fsum(mp.mpf(x) * mp.cos(k * u) for k, x in enumerate(COSINES))
+            angle += mp.fsum(mp.mpf(x) * mp.sin(k * u) for k, x in enumerate(SINES))
+            return [
+                mp.cos(angle) * c[i]
+                + mp.sin(angle) * (mp.cos(u) * first[i] + mp.sin(u) * second[i])
+                for i in range(3)
+            ]
+
+        def derivative(vector, u):
+            with mp.workdps(90):
+                return [
+                    mp.diff(lambda v, i=i: vector(v)[i], u, h=mp.mpf(10) ** -30)
+                    for i in range(3)
+                ]
+
+        def velocity(u):
+            return [mp.diff(lambda v, i=i: point(v)[i], u) for i in range(3)]
+
+        def speed(u):
+            v = velocity(u)
+            return mp.sqrt(mp.fdot(v, v))
+
+        def tangent(u):
+            v = velocity(u)
+            return [x / mp.sqrt(mp.fdot(v, v)) for x in v]
+
+        def normal(u):
+            return cross(point(u), tangent(u))
+
+        def curvature(u):
+            with mp.workdps(90):
+                return mp.fdot(derivative(tangent, u), normal(u)) / speed(u)
+
+        u = mp.mpf(a)
+        rate = speed(u)
+        rates = [[x / rate for x in derivative(f, u)] for f in (point, tangent, normal)]
+        with mp.workdps(25):
+            s = mp.quad(speed, mp.linspace(0, u, 9))
+        with mp.workdps(90):
+            k_rate = mp.diff(curvature, u, h=mp.mpf(10) ** -15) / rate
+        out = [s, point(u), tangent(u), normal(u), *rates, curvature(u), k_rate]
+        return [np.array(x, dtype=float) for x in out]
+
+
+@pytest.mark.parametrize("azimuth", [0.7, 2.9, 5.5])
+def test_frame_and_derivatives_equal_50_digit_arithmetic(azimuth):
+    s, p, t, n, dp, dt, dn, k, dk = exact_cam(azimuth)
+    got = cam().at(s[None])
+    frame, curvature = got.frame[0], got.curvature[0]
+    tight = {"rtol": 0, "atol": 1e-13}
+    np.testing.assert_allclose(frame, np.stack([t, n, p], axis=1), **tight)
+    np.testing.assert_allclose(curvature, k, rtol=1e-12)
+    np.testing.assert_allclose(got.curvature_rate[0], dk, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(frame[:, 0], dp, **tight)
+    np.testing.assert_allclose(
+        curvature * frame[:, 1] - frame[:, 2], dt, rtol=0, atol=1e-12
+    )
+    np.testing.assert_allclose(-curvature * frame[:, 0], dn, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("radius", [1e-3, 0.4, np.pi / 2, 2.9])
+def test_circle_has_its_closed_form(radius):
+    made = profile.circle(CENTRE, radius)
+    s = np.linspace(-1.0, 2.0, 50) * made.length
+    got = made.at(s)
+    p, n = got.frame[:, :, 2], got.frame[:, :, 1]
+    np.testing.assert_allclose(made.length, 2 * np.pi * np.sin(radius), rtol=1e-15)
+    np.testing.assert_allclose(arc(p, CENTRE[None]), radius, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(got.curvature, 1 / np.tan(radius), rtol=1e-15, atol=1e-16)
+    centre = np.sin(radius) * n + np.cos(radius) * p
+    np.testing.assert_allclose(centre, CENTRE[None] + 0 * p, rtol=0, atol=1e-15)
+    assert np.all(got.curvature_rate == 0.0)
+
+
+def test_circles_equal_their_fourier_series_and_share_its_start():
+    for centre in (CENTRE, np.array([0.6, 0.0, -0.8]), np.array([-1.0, 0.0, 0.0])):
+        plain, series = profile.circle(centre, 0.7), profile.fourier(centre, [0.7])
+        s = np.linspace(-3.0, 9.0, 31)
+        np.testing.assert_allclose(plain.at(s).frame, series.at(s).frame, atol=1e-14)
+        np.testing.assert_allclose(series.at(s).curvature, 1 / np.tan(0.7), rtol=1e-14)
+        start = plain.at([0.0]).frame[0, :, 2] - np.cos(0.7) * centre
+        axis = np.eye(3)[1 if abs(centre[0]) > 0.9 else 0]
+        assert start @ axis > 0 and abs(np.cross(centre, axis) @ start) < 1e-15
+
+
+def test_frames_are_orthonormal(curve):
+    s = np.linspace(-0.3, 1.3, 301) * curve.length
+    frame = curve.at(s).frame
+    np.testing.assert_allclose(transpose(frame) @ frame - np.eye(3), 0.0, atol=9e-16)
+    np.testing.assert_allclose(np.linalg.det(frame), 1.0, rtol=2e-15)
+
+
+def test_frames_obey_their_equations_in_arc_length(curve):
+    # integral forms over short spans, by Gauss quadrature: p, t, n and k from their rates
+    x, w = leggauss(10)
+    parts = np.linspace(0.0, 1.0, 401) * curve.length
+    if isinstance(getattr(curve, "path", None), SplinePath):
+        parts = np.union1d(parts, curve.table.at_edge(curve.path.knots))
+    half = 0.5 * np.diff(parts)
+    s = parts[:-1, None] + half[:, None] * (1 + x)
+    got = curve.at(s.ravel())
+    t, n, p = (got.frame[:, :, i] for i in range(3))
+    k = got.curvature[:, None]
+    rates = np.concatenate([k * n - p, -k * t, t, got.curvature_rate[:, None]], axis=1)
+    change = half[:, None] * np.einsum("j,ijc->ic", w, rates.reshape(-1, 10, 10))
+    there = curve.at(parts)
+    values = [*(there.frame[:, :, i] for i in range(3)), there.curvature[:, None]]
+    if curve.closed:
+        values = [np.concatenate([v[:-1], v[:1]]) for v in values]
+    grown = np.diff(np.concatenate(values, axis=1), axis=0)
+    np.testing.assert_allclose(change, grown, rtol=0, atol=1e-13 * (1 + np.max(np.abs(k))))
+
+
+def test_reversing(curve):
+    back = curve.reversed()
+    s = np.linspace(0.0, 1.0, 40) * curve.length
+    here, there = back.at(s), curve.at(-s if curve.closed else curve.length - s)
+    assert (back.length, back.closed) == (curve.length, curve.closed)
+    np.testing.assert_array_equal(here.frame, there.frame * [-1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(here.curvature, -there.curvature)
+    np.testing.assert_array_equal(here.curvature_rate, there.curvature_rate)
+    assert np.all(here.inside)
+    np.testing.assert_array_equal(back.reversed().at(s).frame, curve.at(s).frame)
+    start = curve.at([0.0 if curve.closed else curve.length]).frame[0, :, 2]
+    np.testing.assert_array_equal(here.frame[0, :, 2], start)
+
+
+def test_closed_curves_repeat_and_open_ones_stop(curve):
+    s = np.linspace(0.0, 1.0, 33) * curve.length
+    once, again = curve.at(s), curve.at(s + curve.length)
+    assert np.all(once.inside)
+    if curve.closed:
+        assert np.all(again.inside) and np.all(curve.at(s - 3 * curve.length).inside)
+        scale = np.max(np.abs(once.curvature_rate)) + np.max(np.abs(once.curvature)) + 1
+        np.testing.assert_allclose(again.frame, once.frame, atol=1e-14 * scale)
+        np.testing.assert_allclose(again.curvature, once.curvature, atol=1e-13 * scale)
+    else:
+        assert not np.any(again.inside[1:])
+        np.testing.assert_array_equal(again.frame[5], once.frame[-1])
+        early = curve.at([-0.1])
+        assert not early.inside[0]
+        np.testing.assert_array_equal(early.frame[0], once.frame[0])
+
+
+def test_many_at_once_equal_one_by_one(curve):
+    s = np.random.default_rng(5).uniform(-0.2, 1.4, 60) * curve.length
+    together = curve.at(s)
+    for name in ("frame", "curvature", "curvature_rate", "inside"):
+        single = np.concatenate([getattr(curve.at(each[None]), name) for each in s])
+        np.testing.assert_array_equal(getattr(together, name), single)
+    assert curve.at(np.zeros(0)).frame.shape == (0, 3, 3)
+
+
+def test_not_a_number_stays_one_without_a_warning(curve):
+    got = curve.at([np.nan, 0.1, np.inf])
+    assert got.inside.tolist() == [False, True, False]
+    assert np.isnan(got.frame[[0, 2]]).all() and np.isnan(got.curvature[[0, 2]]).all()
+    assert np.isfinite(got.frame[1]).all()
+
+
+def test_arc_lengths_are_exact():
+    # a second quadrature: the trapezium rule has spectral accuracy on a closed curve
+    a = np.arange(512) * (2 * np.pi / 512)
+    made = cam()
+    assert made.length == pytest.approx(2 * np.pi * np.mean(made.path.speed(a)), rel=2e-15)
+    with mp.workdps(30):
+        for size in (0.9, 3.0, 6.1):
+            s, *_ = exact_cam(size)
+            u = made.table.invert(s[None])
+            assert abs(float(u[0]) - size) < 2e-14
+
+
+@pytest.mark.parametrize(
+    ("cosines", "sines"),
+    [(COSINES, SINES), ([1.4, 0.9], []), ([1.57] + 11 * [0.0] + [0.05], [])],
+)
+def test_total_curvature_and_area_make_a_full_turn(cosines, sines):
+    # Gauss-Bonnet; the area is the integral of 1 - cos(colatitude) over azimuth
+    made = profile.fourier(CENTRE, cosines, sines)
+    s = (np.arange(8192) + 0.5) * (made.length / 8192)
+    turned = made.length * np.mean(made.at(s).curvature)
+    a = np.arange(4096) * (2 * np.pi / 4096)
+    colatitude = made.path.colatitude(a, 0)[0]
+    area = 2 * np.pi * np.mean(1 - np.cos(colatitude))
+    assert turned == pytest.approx(2 * np.pi - area, abs=1e-12)
+
+
+@pytest.mark.parametrize("uneven", [0.0, 0.3])
+@pytest.mark.parametrize("closed", [True, False])
+def test_curves_through_points_of_a_circle_converge_fast(closed, uneven):
+    radius, errors = 0.7, []
+    counts = (20, 40, 80) if closed else (16, 32, 64)
+    for count in counts:
+        a = np.arange(count) * (2 * np.pi / count if closed else 4.0 / (count - 1))
+        a = a + uneven * np.sin(a)
+        made = profile.through(spherical(a, np.pi / 2 - radius + 0 * a), closed)
+        s = np.linspace(0.0, 1.0, 777) * made.length
+        got = made.at(s)
+        place = np.abs(arc(got.frame[:, :, 2], np.array([[0.0, 0.0, 1.0]])) - radius)
+        error = [
+            place,
+            np.abs(got.curvature - 1 / np.tan(radius)),
+            np.abs(got.curvature_rate),
+        ]
+        errors.append([np.max(each) for each in error])
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert np.all(orders[-1] > np.array([5.5, 3.6, 2.6])), (errors, orders)
+    assert errors[-1][1] < 5e-5
+
+
+def test_curves_through_points_meet_them_and_converge_to_the_curve_they_are_from():
+    made, errors = cam(), []
+    for count in (40, 80, 160):
+        points = made.at(made.length * np.arange(count) / count).frame[:, :, 2]
+        spline = profile.through(points)
+        edges = spline.table.at_edge(spline.path.knots)
+        got = spline.at(edges[:-1]).frame[:, :, 2]
+        np.testing.assert_allclose(got, points, rtol=0, atol=2e-14)
+        s = np.linspace(0.0, 1.0, 500)
+        k = spline.at(s * spline.length).curvature - made.at(s * made.length).curvature
+        errors.append(np.max(np.abs(k)))
+    assert np.log2(errors[1] / errors[2]) > 3.6, errors
+
+
+def test_curvature_rate_is_continuous_through_the_points():
+    made = profile.through(lobes(np.arange(40) * (2 * np.pi / 40)))
+    knots = made.table.at_edge(made.path.knots)[:-1]
+    before, after = made.at(knots - 1e-9), made.at(knots + 1e-9)
+    np.testing.assert_allclose(before.curvature_rate, after.curvature_rate, atol=1e-4)
+
+
+def eight(count, shift):
+    a = (np.arange(count) + shift) * (2 * np.pi / count)
+    return spherical(0.8 * np.sin(a), 0.4 * np.sin(2 * a))
+
+
+TURN = np.arange(12) * (2 * np.pi / 12)
+RING = spherical(TURN, 0.3 + 0 * TURN)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: profile.circle(CENTRE, 0.0), "radius is 0 deg; it has to lie between"),
+        (lambda: profile.circle(CENTRE, 3.2), "radius is 183.346 deg"),
+        (lambda: profile.circle(CENTRE, np.nan), "radius is nan"),
+        (lambda: profile.circle([1.0, 1.0, 0.0], 1.0), "centre has length 1.4142"),
+        (lambda: profile.great_circle([0.0, 0.0, 0.0]), "centre has length 0"),
+        (lambda: profile.fourier(CENTRE, []), "colatitude is 0 deg"),
+        (
+            lambda: profile.fourier(CENTRE, [0.5, 0.6]),
+            "colatitude is -5.72958 deg at azimuth 180 deg; it has to stay",
+        ),
+        (
+            lambda: profile.fourier(CENTRE, [3.0], [0.0, 0.2]),
+            "colatitude is 183.346 deg at azimuth 90 deg",
+        ),
+        (lambda: profile.fourier(CENTRE, [np.inf]), "coefficients .* finite"),
+        (
+            lambda: profile.fourier(CENTRE, [0.5 + 1e-6, 0.5]),
+            "cusp near azimuth 180 deg: its speed vanishes",
+        ),
+        (lambda: profile.through(RING[:5]), "has 5 points; it needs at least 6"),
+        (lambda: profile.through(RING[:, :2]), r"shape \(12, 2\)"),
+        (lambda: profile.through(1.01 * RING), "point 1 has length 1.01"),
+        (lambda: profile.through(RING + np.nan), "point 1 has length nan"),
+        (
+            lambda: profile.through(np.concatenate([RING, RING[:1]])),
+            "last point, 13, repeats the first; leave it out",
+        ),
+        (lambda: profile.through(RING[[0, 1, 1, 2, 3, 4, 5]]), "points 2 and 3 coincide"),
+        (lambda: profile.through(RING[:8]), "points 8 and 1 are 1.* deg apart"),
+        (
+            lambda: profile.through(
+                spherical(0.1 * np.array([0, 1, 2, 3, 2, 1, -1]), np.zeros(7)), False
+            ),
+            "cusp near point 4: its speed vanishes there",
+        ),
+        (
+            lambda: profile.through(eight(16, 0.5)),
+            "meets itself: between points 8 and 9 and between points 16 and 1",
+        ),
+        (lambda: profile.through(eight(16, 0.0)), "meets itself: between points"),
+        (lambda: profile.through(eight(400, 0.31)), "meets itself: between points"),
+        (
+            lambda: profile.through(
+                spherical(2 * TURN + 0.1, 0.3 + 0.1 * np.cos(TURN)),
+            ),
+            "meets itself",
+        ),
+    ],
+)
+def test_wrong_profiles_are_refused_in_words(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_an_open_curve_may_meet_itself_and_its_start():
+    assert not profile.through(eight(16, 0.5), closed=False).closed
+    assert profile.through(np.concatenate([RING, RING[:1]]), closed=False).length < 6.1
+
+
+def test_narrow_but_simple_closed_curves_are_accepted():
+    # two long flanks 1e-3 rad apart, and points that crowd together on one side
+    a = np.arange(300) * (2 * np.pi / 300)
+    assert profile.through(spherical(0.5 * np.cos(a), 1e-3 * np.sin(a))).closed
+    assert profile.through(lobes(a + 0.95 * np.sin(a))).closed
+    assert profile.through(RING).closed
