@@ -1,6 +1,7 @@
 """Rolling and sliding contact: cams as four-bars, gears, exact derivatives."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -26,6 +27,7 @@ from spherekit.planning.poles import all_poles, plan
 from spherekit.rates.request import request
 
 DEGREE = np.pi / 180
+ROOT = Path(__file__).parent.parent
 
 
 def at(colatitude):
@@ -474,3 +476,69 @@ def test_running_off_an_open_profile_has_a_status():
         for q, p in zip(open_motion.q[ok], psi, strict=True)
     ]
     assert np.nanmax(nearest) < 1e-5
+
+
+def test_profiles_that_do_not_touch_in_the_reference_pose():
+    circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
+    made = Mechanism(
+        "apart",
+        "1",
+        ("1", "2", "3"),
+        (
+            Pair("12", "R", ("1", "2")),
+            Pair("13", "R", ("1", "3")),
+            Pair("23", "Cs", ("2", "3"), (circle, circle)),
+        ),
+        PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)}),
+    )
+    with pytest.raises(ModelError, match=r"pairs\.23: the profiles do not touch"):
+        sk.trace(made)
+    with pytest.raises(PlanError, match="is a contact pair; choose an R pair"):
+        sk.trace(made, input_pair="23")
+
+
+def test_gears_in_a_file(tmp_path):
+    text = (ROOT / "mechanisms" / "bevel_pair.toml").read_text()
+    for old, new, words in (
+        ("teeth = [20, 40]", "teeth = [20, 0]", "at least 1"),
+        (
+            'axes = ["01", "02"]\n\n[inputs',
+            'axes = ["01", "03"]\n\n[inputs',
+            'no R pair is named "03"',
+        ),
+        (
+            'axes = ["01", "02"]\n\n[inputs',
+            'axes = ["02", "01"]\n\n[inputs',
+            'is not on gear "1"',
+        ),
+        ("teeth = [20, 40]", 'teeth = [20, 20]\ncontact = "internal"', "no pitch cones"),
+        ('type = "Cr"', 'type = "Cs"', "rolling contact"),
+    ):
+        assert old in text
+        path = tmp_path / "gears.toml"
+        path.write_text(text.replace(old, new))
+        with pytest.raises(sk.SpherekitError) as caught:
+            sk.load(path)
+        assert words in str(caught.value), str(caught.value)
+        assert "gears.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", [*SHIPPED_GEARS, *SHIPPED_CAMS, "two_contacts"])
+def test_contact_files_survive_writing_and_reading(name, tmp_path):
+    made = sk.load(name)
+    sk.dump(made, tmp_path / "again.toml")
+    assert sk.load(tmp_path / "again.toml") == made
+
+
+def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
+    """Case (c): P31 of the shipped example, against the null space."""
+    made = sk.load("two_contacts")
+    (step,) = [s for s in plan(made).steps if getattr(s, "contacts", ()) and not s.via]
+    assert step.case == "c"
+    motion, field = field_of(made, samples=41)
+    good = np.flatnonzero(motion.status == Status.OK)
+    assert len(good) > 20
+    for row in good[::5]:
+        w, _ = null_space_with_contact(made, motion, row)
+        for i, j in all_poles(3):
+            assert off_axis(field.direction[i, j][row], w[j] - w[i]) < 1e-11

@@ -10,13 +10,12 @@ from oracles import closure_gap, integrated, null_space
 
 import spherekit as sk
 from spherekit.conventions import Status
-from spherekit.errors import PlanError, SolveError
+from spherekit.errors import SolveError
 from spherekit.model.geometry import geometry_of, revolute_frames
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
     Mechanism,
-    Pair,
     SizeGeometry,
 )
 from spherekit.motion.branches import Solver
@@ -284,22 +283,3 @@ def test_unknown_branch_range_and_samples():
     with pytest.raises(SolveError, match="at least 1, not 0"):
         sk.trace(made, samples=0)
     assert len(sk.trace(made, samples=1)) == 2
-
-
-def test_contact_pairs_are_refused_by_name():
-    from spherekit.model.mechanism import PoseGeometry, Profile
-
-    circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
-    cam = Mechanism(
-        "cam",
-        "1",
-        ("1", "2", "3"),
-        (
-            Pair("12", "R", ("1", "2")),
-            Pair("13", "R", ("1", "3")),
-            Pair("23", "Cs", ("2", "3"), (circle, circle)),
-        ),
-        PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)}),
-    )
-    with pytest.raises(PlanError, match=r"positions of contact pairs \(23\)"):
-        sk.trace(cam)

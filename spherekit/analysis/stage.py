@@ -18,26 +18,6 @@ CURVE_STEP = np.radians(2.0)
 PROFILE_POINTS = 181
 
 
-def static_scene(plan: Plan, shapes: list[Shape]) -> Scene:
-    """Return what does not move: the ground, the link/pair graph, the plan's Table."""
-    mechanism = plan.mechanism
-    return Scene(None, (_body(mechanism, shapes, 0, None), _graph(mechanism), _text(plan)))
-
-
-def motion_scenes(motion: Motion, shapes: list[Shape]) -> tuple[Scene, ...]:
-    """Return the turning links of every branch of a block."""
-    mechanism = motion.mechanism
-    turns = {k: motion.quaternions(k) for k in range(1, len(mechanism.links))}
-    scenes = []
-    for position, branch in enumerate(motion.branches):
-        rows = slice(position * motion.samples, (position + 1) * motion.samples)
-        bodies = [
-            _body(mechanism, shapes, link, turn[rows]) for link, turn in turns.items()
-        ]
-        scenes.append(Scene(branch.number, tuple(bodies)))
-    return tuple(scenes)
-
-
 @final
 @dataclass(frozen=True)
 class Shape:
@@ -57,6 +37,26 @@ def link_shapes(mechanism: Mechanism) -> list[Shape]:
         curves = [*link_curves(joints), *profile_curves(mechanism, link, joints)]
         shapes.append(Shape(curves, joints, list(axes[link])))
     return shapes
+
+
+def static_scene(plan: Plan, shapes: list[Shape]) -> Scene:
+    """Return what does not move: the ground, the link/pair graph, the plan's Table."""
+    mechanism = plan.mechanism
+    return Scene(None, (_body(mechanism, shapes, 0, None), _graph(mechanism), _text(plan)))
+
+
+def motion_scenes(motion: Motion, shapes: list[Shape]) -> tuple[Scene, ...]:
+    """Return the turning links of every branch of a block."""
+    mechanism = motion.mechanism
+    turns = {k: motion.quaternions(k) for k in range(1, len(mechanism.links))}
+    scenes = []
+    for position, branch in enumerate(motion.branches):
+        rows = slice(position * motion.samples, (position + 1) * motion.samples)
+        bodies = [
+            _body(mechanism, shapes, link, turn[rows]) for link, turn in turns.items()
+        ]
+        scenes.append(Scene(branch.number, tuple(bodies)))
+    return tuple(scenes)
 
 
 def _body(

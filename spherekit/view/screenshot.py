@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Literal
@@ -18,6 +18,8 @@ from spherekit.view.timelines import SAMPLE, input_scale
 START_TIMEOUT = 30.0
 LOAD_TIMEOUT = 60.0
 FRAMES = 20
+ENDING = 2.0
+"""A viewer that has lost its graphics ends within this time (s) of its last answer."""
 
 NO_VULKAN = (
     "the viewer found no graphics driver; install a Vulkan driver, on Debian and "
@@ -179,6 +181,8 @@ def _wait_for(process: subprocess.Popen[bytes], port: int, talk: IO[bytes]) -> N
 
 def _complaint(process: subprocess.Popen[bytes], talk: IO[bytes], reason: str) -> str:
     """Return why the viewer failed, from what it wrote on its error stream."""
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(ENDING)
     talk.seek(0)
     said = talk.read().decode(errors="replace")
     lost = ("graphics adapter", "render context", "Vulkan", "wgpu")
