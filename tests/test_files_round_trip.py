@@ -63,7 +63,7 @@ def random_profile(random, kind):
         return Profile(kind, centre)
     if kind == "fourier":
         return Profile(kind, centre, cosines=angles, sines=angles[:2])
-    points = tuple(random_axis(random) for _ in range(5))
+    points = tuple(random_axis(random) for _ in range(7))
     return Profile(kind, points=points, closed=bool(random.integers(2)))
 
 

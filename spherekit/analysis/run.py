@@ -224,10 +224,10 @@ def _titles(tracer: Tracer) -> dict[int, str]:
 
 
 def _middle(tracer: Tracer, inputs: Floats) -> Floats | None:
-    """Return the mean direction (3,) of the pair axes of the first branch, if any."""
+    """Return the mean direction (3,) of axes and contacts of the first branch, if any."""
     coarse = tracer.at(inputs[:: max(1, len(inputs) // 24)])
     own = ~coarse.failed & (coarse.branch == coarse.branch[0])
-    mean = np.sum(coarse.axes[own], axis=(0, 1))
+    mean = np.sum(coarse.frames[own, :, :, 2], axis=(0, 1))
     size = np.linalg.norm(mean)
     return None if size < 1e-9 else np.asarray(mean / size)
 

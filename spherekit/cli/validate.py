@@ -60,10 +60,9 @@ def check(name: str) -> dict[str, Any]:
         facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
     planned = plan(mechanism)
     facts["irreducible_parts"] = len(planned.blocks)
-    if all(pair.type == "R" for pair in mechanism.pairs):
-        tracer = Tracer(mechanism)
-        facts["groups"] = [group.kind for group in tracer.assembly.groups]
-        facts["branches"] = len(tracer.branches)
+    tracer = Tracer(mechanism)
+    facts["groups"] = [group.kind for group in tracer.assembly.groups]
+    facts["branches"] = len(tracer.branches)
     return facts
 
 

@@ -109,6 +109,7 @@ def _followed_branches(
     reference = solver.geometry.reference
 
     def add(values: Floats) -> None:
+        values = solver.closure.solve(values[None], held=driven).values[0]
         curve = follow(solver.closure, driven, values, low, high)
         branch = Branch(len(branches), _signs_at(solver, values), curve)
         branches.append(_with_determinants(solver, branch, float(values[driven])))
@@ -131,7 +132,10 @@ def _followed_branches(
                 branch = Branch(0, signs, curve)
                 branches.append(_with_determinants(solver, branch, float(q)))
     if search or not branches:
+        rolls = any(isinstance(j, Contact) and j.rolling for j in solver.joints)
         for q in _probes(solver, low, high):
+            if rolls and branches:
+                break
             for _, values in assemblies(solver, q):
                 if len(branches) < MOST_BRANCHES and not _is_known(
                     solver, branches, q, values
@@ -144,12 +148,14 @@ def _probes(solver: Solver, low: float, high: float) -> list[float]:
     """Return the inputs at which modes are searched for.
 
     Wheels mesh again after every turn, in another position of the train: those positions
-    are one motion, so a mechanism with rolling pairs is assembled at one input only, and
-    of modes that differ by whole turns of wheels the one nearest to the start is kept.
+    are one motion, so a mechanism with rolling pairs is assembled at the first of these
+    inputs where it can be, and of modes that differ by whole turns of wheels the one
+    nearest to the start is kept.
     """
+    inside = [low + (k + 0.5) / PROBES * (high - low) for k in range(PROBES)]
     if any(isinstance(j, Contact) and j.rolling for j in solver.joints):
-        return [low]
-    return [low + (k + 0.5) / PROBES * (high - low) for k in range(PROBES)]
+        return [low, *inside]
+    return inside
 
 
 def _with_determinants(solver: Solver, branch: Branch, q: float) -> Branch:
@@ -202,7 +208,8 @@ def _why_nothing_closes(solver: Solver, low: float, high: float) -> str:
                 )
     return (
         f"{name}: no configuration was found for inputs in {degrees}: the {group.kind} "
-        f"of pairs {pairs} did not close from any start; change its arcs or the range, "
+        f"of pairs {pairs} did not close from any start, or only with profiles that enter "
+        "each other; change its arcs, profiles or the range, "
         "or give a reference pose"
     )
 

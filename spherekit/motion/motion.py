@@ -218,7 +218,7 @@ def trace(
     Parameters
     ----------
     mechanism
-        A mechanism of R pairs with one freedom.
+        A mechanism with one freedom.
     samples
         Number of equally spaced input values, both ends of the range included.
     input_pair
@@ -231,7 +231,7 @@ def trace(
     Raises
     ------
     PlanError
-        If the mechanism is not a single-DOF chain, or holds contact pairs.
+        If the mechanism is not a single-DOF chain, or the input is a contact pair.
     SolveError
         If it cannot be assembled anywhere in the range, or the branch is unknown.
     """

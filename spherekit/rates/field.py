@@ -258,7 +258,7 @@ def _continuous_signs(
 
     The direction follows w itself, so its coefficient keeps its sign until w passes
     through zero; where it does is read off the Hermite path between two samples. At the
-    first sample it points to the side where the sum of all pair axes lies.
+    first sample it points to the side where the sum of all axes and contacts lies.
     """
     signs = np.ones(unit.shape[1])
     for number, branch in enumerate(motion.branches):
@@ -283,7 +283,7 @@ def _continuous_signs(
             )
             chain = s0 * np.cumprod(flips)
         else:
-            home = np.sum(motion.axes[rows.start + good[0]], axis=0)
+            home = np.sum(motion.frames[rows.start + good[0], :, :, 2], axis=0)
             side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
             chain = np.cumprod(np.append(side, _flips(q, v, dv)))
         signs[rows.start + good] = chain * along

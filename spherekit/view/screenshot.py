@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO, Literal
 
 from spherekit.errors import OutputError
-from spherekit.view.sdk import ViewerClient
+from spherekit.view.sdk import RrdReader, ViewerClient
 from spherekit.view.timelines import SAMPLE, input_scale
 
 START_TIMEOUT = 30.0
@@ -115,9 +115,27 @@ def _cursor(
         return name, round(input_deg * scale)
     if SAMPLE not in timelines:
         raise OutputError(f"{recording} has no timeline named {SAMPLE}")
-    if sample is None and inputs:
-        return inputs[0][0], timelines[inputs[0][0]]
-    return SAMPLE, timelines[SAMPLE] if sample is None else sample
+    if not inputs:
+        return SAMPLE, timelines[SAMPLE] if sample is None else sample
+    name = inputs[0][0]
+    return name, timelines[name] if sample is None else _tick(recording, name, sample)
+
+
+def _tick(recording: Path, timeline: str, sample: int) -> int:
+    """Return the time on the input timeline at a sample, on which the plots are laid out."""
+    samples: set[int] = set()
+    for chunk in RrdReader(str(recording)).stream():
+        if chunk.is_static:
+            continue
+        batch = chunk.to_record_batch()
+        if not {SAMPLE, timeline} <= set(batch.schema.names):
+            continue
+        numbers = batch.column(SAMPLE).to_pylist()
+        if sample in numbers:
+            return int(batch.column(timeline).to_pylist()[numbers.index(sample)])
+        samples.update(numbers)
+    known = f"{min(samples)} to {max(samples)}" if samples else "none"
+    raise OutputError(f"{recording} has no sample {sample}; its samples: {known}")
 
 
 def _loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
