@@ -122,7 +122,7 @@ def _cursor(
 
 
 def _tick(recording: Path, timeline: str, sample: int) -> int:
-    """Return the time on the input timeline at a sample, on which the plots are laid out."""
+    """Return the time on the input timeline, by which plots are laid out, at a sample."""
     samples: set[int] = set()
     for chunk in RrdReader(str(recording)).stream():
         if chunk.is_static:
