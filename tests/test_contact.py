@@ -340,6 +340,10 @@ def test_shipped_contact_mechanisms_run_over_their_whole_range(name):
     assert result.summary["mobility"]["rank"] == 1
     by_graph = {"bevel_pair": 0, "rolling_cones": 0, "planetary_bevel": -1}.get(name, 1)
     assert result.summary["mobility"]["graph"] == by_graph
+    repeated = result.summary["redundant_constraints"]
+    assert repeated["count"] == 1 - by_graph
+    all_pairs = sorted(pair.name for pair in sk.load(name).pairs)
+    assert sorted(repeated["pairs"]) == (all_pairs if repeated["count"] else [])
 
 
 def test_bevel_gears():

@@ -35,7 +35,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
 from spherekit.errors import SpherekitError
 from spherekit.files.write import canonical_text
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import rank_mobility
+from spherekit.motion.closure import rank_mobility, redundancy
 from spherekit.motion.motion import (
     BLOCK,
     DEFAULT_SAMPLES,
@@ -317,12 +317,14 @@ def _summary(
     closed = np.isfinite(residual)
     error = _largest([e for f in fields if f for e in f.error.values()])
     by_equations = [float(np.mean(f.by_equations)) for f in fields if f]
-    rank = None
+    rank, repeated = None, None
     for motion in motions:
         if np.any(motion.status == Status.OK):
-            first = int(np.argmax(motion.status == Status.OK))
-            vectors = motion.vectors[first : first + 1]
-            rank = int(rank_mobility(tracer.solver.closure.tree, vectors)[0])
+            vectors = motion.vectors[int(np.argmax(motion.status == Status.OK))]
+            rank = int(rank_mobility(tracer.solver.closure.tree, vectors[None])[0])
+            found = redundancy(tracer.solver.closure.tree, vectors)
+            names = [mechanism.pairs[pair].name for pair in found.pairs]
+            repeated = {"count": found.count, "pairs": names}
             break
     return {
         "spherekit": __version__,
@@ -333,6 +335,7 @@ def _summary(
         "range_rad": [tracer.low, tracer.high],
         "samples": sum(motion.samples for motion in motions),
         "mobility": {"graph": graph_mobility(mechanism), "rank": rank},
+        "redundant_constraints": repeated,
         "groups": [group.kind for group in tracer.assembly.groups],
         "plan": plan_notes(wanted.plan),
         "branches": [

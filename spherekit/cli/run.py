@@ -133,6 +133,12 @@ def report(summary: Any) -> str:
         f"{mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
         f"{', '.join(summary['groups'])}"
     ]
+    repeated = summary["redundant_constraints"]
+    if repeated and repeated["count"]:
+        lines.append(
+            f"  {repeated['count']} redundant constraints among pairs "
+            f"{', '.join(repeated['pairs'])}"
+        )
     for branch in summary["branches"]:
         counts = ", ".join(f"{n} {name}" for name, n in branch["status"].items())
         lines.append(f"  branch {branch['number']} ({branch['mode']}): {counts}")

@@ -409,3 +409,26 @@ def rank_mobility(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> F
         return np.full(len(vectors), vectors.shape[1])
     rank = np.sum(values > tolerance * values[:, :1], axis=1)
     return np.asarray(vectors.shape[1] - rank)
+
+
+@final
+@dataclass(frozen=True)
+class Redundancy:
+    """Constraints that repeat others: how many, and the pairs (numbers) they lie among."""
+
+    count: int
+    pairs: tuple[int, ...]
+
+
+def redundancy(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Redundancy:
+    """Return the dependent loop equations of one configuration, vectors (variables, 3).
+
+    The left null space of the velocity equations says which loops take part.
+    """
+    jacobian = tree.jacobian(vectors[None])[0]
+    left, values, _ = np.linalg.svd(jacobian)
+    rank = int(np.sum(values > tolerance * values[0])) if len(values) else 0
+    weights = np.linalg.norm(left[:, rank:].reshape(len(tree.chords), 3, -1), axis=(1, 2))
+    taking_part = np.any(tree.signs[weights > tolerance] != 0.0, axis=0)
+    pairs = {tree.owners[variable] for variable in np.flatnonzero(taking_part)}
+    return Redundancy(len(jacobian) - rank, tuple(sorted(pairs)))
