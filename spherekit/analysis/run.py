@@ -35,7 +35,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
 from spherekit.errors import SpherekitError
 from spherekit.files.write import canonical_text
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import rank_mobility, redundancy
+from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import (
     BLOCK,
     DEFAULT_SAMPLES,

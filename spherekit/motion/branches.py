@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE, EQUAL_CURVATURE, Status
 from spherekit.model.geometry import Joint, Revolute, geometry_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import Closure, PairStates, left_inverse
+from spherekit.motion.closure import Closure
 from spherekit.motion.follow import Curve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
+from spherekit.motion.loops import left_inverse
+from spherekit.motion.pairs import PairStates
 from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats
 

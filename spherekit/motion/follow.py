@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.model.geometry import Contact
-from spherekit.motion.closure import Closure, left_inverse, pair_rates, variable_vectors
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import left_inverse
+from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2

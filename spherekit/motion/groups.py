@@ -11,13 +11,9 @@ import numpy as np
 
 from spherekit.model.geometry import Joint, Revolute
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import (
-    Closure,
-    LoopTree,
-    NewtonResult,
-    PairStates,
-    pair_states,
-)
+from spherekit.motion.closure import Closure, NewtonResult
+from spherekit.motion.loops import LoopTree
+from spherekit.motion.pairs import PairStates, pair_states
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats, transpose
 from spherekit.sphere.triangle import Bools, close_dyad

@@ -12,7 +12,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import SolveError
 from spherekit.model.geometry import Contact, Revolute
 from spherekit.motion.branches import Branch, Solver, determinant_signs, penetrates, wrap
-from spherekit.motion.closure import Closure, pair_axes
+from spherekit.motion.closure import Closure
 from spherekit.motion.follow import follow
 from spherekit.motion.groups import (
     State,
@@ -21,6 +21,7 @@ from spherekit.motion.groups import (
     place_dyad,
     place_group,
 )
+from spherekit.motion.pairs import pair_axes
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 
@@ -209,8 +210,7 @@ def _why_nothing_closes(solver: Solver, low: float, high: float) -> str:
     return (
         f"{name}: no configuration was found for inputs in {degrees}: the {group.kind} "
         f"of pairs {pairs} did not close from any start, or only with profiles that enter "
-        "each other; change its arcs, profiles or the range, "
-        "or give a reference pose"
+        "each other; change its arcs, profiles or the range, or give a reference pose"
     )
 
 

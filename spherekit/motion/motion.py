@@ -13,16 +13,16 @@ from spherekit.errors import PlanError, SolveError
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Branch, Solver
-from spherekit.motion.closure import (
+from spherekit.motion.loops import rank_mobility
+from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
+from spherekit.motion.pairs import (
     PairRates,
     PairStates,
     pair_axes,
     pair_rates,
     pair_states,
-    rank_mobility,
     variable_vectors,
 )
-from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.poles import default_input
 from spherekit.planning.rigidity import graph_mobility
@@ -92,7 +92,7 @@ class Motion:
 
     @cached_property
     def axes(self) -> Floats:
-        """Pair axes (n, pairs, 3) in ground axes, see `spherekit.motion.closure`."""
+        """Pair axes (n, pairs, 3) in ground axes, see `spherekit.motion.pairs`."""
         return pair_axes(self.joints, self.frames)
 
     @cached_property
@@ -101,7 +101,7 @@ class Motion:
         return variable_vectors(self.joints, self.frames, self.states.curvatures)
 
     def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
-        """Return how vectors and axes change, see `spherekit.motion.closure.pair_rates`."""
+        """Return how vectors and axes change, see `spherekit.motion.pairs.pair_rates`."""
         return pair_rates(self.joints, self.frames, self.states, first_w, second_w)
 
     def quaternions(self, link: int) -> Floats:

@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.motion.closure import LoopTree, left_inverse
+from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
 

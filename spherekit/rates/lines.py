@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
-from spherekit.motion.closure import LoopTree, PairRates
+from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
+from spherekit.motion.pairs import PairRates
 from spherekit.planning.poles import (
     BlockPoles,
     LinePole,

@@ -1,0 +1,150 @@
+"""The loops of a chain: a spanning tree, the velocity equations, their rank."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
+
+REDUNDANT = 1e-10
+"""Equations whose relative singular value is below this repeat the others."""
+
+
+@final
+@dataclass(frozen=True)
+class LoopTree:
+    """A spanning tree of bodies and the loops that the other pairs close.
+
+    `ends[e]` are the first and second body of pair e, `owners[v]` the pair of variable v.
+    """
+
+    count: int
+    ends: tuple[tuple[int, int], ...]
+    owners: tuple[int, ...]
+
+    @staticmethod
+    def of(mechanism: Mechanism) -> "LoopTree":
+        """Return the tree of a whole mechanism, rooted in the ground."""
+        return LoopTree(len(mechanism.links), mechanism.ends, mechanism.variable_owners)
+
+    @cached_property
+    def branches(self) -> tuple[tuple[int, int, int], ...]:
+        """Tree pairs in order of placement: (pair, parent body, child body)."""
+        placed, order = {0}, []
+        queue = [0]
+        while queue:
+            parent = queue.pop(0)
+            for pair, (a, b) in enumerate(self.ends):
+                if parent in (a, b):
+                    child = b if parent == a else a
+                    if child not in placed:
+                        placed.add(child)
+                        queue.append(child)
+                        order.append((pair, parent, child))
+        return tuple(order)
+
+    @cached_property
+    def _pair_paths(self) -> Floats:
+        paths = np.zeros((self.count, len(self.ends)))
+        for pair, parent, child in self.branches:
+            paths[child] = paths[parent]
+            paths[child, pair] = 1.0 if self.ends[pair][0] == parent else -1.0
+        return paths
+
+    @cached_property
+    def paths(self) -> Floats:
+        """(bodies, variables): sense in which the way from body 0 to each body uses it."""
+        return self._pair_paths[:, list(self.owners)]
+
+    @cached_property
+    def chords(self) -> tuple[int, ...]:
+        """The pairs that close a loop each."""
+        tree = {pair for pair, _, _ in self.branches}
+        return tuple(pair for pair in range(len(self.ends)) if pair not in tree)
+
+    @cached_property
+    def signs(self) -> Floats:
+        """(loops, variables): sense in which loops pass the pair of each variable."""
+        rows = np.zeros((len(self.chords), len(self.ends)))
+        for row, chord in enumerate(self.chords):
+            a, b = self.ends[chord]
+            rows[row] = self._pair_paths[a] - self._pair_paths[b]
+            rows[row, chord] += 1.0
+        return rows[:, list(self.owners)]
+
+    def jacobian(self, vectors: Floats) -> Floats:
+        """Return J (n, 3 loops, variables) from vectors (n, variables, 3): J rates = 0.
+
+        A variable's vector is the angular velocity of its pair's second body relative to
+        the first per unit rate of the variable.
+        """
+        n, variables, _ = vectors.shape
+        grid = self.signs[None, :, None, :] * np.swapaxes(vectors, 1, 2)[:, None]
+        return np.ascontiguousarray(grid.reshape(n, 3 * len(self.chords), variables))
+
+    def body_rates(self, vectors: Floats, rates: Floats) -> Floats:
+        """Return angular velocities (n, bodies, 3) relative to body 0, in its axes."""
+        return np.asarray(np.einsum("bv,nv,nvk->nbk", self.paths, rates, vectors))
+
+
+def left_inverse(matrices: Floats) -> Floats:
+    """Return inverses (n, k, m) of matrices (n, m, k) with m >= k; NaN where singular.
+
+    With more rows than columns the extra equations must agree with the others.
+    """
+    if matrices.shape[1] == matrices.shape[2]:
+        try:
+            return np.asarray(np.linalg.inv(matrices))
+        except np.linalg.LinAlgError:
+            return np.concatenate([_one_inverse(matrix[None]) for matrix in matrices])
+    inverse = np.full((len(matrices), matrices.shape[2], matrices.shape[1]), np.nan)
+    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    values = np.linalg.svd(matrices[finite], compute_uv=False)
+    columns = matrices.shape[2]
+    full = np.zeros(len(matrices), dtype=bool)
+    if values.shape[1] >= columns:
+        full[finite] = values[:, columns - 1] > REDUNDANT * values[:, 0]
+    inverse[full] = np.linalg.pinv(matrices[full], rcond=REDUNDANT)
+    return inverse
+
+
+def _one_inverse(matrix: Floats) -> Floats:
+    try:
+        return np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:
+        return np.full_like(matrix, np.nan)
+
+
+def rank_mobility(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Floats:
+    """Return the nullity (n,) of the velocity equations: the mobility at each sample."""
+    values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
+    if values.shape[1] == 0:
+        return np.full(len(vectors), vectors.shape[1])
+    rank = np.sum(values > tolerance * values[:, :1], axis=1)
+    return np.asarray(vectors.shape[1] - rank)
+
+
+@final
+@dataclass(frozen=True)
+class Redundancy:
+    """Constraints that repeat others: how many, and the pairs (numbers) they lie among."""
+
+    count: int
+    pairs: tuple[int, ...]
+
+
+def redundancy(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Redundancy:
+    """Return the dependent loop equations of one configuration, vectors (variables, 3).
+
+    The left null space of the velocity equations says which loops take part.
+    """
+    jacobian = tree.jacobian(vectors[None])[0]
+    left, values, _ = np.linalg.svd(jacobian)
+    rank = int(np.sum(values > tolerance * values[0])) if len(values) else 0
+    weights = np.linalg.norm(left[:, rank:].reshape(len(tree.chords), 3, -1), axis=(1, 2))
+    taking_part = np.any(tree.signs[weights > tolerance] != 0.0, axis=0)
+    pairs = {tree.owners[variable] for variable in np.flatnonzero(taking_part)}
+    return Redundancy(len(jacobian) - rank, tuple(sorted(pairs)))
