@@ -10,7 +10,14 @@ from spherekit.planning.poles import all_poles
 from spherekit.rates.field import SignMemory, evaluate
 from spherekit.rates.request import Request, request
 
-NAMES = ("four_bar", "stephenson", "double_butterfly")
+NAMES = (
+    "four_bar",
+    "stephenson",
+    "double_butterfly",
+    "bevel_pair",
+    "roller_cam",
+    "shaped_cam",
+)
 
 
 def run(quick: bool) -> list[Section]:

@@ -10,6 +10,7 @@ from test_motion import four_bar
 
 import spherekit as sk
 from spherekit.errors import SolveError
+from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry
 
 
 def run(made, samples=7, search=False):
@@ -116,3 +117,14 @@ def test_tiny_arcs_keep_their_coefficients(size):
 def test_impossible_extremes_are_refused_in_words(arcs):
     with pytest.raises(SolveError, match="arcs cannot close"):
         run(four_bar(np.radians(arcs)))
+
+
+def test_two_links_and_one_pair():
+    """No loop at all: the only pole is the axis, its coefficient 1."""
+    pair = Pair("12", "R", ("1", "2"))
+    made = Mechanism(
+        "pendulum", "1", ("1", "2"), (pair,), PoseGeometry({"12": (0.0, 0.6, 0.8)})
+    )
+    frame = run(made, samples=3)
+    assert (frame["rate"] == 1.0).all()
+    assert (frame[["ux", "uy", "uz"]] == [0.0, 0.6, 0.8]).all().all()

@@ -141,9 +141,11 @@ def redundancy(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Redu
 
     The left null space of the velocity equations says which loops take part.
     """
+    if not tree.chords:
+        return Redundancy(0, ())
     jacobian = tree.jacobian(vectors[None])[0]
     left, values, _ = np.linalg.svd(jacobian)
-    rank = int(np.sum(values > tolerance * values[0])) if len(values) else 0
+    rank = int(np.sum(values > tolerance * values[0]))
     weights = np.linalg.norm(left[:, rank:].reshape(len(tree.chords), 3, -1), axis=(1, 2))
     taking_part = np.any(tree.signs[weights > tolerance] != 0.0, axis=0)
     pairs = {tree.owners[variable] for variable in np.flatnonzero(taking_part)}

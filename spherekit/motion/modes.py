@@ -110,28 +110,21 @@ def _followed_branches(
     reference = solver.geometry.reference
 
     def add(values: Floats) -> None:
+        q = float(values[driven])
         values = solver.closure.solve(values[None], held=driven).values[0]
-        curve = follow(solver.closure, driven, values, low, high)
-        branch = Branch(len(branches), _signs_at(solver, values), curve)
-        branches.append(_with_determinants(solver, branch, float(values[driven])))
+        curve = follow(solver.closure, driven, values, min(low, q), max(high, q))
+        if np.any(curve.covers(np.linspace(low, high, PROBED_INPUTS))):
+            branch = Branch(len(branches), _signs_at(solver, values), curve)
+            branches.append(_with_determinants(solver, branch, q))
 
     if reference is not None:
+        turn = 2 * np.pi
         q = reference[driven]
-        turns = np.round((0.5 * (low + high) - q) / (2 * np.pi))
-        for turn in (0.0, turns):
-            if low <= q + 2 * np.pi * turn <= high:
-                values = reference.copy()
-                values[driven] += 2 * np.pi * turn
-                add(values)
-                break
-        else:
-            bounds = min(low, q), max(high, q)
-            values = reference.copy()
-            curve = follow(solver.closure, driven, values, *bounds)
-            if np.any(curve.covers(np.linspace(low, high, PROBED_INPUTS))):
-                signs = _signs_at(solver, values)
-                branch = Branch(0, signs, curve)
-                branches.append(_with_determinants(solver, branch, float(q)))
+        if not low <= q <= high:
+            q += turn * np.round((0.5 * (low + high) - q) / turn)
+        values = reference.copy()
+        values[driven] = q
+        add(values)
     if search or not branches:
         rolls = any(isinstance(j, Contact) and j.rolling for j in solver.joints)
         for q in _probes(solver, low, high):
