@@ -232,17 +232,21 @@ def test_dead_centre_itself_closes_but_has_no_rates():
 
 
 def test_the_same_motion_in_blocks_and_at_once():
-    for name in ("stephenson", "double_butterfly"):
+    for name in ("stephenson", "double_butterfly", "shaped_cam"):
         tracer = Tracer(sk.load(name), search=False)
+        count = len(tracer.branches)
         whole = tracer.at(tracer.inputs(50))
         parts = list(tracer.blocks(50, size=7))
-        assert [len(part) for part in parts] == [7 * len(tracer.branches)] * 7 + [
-            len(tracer.branches)
-        ]
+        assert [len(part) for part in parts] == [7 * count] * 7 + [count]
+        shape = (count, 50, -1)
         joined = np.concatenate(
-            [part.values for part in parts if len(tracer.branches) == 1] or [whole.values]
+            [part.values.reshape(count, part.samples, -1) for part in parts], axis=1
         )
-        assert np.allclose(joined, whole.values, rtol=0, atol=1e-13)
+        turned = np.concatenate(
+            [part.rotations.reshape(count, part.samples, -1) for part in parts], axis=1
+        )
+        assert np.allclose(joined, whole.values.reshape(shape), rtol=0, atol=1e-13)
+        assert np.allclose(turned, whole.rotations.reshape(shape), rtol=0, atol=1e-13)
 
 
 def test_arcs_that_cannot_close_are_refused_with_the_group():
