@@ -26,22 +26,23 @@ class Closure:
     """A loop tree with the joints of its pairs.
 
     `lead_first`, `lead_second`: (n or 1, pairs, 3, 3), from the axes of the pair's links
-    to those of the bodies that hold them; identities where bodies are links.
+    to those of the bodies that hold them; None where bodies are links.
     """
 
     tree: LoopTree
     joints: tuple[Joint, ...]
-    lead_first: Floats
-    lead_second: Floats
+    lead_first: Floats | None = None
+    lead_second: Floats | None = None
 
     @staticmethod
     def of(mechanism: Mechanism, joints: tuple[Joint, ...]) -> "Closure":
         """Return the closure of a whole mechanism, each link a body."""
-        same = np.broadcast_to(np.eye(3), (1, len(joints), 3, 3))
-        return Closure(LoopTree.of(mechanism), joints, same, same)
+        return Closure(LoopTree.of(mechanism), joints)
 
     def take(self, rows: NDArray[np.intp]) -> "Closure":
         """Return the closure of some samples only."""
+        if self.lead_first is None or self.lead_second is None:
+            return self
         if len(self.lead_first) == 1:
             return self
         return Closure(
@@ -51,8 +52,10 @@ class Closure:
     def place(self, values: Floats) -> tuple[Floats, PairStates]:
         """Return body orientations (n, bodies, 3, 3) in body 0, and the pairs' states."""
         states = pair_states(self.joints, values)
-        first, second = self.lead_first @ states.first, self.lead_second @ states.second
-        states = replace(states, first=first, second=second)
+        if self.lead_first is not None and self.lead_second is not None:
+            first, second = self.lead_first @ states.first, self.lead_second @ states.second
+            states = replace(states, first=first, second=second)
+        first, second = states.first, states.second
         placed = np.empty((len(values), self.tree.count, 3, 3))
         placed[:, 0] = np.eye(3)
         for pair, parent, child in self.tree.branches:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.model.geometry import Joint, Revolute
-from spherekit.sphere.rotation import Floats, about_z, cross
+from spherekit.sphere.rotation import Floats, cross
 
 
 @final
@@ -41,11 +41,11 @@ def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
     first, second = np.empty((n, pairs, 3, 3)), np.empty((n, pairs, 3, 3))
     curvatures, rates = np.zeros((n, pairs, 2)), np.zeros((n, pairs, 2))
     inside = np.ones((n, pairs), dtype=bool)
+    turning: list[tuple[int, int, Revolute]] = []
     at = 0
     for k, joint in enumerate(joints):
         if isinstance(joint, Revolute):
-            first[:, k] = joint.first @ about_z(values[:, at])
-            second[:, k] = joint.second
+            turning.append((k, at, joint))
             at += 1
             continue
         last = at if joint.rolling else at + 1
@@ -57,6 +57,17 @@ def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
         rates[:, k, 0], rates[:, k, 1] = one.curvature_rate, other.curvature_rate
         inside[:, k] = one.inside & other.inside
         at = last + 1
+    if turning:
+        which = [k for k, _, _ in turning]
+        angle = values[:, [v for _, v, _ in turning], None]
+        frame = np.stack([joint.first for _, _, joint in turning])
+        c, s = np.cos(angle), np.sin(angle)
+        turned = np.empty((n, len(which), 3, 3))
+        turned[..., 0] = c * frame[..., 0] + s * frame[..., 1]
+        turned[..., 1] = c * frame[..., 1] - s * frame[..., 0]
+        turned[..., 2] = frame[..., 2]
+        first[:, which] = turned
+        second[:, which] = np.stack([joint.second for _, _, joint in turning])
     return PairStates(first, second, curvatures, rates, inside)
 
 
