@@ -4,6 +4,18 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from spherekit.model.geometry import Revolute, geometry_of
+
+
+def revolute_frames(mechanism):
+    """Return the frames (pairs, 3, 3) of R pairs in both links, NaN for contact pairs."""
+    nothing = np.full((3, 3), np.nan)
+    joints = geometry_of(mechanism).joints
+    revolute = [isinstance(joint, Revolute) for joint in joints]
+    first = [j.first if r else nothing for j, r in zip(joints, revolute, strict=True)]
+    second = [j.second if r else nothing for j, r in zip(joints, revolute, strict=True)]
+    return np.array(first), np.array(second)
+
 
 def null_space(count, ends, axes):
     """Return link rates (count, 3) with |w| = 1 in all, and the relative gap.

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes
 from closed_forms import four_bar_angles
-from oracles import closure_gap, integrated, null_space
+from oracles import closure_gap, integrated, null_space, revolute_frames
 
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
-from spherekit.model.geometry import geometry_of, revolute_frames
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
@@ -63,7 +62,7 @@ def test_every_shipped_mechanism_closes_over_its_whole_turn(name):
     motion = sk.trace(sk.load(name))
     own = motion.branch == 0
     assert np.all(motion.status[own] == Status.OK)
-    frames = revolute_frames(geometry_of(motion.mechanism))
+    frames = revolute_frames(motion.mechanism)
     assert closure_gap(motion.mechanism, motion.rotations, frames) < 2e-15
     assert np.nanmax(motion.residual) < 5e-15
     turns = motion.rotations[own]
@@ -73,7 +72,7 @@ def test_every_shipped_mechanism_closes_over_its_whole_turn(name):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_reported_variables_describe_the_orientations(name):
     motion = sk.trace(sk.load(name), samples=25, search=False)
-    first, second = revolute_frames(geometry_of(motion.mechanism))
+    first, second = revolute_frames(motion.mechanism)
     for k, (a, b) in enumerate(motion.mechanism.ends):
         c, s = np.cos(motion.values[:, k]), np.sin(motion.values[:, k])
         zero = np.zeros_like(c)

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, final
+from typing import ClassVar, Literal, final
 
 import numpy as np
 import pytest
@@ -140,6 +140,37 @@ def test_wrong_requests_fail_before_anything_is_computed(request_, words):
 
 def test_parameters_are_converted_by_their_type():
     assert create("poles:only=31+42,show=42").only == ("31", "42")
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Typed(AbstractAnalysis):
+    """One parameter of each kind that a plugin may have."""
+
+    name: ClassVar = "typed"
+    version: ClassVar = "1"
+    summary: ClassVar = "parameters"
+    tables: ClassVar = ()
+    way: Literal["up", "down"] = "up"
+    limit: float | None = None
+    size: tuple[int, float] = (1, 1.0)
+    on: bool = False
+
+    def needs(self, mechanism):
+        return Needs()
+
+    def compute(self, batch):
+        return {}
+
+
+def test_every_kind_of_parameter_can_be_given_on_the_command_line():
+    with registered(Typed):
+        made = create("typed:way=down,limit=2.5,size=3+0.5,on=true")
+        assert (made.way, made.limit, made.size, made.on) == ("down", 2.5, (3, 0.5), True)
+        assert create("typed:limit=none").limit is None
+        for wrong in ("way=left", "limit=x", "size=1", "size=1+2+3", "on=maybe"):
+            with pytest.raises(AnalysisError, match="is not a value of type"):
+                create(f"typed:{wrong}")
 
 
 BROKEN = {

@@ -1,16 +1,18 @@
 """Finding analyses: entry points are listed without importing, loaded on request."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import MISSING, dataclass, fields
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, final, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, final, get_args, get_origin, get_type_hints
 
 from spherekit.analysis.contract import CONTRACT, AbstractAnalysis
 from spherekit.conventions import NAME_PATTERN, listing, nearest
 from spherekit.errors import AnalysisError, PluginError
 
 GROUP = "spherekit.analyses"
+_SWITCHES = {"true": True, "1": True, "false": False, "0": False}
 
 
 @final
@@ -174,16 +176,34 @@ def create(request: str) -> AbstractAnalysis:
 
 def _convert(name: str, key: str, text: str, hint: Any) -> Any:
     try:
-        if hint is bool:
-            return {"true": True, "false": False, "1": True, "0": False}[text.lower()]
-        if hint in (int, float, str):
-            return hint(text)
-        if get_origin(hint) is tuple:
-            inner = get_args(hint)[0]
-            return tuple(_convert(name, key, part, inner) for part in text.split("+"))
-    except (KeyError, ValueError):
-        pass
-    raise AnalysisError(
-        f'{name}: parameter {key}: "{text}" is not a value of type '
-        f"{getattr(hint, '__name__', hint)}"
-    )
+        return _read(text, hint)
+    except ValueError:
+        raise AnalysisError(
+            f'{name}: parameter {key}: "{text}" is not a value of type '
+            f"{getattr(hint, '__name__', hint)}"
+        ) from None
+
+
+def _read(text: str, hint: Any) -> Any:
+    """Return text as a value of a parameter's type, or raise `ValueError`."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint is bool and text.lower() in _SWITCHES:
+        return _SWITCHES[text.lower()]
+    if hint in (int, float, str):
+        return hint(text)
+    if hint is NoneType and text.lower() == "none":
+        return None
+    if origin is Literal:
+        for value in inner:
+            if str(value) == text:
+                return value
+    if origin is tuple:
+        parts = text.split("+")
+        kinds = inner[:1] * len(parts) if inner[1:] == (...,) else inner
+        if len(kinds) == len(parts):
+            return tuple(_read(part, kind) for part, kind in zip(parts, kinds, strict=True))
+    if origin in (Union, UnionType):
+        for kind in inner:
+            with suppress(ValueError):
+                return _read(text, kind)
+    raise ValueError(text)

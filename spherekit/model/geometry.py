@@ -167,14 +167,6 @@ def touching(
     return float(s[0]), float(s[1])
 
 
-def revolute_frames(geometry: Geometry) -> tuple[Floats, Floats]:
-    """Return the frames (pairs, 3, 3) of R pairs in both links, NaN for contact pairs."""
-    nothing = np.full((3, 3), np.nan)
-    first = [j.first if isinstance(j, Revolute) else nothing for j in geometry.joints]
-    second = [j.second if isinstance(j, Revolute) else nothing for j in geometry.joints]
-    return np.array(first), np.array(second)
-
-
 def link_axes(mechanism: Mechanism) -> dict[str, dict[str, Floats]]:
     """Return the unit axis (3,) of every R pair in each of its links, by names."""
     axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}

@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Any, final
 from spherekit.model.mechanism import Mechanism
 
 if TYPE_CHECKING:
-    import networkx as nx
-
-
-def link_graph(mechanism: Mechanism) -> "nx.MultiGraph[str]":
-    """Return the graph with links as nodes and pairs as edges (key: pair name)."""
-    import networkx as nx
-
-    graph: nx.MultiGraph[str] = nx.MultiGraph(name=mechanism.name)
-    graph.add_nodes_from(mechanism.links)
-    for pair in mechanism.pairs:
-        graph.add_edge(*pair.links, key=pair.name, type=pair.type)
-    return graph
+    pass
 
 
 def pieces(mechanism: Mechanism) -> list[list[str]]:
@@ -39,26 +28,6 @@ def pieces(mechanism: Mechanism) -> list[list[str]]:
         found.append([mechanism.links[k] for k in sorted(reached)])
         left = {k: None for k in left if k not in reached}
     return found
-
-
-def same_topology(one: Mechanism, other: Mechanism) -> bool:
-    """Return whether two mechanisms are the same graph with the same pair types."""
-    import networkx as nx
-
-    def simple(mechanism: Mechanism) -> "nx.Graph[Any]":
-        graph: nx.Graph[Any] = nx.Graph()
-        graph.add_nodes_from(mechanism.links, type="link")
-        for pair in mechanism.pairs:
-            node = ("pair", pair.name)
-            graph.add_node(node, type=pair.type)
-            graph.add_edges_from((node, link) for link in pair.links)
-        return graph
-
-    return bool(
-        nx.is_isomorphic(
-            simple(one), simple(other), node_match=lambda a, b: a["type"] == b["type"]
-        )
-    )
 
 
 @final

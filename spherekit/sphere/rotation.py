@@ -109,25 +109,6 @@ def quaternion(matrix: Floats) -> Floats:
     return np.asarray(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))
 
 
-def matrix_from_quaternion(xyzw: Floats) -> Floats:
-    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4) xyzw."""
-    x, y, z, w = xyzw[:, 0], xyzw[:, 1], xyzw[:, 2], xyzw[:, 3]
-    return np.stack(
-        [
-            np.stack(
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1
-            ),
-            np.stack(
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1
-            ),
-            np.stack(
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1
-            ),
-        ],
-        axis=1,
-    )
-
-
 def arc(a: Floats, b: Floats) -> Floats:
     """Return the angle (rad, 0 to pi) between unit vectors (..., 3), exact near 0, pi."""
     sine = np.linalg.norm(cross(a, b), axis=-1)
