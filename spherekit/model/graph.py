@@ -2,12 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 from spherekit.model.mechanism import Mechanism
-
-if TYPE_CHECKING:
-    pass
 
 
 def pieces(mechanism: Mechanism) -> list[list[str]]:
