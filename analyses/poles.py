@@ -31,6 +31,8 @@ MANY = 6
 class Poles(AbstractAnalysis):
     """Pole axis, velocity coefficient and its derivative for pairs of links.
 
+    With several inputs these are of each single-freedom mechanism in which one input
+    moves and the others are locked; the motion of all is their sum (superposition).
     `only` lists the poles wanted, such as ``31+42``; all by default. `show` is the pole
     whose two great circles are drawn; by default the first secondary one.
     """
@@ -46,7 +48,7 @@ class Poles(AbstractAnalysis):
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
             "poles",
-            "one row per sample, branch and pair of links",
+            "one row per sample, branch, input moved and pair of links",
             (
                 SAMPLE,
                 BRANCH,
@@ -62,6 +64,7 @@ class Poles(AbstractAnalysis):
                 Column("error_bound", "rad", "bound of the rounding error of u"),
                 RESIDUAL,
                 STATUS,
+                Column("moved", "", "the driven pair that moves, others locked", "text"),
             ),
         ),
     )
@@ -96,7 +99,9 @@ class Poles(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table `poles`."""
         mechanism = batch.mechanism
-        wanted = self.poles(mechanism)
+        poles = self.poles(mechanism)
+        inputs = range(len(batch.moved_pairs))
+        wanted = [(*pole, moved) for moved in inputs for pole in poles]
         n, k = len(batch), len(wanted)
 
         def per_row(values: NDArray[Any]) -> NDArray[Any]:
@@ -107,14 +112,14 @@ class Poles(AbstractAnalysis):
 
         directions = np.stack([batch.direction(*pole) for pole in wanted], axis=1)
         directions = directions.reshape(n * k, 3)
-        links = np.array(mechanism.links)
+        links, pairs = np.array(mechanism.links), np.array(batch.moved_pairs)
         return {
             "poles": {
                 "sample": per_row(batch.sample),
                 "branch": per_row(batch.branch),
-                "q": per_row(batch.q),
-                "link": np.tile(links[[j for _, j in wanted]], n),
-                "relative_to": np.tile(links[[i for i, _ in wanted]], n),
+                "q": per_pole([batch.inputs[:, moved] for *_, moved in wanted]),
+                "link": np.tile(links[[j for _, j, _ in wanted]], n),
+                "relative_to": np.tile(links[[i for i, *_ in wanted]], n),
                 "ux": directions[:, 0],
                 "uy": directions[:, 1],
                 "uz": directions[:, 2],
@@ -124,57 +129,71 @@ class Poles(AbstractAnalysis):
                 "error_bound": per_pole([batch.error_bound(*pole) for pole in wanted]),
                 "residual": per_row(batch.residual),
                 "status": per_pole([batch.pole_status(*pole) for pole in wanted]),
+                "moved": np.tile(pairs[[moved for *_, moved in wanted]], n),
             }
         }
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return arrows along the poles, great circles of one, coefficient plots."""
+        inputs = range(len(batch.moved_pairs))
+        return tuple(
+            Scene(
+                number,
+                tuple(part for moved in inputs for part in self._parts(batch, rows, moved)),
+            )
+            for number, rows in batch.branch_rows().items()
+        )
+
+    def _parts(self, batch: Batch, rows: slice, moved: int) -> list[Primitive]:
+        """Return what is seen of one branch while one input moves."""
         mechanism = batch.mechanism
+        several = len(batch.moved_pairs) > 1
+        pair = batch.moved_pairs[moved]
+        home = f"{pair}/" if several else ""
         primary = _primary(mechanism)
-        driven = batch.plan.input
-        unit = _short(mechanism, pole_of(*mechanism.ends[driven]))
+        driven = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
+        unit = _short(mechanism, driven)
+        alone = f" by {unit}" if several else ""
         shown = self.shown(mechanism)
         wanted = self.poles(mechanism)
         many = len(wanted) > MANY
-        scenes = []
-        for number, rows in batch.branch_rows().items():
-            parts: list[Primitive] = []
-            for pole in wanted:
-                low, high = (mechanism.links[k] for k in pole)
-                short = _short(mechanism, pole)
-                first = not many or pole[0] == 0 or pole == shown
+        parts: list[Primitive] = []
+        for pole in wanted:
+            low, high = (mechanism.links[k] for k in pole)
+            short = _short(mechanism, pole)
+            first = not many or pole[0] == 0 or pole == shown
+            if moved == 0 or pole not in primary:
                 parts.append(
                     Arrow(
-                        f"pole/{high}_{low}",
-                        f"P{short}",
-                        batch.direction(*pole)[rows],
+                        f"pole/{home}{high}_{low}",
+                        f"P{short}{alone if pole not in primary else ''}",
+                        batch.direction(*pole, moved)[rows],
                         pole in primary,
                         first or pole in primary,
                     )
                 )
-                if pole == pole_of(*mechanism.ends[driven]):
-                    continue
-                for order, letter, values in (
-                    ("velocity", f"ω{short}/ω{unit}", batch.rate(*pole)),
-                    ("acceleration", f"(ω{short}/ω{unit})′", batch.rate_dq(*pole)),
-                ):
-                    group = f"{order} coefficients"
-                    if many:
-                        group += " to ground" if pole[0] == 0 else " between links"
-                    where = f"plots/{order}/{high}_{low}"
-                    parts.append(Series(where, letter, group, values[rows]))
-            if shown is not None:
-                normals = batch.planes(*shown)[rows]
-                parts += [
-                    GreatCircle(
-                        f"construction/circle_{k}",
-                        f"great circle {k + 1} of P{_short(mechanism, shown)}",
-                        normals[:, k],
-                    )
-                    for k in (0, 1)
-                ]
-            scenes.append(Scene(number, tuple(parts)))
-        return tuple(scenes)
+            if pole == driven:
+                continue
+            for order, letter, values in (
+                ("velocity", f"ω{short}/ω{unit}", batch.rate(*pole, moved)),
+                ("acceleration", f"(ω{short}/ω{unit})′", batch.rate_dq(*pole, moved)),
+            ):
+                group = f"{order} coefficients{alone}"
+                if many:
+                    group += " to ground" if pole[0] == 0 else " between links"
+                where = f"plots/{order}/{home}{high}_{low}"
+                parts.append(Series(where, letter, group, values[rows]))
+        if shown is not None:
+            normals = batch.planes(*shown, moved)[rows]
+            parts += [
+                GreatCircle(
+                    f"construction/{home}circle_{k}",
+                    f"great circle {k + 1} of P{_short(mechanism, shown)}{alone}",
+                    normals[:, k],
+                )
+                for k in (0, 1)
+            ]
+        return parts
 
 
 def _short(mechanism: Mechanism, pole: Pole) -> str:

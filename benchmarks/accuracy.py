@@ -99,7 +99,7 @@ def _chain(number: int, geometries: int) -> dict[str, Any]:
         motion = tracer.at(np.zeros(1))
         wanted = request(tracer.mechanism, made.inputs[0].pair, every, every)
         field = evaluate(motion, wanted)
-        exact = exact_rates(every, made.ends, motion.axes[0], motion.input)
+        exact = exact_rates(every, made.ends, motion.axes[0], motion.assembly.inputs[0])
         doubles, _ = null_space(8, made.ends, motion.axes[0])
         here = []
         for i, j in every:

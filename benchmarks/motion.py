@@ -22,11 +22,11 @@ NAMES = (
 
 def run(quick: bool) -> list[Section]:
     """Return the times of the evaluation and of the search before it."""
-    tracers = {name: Tracer(load(name)) for name in NAMES}
     motion: list[tuple[Cell, ...]] = []
     poles: list[tuple[Cell, ...]] = []
     for samples in (1, 361) if quick else (1, 361, 100_000):
-        times = _times(tracers, samples, 3 if samples > 1000 or quick else 7)
+        tracers = {name: Tracer(load(name), samples=samples) for name in NAMES}
+        times = _times(tracers, 3 if samples > 1000 or quick else 7)
         for name in NAMES:
             motion.append(_row(tracers, name, samples, times, "motion"))
             row = _row(tracers, name, samples, times, "poles")
@@ -61,20 +61,20 @@ def run(quick: bool) -> list[Section]:
     ]
 
 
-def _times(tracers: dict[str, Tracer], samples: int, repeats: int) -> Times:
+def _times(tracers: dict[str, Tracer], repeats: int) -> Times:
     jobs: dict[str, Callable[[], object]] = {}
     for name, tracer in tracers.items():
         made = tracer.mechanism
         every = all_poles(len(made.links))
         wanted = request(made, made.inputs[0].pair, every, every)
-        blocks = list(tracer.blocks(samples))
-        jobs[f"{name} motion"] = lambda each=tracer: _consume(each, samples)
+        blocks = list(tracer.blocks())
+        jobs[f"{name} motion"] = lambda each=tracer: _consume(each)
         jobs[f"{name} poles"] = lambda each=blocks, what=wanted: _poles(each, what)
     return rounds(jobs, repeats)
 
 
-def _consume(tracer: Tracer, samples: int) -> None:
-    for _ in tracer.blocks(samples):
+def _consume(tracer: Tracer) -> None:
+    for _ in tracer.blocks():
         pass
 
 

@@ -31,14 +31,14 @@ def _table(quick: bool, triads: bool) -> Section:
             driven = made.inputs[0].pair
             jobs = {
                 "poles": lambda made=made: plan(made),
-                "groups": lambda made=made, pair=driven: plan_assembly(made, pair),
+                "groups": lambda made=made: plan_assembly(made),
             }
             times = rounds(jobs, repeats, 0.01)
             poles.append(median(times, "poles"))
             groups.append(median(times, "groups"))
             relation.append(ratio(times, "poles", "groups"))
             blocks.append(len(plan(made).blocks))
-            found = plan_assembly(made, driven).groups
+            found = plan_assembly(made).groups
             largest.append(max(len(group.bodies) for group in found))
         count = links * (links - 1) // 2
         rows.append(

@@ -53,9 +53,9 @@ def run(quick: bool) -> list[Section]:
 
 
 def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell, ...]:
-    curve = branch.curve
+    curve = branch.guide
     middle = curve.values[len(curve.inputs) // 2]
-    closure, driven = tracer.solver.closure, tracer.assembly.input
+    closure, driven = tracer.solver.closure, tracer.solver.driven[0]
 
     def job() -> object:
         return follow(closure, driven, middle, tracer.low, tracer.high)

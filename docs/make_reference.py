@@ -75,6 +75,9 @@ def kind(whole: Schema, part: Schema) -> str:
         return f"`{part['const']}`"
     if "enum" in part:
         return " or ".join(f'`"{each}"`' for each in part["enum"])
+    if isinstance(part["type"], list):
+        each = [kind(whole, {**part, "type": one}) for one in part["type"]]
+        return " or ".join(each)
     if part["type"] == "array":
         inner = kind(whole, part["items"])
         count = part.get("minItems")

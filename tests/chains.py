@@ -8,6 +8,7 @@ import numpy as np
 
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
+from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.rigidity import counted_freedom
 
 EIGHT_BARS = (
@@ -78,7 +79,7 @@ def random_chain(random, links):
             continue
         candidate = mechanism(edges, random_axes(random, edges_wanted))
         try:
-            counted_freedom(candidate)
+            counted_freedom(candidate, driven_pairs(candidate))
         except PlanError:
             continue
         return edges

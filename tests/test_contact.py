@@ -289,8 +289,8 @@ def test_random_mixed_mechanisms_against_the_null_space(capsys):
         w, gap = null_space_with_contact(made, motion, 1)
         if gap < 1e-6:
             continue
-        a, b = made.ends[motion.input]
-        driven = (w[b] - w[a]) @ motion.axes[1, motion.input]
+        a, b = made.ends[motion.assembly.inputs[0]]
+        driven = (w[b] - w[a]) @ motion.axes[1, motion.assembly.inputs[0]]
         judged += 1
         for i, j in all_poles(len(made.links)):
             vector = w[j] - w[i]

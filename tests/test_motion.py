@@ -110,14 +110,14 @@ def test_following_random_cranks_stays_on_the_closed_form():
     random = np.random.default_rng(40)
     for _ in range(60):
         made = four_bar(random_crank(random))
-        solver = Solver(made, plan_assembly(made, "21"))
+        solver = Solver(made, plan_assembly(made))
         tracer = Tracer(made)
         for branch in tracer.branches:
-            start = solver.evaluate(branch, np.zeros(1)).values[0]
-            curve = follow(solver.closure, solver.assembly.input, start, 0.0, 2 * np.pi)
+            start = solver.evaluate(branch, np.zeros((1, 1))).values[0]
+            curve = follow(solver.closure, solver.driven[0], start, 0.0, 2 * np.pi)
             assert curve.ends == (Status.OK, Status.OK)
             assert curve.inputs[-1] == 2 * np.pi
-            there = solver.evaluate(branch, curve.inputs).values
+            there = solver.evaluate(branch, curve.inputs[:, None]).values
             assert np.max(np.abs(np.exp(1j * there) - np.exp(1j * curve.values))) < 1e-9
 
 
@@ -127,8 +127,8 @@ def check_against_integration(made, samples=13):
     Returns how many were compared. The branch is compared as far as it is connected: a
     mode of dyads may appear again beyond a range that it does not reach.
     """
-    tracer = Tracer(made, search=False)
-    motion = tracer.at(tracer.inputs(samples))
+    tracer = Tracer(made, search=False, samples=samples)
+    motion = tracer.motion()
     reference = tracer.at(np.zeros(1)).axes[0]
     assert not np.any(motion.status == Status.BRANCH_LOST)
     assert not np.any(motion.status == Status.NOT_CONVERGED)
@@ -142,7 +142,7 @@ def check_against_integration(made, samples=13):
         rows = rows[np.argsort(q[rows])]
         if not len(rows):
             continue
-        true = integrated(made.ends, reference, motion.input, motion.q[rows])
+        true = integrated(made.ends, reference, motion.assembly.inputs[0], motion.q[rows])
         assert len(true) >= len(rows) - 1
         for row, axes in zip(rows, true, strict=False):
             _, gap = null_space(len(made.links), made.ends, axes)
@@ -198,16 +198,16 @@ def test_followed_branches_end_at_the_dead_centre_of_the_input():
     tracer = Tracer(made)
     ends = []
     for branch in tracer.branches:
-        curve = branch.curve
+        curve = branch.guide
         assert set(curve.ends) <= {Status.OK, Status.OUT_OF_REACH}
         for why, q in zip(curve.ends, curve.inputs[[0, -1]], strict=True):
             if why != Status.OK:
                 ends.append(q)
                 axes = tracer.at(np.array([q])).axes
                 rows = [r for r in range(len(axes)) if np.all(np.isfinite(axes[r]))]
-                a, b = made.ends[tracer.assembly.input]
+                a, b = made.ends[tracer.assembly.inputs[0]]
                 slowest = min(
-                    abs((w[b] - w[a]) @ axes[r, tracer.assembly.input])
+                    abs((w[b] - w[a]) @ axes[r, tracer.assembly.inputs[0]])
                     for r in rows
                     for w in [null_space(6, made.ends, axes[r])[0]]
                 )
@@ -232,10 +232,10 @@ def test_dead_centre_itself_closes_but_has_no_rates():
 
 def test_the_same_motion_in_blocks_and_at_once():
     for name in ("stephenson", "double_butterfly", "shaped_cam"):
-        tracer = Tracer(sk.load(name), search=False)
+        tracer = Tracer(sk.load(name), search=False, samples=50)
         count = len(tracer.branches)
-        whole = tracer.at(tracer.inputs(50))
-        parts = list(tracer.blocks(50, size=7))
+        whole = tracer.motion()
+        parts = list(tracer.blocks(size=7))
         assert [len(part) for part in parts] == [7 * count] * 7 + [count]
         shape = (count, 50, -1)
         joined = np.concatenate(

@@ -24,12 +24,12 @@ from spherekit.rates.request import request
 
 
 def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
-    tracer = Tracer(made, search=search)
+    tracer = Tracer(made, search=search, samples=samples)
     poles = all_poles(len(made.links)) if wanted is None else wanted
     asked = request(
         tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles, derivatives
     )
-    motion = tracer.at(tracer.inputs(samples))
+    motion = tracer.motion()
     return motion, evaluate(motion, asked)
 
 
@@ -129,8 +129,8 @@ def compare_with_null_space(made, tolerance=1e-9, least_gap=1e-6):
     w, gap = null_space(len(made.links), ends, motion.axes[1])
     if gap < least_gap:
         return False
-    a, b = ends[motion.input]
-    driven = (w[b] - w[a]) @ motion.axes[1, motion.input]
+    a, b = ends[motion.assembly.inputs[0]]
+    driven = (w[b] - w[a]) @ motion.axes[1, motion.assembly.inputs[0]]
     for i, j in all_poles(len(made.links)):
         vector = w[j] - w[i]
         size = np.linalg.norm(vector)
@@ -251,10 +251,10 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
 
 def test_any_order_and_any_block_gives_the_same_rows():
     made = sk.load("stephenson")
-    tracer = Tracer(made)
+    tracer = Tracer(made, samples=60)
     poles = all_poles(6)
     asked = request(tracer.mechanism, "12", poles, poles)
-    q = tracer.inputs(60)
+    q = tracer.lattice.q[:, 0]
     whole = evaluate(tracer.at(q), asked)
     order = np.random.default_rng(0).permutation(60)
     mixed = evaluate(tracer.at(q[order]), asked)

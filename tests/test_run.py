@@ -17,7 +17,7 @@ from spherekit.planning.poles import all_poles
 
 POLES = [
     "sample", "branch", "q", "link", "relative_to", "ux", "uy", "uz",
-    "rate", "rate_dq", "conditioning", "error_bound", "residual", "status",
+    "rate", "rate_dq", "conditioning", "error_bound", "residual", "status", "moved",
 ]  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def test_written_files_read_back_equal(result, tmp_path):
     assert parquet.attrs["units"]["q"] == "rad"
     csv = pd.read_csv(
         tmp_path / "new" / "folder" / "poles.csv",
-        dtype={"link": str, "relative_to": str},
+        dtype={"link": str, "relative_to": str, "moved": str},
     )
     for column in POLES:
         if frame[column].dtype == float:
@@ -92,7 +92,7 @@ def test_written_files_read_back_equal(result, tmp_path):
 
 
 def test_unreachable_samples_are_rows_with_a_reason():
-    made = sk.load("four_bar").with_input("43")
+    made = sk.load("four_bar").with_inputs("43")
     frame = sk.run(made, "poles", samples=61).frame()
     assert len(frame) == 61 * 6 * frame["branch"].nunique()
     lost = frame[frame["status"] == "OUT_OF_REACH"]

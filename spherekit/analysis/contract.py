@@ -6,7 +6,7 @@ samples at once, and returns the tables it declared.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, TypeVar, final
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import Table, TableData
+from spherekit.conventions import Status
 from spherekit.errors import UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
@@ -64,13 +65,15 @@ class Batch:
     """Read-only view of a block of samples of all branches, limited to declared needs.
 
     Rows run branch after branch, in each the samples in order; failed rows hold NaN.
+    `plans` has one plan for each input, which moves alone with the others locked; where
+    a method takes `moved`, it is the position of that input, the first by default.
     """
 
     mechanism: Mechanism
-    plan: Plan
+    plans: tuple[Plan, ...]
     needs: Needs
     _motion: Motion
-    _field: PoleField | None = field(repr=False)
+    _fields: tuple[PoleField, ...] = field(repr=False)
 
     def __len__(self) -> int:
         return len(self._motion)
@@ -81,14 +84,24 @@ class Batch:
         return self._motion.sample
 
     @property
+    def moved_pairs(self) -> tuple[str, ...]:
+        """Names of the driven pairs, in the order that `moved` counts."""
+        return tuple(item.pair for item in self.mechanism.inputs)
+
+    @property
     def branch(self) -> NDArray[np.int64]:
         """(n,) branch numbers."""
         return self._motion.branch
 
     @property
     def q(self) -> Floats:
-        """(n,) variable of the driven pair, rad."""
+        """(n,) variable of the driven pair, rad; `SolveError` with several inputs."""
         return self._motion.q
+
+    @property
+    def inputs(self) -> Floats:
+        """(n, inputs) variables of the driven pairs, rad."""
+        return self._motion.inputs
 
     @property
     def residual(self) -> Floats:
@@ -98,7 +111,7 @@ class Batch:
     @property
     def status(self) -> NDArray[np.int8]:
         """(n,) codes of `spherekit.conventions.Status`."""
-        return self._motion.status if self._field is None else self._field.status
+        return run_status(self._motion, self._fields)
 
     def branch_rows(self) -> Mapping[int, slice]:
         """Return the rows of each branch, by its number."""
@@ -108,35 +121,35 @@ class Batch:
             for n, item in enumerate(self._motion.branches)
         }
 
-    def direction(self, i: int, j: int) -> Floats:
+    def direction(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return the pole axis of two links: unit vectors (n, 3) in ground axes."""
-        return self._pole(i, j, "directions", self._found().direction)
+        return self._pole(i, j, "directions", self._found(moved).direction)
 
-    def conditioning(self, i: int, j: int) -> Floats:
+    def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the sine of the angle between the two planes that gave the pole."""
-        return self._pole(i, j, "directions", self._found().angle)
+        return self._pole(i, j, "directions", self._found(moved).angle)
 
-    def error_bound(self, i: int, j: int) -> Floats:
+    def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the rounding error of the pole's direction, rad."""
-        return self._pole(i, j, "directions", self._found().error)
+        return self._pole(i, j, "directions", self._found(moved).error)
 
-    def pole_status(self, i: int, j: int) -> NDArray[np.int8]:
+    def pole_status(self, i: int, j: int, moved: int = 0) -> NDArray[np.int8]:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
-        return self._pole(i, j, "directions", self._found().pole_status)
+        return self._pole(i, j, "directions", self._found(moved).pole_status)
 
-    def rate(self, i: int, j: int) -> Floats:
+    def rate(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the coefficient of link max(i, j) relative to the other."""
-        return self._pole(i, j, "rates", self._found().rate)
+        return self._pole(i, j, "rates", self._found(moved).rate)
 
-    def rate_dq(self, i: int, j: int) -> Floats:
+    def rate_dq(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the derivative of the coefficient by the input, 1/rad."""
         if not self.needs.derivatives:
             raise UndeclaredNeed("rate_dq was read; declare Needs(derivatives=True)")
-        return self._pole(i, j, "rates", self._found().rate_dq)
+        return self._pole(i, j, "rates", self._found(moved).rate_dq)
 
-    def planes(self, i: int, j: int) -> Floats:
+    def planes(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 2, 3) unit normals of the great circles that gave the pole."""
-        return self._pole(i, j, "planes", self._found().planes)
+        return self._pole(i, j, "planes", self._found(moved).planes)
 
     def pair_value(self, name: str) -> Floats:
         """Return (n,) the variable of a pair, rad in (-pi, pi]."""
@@ -155,10 +168,10 @@ class Batch:
             )
         return self._motion.rotations[:, self.mechanism.link_number[link]]
 
-    def _found(self) -> PoleField:
-        if self._field is None:
+    def _found(self, moved: int) -> PoleField:
+        if not self._fields:
             raise UndeclaredNeed("a pole was read; declare it in needs()")
-        return self._field
+        return self._fields[moved]
 
     def _pole(self, i: int, j: int, what: str, values: Mapping[Pole, Values]) -> Values:
         pole = pole_of(i, j)
@@ -172,6 +185,14 @@ class Batch:
                 f"declare it in Needs({what}=...)"
             )
         return values[pole]
+
+
+def run_status(motion: Motion, fields: Sequence[PoleField]) -> NDArray[np.int8]:
+    """Return (n,) status codes of a motion, or of the first input that says more."""
+    status = motion.status
+    for found in fields:
+        status = np.where(status == Status.OK, found.status, status)
+    return np.asarray(status, dtype=np.int8)
 
 
 class AbstractAnalysis(ABC):

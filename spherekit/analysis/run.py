@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs, run_status
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
 from spherekit.analysis.scene import Scene
@@ -43,6 +43,8 @@ from spherekit.motion.motion import (
     Tracer,
     status_counts,
 )
+from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.poles import Plan
 from spherekit.planning.rigidity import graph_mobility
 from spherekit.rates.field import PoleField, SignMemory, evaluate
 from spherekit.rates.request import Request, request
@@ -82,15 +84,18 @@ def needs_of(mechanism: Mechanism, analyses: Sequence[AbstractAnalysis]) -> Need
     return together
 
 
-def request_for(mechanism: Mechanism, driven: str, needs: Needs) -> Request:
-    """Return the planned request behind some needs."""
-    return request(
-        mechanism,
-        driven,
-        sorted(needs.directions),
-        sorted(needs.rates),
-        needs.derivatives,
-        sorted(needs.planes),
+def requests_for(mechanism: Mechanism, needs: Needs) -> tuple[Request, ...]:
+    """Return the planned request behind some needs for each input, moved alone."""
+    return tuple(
+        request(
+            mechanism,
+            mechanism.pairs[driven].name,
+            sorted(needs.directions),
+            sorted(needs.rates),
+            needs.derivatives,
+            sorted(needs.planes),
+        )
+        for driven in driven_pairs(mechanism)
     )
 
 
@@ -98,10 +103,12 @@ def run(
     mechanism: Mechanism,
     analyses: str | AbstractAnalysis | Sequence[str | AbstractAnalysis] = "poles",
     *,
-    samples: int = DEFAULT_SAMPLES,
-    input_pair: str | None = None,
+    samples: int | Sequence[int] = DEFAULT_SAMPLES,
+    input_pair: str | Sequence[str] | None = None,
     branch: int | None = None,
     search: bool = True,
+    grid: bool = False,
+    path: Floats | None = None,
     recorder: Recorder | None = None,
     progress: Progress | None = None,
     block: int = BLOCK,
@@ -111,13 +118,11 @@ def run(
     Parameters
     ----------
     mechanism
-        A single-DOF mechanism.
+        A mechanism with a freedom for each of its inputs.
     analyses
         Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects.
-    samples
-        Number of input values over the input's range, both ends included.
-    input_pair, branch, search
-        See `spherekit.trace`.
+    samples, input_pair, branch, search, grid, path
+        Which inputs and assembly modes; see `spherekit.motion.motion.Tracer`.
     recorder
         Receives the scenes block by block while the run goes on.
     progress
@@ -139,40 +144,44 @@ def run(
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
     chosen = [create(item) if isinstance(item, str) else item for item in analyses]
-    tracer = Tracer(mechanism, input_pair, branch, search)
+    tracer = Tracer(mechanism, input_pair, branch, search, samples, grid, path)
     mechanism = tracer.mechanism
-    driven = mechanism.inputs[0].pair
     own = [analysis.needs(mechanism) for analysis in chosen]
     needs = needs_of(mechanism, chosen)
-    wanted = request_for(mechanism, driven, needs)
+    wanted = requests_for(mechanism, needs)
+    plans = tuple(item.plan for item in wanted)
     planned = time.perf_counter()
     collected: dict[str, list[dict[str, TableData]]] = {a.name: [] for a in chosen}
     failures: dict[str, str] = {}
     motions: list[Motion] = []
-    fields: list[PoleField | None] = []
-    memory = SignMemory()
-    inputs = tracer.inputs(samples)
+    fields: list[tuple[PoleField, ...]] = []
+    memories = [SignMemory() for _ in wanted]
+    inputs = tracer.lattice.q
+    total = len(inputs)
     shapes: list[Shape] = []
     if recorder is not None:
         shapes = link_shapes(mechanism)
         recorder.start(
-            [static_scene(wanted.plan, shapes)],
-            inputs,
+            [static_scene(plans, shapes)],
+            inputs[:, 0] if inputs.shape[1] == 1 else None,
             branches=_titles(tracer),
             properties={
                 "spherekit": __version__,
                 "mechanism_hash": mechanism_hash(mechanism),
                 "analyses": ", ".join(analysis.name for analysis in chosen),
             },
-            focus=_middle(tracer, inputs),
+            focus=_middle(tracer),
         )
 
     def attempt(
-        analysis: AbstractAnalysis, what: Needs, motion: Motion, field: Any
+        analysis: AbstractAnalysis,
+        what: Needs,
+        motion: Motion,
+        found: tuple[PoleField, ...],
     ) -> None:
         if analysis.name in failures:
             return
-        batch = Batch(mechanism, wanted.plan, what, motion, field)
+        batch = Batch(mechanism, plans, what, motion, found)
         try:
             tables = dict(analysis.compute(batch))
             for table in analysis.tables:
@@ -187,24 +196,28 @@ def run(
 
     done = 0
     if not all(analysis.rowwise for analysis in chosen):
-        block = samples
-    for motion in tracer.blocks(samples, block):
-        field = evaluate(motion, wanted, memory) if wanted.poles else None
+        block = total
+    for motion in tracer.blocks(block):
+        found = tuple(
+            evaluate(motion, item, memory)
+            for item, memory in zip(wanted, memories, strict=True)
+            if item.poles
+        )
         if recorder is not None:
             _log(recorder, motion_scenes(motion, shapes), motion)
         for analysis, what in zip(chosen, own, strict=True):
-            attempt(analysis, what, motion, field)
+            attempt(analysis, what, motion, found)
         motions.append(motion)
-        fields.append(field)
+        fields.append(found)
         done += motion.samples
         if progress is not None:
-            progress(done, samples)
+            progress(done, total)
     results = {MOTION: _motion_result(mechanism, motions, fields)}
     for analysis in chosen:
         if analysis.name not in failures and collected[analysis.name]:
             results[analysis.name] = _gather(analysis, collected[analysis.name])
     finished = time.perf_counter()
-    summary = _summary(mechanism, tracer, wanted, chosen, motions, fields, failures)
+    summary = _summary(mechanism, tracer, plans, chosen, motions, fields, failures)
     summary["seconds"] = {
         "plan_and_branches": planned - started,
         "evaluate": finished - planned,
@@ -223,9 +236,9 @@ def _titles(tracer: Tracer) -> dict[int, str]:
     }
 
 
-def _middle(tracer: Tracer, inputs: Floats) -> Floats | None:
+def _middle(tracer: Tracer) -> Floats | None:
     """Return the mean direction (3,) of axes and contacts of the first branch, if any."""
-    coarse = tracer.at(inputs[:: max(1, len(inputs) // 24)])
+    coarse = tracer.sparse(24)
     own = ~coarse.failed & (coarse.branch == coarse.branch[0])
     mean = np.sum(coarse.frames[own, :, :, 2], axis=(0, 1))
     size = np.linalg.norm(mean)
@@ -234,8 +247,9 @@ def _middle(tracer: Tracer, inputs: Floats) -> Floats | None:
 
 def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion) -> None:
     k = motion.samples
+    single = motion.inputs.shape[1] == 1
     for scene in scenes:
-        recorder.log(scene, motion.sample[:k], motion.q[:k])
+        recorder.log(scene, motion.sample[:k], motion.q[:k] if single else None)
 
 
 def _gather(
@@ -257,8 +271,14 @@ def _in_order(data: TableData) -> TableData:
 
 
 def _motion_result(
-    mechanism: Mechanism, motions: list[Motion], fields: list[PoleField | None]
+    mechanism: Mechanism, motions: list[Motion], fields: list[tuple[PoleField, ...]]
 ) -> AnalysisResult:
+    inputs = [INPUT]
+    if len(mechanism.inputs) > 1:
+        inputs = [
+            Column(f"q_{item.pair}", "rad", f"variable of driven pair {item.pair}")
+            for item in mechanism.inputs
+        ]
     variables = [
         Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
         for name, owner in zip(
@@ -268,19 +288,17 @@ def _motion_result(
     table = Table(
         MOTION,
         "the configurations: one row per sample and branch",
-        (SAMPLE, BRANCH, INPUT, *variables, RESIDUAL, STATUS),
+        (SAMPLE, BRANCH, *inputs, *variables, RESIDUAL, STATUS),
     )
     parts: list[TableData] = []
-    for motion, field in zip(motions, fields, strict=True):
-        part: dict[str, Any] = {
-            "sample": motion.sample,
-            "branch": motion.branch,
-            "q": motion.q,
-        }
+    for motion, found in zip(motions, fields, strict=True):
+        part: dict[str, Any] = {"sample": motion.sample, "branch": motion.branch}
+        for number, column in enumerate(inputs):
+            part[column.name] = motion.inputs[:, number]
         for number, column in enumerate(variables):
             part[column.name] = motion.values[:, number]
         part["residual"] = motion.residual
-        part["status"] = motion.status if field is None else field.status
+        part["status"] = run_status(motion, found)
         parts.append(part)
     whole = _in_order(concatenate(parts))
     return AnalysisResult(MOTION, (table,), {MOTION: whole})
@@ -294,20 +312,20 @@ def mechanism_hash(mechanism: Mechanism) -> str:
 def _summary(
     mechanism: Mechanism,
     tracer: Tracer,
-    wanted: Request,
+    plans: tuple[Plan, ...],
     chosen: Sequence[AbstractAnalysis],
     motions: list[Motion],
-    fields: list[PoleField | None],
+    fields: list[tuple[PoleField, ...]],
     failures: dict[str, str],
 ) -> dict[str, Any]:
     status = np.concatenate(
-        [m.status if f is None else f.status for m, f in zip(motions, fields, strict=True)]
+        [run_status(motion, found) for motion, found in zip(motions, fields, strict=True)]
     )
+    every_field = [field for found in fields for field in found]
     poles = np.concatenate(
         [
             codes[f.status == Status.OK]
-            for f in fields
-            if f
+            for f in every_field
             for codes in f.pole_status.values()
         ]
         or [np.zeros(0, dtype=np.int8)]
@@ -315,8 +333,8 @@ def _summary(
     residual = np.concatenate([motion.residual for motion in motions])
     branch = np.concatenate([motion.branch for motion in motions])
     closed = np.isfinite(residual)
-    error = _largest([e for f in fields if f for e in f.error.values()])
-    by_equations = [float(np.mean(f.by_equations)) for f in fields if f]
+    error = _largest([e for f in every_field for e in f.error.values()])
+    by_equations = [float(np.mean(f.by_equations)) for f in every_field]
     rank, repeated = None, None
     for motion in motions:
         if np.any(motion.status == Status.OK):
@@ -331,13 +349,18 @@ def _summary(
         "numpy": np.__version__,
         "mechanism": mechanism.name,
         "mechanism_hash": mechanism_hash(mechanism),
-        "input": mechanism.inputs[0].pair,
-        "range_rad": [tracer.low, tracer.high],
+        "inputs": {
+            name: [float(np.min(column)), float(np.max(column))]
+            for name, column in zip(tracer.inputs, tracer.lattice.q.T, strict=True)
+        },
+        "sampling": "x".join(map(str, tracer.lattice.shape)),
         "samples": sum(motion.samples for motion in motions),
         "mobility": {"graph": graph_mobility(mechanism), "rank": rank},
         "redundant_constraints": repeated,
         "groups": [group.kind for group in tracer.assembly.groups],
-        "plan": plan_notes(wanted.plan),
+        "plans": {
+            mechanism.pairs[plan.input].name: plan_notes(plan) for plan in plans
+        },
         "branches": [
             {
                 "number": item.number,

@@ -1,16 +1,18 @@
 """The stage every recording has: links turning on the sphere, the graph, the plan."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 
 from spherekit.analysis.scene import Body, Graph, Scene, Text
+from spherekit.conventions import listing
 from spherekit.model.geometry import Contact, geometry_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import BlockPoles, LinePole, Plan
+from spherekit.planning.poles import Plan, PrimaryPole
 from spherekit.planning.table import as_markdown, describe
 from spherekit.sphere.rotation import Floats, arc
 
@@ -39,10 +41,11 @@ def link_shapes(mechanism: Mechanism) -> list[Shape]:
     return shapes
 
 
-def static_scene(plan: Plan, shapes: list[Shape]) -> Scene:
-    """Return what does not move: the ground, the link/pair graph, the plan's Table."""
-    mechanism = plan.mechanism
-    return Scene(None, (_body(mechanism, shapes, 0, None), _graph(mechanism), _text(plan)))
+def static_scene(plans: Sequence[Plan], shapes: list[Shape]) -> Scene:
+    """Return what does not move: the ground, the link/pair graph, the plans' Tables."""
+    mechanism = plans[0].mechanism
+    ground = _body(mechanism, shapes, 0, None)
+    return Scene(None, (ground, _graph(mechanism), _text(plans)))
 
 
 def motion_scenes(motion: Motion, shapes: list[Shape]) -> tuple[Scene, ...]:
@@ -139,26 +142,31 @@ def _graph(mechanism: Mechanism) -> Graph:
     return Graph("graph", nodes, edges, [*places.links, *places.pairs])
 
 
-def _text(plan: Plan) -> Text:
-    mechanism = plan.mechanism
-    driven = mechanism.pairs[plan.input]
-    steps = [
-        describe(plan, step)
-        for step in plan.steps
-        if isinstance(step, LinePole | BlockPoles)
-    ]
-    lines = [
-        f"# Plan of {mechanism.name}",
-        f"Input: pair {driven.name}, link {driven.links[1]} relative to {driven.links[0]}.",
-        "",
-        as_markdown(plan),
-        "",
+def _text(plans: Sequence[Plan]) -> Text:
+    mechanism = plans[0].mechanism
+    lines = [f"# Plan of {mechanism.name}"]
+    for plan in plans:
+        driven = mechanism.pairs[plan.input]
+        locked = listing(mechanism.pairs[pair].name for pair in plan.locked)
+        steps = [
+            describe(plan, step)
+            for step in plan.steps
+            if not isinstance(step, PrimaryPole)
+        ]
+        lines += [
+            f"Input: pair {driven.name}, link {driven.links[1]} relative to "
+            f"{driven.links[0]}" + (f"; locked: {locked}." if locked else "."),
+            "",
+            as_markdown(plan),
+            "",
+            "```",
+            *steps,
+            "```",
+            "",
+        ]
+    lines += [
         "x: primary pole (axis of a pair). I, II, ...: the pass of the "
         "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part.",
-        "",
-        "```",
-        *steps,
-        "```",
     ]
     if mechanism.source is not None:
         lines += ["", f"Source: {mechanism.source.citation}"]
@@ -171,6 +179,6 @@ def plan_notes(plan: Plan) -> dict[str, Any]:
         "passes": max(plan.rounds.values(), default=0),
         "poles": len(plan.rounds),
         "irreducible_parts": [
-            [plan.mechanism.links[k] for k in block.links] for block in plan.blocks
+            [plan.name(body) for body in block.links] for block in plan.blocks
         ],
     }

@@ -7,6 +7,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import MISSING
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.registry import load, parameters
 from spherekit.analysis.result import RunResult
@@ -59,6 +61,7 @@ def run_study(
         study.mechanism,
         analyses or analyses_of(study),
         samples=study.samples or DEFAULT_SAMPLES,
+        path=None if study.path is None else np.array(study.path),
         branch=study.branch,
         search=study.search,
         recorder=recorder,

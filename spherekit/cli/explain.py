@@ -17,60 +17,88 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[:key=value,...]",
         help="analysis to explain, may be repeated (default: the study's, or poles)",
     )
-    parser.add_argument("--input", metavar="PAIR", help="the driven pair")
+    parser.add_argument(
+        "--input",
+        action="append",
+        metavar="PAIR",
+        help="a driven pair, once for each freedom (default: the file's)",
+    )
     parser.add_argument("--json", action="store_true", help="as JSON")
 
 
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.registry import create
-    from spherekit.analysis.run import needs_of, request_for
+    from spherekit.analysis.run import needs_of, requests_for
     from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
     from spherekit.planning.assembly import plan_assembly
-    from spherekit.planning.poles import LinePole, PrimaryPole, default_input
-    from spherekit.planning.table import describe, pole_name
+    from spherekit.planning.inputs import driven_pairs
+    from spherekit.planning.poles import PrimaryPole
+    from spherekit.planning.table import describe
 
     study = load_study(options.file)
     mechanism = study.mechanism
-    driven = options.input or default_input(mechanism)
+    if options.input:
+        mechanism = mechanism.with_inputs(*options.input)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
     needs = needs_of(mechanism, analyses)
-    wanted = request_for(mechanism, driven, needs)
-    plan = wanted.plan
-    assembly = plan_assembly(mechanism, driven)
+    requests = requests_for(mechanism, needs)
+    assembly = plan_assembly(mechanism)
     names, pairs = mechanism.links, mechanism.pairs
+    inputs = [pairs[driven].name for driven in driven_pairs(mechanism)]
     facts: dict[str, Any] = {
         "mechanism": mechanism.name,
-        "input": driven,
+        "inputs": inputs,
         "analyses": [analysis.name for analysis in analyses],
         "positions": [
             {"group": group.kind, "pairs": [pairs[p].name for p in group.pairs]}
             for group in assembly.groups
         ],
-        "asked": [pole_name(plan, pole) for pole in wanted.poles],
-        "primary_poles": sum(isinstance(step, PrimaryPole) for step in plan.steps),
-        "secondary_poles": sum(isinstance(step, LinePole) for step in plan.steps)
-        + sum(len(block.poles) for block in plan.blocks),
-        "links_with_rates": [names[link] for link in wanted.links],
-        "derivatives": wanted.derivatives,
-        "steps": [describe(plan, step) for step in plan.steps],
+        "asked": [
+            f"P{names[j]}{names[i]}"
+            if len(names[i]) == len(names[j]) == 1
+            else f"P({names[j]},{names[i]})"
+            for i, j in requests[0].poles
+        ],
+        "plans": [
+            {
+                "moved": pairs[wanted.plan.input].name,
+                "locked": [pairs[pair].name for pair in wanted.plan.locked],
+                "primary_poles": sum(
+                    isinstance(step, PrimaryPole) for step in wanted.plan.steps
+                ),
+                "secondary_poles": len(wanted.plan.rounds)
+                - sum(isinstance(step, PrimaryPole) for step in wanted.plan.steps),
+                "links_with_rates": [wanted.plan.name(body) for body in wanted.bodies],
+                "derivatives": wanted.derivatives,
+                "steps": [describe(wanted.plan, step) for step in wanted.plan.steps],
+            }
+            for wanted in requests
+        ],
     }
     if options.json:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
         return 0
     every = len(names) * (len(names) - 1) // 2
-    print(f"{mechanism.name}, input {driven}, analyses: {', '.join(facts['analyses'])}")
+    word = "inputs" if len(inputs) > 1 else "input"
+    print(
+        f"{mechanism.name}, {word} {', '.join(inputs)}, analyses: "
+        f"{', '.join(facts['analyses'])}"
+    )
     print("positions, group by group:")
     for item in facts["positions"]:
         print(f"  {item['group']} of pairs {', '.join(item['pairs'])}")
-    print(f"asked: {len(wanted.poles)} of {every} poles: {', '.join(facts['asked'])}")
-    print(
-        f"evaluated: {facts['primary_poles']} primary and {facts['secondary_poles']} "
-        "secondary poles"
-    )
-    for step in plan.steps:
-        print(f"  {describe(plan, step)}")
-    orders = "first and second order" if wanted.derivatives else "first order"
-    print(f"rates of links {', '.join(facts['links_with_rates'])}, {orders}")
+    print(f"asked: {len(facts['asked'])} of {every} poles: {', '.join(facts['asked'])}")
+    for each in facts["plans"]:
+        if each["locked"]:
+            print(f"while {each['moved']} moves, {', '.join(each['locked'])} locked:")
+        print(
+            f"evaluated: {each['primary_poles']} primary and {each['secondary_poles']} "
+            "secondary poles"
+        )
+        for step in each["steps"]:
+            print(f"  {step}")
+        orders = "first and second order" if each["derivatives"] else "first order"
+        print(f"rates of links {', '.join(each['links_with_rates'])}, {orders}")
     return 0

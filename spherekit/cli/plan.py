@@ -7,7 +7,11 @@ import json
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("file", metavar="FILE", help="path or shipped name")
-    parser.add_argument("--input", metavar="PAIR", help="the driven pair")
+    parser.add_argument(
+        "--input",
+        metavar="PAIR",
+        help="the pair that moves (default: each input in turn, the others locked)",
+    )
     parser.add_argument(
         "--for",
         dest="poles",
@@ -22,18 +26,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Print the plan."""
+    """Print the plan, or one plan for each of several inputs."""
     from spherekit.files.read import load
+    from spherekit.planning.inputs import driven_pairs
     from spherekit.planning.poles import plan
     from spherekit.planning.table import as_dict, as_markdown, as_text, describe
 
-    planned = plan(load(options.file), options.poles, options.input)
+    mechanism = load(options.file)
+    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    moved = [options.input] if options.input else names
+    planned = [plan(mechanism, options.poles, name) for name in moved]
     if options.json:
-        print(json.dumps(as_dict(planned), indent=2, ensure_ascii=False))
+        found = [as_dict(each) for each in planned]
+        shown = found[0] if len(found) == 1 else found
+        print(json.dumps(shown, indent=2, ensure_ascii=False))
         return 0
-    print(as_markdown(planned) if options.markdown else as_text(planned))
-    if options.steps:
-        print()
-        for step in planned.steps:
-            print(describe(planned, step))
+    for number, each in enumerate(planned):
+        if each.locked:
+            locked = ", ".join(mechanism.pairs[pair].name for pair in each.locked)
+            heading = f"input {mechanism.pairs[each.input].name}, locked: {locked}"
+            print("\n" * (number > 0) + heading)
+        print(as_markdown(each) if options.markdown else as_text(each))
+        if options.steps:
+            print()
+            for step in each.steps:
+                print(describe(each, step))
     return 0

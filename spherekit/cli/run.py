@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
-from spherekit.errors import AnalysisError
 
 if TYPE_CHECKING:
     from spherekit.files.study import Study
@@ -33,8 +32,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="analysis to run, may be repeated (default: the study's, or poles)",
     )
     parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
-    parser.add_argument("--samples", type=int, metavar="N", help="default 361")
-    parser.add_argument("--input", metavar="PAIR", help="the driven pair")
+    parser.add_argument(
+        "--samples",
+        type=sample_counts,
+        metavar="N[xM...]",
+        help="samples along the input's range, default 361; with several inputs on the "
+        "straight path through their ranges, or on a grid with 41x21",
+    )
+    parser.add_argument(
+        "--input",
+        action="append",
+        metavar="PAIR",
+        help="a driven pair, once for each freedom (default: the file's)",
+    )
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
         "--no-search",
@@ -101,12 +111,21 @@ def execute(options: argparse.Namespace) -> int:
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
+def sample_counts(text: str) -> int | tuple[int, ...]:
+    """Return the number of samples that ``361`` or, for a grid, ``41x21`` names."""
+    parts = text.split("x")
+    if not all(part.isdecimal() and int(part) > 0 for part in parts):
+        raise argparse.ArgumentTypeError(
+            f"needs whole numbers of at least 1, such as 361 or 41x21, not {text!r}"
+        )
+    counts = tuple(int(part) for part in parts)
+    return counts[0] if len(counts) == 1 else counts
+
+
 def overridden(study: "Study", options: argparse.Namespace) -> "Study":
     """Return a study in which the flags given explicitly replace what the file says."""
-    if options.samples is not None and options.samples < 1:
-        raise AnalysisError(f"--samples must be at least 1, not {options.samples}")
     if options.input is not None:
-        study = replace(study, mechanism=study.mechanism.with_input(options.input))
+        study = replace(study, mechanism=study.mechanism.with_inputs(*options.input))
     given = {
         "samples": options.samples,
         "branch": options.branch,
@@ -128,8 +147,9 @@ def report(summary: Any) -> str:
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
     lines = [
-        f"{summary['mechanism']}: {summary['samples']} samples of input "
-        f"{summary['input']}, {len(summary['branches'])} branches; mobility "
+        f"{summary['mechanism']}: {summary['sampling']} samples of "
+        f"{'inputs' if len(summary['inputs']) > 1 else 'input'} "
+        f"{', '.join(summary['inputs'])}, {len(summary['branches'])} branches; mobility "
         f"{mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
         f"{', '.join(summary['groups'])}"
     ]

@@ -43,7 +43,7 @@ def check(name: str) -> dict[str, Any]:
     from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
     from spherekit.motion.motion import Tracer
-    from spherekit.planning.poles import default_input, plan
+    from spherekit.planning.poles import plans
     from spherekit.planning.rigidity import graph_mobility
 
     study = load_study(name)
@@ -53,14 +53,13 @@ def check(name: str) -> dict[str, Any]:
         "links": len(mechanism.links),
         "pairs": len(mechanism.pairs),
         "mobility": graph_mobility(mechanism),
-        "input": default_input(mechanism),
     }
     if study.document is not None:
         facts["study"] = study.name
         facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
-    planned = plan(mechanism)
-    facts["irreducible_parts"] = len(planned.blocks)
+    facts["irreducible_parts"] = sum(len(plan.blocks) for plan in plans(mechanism))
     tracer = Tracer(mechanism)
+    facts["inputs"] = list(tracer.inputs)
     facts["groups"] = [group.kind for group in tracer.assembly.groups]
     facts["branches"] = len(tracer.branches)
     return facts
@@ -73,7 +72,8 @@ def line(facts: dict[str, Any]) -> str:
         text = f"{facts['study']}: ok, study of {facts['name']}"
     text += (
         f", {facts['links']} links, {facts['pairs']} pairs, mobility "
-        f"{facts['mobility']}, input {facts['input']}"
+        f"{facts['mobility']}, {'inputs' if len(facts['inputs']) > 1 else 'input'} "
+        f"{', '.join(facts['inputs'])}"
     )
     if "groups" in facts:
         groups = ", ".join(facts["groups"]) or "none"

@@ -135,7 +135,8 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
                 described = _described(error.schema, key, kind)
                 yield path, f"the key {key} is missing{described}"
     elif rule == "type":
-        yield path, mismatch(value, _TYPES.get(limit, limit))
+        wanted = limit if isinstance(limit, list) else [limit]
+        yield path, mismatch(value, " or ".join(_TYPES.get(each, each) for each in wanted))
     elif rule in ("enum", "const"):
         allowed = limit if rule == "enum" else [limit]
         hint = nearest(value, allowed) if isinstance(value, str) else ""

@@ -20,8 +20,10 @@ from spherekit.model.mechanism import Input, Mechanism
 @final
 @dataclass(frozen=True)
 class Study:
-    """A mechanism with the input it is driven at, and what is to be run on it.
+    """A mechanism with the inputs it is driven at, and what is to be run on it.
 
+    `samples` are those of a path through the ranges of the inputs or, with a number for
+    each input, of a grid; `path` has the inputs (rad) of every sample instead.
     `analyses` maps names to parameters as they stand in the file; whether such
     analyses exist and take them is for `spherekit.analysis.study` to say, with the
     lines of `document`. `folder` and `recording` are relative to the working folder.
@@ -29,7 +31,8 @@ class Study:
 
     name: str
     mechanism: Mechanism
-    samples: int | None = None
+    samples: int | tuple[int, ...] | None = None
+    path: tuple[tuple[float, ...], ...] | None = None
     branch: int | None = None
     search: bool = True
     analyses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -61,11 +64,12 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
     check(document, "study")
     data = document.data
     output = data.get("output", {})
-    mechanism = _mechanism(document, path.parent)
+    mechanism = _driven(document, _mechanism(document, path.parent))
     return Study(
         name=path.name.removesuffix(STUDY_SUFFIX),
-        mechanism=_driven(document, mechanism),
-        samples=int(data["samples"]) if "samples" in data else None,
+        mechanism=mechanism,
+        samples=_samples(document, mechanism),
+        path=_input_path(document, mechanism),
         branch=int(data["branch"]) if "branch" in data else None,
         search=data.get("search", True),
         analyses=data.get("analyses", {}),
@@ -91,32 +95,94 @@ def _mechanism(document: Document, folder: Path) -> Mechanism:
 
 
 def _driven(document: Document, mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with the study's input first, over the study's range."""
-    for pair, item in document.data.get("inputs", {}).items():
-        path = ("inputs", pair)
+    """Return the mechanism with the study's inputs and their ranges."""
+    given = document.data.get("inputs", {})
+    for pair in given:
         if pair not in mechanism.pair_number:
             hint = nearest(pair, mechanism.pair_number) or ";"
             raise document.fault(
-                path,
+                ("inputs", pair),
                 f'{mechanism.name} has no pair "{pair}"{hint} Pairs: '
                 f"{listing(mechanism.pair_number)}",
             )
-        own = mechanism.with_input(pair).inputs[0]
-        start, stop = (
-            angle_at(document, (*path, key), item[key], document.data["angle_unit"])
-            if key in item
-            else default
-            for key, default in (("from", own.start), ("to", own.stop))
+    if not {item.pair for item in mechanism.inputs}.issuperset(given):
+        mechanism = mechanism.with_inputs(*given)
+    ranged = (
+        _ranged(document, item) if item.pair in given else item
+        for item in mechanism.inputs
+    )
+    return replace(mechanism, inputs=tuple(ranged))
+
+
+def _ranged(document: Document, own: Input) -> Input:
+    """Return an input over the range that the study gives it."""
+    path, item = ("inputs", own.pair), document.data["inputs"][own.pair]
+    start, stop = (
+        angle_at(document, (*path, key), item[key], document.data["angle_unit"])
+        if key in item
+        else default
+        for key, default in (("from", own.start), ("to", own.stop))
+    )
+    if not start < stop:
+        raise document.fault(
+            path,
+            "the range must rise from `from` to `to`, but it is "
+            f"{start:.6g} to {stop:.6g} rad",
         )
-        if not start < stop:
+    return Input(own.pair, start, stop)
+
+
+def _samples(document: Document, mechanism: Mechanism) -> int | tuple[int, ...] | None:
+    found = document.data.get("samples")
+    if not isinstance(found, list):
+        return None if found is None else int(found)
+    if len(found) != len(mechanism.inputs):
+        raise document.fault(
+            ("samples",),
+            f"has {len(found)} numbers for {len(mechanism.inputs)} inputs "
+            f"({listing(item.pair for item in mechanism.inputs)})",
+        )
+    return tuple(int(count) for count in found)
+
+
+def _input_path(
+    document: Document, mechanism: Mechanism
+) -> tuple[tuple[float, ...], ...] | None:
+    """Return the rows of the inputs' values, one number for each input, if given."""
+    given = document.data.get("inputs", {})
+    if not any("values" in item for item in given.values()):
+        return None
+    columns = []
+    for item in mechanism.inputs:
+        path = ("inputs", item.pair)
+        table = given.get(item.pair, {})
+        if "values" not in table:
             raise document.fault(
-                path,
-                "the range must rise from `from` to `to`, but it is "
-                f"{start:.6g} to {stop:.6g} rad",
+                path if item.pair in given else ("inputs",),
+                f"input {item.pair} has no values, but another input has; give values "
+                "for every input",
             )
-        others = (each for each in mechanism.inputs if each.pair != pair)
-        return replace(mechanism, inputs=(Input(pair, start, stop), *others))
-    return mechanism
+        for key in ("from", "to"):
+            if key in table:
+                raise document.fault(
+                    (*path, key), "excluded by values, which says every sample"
+                )
+        unit = document.data["angle_unit"]
+        columns.append(
+            tuple(
+                angle_at(document, (*path, "values", k), number, unit)
+                for k, number in enumerate(table["values"])
+            )
+        )
+        if len(columns[-1]) != len(columns[0]):
+            raise document.fault(
+                (*path, "values"),
+                f"has {len(columns[-1])} values, input {mechanism.inputs[0].pair} has "
+                f"{len(columns[0])}; give equally many",
+            )
+    if "samples" in document.data:
+        raise document.fault(("samples",), "excluded by the inputs' values")
+    return tuple(zip(*columns, strict=True))
 
 
 def _path(document: Document, output: Mapping[str, str], key: str) -> Path | None:

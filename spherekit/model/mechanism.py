@@ -238,12 +238,20 @@ class Mechanism:
             )
         return self.pairs[self.pair_number[name]]
 
-    def with_input(self, pair: str) -> "Mechanism":
-        """Return the same mechanism driven at another pair (range: one turn)."""
-        self.pair(pair)
-        known = [item for item in self.inputs if item.pair == pair]
-        full_turn = Input(pair, 0.0, 6.283185307179586)
-        return replace(self, inputs=(known[0] if known else full_turn,))
+    def with_inputs(self, *pairs: str) -> "Mechanism":
+        """Return the same mechanism driven at these pairs.
+
+        Pairs that are no input yet get a range of one turn.
+        """
+        known = {item.pair: item for item in self.inputs}
+        full_turn = 6.283185307179586
+        return replace(
+            self,
+            inputs=tuple(
+                known.get(name, Input(self.pair(name).name, 0.0, full_turn))
+                for name in pairs
+            ),
+        )
 
 
 def _check(mechanism: Mechanism) -> None:
@@ -252,6 +260,7 @@ def _check(mechanism: Mechanism) -> None:
         raise ModelError(f"{where}: a mechanism has at least two links")
     _check_names(where, "link", mechanism.links)
     _check_names(where, "pair", [pair.name for pair in mechanism.pairs])
+    _check_names(where, "input at a", [item.pair for item in mechanism.inputs])
     _check_names(where, "output", [output.name for output in mechanism.outputs])
     _check_names(where, "load", [load.name for load in mechanism.loads])
     _check_names(where, "mass of a", [mass.link for mass in mechanism.masses])

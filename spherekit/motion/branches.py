@@ -1,8 +1,9 @@
 """One assembly mode of a mechanism, evaluated at any input.
 
 A branch names one mode of every group: a sign for a dyad, whose closed form cannot
-flip, or a curve of verified nodes for an irreducible group, which predicts where
-Newton's method has to arrive and what it must not leave.
+flip; for an irreducible group a guide of verified configurations (a curve for one input,
+a sheet for several) that predicts where Newton's method has to arrive and what it must
+not leave.
 """
 
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from spherekit.motion.follow import Curve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.pairs import PairStates
+from spherekit.motion.sheet import Sheet
 from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats
 
@@ -32,15 +34,15 @@ FLAT_GROUP = 1e-9
 @final
 @dataclass(frozen=True)
 class Branch:
-    """One assembly mode over the input range.
+    """One assembly mode over the ranges of the inputs.
 
-    `signs` has +1 or -1 for each dyad and 0 for each irreducible group; `curve` is
+    `signs` has +1 or -1 for each dyad and 0 for each irreducible group; `guide` is
     None where all groups are dyads.
     """
 
     number: int
     signs: tuple[int, ...]
-    curve: Curve | None = None
+    guide: Curve | Sheet | None = None
     determinants: tuple[float, ...] = ()
 
     @property
@@ -70,25 +72,33 @@ class Solver:
         self.geometry = geometry_of(mechanism)
         self.joints = self.geometry.joints
         self.closure = Closure.of(mechanism, self.joints)
-        (self.driven,) = mechanism.variables_of(assembly.input)
+        self.driven = tuple(
+            number for pair in assembly.inputs for number in mechanism.variables_of(pair)
+        )
 
     def start(self, q: Floats) -> State:
-        """Return the state in which only the input has values q (n,)."""
-        return State.start(self.mechanism, self.joints, self.assembly.input, q)
+        """Return the state in which only the inputs have values q (n, inputs)."""
+        return State.start(self.mechanism, self.joints, self.assembly, q)
 
-    def evaluate(self, branch: Branch, q: Floats) -> Evaluated:
-        """Return the branch at inputs q (n,) in any order; failed samples are NaN."""
+    def evaluate(
+        self, branch: Branch, q: Floats, rows: NDArray[np.intp] | None = None
+    ) -> Evaluated:
+        """Return the branch at inputs q (n, inputs) in any order; failed samples are NaN.
+
+        A branch guided by a sheet is known at the samples of its lattice only; `rows`
+        (n,) says which ones they are.
+        """
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            return self._evaluate(branch, q)
+            return self._evaluate(branch, q, rows)
 
-    def _evaluate(self, branch: Branch, q: Floats) -> Evaluated:
+    def _evaluate(
+        self, branch: Branch, q: Floats, rows: NDArray[np.intp] | None
+    ) -> Evaluated:
         ends = self.mechanism.ends
         state = self.start(q)
         status = np.zeros(len(q), dtype=np.int8)
-        if branch.curve is not None:
-            predicted, spread = branch.curve.predict(q)
-            beyond = np.where(q < branch.curve.inputs[0], *branch.curve.ends)
-            outside = ~branch.curve.covers(q)
+        if branch.guide is not None:
+            predicted, spread, why = _guided(branch.guide, q, rows)
         for number, (group, sign) in enumerate(
             zip(self.assembly.groups, branch.signs, strict=True)
         ):
@@ -97,9 +107,9 @@ class Solver:
                 _mark(status, state.lost, Status.OUT_OF_REACH)
                 _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
                 continue
-            assert branch.curve is not None
-            for reason in set(branch.curve.ends) - {Status.OK}:
-                _mark(status, outside & (beyond == reason), reason)
+            for reason in Status:
+                if reason != Status.OK:
+                    _mark(status, why == reason, reason)
             start = predicted[:, group_variables(state, group)]
             good = (status == Status.OK) | (status == Status.AT_SINGULARITY)
             start = np.where(good[:, None], start, np.nan)
@@ -132,7 +142,7 @@ class Solver:
         values = np.where(failed[:, None], np.nan, values)
         rotations[failed] = np.nan
         residual[failed] = np.nan
-        free = [v for v in self.angles if v != self.driven]
+        free = [v for v in self.angles if v not in self.driven]
         values[:, free] = wrap(values[:, free])
         return Evaluated(values, rotations, status, residual)
 
@@ -143,6 +153,20 @@ class Solver:
         return [
             v for v, pair in enumerate(owners) if isinstance(self.joints[pair], Revolute)
         ]
+
+
+def _guided(
+    guide: Curve | Sheet, q: Floats, rows: NDArray[np.intp] | None
+) -> tuple[Floats, Floats, NDArray[np.int8]]:
+    """Return predicted variables, how far they may be off, and why samples have none."""
+    if isinstance(guide, Sheet):
+        assert rows is not None
+        return guide.values[rows], np.zeros(len(q)), guide.status[rows]
+    along = q[:, 0]
+    predicted, spread = guide.predict(along)
+    beyond = np.where(along < guide.inputs[0], *guide.ends)
+    why = np.where(guide.covers(along), Status.OK, beyond)
+    return predicted, spread, why.astype(np.int8)
 
 
 def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:

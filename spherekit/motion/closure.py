@@ -7,6 +7,7 @@ fails to close is the residual. Bodies may be links, or groups of links whose
 relative orientation differs from sample to sample.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -95,7 +96,7 @@ class Closure:
     def solve(
         self,
         values: Floats,
-        held: int | None,
+        held: Sequence[int] = (),
         iterations: int = 12,
         trust: float = 0.5,
     ) -> "NewtonResult":
@@ -104,9 +105,9 @@ class Closure:
         Parameters
         ----------
         values
-            (n, variables) starting values; the variable `held` is not changed.
+            (n, variables) starting values.
         held
-            Number of the input's variable, or None if all variables are free.
+            Numbers of the variables that are not changed, those of inputs.
         iterations, trust
             Most steps taken, and the largest change (rad) of a variable in one step.
 
@@ -116,7 +117,7 @@ class Closure:
             Per sample: values, residual, the size of the first step and the ratio of
             the second to the first (0 where one step was enough).
         """
-        free = [v for v in range(values.shape[1]) if v != held]
+        free = [v for v in range(values.shape[1]) if v not in held]
         values = values.copy()
         n = len(values)
         residual = np.full(n, np.inf)

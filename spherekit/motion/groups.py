@@ -14,7 +14,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import PairStates, pair_states
-from spherekit.planning.assembly import Group
+from spherekit.planning.assembly import Assembly, Group
 from spherekit.sphere.rotation import Floats, transpose
 from spherekit.sphere.triangle import Bools, close_dyad
 
@@ -37,19 +37,32 @@ class State:
 
     @staticmethod
     def start(
-        mechanism: Mechanism, joints: tuple[Joint, ...], driven: int, q: Floats
+        mechanism: Mechanism, joints: tuple[Joint, ...], assembly: Assembly, q: Floats
     ) -> "State":
-        """Return the state in which only the input pair has been given values q (n,)."""
+        """Return the state in which only the inputs have been given values q (n, inputs)."""
         n = len(q)
         unturned = np.broadcast_to(np.eye(3), (n, 3, 3))
         within = dict.fromkeys(range(len(mechanism.links)), unturned)
         variables = tuple(mechanism.variables_of(k) for k in range(len(joints)))
-        (number,) = variables[driven]
-        states = pair_states((joints[driven],), q[:, None])
-        placed = states.first[:, 0] @ transpose(states.second[:, 0])
-        within[mechanism.ends[driven][1]] = placed
         values = np.full((n, len(mechanism.variable_owners)), np.nan)
-        values[:, number] = q
+        for driven, column in zip(assembly.inputs, q.T, strict=True):
+            values[:, variables[driven][0]] = column
+        placed = set(assembly.bodies)
+        waiting = list(assembly.inputs)
+        while waiting:
+            driven = waiting.pop(0)
+            a, b = mechanism.ends[driven]
+            if not {a, b} & placed:
+                waiting.append(driven)
+                continue
+            joint = joints[driven]
+            states = pair_states((joint,), values[:, list(variables[driven])])
+            turn = states.first[:, 0] @ transpose(states.second[:, 0])
+            if a in placed:
+                within[b] = within[a] @ turn
+            else:
+                within[a] = within[b] @ transpose(turn)
+            placed |= {a, b}
         return State(joints, variables, within, values, np.zeros(n, dtype=bool))
 
     def copy(self) -> "State":
@@ -152,7 +165,7 @@ def place_group(
     Returns the solver's result, the states of its pairs, and its Jacobian.
     """
     closure = group_closure(state, group, ends)
-    result = closure.solve(start, held=None)
+    result = closure.solve(start)
     placed, states = closure.place(result.values)
     jacobian = closure.tree.jacobian(closure.vectors(placed, states))
     state.merge(group, placed)

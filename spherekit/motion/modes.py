@@ -1,4 +1,4 @@
-"""Finding the assembly modes of a mechanism over the range of its input.
+"""Finding the assembly modes of a mechanism over the ranges of its inputs.
 
 All modes of dyads are enumerated; those of irreducible groups are searched for from many
 random starts at several inputs, and each new one is followed as far as it goes.
@@ -13,7 +13,7 @@ from spherekit.errors import SolveError
 from spherekit.model.geometry import Contact, Revolute
 from spherekit.motion.branches import Branch, Solver, determinant_signs, penetrates, wrap
 from spherekit.motion.closure import Closure
-from spherekit.motion.follow import follow
+from spherekit.motion.follow import Curve, follow
 from spherekit.motion.groups import (
     State,
     group_closure,
@@ -21,7 +21,10 @@ from spherekit.motion.groups import (
     place_dyad,
     place_group,
 )
+from spherekit.motion.lattice import Lattice
 from spherekit.motion.pairs import pair_axes
+from spherekit.motion.sheet import Sheet, spread
+from spherekit.motion.steps import walk
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 
@@ -34,33 +37,37 @@ PROBES = 5
 STARTS = 192
 """Random starts of one round of that search; it ends after two rounds without news."""
 MOST_ROUNDS = 12
+NEAREST = 8
+"""Samples nearest to a reference pose that straight ways are tried to."""
 SAME_MODE = 1e-6
 """Closed configurations whose rotation matrices differ by less are one."""
 
 
 def find_branches(
-    solver: Solver, low: float, high: float, search: bool = True
+    solver: Solver, lattice: Lattice, search: bool = True
 ) -> tuple[Branch, ...]:
-    """Return the branches that have at least one configuration in the input range.
+    """Return the branches that have at least one configuration at the inputs given.
 
     The mode of a given reference pose comes first. All modes of dyads are found; those
-    of irreducible groups by a search at several inputs, which may miss some.
+    of irreducible groups by a search at several inputs, which may miss some. For one
+    input the range between the first and the last sample is what counts; for several the
+    samples of the lattice.
 
     Raises
     ------
     SolveError
-        If the arcs close nowhere in the range.
+        If the arcs close nowhere.
     """
     if solver.assembly.has_closed_form:
-        branches = _dyad_branches(solver, low, high, search)
+        branches = _dyad_branches(solver, lattice, search)
     else:
-        branches = _followed_branches(solver, low, high, search)
+        branches = _guided_branches(solver, lattice, search)
     if not branches:
-        raise SolveError(_why_nothing_closes(solver, low, high))
+        raise SolveError(_why_nothing_closes(solver, lattice))
     return tuple(branches)
 
 
-def _dyad_branches(solver: Solver, low: float, high: float, search: bool) -> list[Branch]:
+def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Branch]:
     ends = solver.mechanism.ends
     groups = solver.assembly.groups
     found: list[tuple[int, ...]] = []
@@ -82,10 +89,22 @@ def _dyad_branches(solver: Solver, low: float, high: float, search: bool) -> lis
         own = _signs_at(solver, reference)
     with np.errstate(invalid="ignore", divide="ignore"):
         if search or own is None:
-            extend(solver.start(np.linspace(low, high, PROBED_INPUTS)), ())
+            extend(solver.start(_probed(lattice)), ())
     if own is not None:
         found = [own, *(signs for signs in found if signs != own)][:MOST_BRANCHES]
     return [Branch(number, signs) for number, signs in enumerate(found)]
+
+
+def _probed(lattice: Lattice) -> Floats:
+    """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
+    if lattice.q.shape[1] == 1:
+        return np.linspace(*_range(lattice), PROBED_INPUTS)[:, None]
+    return lattice.thinned(PROBED_INPUTS).q
+
+
+def _range(lattice: Lattice) -> tuple[float, float]:
+    """Return the least and the greatest value of a single input."""
+    return float(np.min(lattice.q)), float(np.max(lattice.q))
 
 
 def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
@@ -102,80 +121,116 @@ def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
     return tuple(signs)
 
 
-def _followed_branches(
-    solver: Solver, low: float, high: float, search: bool
-) -> list[Branch]:
-    driven = solver.driven
+def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Branch]:
+    driven = list(solver.driven)
     branches: list[Branch] = []
     reference = solver.geometry.reference
 
     def add(values: Floats) -> None:
-        q = float(values[driven])
-        values = solver.closure.solve(values[None], held=driven).values[0]
-        curve = follow(solver.closure, driven, values, min(low, q), max(high, q))
-        if np.any(curve.covers(np.linspace(low, high, PROBED_INPUTS))):
-            branch = Branch(len(branches), _signs_at(solver, values), curve)
-            branches.append(_with_determinants(solver, branch, q))
+        values = solver.closure.solve(values[None], driven).values[0]
+        guide = _guide(solver, lattice, values)
+        if guide is not None:
+            branch = Branch(len(branches), _signs_at(solver, values), guide)
+            branches.append(_with_determinants(solver, branch, values))
 
     if reference is not None:
-        turn = 2 * np.pi
-        q = reference[driven]
-        if not low <= q <= high:
-            q += turn * np.round((0.5 * (low + high) - q) / turn)
         values = reference.copy()
-        values[driven] = q
+        middle = 0.5 * (np.min(lattice.q, axis=0) + np.max(lattice.q, axis=0))
+        half = 0.5 * np.ptp(lattice.q, axis=0)
+        turns = np.round((middle - reference[driven]) / (2 * np.pi))
+        outside = np.abs(reference[driven] - middle) > half
+        values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
         add(values)
     if search or not branches:
         rolls = any(isinstance(j, Contact) and j.rolling for j in solver.joints)
-        for q in _probes(solver, low, high):
+        for q in _probes(solver, lattice):
             if rolls and branches:
                 break
             for _, values in assemblies(solver, q):
                 if len(branches) < MOST_BRANCHES and not _is_known(
-                    solver, branches, q, values
+                    solver, lattice, branches, values
                 ):
                     add(values)
     return branches
 
 
-def _probes(solver: Solver, low: float, high: float) -> list[float]:
-    """Return the inputs at which modes are searched for.
+def _guide(solver: Solver, lattice: Lattice, values: Floats) -> Curve | Sheet | None:
+    """Return the guide through a closed configuration, None if it meets no sample."""
+    driven = list(solver.driven)
+    here = values[driven]
+    if len(driven) == 1:
+        low, high = _range(lattice)
+        q = float(here[0])
+        curve = follow(solver.closure, driven[0], values, min(low, q), max(high, q))
+        covered = curve.covers(np.linspace(low, high, PROBED_INPUTS))
+        return curve if np.any(covered) else None
+    near = lattice.nearest(here, NEAREST)
+    start = np.repeat(values[None], len(near), axis=0)
+    found, status = walk(solver.closure, driven, start, lattice.q[near])
+    arrived = np.flatnonzero(status == Status.OK)
+    if not len(arrived):
+        return None
+    first = arrived[0]
+    return spread(solver.closure, driven, lattice, int(near[first]), found[first])
+
+
+def _probes(solver: Solver, lattice: Lattice) -> Floats:
+    """Return the inputs (k, inputs) at which modes are searched for.
 
     Wheels mesh again after every turn, in another position of the train: those positions
     are one motion, so a mechanism with rolling pairs is assembled at the first of these
     inputs where it can be, and of modes that differ by whole turns of wheels the one
     nearest to the start is kept.
     """
-    inside = [low + (k + 0.5) / PROBES * (high - low) for k in range(PROBES)]
+    if len(solver.driven) == 1:
+        low, high = _range(lattice)
+        parts = (np.arange(PROBES) + 0.5) / PROBES
+        inside = (low + parts * (high - low))[:, None]
+    else:
+        inside = _scattered(lattice)
     if any(isinstance(j, Contact) and j.rolling for j in solver.joints):
-        return [low, *inside]
+        return np.concatenate([lattice.q[:1], inside])
     return inside
 
 
-def _with_determinants(solver: Solver, branch: Branch, q: float) -> Branch:
-    """Give the branch the signs of its irreducible groups' determinants at q."""
-    assert branch.curve is not None
-    state = solver.start(np.array([q]))
-    predicted, _ = branch.curve.predict(np.array([q]))
+def _scattered(lattice: Lattice) -> Floats:
+    """Return samples (k, inputs) spread over a lattice, its middle first."""
+    parts = (np.arange(PROBES) + 0.5) / PROBES
+    order = np.argsort(np.abs(parts - 0.5), kind="stable")
+    rows = np.zeros(PROBES, dtype=np.intp)
+    for axis, count in enumerate(lattice.shape):
+        step = np.roll(parts[order], axis * (PROBES // 2)) if axis else parts[order]
+        place = np.minimum((step * count).astype(np.intp), count - 1)
+        rows = rows * count + place
+    return lattice.q[np.unique(rows)]
+
+
+def _with_determinants(solver: Solver, branch: Branch, values: Floats) -> Branch:
+    """Give the branch the signs of its irreducible groups' determinants."""
+    state = solver.start(values[None, list(solver.driven)])
     determinants = []
     for group, sign in zip(solver.assembly.groups, branch.signs, strict=True):
         if sign:
             place_dyad(state, group, solver.mechanism.ends, sign)
             determinants.append(float(sign))
         else:
-            start = predicted[:, group_variables(state, group)]
+            start = values[None, group_variables(state, group)]
             _, _, jacobian = place_group(state, group, solver.mechanism.ends, start)
             determinant, _ = determinant_signs(jacobian)
             determinants.append(float(determinant[0]))
-    return Branch(branch.number, branch.signs, branch.curve, tuple(determinants))
+    return Branch(branch.number, branch.signs, branch.guide, tuple(determinants))
 
 
-def _is_known(solver: Solver, branches: Sequence[Branch], q: float, values: Floats) -> bool:
+def _is_known(
+    solver: Solver, lattice: Lattice, branches: Sequence[Branch], values: Floats
+) -> bool:
+    """Return whether a configuration at a probed input lies on one of the branches."""
+    q = values[None, list(solver.driven)]
+    row = lattice.nearest(q[0], 1)
     for branch in branches:
-        assert branch.curve is not None
-        if not branch.curve.covers(np.array([q]))[0]:
+        if isinstance(branch.guide, Curve) and not branch.guide.covers(q[0])[0]:
             continue
-        there = solver.evaluate(branch, np.array([q]))
+        there = solver.evaluate(branch, q, row)
         placed, _ = solver.closure.place(values[None])
         if there.status[0] in (Status.OK, Status.AT_SINGULARITY) and not _far(
             there.rotations[0], placed[0]
@@ -184,10 +239,15 @@ def _is_known(solver: Solver, branches: Sequence[Branch], q: float, values: Floa
     return False
 
 
-def _why_nothing_closes(solver: Solver, low: float, high: float) -> str:
+def _why_nothing_closes(solver: Solver, lattice: Lattice) -> str:
     name = solver.mechanism.name
-    degrees = f"[{np.degrees(low):.6g}, {np.degrees(high):.6g}] deg"
-    state = solver.start(np.linspace(low, high, PROBED_INPUTS))
+    inputs = [solver.mechanism.pairs[pair].name for pair in solver.assembly.inputs]
+    lows, highs = np.degrees([np.min(lattice.q, axis=0), np.max(lattice.q, axis=0)])
+    degrees = ", ".join(
+        f"{pair} in [{low:.6g}, {high:.6g}] deg"
+        for pair, low, high in zip(inputs, lows, highs, strict=True)
+    )
+    state = solver.start(_probed(lattice))
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
             pairs = ", ".join(solver.mechanism.pairs[p].name for p in group.pairs)
@@ -197,18 +257,18 @@ def _why_nothing_closes(solver: Solver, low: float, high: float) -> str:
             if np.all(state.lost):
                 return (
                     f"{name}: arcs cannot close: the {group.kind} of pairs {pairs} "
-                    f"reaches nowhere for inputs in {degrees}; change the arcs of its "
+                    f"reaches nowhere for inputs {degrees}; change the arcs of its "
                     "links or the range"
                 )
     return (
-        f"{name}: no configuration was found for inputs in {degrees}: the {group.kind} "
+        f"{name}: no configuration was found for inputs {degrees}: the {group.kind} "
         f"of pairs {pairs} did not close from any start, or only with profiles that enter "
         "each other; change its arcs, profiles or the range, or give a reference pose"
     )
 
 
-def assemblies(solver: Solver, q: float) -> list[tuple[tuple[int, ...], Floats]]:
-    """Return every mode found at one input: dyad signs and variables (pairs,).
+def assemblies(solver: Solver, q: Floats) -> list[tuple[tuple[int, ...], Floats]]:
+    """Return every mode found at inputs q (inputs,): dyad signs and variables.
 
     Complete for dyads; for irreducible groups a search from random starts.
     """
@@ -224,7 +284,7 @@ def assemblies(solver: Solver, q: float) -> list[tuple[tuple[int, ...], Floats]]
             extend(grown, (*signs, sign))
 
     with np.errstate(invalid="ignore", divide="ignore"):
-        extend(solver.start(np.array([q])), ())
+        extend(solver.start(q[None]), ())
     return found
 
 
@@ -252,7 +312,7 @@ def _search(solver: Solver, state: State, group: Group) -> list[Floats]:
     dry = 0
     for _ in range(MOST_ROUNDS):
         starts = random.uniform(low, high, (STARTS, len(low)))
-        result = single.solve(starts, held=None, iterations=40)
+        result = single.solve(starts, iterations=40)
         known = len(modes)
         good = result.values[result.residual < CLOSURE_TOLERANCE]
         placed, states = single.place(good)

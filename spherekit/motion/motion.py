@@ -1,4 +1,4 @@
-"""The motion of a single-DOF mechanism: every branch at every sample of its input."""
+"""The motion of a mechanism: every branch at every sample of its inputs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +13,8 @@ from spherekit.errors import PlanError, SolveError
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Branch, Solver
+from spherekit.motion import lattice as lattices
+from spherekit.motion.lattice import Lattice, given_path
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
 from spherekit.motion.pairs import (
@@ -23,9 +25,10 @@ from spherekit.motion.pairs import (
     pair_states,
     variable_vectors,
 )
+from spherekit.motion.sheet import Sheet
 from spherekit.planning.assembly import Assembly, plan_assembly
-from spherekit.planning.poles import default_input
-from spherekit.planning.rigidity import graph_mobility
+from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.sphere.rotation import Floats, quaternion
 
 DEFAULT_SAMPLES = 361
@@ -39,9 +42,10 @@ class Motion:
     """Configurations in rows: branch after branch, in each the samples in order.
 
     Row r belongs to branch `branches[r // samples]`. Shapes: `sample`, `branch`,
-    `status`, `residual`, `q` (n,); `values` (n, variables) rad; `rotations`
-    (n, links, 3, 3), from link axes to ground axes. Rows with a status other than OK or
-    AT_SINGULARITY hold NaN, except for sample, branch, q and status.
+    `status`, `residual` (n,); `inputs` (n, inputs) rad; `values` (n, variables) rad;
+    `rotations` (n, links, 3, 3), from link axes to ground axes. Rows with a status other
+    than OK or AT_SINGULARITY hold NaN, except for sample, branch, inputs and status.
+    `is_path` says that successive samples are neighbours.
     """
 
     mechanism: Mechanism
@@ -51,11 +55,12 @@ class Motion:
     samples: int
     sample: NDArray[np.int64]
     branch: NDArray[np.int64]
-    q: Floats
+    inputs: Floats
     values: Floats
     rotations: Floats
     status: NDArray[np.int8]
     residual: Floats
+    is_path: bool = True
 
     def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
         """Return some rows only, as a motion of one nameless branch."""
@@ -64,7 +69,7 @@ class Motion:
             samples=int(np.sum(chosen)),
             sample=self.sample[chosen],
             branch=self.branch[chosen],
-            q=self.q[chosen],
+            inputs=self.inputs[chosen],
             values=self.values[chosen],
             rotations=self.rotations[chosen],
             status=self.status[chosen],
@@ -72,12 +77,22 @@ class Motion:
         )
 
     def __len__(self) -> int:
-        return len(self.q)
+        return len(self.inputs)
 
     @property
-    def input(self) -> int:
-        """Number of the driven pair."""
-        return self.assembly.input
+    def q(self) -> Floats:
+        """(n,) rad, the input of a mechanism with one freedom.
+
+        Raises
+        ------
+        SolveError
+            If there are several inputs.
+        """
+        if self.inputs.shape[1] != 1:
+            raise SolveError(
+                f"{self.mechanism.name} has {self.inputs.shape[1]} inputs; read `inputs`"
+            )
+        return self.inputs[:, 0]
 
     @cached_property
     def states(self) -> PairStates:
@@ -117,27 +132,53 @@ class Motion:
 
 @final
 class Tracer:
-    """The branches of a mechanism over its input range, evaluated as asked."""
+    """The branches of a mechanism over its inputs, evaluated as asked.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with a freedom for each of its inputs.
+    input_pair
+        Names of the driven pairs, if not those the mechanism declares.
+    branch
+        Number of the only branch wanted; all by default.
+    search
+        Whether to look for assembly modes beside that of a given reference pose.
+    samples
+        Number of samples on the straight path through the ranges of all inputs; with
+        `grid` the number for each input, or a sequence of those.
+    grid
+        Whether to sample all combinations of the inputs.
+    path
+        (n, inputs) rad: the inputs wanted, instead of the ranges.
+
+    Raises
+    ------
+    PlanError
+        If there is not one freedom for each input, or an input is a contact pair.
+    SolveError
+        If it cannot be assembled anywhere, or the branch is unknown.
+    """
 
     def __init__(
         self,
         mechanism: Mechanism,
-        input_pair: str | None = None,
+        input_pair: str | Sequence[str] | None = None,
         branch: int | None = None,
         search: bool = True,
+        samples: int | Sequence[int] = DEFAULT_SAMPLES,
+        grid: bool = False,
+        path: Floats | None = None,
     ) -> None:
-        name = input_pair or default_input(mechanism)
-        self.mechanism = mechanism.with_input(name)
-        self.assembly = plan_assembly(self.mechanism, name)
-        driven = self.mechanism.inputs[0]
-        self.low, self.high = driven.start, driven.stop
-        if not self.low < self.high:
-            raise SolveError(
-                f"{mechanism.name}: inputs.{name}: the range must rise from `from` to "
-                f"`to`, but it is {driven.start:.6g} to {driven.stop:.6g} rad"
-            )
+        if input_pair is None:
+            names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+        else:
+            names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
+        self.mechanism = mechanism.with_inputs(*names)
+        self.assembly = plan_assembly(self.mechanism)
+        self.lattice = _lattice(self.mechanism, samples, grid, path)
         self.solver = Solver(self.mechanism, self.assembly)
-        self.branches = find_branches(self.solver, self.low, self.high, search)
+        self.branches = find_branches(self.solver, self.lattice, search)
         if any(group.redundant for group in self.assembly.groups):
             self._check_rank()
         if branch is not None:
@@ -151,16 +192,22 @@ class Tracer:
             self.branches = tuple(chosen)
 
     def _check_rank(self) -> None:
-        """Raise `PlanError` unless the rank at some configuration leaves one freedom."""
-        found = self.at(np.linspace(self.low, self.high, 9))
-        good = found.rows(found.status == Status.OK)
-        ranks = rank_mobility(self.solver.closure.tree, good.vectors)
-        if len(ranks) and np.min(ranks) != 1:
+        """Raise `PlanError` unless the rank leaves as many freedoms as inputs."""
+        found = self.sparse(9)
+        held = found.rows(~found.failed)
+        ranks = rank_mobility(self.solver.closure.tree, held.vectors)
+        inputs = len(self.assembly.inputs)
+        if len(ranks) and np.min(ranks) != inputs:
             raise PlanError(
                 f"{self.mechanism.name}: mobility {np.min(ranks)} by rank with "
-                f"{graph_mobility(self.mechanism)} by the graph, but this needs 1; add or "
-                "remove a pair"
+                f"{graph_mobility(self.mechanism)} by the graph, but the number of inputs "
+                f"is {inputs}; {inputs_to_declare(int(np.min(ranks)))}"
             )
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the driven pairs."""
+        return tuple(item.pair for item in self.mechanism.inputs)
 
     @property
     def search(self) -> str:
@@ -171,18 +218,28 @@ class Tracer:
             return f"all modes of dyads that close at one of {PROBED_INPUTS} inputs"
         return "modes of irreducible groups searched from random starts; some may be missed"
 
-    def inputs(self, samples: int) -> Floats:
-        """Return the sampled input values (samples,), both ends of the range included."""
-        if samples < 1:
-            raise SolveError(f"samples must be at least 1, not {samples}")
-        if samples == 1:
-            return np.array([self.low])
-        return np.linspace(self.low, self.high, samples)
-
     def at(self, q: Floats, first_sample: int = 0) -> Motion:
-        """Return all branches at inputs q (k,) rad, any order."""
-        q = np.atleast_1d(np.asarray(q, dtype=float))
-        parts = [self.solver.evaluate(branch, q) for branch in self.branches]
+        """Return all branches at inputs q (k,) or (k, inputs) rad, any order.
+
+        Raises
+        ------
+        SolveError
+            If several inputs drive irreducible groups, whose modes are followed over
+            given samples only: give them to the tracer as `path`.
+        """
+        wanted = given_path(q, len(self.inputs)).q
+        if any(isinstance(branch.guide, Sheet) for branch in self.branches):
+            raise SolveError(
+                f"{self.mechanism.name}: with several inputs and irreducible groups the "
+                "motion is known at the samples of the tracer only; give these inputs as "
+                "its path"
+            )
+        return self._at(wanted, None, first_sample)
+
+    def _at(
+        self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int
+    ) -> Motion:
+        parts = [self.solver.evaluate(branch, q, rows) for branch in self.branches]
         count, k = len(self.branches), len(q)
         return Motion(
             mechanism=self.mechanism,
@@ -192,51 +249,72 @@ class Tracer:
             samples=k,
             sample=np.tile(np.arange(first_sample, first_sample + k), count),
             branch=np.repeat([branch.number for branch in self.branches], k),
-            q=np.tile(q, count),
+            inputs=np.tile(q, (count, 1)),
             values=np.concatenate([part.values for part in parts]),
             rotations=np.concatenate([part.rotations for part in parts]),
             status=np.concatenate([part.status for part in parts]),
             residual=np.concatenate([part.residual for part in parts]),
+            is_path=self.lattice.is_path,
         )
 
-    def blocks(self, samples: int, size: int = BLOCK) -> Iterator[Motion]:
+    def sparse(self, most: int) -> Motion:
+        """Return the motion at about `most` of the samples, spread evenly."""
+        count = len(self.lattice)
+        rows = np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
+        return self._at(self.lattice.q[rows], rows, 0)
+
+    def motion(self) -> Motion:
+        """Return the motion at all samples."""
+        return next(self.blocks(len(self.lattice)))
+
+    def blocks(self, size: int = BLOCK) -> Iterator[Motion]:
         """Yield the motion in blocks of successive samples, for streaming."""
-        q = self.inputs(samples)
-        for start in range(0, samples, size):
-            yield self.at(q[start : start + size], start)
+        for start in range(0, len(self.lattice), size):
+            rows = np.arange(start, min(start + size, len(self.lattice)))
+            yield self._at(self.lattice.q[rows], rows, start)
+
+
+def _lattice(
+    mechanism: Mechanism,
+    samples: int | Sequence[int],
+    wants_grid: bool,
+    path: Floats | None,
+) -> Lattice:
+    inputs = mechanism.inputs
+    if path is not None:
+        return given_path(path, len(inputs))
+    for item in inputs:
+        if not item.start < item.stop:
+            raise SolveError(
+                f"{mechanism.name}: inputs.{item.pair}: the range must rise from `from` "
+                f"to `to`, but it is {item.start:.6g} to {item.stop:.6g} rad"
+            )
+    if isinstance(samples, Sequence):
+        if len(samples) != len(inputs):
+            raise SolveError(
+                f"{mechanism.name}: {len(samples)} numbers of samples were given for "
+                f"{len(inputs)} inputs ({listing(item.pair for item in inputs)})"
+            )
+        return lattices.grid(inputs, samples)
+    if wants_grid:
+        return lattices.grid(inputs, [samples] * len(inputs))
+    return lattices.straight(inputs, samples)
 
 
 def trace(
     mechanism: Mechanism,
-    samples: int = DEFAULT_SAMPLES,
-    input_pair: str | None = None,
+    samples: int | Sequence[int] = DEFAULT_SAMPLES,
+    input_pair: str | Sequence[str] | None = None,
     branch: int | None = None,
     search: bool = True,
+    grid: bool = False,
+    path: Floats | None = None,
 ) -> Motion:
-    """Return the motion of a single-DOF mechanism over the range of its input.
+    """Return the motion of a mechanism over the ranges of its inputs.
 
-    Parameters
-    ----------
-    mechanism
-        A mechanism with one freedom.
-    samples
-        Number of equally spaced input values, both ends of the range included.
-    input_pair
-        Name of the driven pair; by default the mechanism's first declared input.
-    branch
-        Number of the only branch wanted; all by default.
-    search
-        Whether to look for assembly modes beside that of a given reference pose.
-
-    Raises
-    ------
-    PlanError
-        If the mechanism is not a single-DOF chain, or the input is a contact pair.
-    SolveError
-        If it cannot be assembled anywhere in the range, or the branch is unknown.
+    Parameters and errors are those of `Tracer`.
     """
-    tracer = Tracer(mechanism, input_pair, branch, search)
-    return tracer.at(tracer.inputs(samples))
+    return Tracer(mechanism, input_pair, branch, search, samples, grid, path).motion()
 
 
 def status_counts(status: Sequence[int] | NDArray[np.int8]) -> dict[str, int]:

@@ -1,6 +1,6 @@
-"""The order in which positions follow from the input: dyads and irreducible groups.
+"""The order in which positions follow from the inputs: dyads and irreducible groups.
 
-With the input locked the mechanism is a structure without freedom. Its smallest rigid
+With the inputs locked the mechanism is a structure without freedom. Its smallest rigid
 part is a group that can be placed on its own; made one body, the next one follows, and
 so on until one body is left. No frame is singled out (theory of Assur groups), so an
 input between two floating links needs no special treatment.
@@ -9,8 +9,8 @@ input between two floating links needs no special treatment.
 from dataclasses import dataclass
 from typing import final
 
-from spherekit.errors import PlanError
 from spherekit.model.mechanism import CONSTRAINTS, Mechanism
+from spherekit.planning.inputs import driven_pairs, merged
 from spherekit.planning.rigidity import Pebbles, counted_freedom
 
 
@@ -58,9 +58,13 @@ class Group:
 @final
 @dataclass(frozen=True)
 class Assembly:
-    """The locked input pair, then the groups in solving order."""
+    """The locked input pairs, then the groups in solving order.
 
-    input: int
+    `bodies[link]` is the smallest link that the locked inputs join a link to.
+    """
+
+    inputs: tuple[int, ...]
+    bodies: tuple[int, ...]
     groups: tuple[Group, ...]
 
     @property
@@ -69,27 +73,23 @@ class Assembly:
         return all(group.is_dyad for group in self.groups)
 
 
-def plan_assembly(mechanism: Mechanism, input_pair: str) -> Assembly:
-    """Return the groups of a single-DOF mechanism whose input pair is locked.
+def plan_assembly(mechanism: Mechanism) -> Assembly:
+    """Return the groups of a mechanism whose input pairs are locked.
 
     Raises
     ------
     PlanError
-        If the mechanism does not have exactly one freedom, or a part is rigid.
+        If there is not one freedom for each input, an input is a contact pair or no
+        independent freedom, or a part is rigid.
     """
-    counted = counted_freedom(mechanism)
-    locked = mechanism.pair_number[mechanism.pair(input_pair).name]
-    if mechanism.pairs[locked].type != "R":
-        raise PlanError(
-            f"{mechanism.name}: inputs.{input_pair}: pair {input_pair} is a contact pair; "
-            "choose an R pair as input"
-        )
-    body_of = list(range(len(mechanism.links)))
-    a, b = mechanism.ends[locked]
-    body_of[b] = a
-    open_pairs = {n: ends for n, ends in enumerate(mechanism.ends) if n != locked}
+    inputs = driven_pairs(mechanism)
+    counted = counted_freedom(mechanism, inputs, inputs[1:])
+    merged_links = merged(mechanism, inputs)
+    body_of = list(merged_links)
+    open_pairs = {n: ends for n, ends in enumerate(mechanism.ends) if n not in inputs}
     if counted is None:
-        return Assembly(locked, (_whole(mechanism, body_of, list(open_pairs)),))
+        whole = _whole(mechanism, body_of, list(open_pairs))
+        return Assembly(inputs, merged_links, (whole,))
     taken = [CONSTRAINTS[pair.type] for pair in mechanism.pairs]
     game = Pebbles(len(mechanism.links))
     for n, ends in open_pairs.items():
@@ -127,7 +127,7 @@ def plan_assembly(mechanism: Mechanism, input_pair: str) -> Assembly:
         body_of = [base if body in part else body for body in body_of]
         for n in inside:
             del open_pairs[n]
-    return Assembly(locked, tuple(groups))
+    return Assembly(inputs, merged_links, tuple(groups))
 
 
 def _whole(mechanism: Mechanism, body_of: list[int], pairs: list[int]) -> Group:

@@ -3,17 +3,22 @@
 Poles of pairs (R, Cr) are primary. Synchronous passes of the Aronhold-Kennedy theorem
 (Di Gregorio 2011) add the secondary ones: P_ij lies on the great circle of P_ik and
 P_jk for every third link k, and on the contact plane of a sliding pair of i and j; two
-such lines give it. Where the passes stop, the smallest single-freedom part that holds
+such lines give it. Links that share an axis by construction have it as their pole. Where
+the passes stop, the smallest single-freedom part that holds
 an unknown pole is solved from its velocity equations, and the passes go on.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
 from typing import final
 
 from spherekit.conventions import nearest
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.coaxial import coaxial_links
+from spherekit.planning.inputs import driven_pairs, merged
 from spherekit.planning.rigidity import Pebbles, counted_freedom
 
 Pole = tuple[int, int]
@@ -59,6 +64,16 @@ class LinePole:
 
 @final
 @dataclass(frozen=True)
+class CoaxialPole:
+    """A pole that is the axis of R pair `pair`, which its links always share."""
+
+    pole: Pole
+    round: int
+    pair: int
+
+
+@final
+@dataclass(frozen=True)
 class BlockPoles:
     """All poles of an irreducible single-freedom part, solved together.
 
@@ -73,18 +88,48 @@ class BlockPoles:
     method: str = "null vector of the velocity equations"
 
 
-Step = PrimaryPole | LinePole | BlockPoles
+Step = PrimaryPole | CoaxialPole | LinePole | BlockPoles
 
 
 @final
 @dataclass(frozen=True)
 class Plan:
-    """Ordered steps that give every requested pole of a single-DOF mechanism."""
+    """Ordered steps that give every requested pole while one input moves.
+
+    With several inputs the others are `locked`, and links joined by locked pairs are one
+    body: poles are those of bodies, each called by its link with the smallest number.
+    """
 
     mechanism: Mechanism
     input: int
+    locked: tuple[int, ...]
     requested: tuple[Pole, ...]
     steps: tuple[Step, ...]
+
+    @cached_property
+    def body(self) -> tuple[int, ...]:
+        """For each link the link that its body is called by."""
+        return merged(self.mechanism, self.locked)
+
+    @cached_property
+    def bodies(self) -> tuple[int, ...]:
+        """The links that bodies are called by, in order."""
+        return tuple(sorted(set(self.body)))
+
+    @cached_property
+    def ends(self) -> tuple[tuple[int, int], ...]:
+        """The two bodies of every pair; the same one twice for a locked pair."""
+        return tuple((self.body[a], self.body[b]) for a, b in self.mechanism.ends)
+
+    def pole(self, i: int, j: int) -> Pole | None:
+        """Return the pole of the bodies of two links, None if they are one body."""
+        a, b = self.body[i], self.body[j]
+        return None if a == b else pole_of(a, b)
+
+    def name(self, body: int) -> str:
+        """Return the name of a body: its links, joined by plus signs."""
+        names = self.mechanism.links
+        return "+".join(names[k] for k, own in enumerate(self.body) if own == body)
 
     @property
     def rounds(self) -> dict[Pole, int]:
@@ -93,7 +138,7 @@ class Plan:
         for step in self.steps:
             if isinstance(step, PrimaryPole):
                 found[step.pole] = 0
-            elif isinstance(step, LinePole):
+            elif isinstance(step, LinePole | CoaxialPole):
                 found[step.pole] = step.round
             else:
                 found.update((pole, step.round) for pole in step.poles)
@@ -112,7 +157,7 @@ def pole_of(i: int, j: int) -> Pole:
 
 def all_poles(count: int) -> tuple[Pole, ...]:
     """Return the m (m - 1) / 2 poles of `count` links in order."""
-    return tuple((i, j) for i in range(count) for j in range(i + 1, count))
+    return tuple(combinations(range(count), 2))
 
 
 def parse_pole(mechanism: Mechanism, text: str) -> Pole:
@@ -146,70 +191,134 @@ def plan(
     poles: Iterable[Pole | str] | None = None,
     input_pair: str | None = None,
 ) -> Plan:
-    """Return the plan for some poles (all by default) of a single-DOF mechanism.
+    """Return the plan for some poles (all by default) while one input moves.
 
     Parameters
     ----------
     mechanism
-        Any chain of R, Cr and Cs pairs with one freedom.
+        Any chain of R, Cr and Cs pairs with a freedom for each of its inputs.
     poles
         Poles to find, as pairs of link numbers or text such as ``"3/1"``; the plan then
         holds only their ancestors.
     input_pair
-        Name of the driven pair; the mechanism's own, or else its first pair.
+        Name of the driven pair. One of several inputs: the others are locked. Otherwise
+        the pair drives instead of the declared input. By default the first input.
 
     Raises
     ------
     PlanError
-        If the mobility is not one, a part is rigid or loose, or a pole is unknown.
+        If the number of inputs is not the mobility, a part is rigid or loose, a pole is
+        unknown, or its links are joined by a locked input.
     """
-    game = counted_freedom(mechanism)
-    name = input_pair or default_input(mechanism)
-    driven = mechanism.pair_number[mechanism.pair(name).name]
-    count = len(mechanism.links)
-    known = [0] * count
+    if input_pair is not None:
+        number = mechanism.pair_number[mechanism.pair(input_pair).name]
+        if number not in driven_pairs(mechanism):
+            mechanism = mechanism.with_inputs(input_pair)
+    driven = driven_pairs(mechanism)
+    moved = driven[0] if input_pair is None else mechanism.pair_number[input_pair]
+    locked = tuple(pair for pair in driven if pair != moved)
+    game = counted_freedom(mechanism, driven, locked)
+    empty = Plan(mechanism, moved, locked, (), ())
+    every = tuple(combinations(empty.bodies, 2))
+    whole = replace(empty, requested=every, steps=tuple(_steps(empty, game)))
+    if poles is None:
+        return whole
+    wanted = []
+    for item in poles:
+        i, j = parse_pole(mechanism, item) if isinstance(item, str) else item
+        pole = whole.pole(i, j)
+        if pole is None:
+            names = mechanism.links
+            raise PlanError(
+                f"{mechanism.name}: links {names[i]} and {names[j]} are one body while "
+                f"input {mechanism.pairs[moved].name} moves alone; ask for the pole with "
+                "another input"
+            )
+        wanted.append(pole)
+    return prune(whole, wanted)
+
+
+def plans(mechanism: Mechanism) -> tuple[Plan, ...]:
+    """Return a whole plan for each input, moved alone with the others locked.
+
+    Raises
+    ------
+    PlanError
+        See `plan`.
+    """
+    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    return tuple(plan(mechanism, input_pair=name) for name in names)
+
+
+def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
+    """Return the steps that give all poles of a chain, given as a plan without steps."""
+    mechanism = chain.mechanism
+    known = [0] * len(mechanism.links)
     steps: list[Step] = []
     contacts: dict[Pole, list[int]] = {}
-    for number, (pair, ends) in enumerate(
-        zip(mechanism.pairs, mechanism.ends, strict=True)
+    for number, (pair, (a, b)) in enumerate(
+        zip(mechanism.pairs, chain.ends, strict=True)
     ):
-        pole = pole_of(*ends)
+        if number in chain.locked:
+            continue
+        pole = pole_of(a, b)
         if pair.type == "Cs":
             contacts.setdefault(pole, []).append(number)
         else:
             steps.append(PrimaryPole(pole, number))
             _mark(known, [pole])
-    unknown = [p for p in all_poles(count) if not known[p[0]] >> p[1] & 1]
+    coaxial = [
+        (_mask(chain.body[link] for link in each.links), each.pair)
+        for each in coaxial_links(mechanism)
+    ]
+    every = combinations(chain.bodies, 2)
+    unknown = [p for p in every if not known[p[0]] >> p[1] & 1]
     parts: dict[Pole, set[int]] = {}
     round_number = 0
     while unknown:
         round_number += 1
         found: list[Step] = []
         for pole in unknown:
+            shared = next((n for mask, n in coaxial if _holds(mask, *pole)), None)
+            if shared is not None:
+                found.append(CoaxialPole(pole, round_number, shared))
+                continue
             common = known[pole[0]] & known[pole[1]]
             touching = tuple(contacts.get(pole, ()))
-            if common.bit_count() + len(touching) >= 2:
+            if _circles(common, pole, coaxial) + len(touching) >= 2:
                 found.append(LinePole(pole, round_number, _bits(common), touching))
         if not found:
-            found = [_smallest_block(mechanism, game, parts, unknown, round_number)]
+            found = [_smallest_block(chain, game, parts, unknown, round_number)]
         for step in found:
             _mark(known, step.poles if isinstance(step, BlockPoles) else [step.pole])
         steps += found
         unknown = [p for p in unknown if not known[p[0]] >> p[1] & 1]
-    whole = Plan(mechanism, driven, all_poles(count), tuple(steps))
-    if poles is None:
-        return whole
-    wanted = [
-        parse_pole(mechanism, p) if isinstance(p, str) else pole_of(*p) for p in poles
-    ]
-    return prune(whole, wanted)
+    return steps
 
 
-def default_input(mechanism: Mechanism) -> str:
-    """Return the first declared input pair, or the first pair if none is declared."""
-    if mechanism.inputs:
-        return mechanism.inputs[0].pair
-    return mechanism.pairs[0].name
+def _circles(common: int, pole: Pole, coaxial: Sequence[tuple[int, int]]) -> int:
+    """Return the number of different great circles through pairs of known poles.
+
+    Third links that turn about one axis with a link of the pole give the same circle.
+    """
+    if not coaxial:
+        return common.bit_count()
+    left, count = common, 0
+    while left:
+        third = left & -left
+        same, grown = third, 0
+        while same != grown:
+            grown = same
+            for mask, _ in coaxial:
+                if mask & same and any(mask >> link & 1 for link in pole):
+                    same |= mask & common
+        left &= ~same
+        count += 1
+    return count
+
+
+def _holds(mask: int, i: int, j: int) -> bool:
+    return bool(mask >> i & 1 and mask >> j & 1)
 
 
 def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
@@ -222,7 +331,7 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
     cost: dict[Pole, frozenset[Pole]] = {}
     cheapest: dict[Pole, tuple[int, ...]] = {}
     for step in whole.steps:
-        if isinstance(step, PrimaryPole):
+        if isinstance(step, PrimaryPole | CoaxialPole):
             maker[step.pole], cost[step.pole] = step, frozenset()
         elif isinstance(step, BlockPoles):
             for pole in step.poles:
@@ -242,7 +351,7 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
         if isinstance(step, LinePole):
             stack += replace(step, via=cheapest[pole]).sources
         elif isinstance(step, BlockPoles):
-            stack += [pole_of(*whole.mechanism.ends[pair]) for pair in step.pairs]
+            stack += [pole_of(*whole.ends[pair]) for pair in step.pairs]
     steps: list[Step] = []
     for step in whole.steps:
         if isinstance(step, BlockPoles):
@@ -255,7 +364,7 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
                 via = [k for k in step.via if {pole_of(i, k), pole_of(j, k)} <= kept]
                 step = replace(step, via=tuple(via))
             steps.append(step)
-    return Plan(whole.mechanism, whole.input, tuple(dict.fromkeys(wanted)), tuple(steps))
+    return replace(whole, requested=tuple(dict.fromkeys(wanted)), steps=tuple(steps))
 
 
 def _cheapest_lines(
@@ -277,7 +386,7 @@ def _cheapest_lines(
 
 
 def _smallest_block(
-    mechanism: Mechanism,
+    chain: Plan,
     game: Pebbles | None,
     parts: dict[Pole, set[int]],
     unknown: Sequence[Pole],
@@ -289,14 +398,16 @@ def _smallest_block(
     """
     for pole in unknown:
         if game is None:
-            parts[pole] = set(range(len(mechanism.links)))
+            parts[pole] = set(chain.bodies)
         elif pole not in parts:
             parts[pole] = game.moving_part(*pole)
     inside = min((parts[pole] for pole in unknown), key=len)
     return BlockPoles(
         links=tuple(sorted(inside)),
         pairs=tuple(
-            n for n, (a, b) in enumerate(mechanism.ends) if a in inside and b in inside
+            n
+            for n, (a, b) in enumerate(chain.ends)
+            if a in inside and b in inside and n not in chain.locked
         ),
         poles=tuple(p for p in unknown if p[0] in inside and p[1] in inside),
         round=round_number,
@@ -307,6 +418,13 @@ def _mark(known: list[int], poles: Iterable[Pole]) -> None:
     for i, j in poles:
         known[i] |= 1 << j
         known[j] |= 1 << i
+
+
+def _mask(links: Iterable[int]) -> int:
+    mask = 0
+    for link in links:
+        mask |= 1 << link
+    return mask
 
 
 def _bits(mask: int) -> tuple[int, ...]:

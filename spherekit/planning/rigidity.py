@@ -8,9 +8,11 @@ them, and constraints point from the link whose pebble they hold to the other li
 
 from collections.abc import Iterable, Sequence
 
+from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.model.graph import pieces
 from spherekit.model.mechanism import CONSTRAINTS, Mechanism
+from spherekit.planning.inputs import merged
 
 FREEDOMS = 3
 
@@ -105,24 +107,38 @@ def graph_mobility(mechanism: Mechanism) -> int:
     return FREEDOMS * (len(mechanism.links) - 1) - taken
 
 
-def counted_freedom(mechanism: Mechanism) -> Pebbles | None:
-    """Check by counting that a mechanism is one piece with one freedom.
+def counted_freedom(
+    mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int] = ()
+) -> Pebbles | None:
+    """Check by counting that a mechanism is one piece with a freedom for each input.
+
+    Parameters
+    ----------
+    mechanism
+        Any chain of R, Cr and Cs pairs.
+    driven
+        Numbers of all driven pairs.
+    locked
+        Those of them that are locked; the game is played with their links merged.
 
     Returns
     -------
     Pebbles or None
-        The played game, for questions about parts of the chain. None where the count is
-        not one but rolling pairs may make constraints redundant, as in every bevel pair
+        The played game, for questions about parts of the chain. None where the count
+        fails but rolling pairs may make constraints redundant, as in every bevel pair
         whose axes are held apart: then only the rank at a configuration decides.
 
     Raises
     ------
     PlanError
-        Naming the links that are loose, rigid or over-constrained, or the mobility.
+        Naming the links that are loose, rigid or over-constrained, the mobility, or the
+        inputs that are no independent freedoms.
     """
     _check_connected(mechanism)
     try:
-        return _play(mechanism)
+        game = _play(mechanism)
+        _check_mobility(mechanism, driven)
+        return _play(mechanism, locked) if locked else game
     except PlanError:
         if any(pair.type == "Cr" for pair in mechanism.pairs):
             return None
@@ -139,32 +155,61 @@ def _check_connected(mechanism: Mechanism) -> None:
         )
 
 
-def _play(mechanism: Mechanism) -> Pebbles:
+def _check_mobility(mechanism: Mechanism, driven: Sequence[int]) -> None:
+    mobility = graph_mobility(mechanism)
+    if mobility != len(driven):
+        names = listing(mechanism.pairs[pair].name for pair in driven)
+        raise PlanError(
+            f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = {mobility}, "
+            f"but the number of inputs is {len(driven)} ({names}); {inputs_to_declare(mobility)}"
+        )
+
+
+def inputs_to_declare(mobility: int) -> str:
+    """Return what to do about a mechanism with so many freedoms."""
+    pairs = "an R pair" if mobility == 1 else f"{mobility} R pairs"
+    return f"declare {pairs} as inputs, or add or remove pairs"
+
+
+def _play(mechanism: Mechanism, locked: Sequence[int] = ()) -> Pebbles:
+    """Play the game with some driven pairs locked; no part may be rigid."""
     where = mechanism.name
-    game = Pebbles(len(mechanism.links))
     names = mechanism.links
-    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
+    game = Pebbles(len(names))
+    body = merged(mechanism, locked)
+    joined = [
+        (pair, body[a], body[b])
+        for number, (pair, (a, b)) in enumerate(
+            zip(mechanism.pairs, mechanism.ends, strict=True)
+        )
+        if number not in locked
+    ]
+    inputs = listing(mechanism.pairs[number].name for number in locked)
+    given = f" with input {inputs} locked" if locked else ""
+
+    def links(bodies: Iterable[int]) -> str:
+        inside = set(bodies)
+        return ", ".join(name for name, own in zip(names, body, strict=True) if own in inside)
+
+    for pair, a, b in joined:
         for _ in range(CONSTRAINTS[pair.type]):
-            if not game.insert(a, b):
-                stuck = sorted(game.reach([a, b]))
+            if a == b or not game.insert(a, b):
                 raise PlanError(
-                    f"{where}: over-constrained: links "
-                    f"[{', '.join(names[i] for i in stuck)}] cannot move relative to "
-                    f'each other already without pair "{pair.name}"; remove a pair or '
-                    "add a link"
+                    f"{where}: over-constrained{given}: links "
+                    f"[{links(game.reach([a, b]))}] cannot move relative to each other "
+                    f'already without pair "{pair.name}"; '
+                    + ("choose other inputs" if locked else "remove a pair or add a link")
                 )
-    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
+    for pair, a, b in joined:
         rigid = game.rigid_part(a, b)
         if rigid is not None:
             raise PlanError(
-                f"{where}: rigid: links [{', '.join(names[i] for i in sorted(rigid))}] "
-                f'cannot move relative to each other (pair "{pair.name}" is locked); '
-                "remove a pair or merge these links into one"
+                f"{where}: rigid{given}: links [{links(rigid)}] cannot move relative to "
+                f'each other (pair "{pair.name}" is locked); '
+                + (
+                    "choose other inputs"
+                    if locked
+                    else "remove a pair or merge these links into one"
+                )
             )
-    mobility = graph_mobility(mechanism)
-    if mobility != 1:
-        raise PlanError(
-            f"{where}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = {mobility}, but this "
-            "needs 1; add pairs to take freedoms away"
-        )
     return game

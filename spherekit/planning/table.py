@@ -6,7 +6,15 @@ star marks poles found by solving an irreducible part. (Di Gregorio 2019, lectur
 
 from typing import Any
 
-from spherekit.planning.poles import BlockPoles, LinePole, Plan, Pole, PrimaryPole, Step
+from spherekit.planning.poles import (
+    BlockPoles,
+    CoaxialPole,
+    LinePole,
+    Plan,
+    Pole,
+    PrimaryPole,
+    Step,
+)
 
 PRIMARY_MARK = "x"
 SELF_MARK = "■"
@@ -27,20 +35,21 @@ def roman(number: int) -> str:
 
 def cells(plan: Plan) -> list[list[str]]:
     """Return the Table's entries, row by row, without headings; empty where unplanned."""
-    count = len(plan.mechanism.links)
-    grid = [["" for _ in range(count)] for _ in range(count)]
+    place = {body: k for k, body in enumerate(plan.bodies)}
+    grid = [["" for _ in place] for _ in place]
     starred = {pole for block in plan.blocks for pole in block.poles}
-    for k in range(count):
+    for k in range(len(place)):
         grid[k][k] = SELF_MARK
     for (i, j), number in plan.rounds.items():
         mark = PRIMARY_MARK if number == 0 else roman(number)
-        grid[i][j] = grid[j][i] = mark + ("*" if (i, j) in starred else "")
+        a, b = place[i], place[j]
+        grid[a][b] = grid[b][a] = mark + ("*" if (i, j) in starred else "")
     return grid
 
 
 def as_text(plan: Plan) -> str:
     """Return the Table in aligned columns."""
-    names = plan.mechanism.links
+    names = [plan.name(body) for body in plan.bodies]
     rows = [["", *names]] + [
         [name, *row] for name, row in zip(names, cells(plan), strict=True)
     ]
@@ -52,7 +61,7 @@ def as_text(plan: Plan) -> str:
 
 def as_markdown(plan: Plan) -> str:
     """Return the Table as a Markdown table."""
-    names = plan.mechanism.links
+    names = [plan.name(body) for body in plan.bodies]
     lines = ["| | " + " | ".join(f"**{name}**" for name in names) + " |"]
     lines.append("|" + "---|" * (len(names) + 1))
     for name, row in zip(names, cells(plan), strict=True):
@@ -62,17 +71,22 @@ def as_markdown(plan: Plan) -> str:
 
 def pole_name(plan: Plan, pole: Pole) -> str:
     """Return the printed name of a pole: ``P31``, or ``P(coupler,ground)``."""
-    low, high = (plan.mechanism.links[k] for k in pole)
+    low, high = (plan.name(body) for body in pole)
     return f"P{high}{low}" if len(low) == len(high) == 1 else f"P({high},{low})"
 
 
 def describe(plan: Plan, step: Step) -> str:
     """Return one line that says how a step finds its poles."""
-    names = plan.mechanism.links
     if isinstance(step, PrimaryPole):
         pair = plan.mechanism.pairs[step.pair]
         what = "axis of" if pair.type == "R" else "contact line of"
         return f"x    {pole_name(plan, step.pole)} = {what} {pair.type} pair {pair.name}"
+    if isinstance(step, CoaxialPole):
+        pair = plan.mechanism.pairs[step.pair]
+        return (
+            f"{roman(step.round):4s} {pole_name(plan, step.pole)} = axis of R pair "
+            f"{pair.name}, shared by coaxial pairs"
+        )
     if isinstance(step, LinePole):
         i, j = step.pole
         lines = [
@@ -87,17 +101,16 @@ def describe(plan: Plan, step: Step) -> str:
     poles = ", ".join(pole_name(plan, pole) for pole in step.poles)
     return (
         f"{roman(step.round) + '*':4s} {poles}: irreducible part of links "
-        f"{', '.join(names[k] for k in step.links)}, by the {step.method}"
+        f"{', '.join(plan.name(k) for k in step.links)}, by the {step.method}"
     )
 
 
 def as_dict(plan: Plan) -> dict[str, Any]:
     """Return the plan as plain lists and dictionaries, ready for JSON."""
-    names = plan.mechanism.links
     pairs = plan.mechanism.pairs
 
     def named(pole: Pole) -> list[str]:
-        return [names[pole[1]], names[pole[0]]]
+        return [plan.name(pole[1]), plan.name(pole[0])]
 
     def step_dict(step: Step) -> dict[str, Any]:
         if isinstance(step, PrimaryPole):
@@ -107,11 +120,18 @@ def as_dict(plan: Plan) -> dict[str, Any]:
                 "pole": named(step.pole),
                 "pair": pairs[step.pair].name,
             }
+        if isinstance(step, CoaxialPole):
+            return {
+                "pass": step.round,
+                "case": "coaxial",
+                "pole": named(step.pole),
+                "pair": pairs[step.pair].name,
+            }
         if isinstance(step, LinePole):
             i, j = step.pole
             lines: list[dict[str, Any]] = [
                 {
-                    "via": names[k],
+                    "via": plan.name(k),
                     "poles": [named(_sorted(i, k)), named(_sorted(j, k))],
                 }
                 for k in step.via
@@ -128,15 +148,16 @@ def as_dict(plan: Plan) -> dict[str, Any]:
             "pass": step.round,
             "case": "irreducible",
             "poles": [named(pole) for pole in step.poles],
-            "links": [names[k] for k in step.links],
+            "links": [plan.name(k) for k in step.links],
             "pairs": [pairs[n].name for n in step.pairs],
             "method": step.method,
         }
 
     return {
         "mechanism": plan.mechanism.name,
-        "links": list(names),
+        "links": [plan.name(body) for body in plan.bodies],
         "input": pairs[plan.input].name,
+        "locked": [pairs[pair].name for pair in plan.locked],
         "requested": [named(pole) for pole in plan.requested],
         "table": cells(plan),
         "steps": [step_dict(step) for step in plan.steps],

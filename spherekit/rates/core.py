@@ -30,20 +30,23 @@ class LinkRates:
     flatness: Floats
 
 
-def driven_rates(motion: Motion, rows: NDArray[np.bool_]) -> LinkRates:
-    """Return the rates of links relative to the ground, per unit rate of the input.
+def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRates:
+    """Return the rates of links relative to the ground, per unit rate of one input.
 
-    `rows` (n,) says which rows of the motion are wanted.
+    `rows` (n,) says which rows of the motion are wanted, `driven` is the number of the
+    input pair that moves; the other inputs stand still.
     """
     motion = motion.rows(rows)
     tree = LoopTree.of(motion.mechanism)
-    (driven,) = motion.mechanism.variables_of(motion.input)
+    (moved,) = motion.mechanism.variables_of(driven)
+    held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     vectors = motion.vectors
-    free = [v for v in range(vectors.shape[1]) if v != driven]
+    free = [v for v in range(vectors.shape[1]) if v not in held]
     jacobian = tree.jacobian(vectors)
     inverse = left_inverse(jacobian[:, :, free])
-    rates = np.ones((len(vectors), vectors.shape[1]))
-    rates[:, free] = -np.einsum("nij,nj->ni", inverse, jacobian[:, :, driven])
+    rates = np.zeros((len(vectors), vectors.shape[1]))
+    rates[:, moved] = 1.0
+    rates[:, free] = -np.einsum("nij,nj->ni", inverse, jacobian[:, :, moved])
     w = tree.body_rates(vectors, rates)
     first, second = (w[:, [pair[k] for pair in tree.ends]] for k in (0, 1))
     turned = motion.rates_of_pairs(first, second).vectors

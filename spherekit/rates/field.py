@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import EPS, NO_MOTION, SINGULAR_RATIO, USABLE_DIRECTION, Status
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import Pole, PrimaryPole
+from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole, pole_of
 from spherekit.rates.core import driven_rates
 from spherekit.rates.lines import (
     Lines,
@@ -33,7 +33,9 @@ TRUSTED_ERROR = 1e-12
 @final
 @dataclass(frozen=True)
 class PoleField:
-    """Requested poles of a motion; rows as in the motion, NaN where it failed.
+    """Requested poles of a motion in which one input moves; rows as in the motion.
+
+    NaN where the motion failed. Derivatives are by that input, the others held.
 
     `direction[pole]` (n, 3) unit vector in ground axes, continuous along each branch and
     at its first sample on the side of the mechanism's axes (of a pair: its axis);
@@ -43,7 +45,8 @@ class PoleField:
     two planes used, 0 where they coincide; `error[pole]` (n,) bound of the direction's
     rounding error (rad).
     `planes[pole]` (n, 2, 3) unit normals of those planes, for the poles asked for.
-    `w[link]`, `dw[link]` (n, 3): rates of links relative to the ground.
+    `w[link]`, `dw[link]` (n, 3): rates of links relative to the ground, per unit rate of
+    the input, and their derivatives.
     `status` (n,): the motion's, with AT_SINGULARITY where the rates are not finite.
     `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED where only this
     pole cannot be given.
@@ -65,10 +68,14 @@ class PoleField:
 
 @final
 class SignMemory:
-    """The last direction and rates of each pole, so that blocks join continuously."""
+    """What earlier blocks of a motion found, so that signs continue.
+
+    The last direction and rates of each pole, and the side that directions start on.
+    """
 
     def __init__(self) -> None:
         self.last: dict[tuple[int, Pole], tuple[Floats, Floats, Floats, float]] = {}
+        self.home: dict[int, Floats] = {}
 
 
 def evaluate(
@@ -90,22 +97,24 @@ def evaluate(
 
 
 def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
-    lines = evaluate_lines(wanted.plan, motion, wanted.planes)
+    planes = {pole: wanted.plan.pole(*pole) for pole in wanted.planes}
+    kept = [pole for pole in planes.values() if pole is not None]
+    lines = evaluate_lines(wanted.plan, motion, kept)
     w, doubt = _link_rates(wanted, lines)
     dw = {link: np.full_like(value, np.nan) for link, value in w.items()}
     if wanted.derivatives:
         _add_rates(wanted, lines, motion, w, dw)
-    for pole in wanted.poles:
+    for pole in _body_poles(wanted):
         doubt = np.maximum(doubt, np.nan_to_num(lines.error[pole], nan=1.0))
     status = motion.status.copy()
     weak = (doubt > TRUSTED_ERROR) & ~motion.failed
     flat = np.zeros(len(motion), dtype=bool)
     if np.any(weak):
-        exact = driven_rates(motion, weak)
+        exact = driven_rates(motion, weak, wanted.plan.input)
         flat[weak] = ~(exact.flatness >= SINGULAR_RATIO)
-        for link in wanted.links:
-            w[link][:, weak] = exact.w[:, link].T
-            dw[link][:, weak] = exact.dw[:, link].T
+        for body in wanted.bodies:
+            w[body][:, weak] = exact.w[:, body].T
+            dw[body][:, weak] = exact.dw[:, body].T
         _mend_directions(wanted, lines, w, weak, exact.flatness)
     status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
     no_rate = status != Status.OK
@@ -115,30 +124,38 @@ def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
     field = PoleField({}, {}, {}, {}, {}, {}, {}, {}, status, {}, weak)
     for pole in wanted.poles:
         _add_pole(field, motion, wanted, lines, pole, w, dw, memory)
-    for pole, normals in lines.planes.items():
-        field.planes[pole] = np.moveaxis(normals, -1, 0)
-    for link in wanted.links:
-        field.w[link], field.dw[link] = w[link].T, dw[link].T
+    nothing = np.full((len(motion), 2, 3), np.nan)
+    for pole, own in planes.items():
+        known = own is not None
+        field.planes[pole] = np.moveaxis(lines.planes[own], -1, 0) if known else nothing
+    for link, body in enumerate(wanted.plan.body):
+        if body in w:
+            field.w[link], field.dw[link] = w[body].T, dw[body].T
     return field
 
 
+def _body_poles(wanted: Request) -> list[Pole]:
+    """Return the wanted poles as poles of bodies, without those of links joined."""
+    poles = (wanted.plan.pole(*pole) for pole in wanted.poles)
+    return list(dict.fromkeys(pole for pole in poles if pole is not None))
+
+
 def _link_rates(wanted: Request, lines: Lines) -> tuple[dict[int, Floats], Floats]:
-    """Return w relative to the ground of each link (3, n), and a bound of their error."""
-    plan = wanted.plan
-    a, b = plan.mechanism.ends[plan.input]
-    driven = lines.unit[(min(a, b), max(a, b))]
+    """Return w relative to the ground of each body (3, n), and a bound of their error."""
+    a, b = wanted.plan.ends[wanted.plan.input]
+    driven = lines.unit[pole_of(a, b)]
     w = {a: np.zeros_like(driven), b: driven.copy()}
     doubt = np.zeros(driven.shape[1])
-    for link in wanted.links:
-        if link in (a, b):
+    for body in wanted.bodies:
+        if body in (a, b):
             continue
-        one, other = _toward(a, link), _toward(b, link)
+        one, other = pole_of(a, body), pole_of(b, body)
         factor, sine = decompose(driven, lines.unit[one], lines.unit[other])
-        w[link] = factor * lines.unit[one]
+        w[body] = factor * lines.unit[one]
         doubt = np.maximum(doubt, (lines.error[one] + lines.error[other]) / sine)
     if 0 in w:
         ground = w[0].copy()
-        w = {link: value - ground for link, value in w.items()}
+        w = {body: value - ground for body, value in w.items()}
     return w, np.nan_to_num(doubt, nan=1.0, posinf=1.0)
 
 
@@ -150,35 +167,30 @@ def _add_rates(
     dw: dict[int, Floats],
 ) -> None:
     plan = wanted.plan
-    mechanism = plan.mechanism
     unknown = np.full((len(motion), 3), np.nan)
 
     def of_ends(which: int) -> Floats:
-        ends = [pair[which] for pair in mechanism.ends]
+        ends = [pair[which] for pair in plan.ends]
         return np.stack([w[k].T if k in w else unknown for k in ends], axis=1)
 
     turned = motion.rates_of_pairs(of_ends(0), of_ends(1))
     evaluate_line_rates(plan, lines, motion, turned)
-    a, b = mechanism.ends[plan.input]
-    pole = (min(a, b), max(a, b))
+    a, b = plan.ends[plan.input]
+    pole = pole_of(a, b)
     driven, driven_dq = lines.unit[pole], lines.rate[pole]
     raw = {a: np.zeros_like(driven), b: driven_dq}
-    for link in wanted.links:
-        if link in (a, b):
+    for body in wanted.bodies:
+        if body in (a, b):
             continue
-        one, other = _toward(a, link), _toward(b, link)
+        one, other = pole_of(a, body), pole_of(b, body)
         unit, rate = lines.unit[one], lines.rate[one]
         factor, _ = decompose(driven, unit, lines.unit[other])
         change = decompose_rate(
             (driven, driven_dq), (unit, rate), (lines.unit[other], lines.rate[other])
         )
-        raw[link] = change * unit + factor * rate
-    for link, value in raw.items():
-        dw[link] = value - raw[0]
-
-
-def _toward(one: int, link: int) -> Pole:
-    return (one, link) if one < link else (link, one)
+        raw[body] = change * unit + factor * rate
+    for body, value in raw.items():
+        dw[body] = value - raw[0]
 
 
 def _mend_directions(
@@ -189,8 +201,8 @@ def _mend_directions(
     flatness: Floats,
 ) -> None:
     """Take directions from the velocity equations where those are the better source."""
-    primary = {s.pole for s in wanted.plan.steps if isinstance(s, PrimaryPole)}
-    for pole in wanted.poles:
+    primary = _primary(wanted)
+    for pole in _body_poles(wanted):
         i, j = pole
         if pole in primary or i not in w or j not in w:
             continue
@@ -214,31 +226,53 @@ def _add_pole(
     dw: dict[int, Floats],
     memory: SignMemory,
 ) -> None:
-    i, j = pole
-    unit, error = lines.unit[pole].copy(), lines.error[pole]
+    own = wanted.plan.pole(*pole)
+    if own is None:
+        _add_locked(field, motion, pole)
+        return
+    i, j = (wanted.plan.body[link] for link in pole)
+    unit, error = lines.unit[own].copy(), lines.error[own]
     bad = motion.failed | ~(error < USABLE_DIRECTION)
     unit[:, bad] = np.nan
     known = i in w and j in w
     nothing = np.full(unit.shape[1], np.nan)
     rate = dot(w[j] - w[i], unit) if known else nothing
     rate_dq = dot(dw[j] - dw[i], unit) if known else nothing.copy()
-    primary = any(isinstance(s, PrimaryPole) and s.pole == pole for s in wanted.plan.steps)
-    if not primary:
-        signs = _continuous_signs(motion, unit, rate, w, dw, pole, memory, known)
+    if own not in _primary(wanted):
+        v, dv = (w[j] - w[i], dw[j] - dw[i]) if known else (None, None)
+        signs = _continuous_signs(motion, unit, rate, v, dv, pole, memory)
         unit, rate, rate_dq = unit * signs, rate * signs, rate_dq * signs
-    own = field.status.copy()
-    unknown = bad & (own == Status.OK)
-    own[unknown] = Status.ILL_CONDITIONED
+    codes = field.status.copy()
+    unknown = bad & (codes == Status.OK)
+    codes[unknown] = Status.ILL_CONDITIONED
     if known:
         still = unknown & (norm(w[j] - w[i]) < NO_MOTION * np.maximum(1.0, norm(w[j])))
-        own[still] = Status.NO_POLE
+        codes[still] = Status.NO_POLE
         rate[still] = 0.0
         rate_dq[still & (norm(dw[j] - dw[i]) < NO_MOTION)] = 0.0
-    field.pole_status[pole] = own
+    field.pole_status[pole] = codes
     field.direction[pole] = unit.T
     field.rate[pole], field.rate_dq[pole] = rate, rate_dq
     field.error[pole] = np.where(bad, np.nan, error)
-    field.angle[pole] = np.where(bad, np.nan, np.nan_to_num(lines.angle[pole]))
+    field.angle[pole] = np.where(bad, np.nan, np.nan_to_num(lines.angle[own]))
+
+
+def _add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
+    """Add the pole of two links that inputs at rest hold together: there is none."""
+    n = len(motion)
+    good = field.status == Status.OK
+    field.direction[pole] = np.full((n, 3), np.nan)
+    field.rate[pole] = np.where(good, 0.0, np.nan)
+    field.rate_dq[pole] = field.rate[pole].copy()
+    field.angle[pole] = np.full(n, np.nan)
+    field.error[pole] = np.full(n, np.nan)
+    field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
+
+
+def _primary(wanted: Request) -> set[Pole]:
+    """Return the poles of bodies that are the axis or contact line of a pair."""
+    steps = wanted.plan.steps
+    return {step.pole for step in steps if isinstance(step, PrimaryPole | CoaxialPole)}
 
 
 SUBSTEPS = 8
@@ -248,18 +282,21 @@ def _continuous_signs(
     motion: Motion,
     unit: Floats,
     rate: Floats,
-    w: dict[int, Floats],
-    dw: dict[int, Floats],
+    w: Floats | None,
+    dw: Floats | None,
     pole: Pole,
     memory: SignMemory,
-    known: bool,
 ) -> Floats:
     """Return the signs that make a direction continuous along each branch.
 
-    The direction follows w itself, so its coefficient keeps its sign until w passes
+    `w` (3, n) is the relative angular velocity along it, if known, and `dw` its
+    derivative. The direction follows w, so its coefficient keeps its sign until w passes
     through zero; where it does is read off the Hermite path between two samples. At the
-    first sample it points to the side where the sum of all axes and contacts lies.
+    first sample it points to the side where the sum of all axes and contacts lies. Over a
+    grid of inputs it points to that side throughout.
     """
+    single = motion.inputs.shape[1] == 1
+    way = motion.q if single else motion.sample.astype(float)
     signs = np.ones(unit.shape[1])
     for number, branch in enumerate(motion.branches):
         rows = slice(number * motion.samples, (number + 1) * motion.samples)
@@ -267,27 +304,33 @@ def _continuous_signs(
         good = np.flatnonzero(np.all(np.isfinite(u), axis=0))
         if not len(good):
             continue
-        q = motion.q[rows][good]
+        t = way[rows][good]
         u = u[:, good]
-        if known:
+        if w is not None and dw is not None:
             along = np.where(rate[rows][good] < 0.0, -1.0, 1.0)
-            v = (w[pole[1]] - w[pole[0]])[:, rows][:, good]
-            dv = (dw[pole[1]] - dw[pole[0]])[:, rows][:, good]
+            v, dv = w[:, rows][:, good], dw[:, rows][:, good]
         else:
-            along, v, dv = np.ones(len(q)), u, np.zeros_like(u)
+            along, v, dv = np.ones(len(t)), u, np.zeros_like(u)
+        if not single:
+            dv = np.zeros_like(u)  # by the way of all inputs together it is not known
+        home = memory.home.setdefault(
+            branch.number, np.sum(motion.frames[rows.start + good[0], :, :, 2], axis=0)
+        )
+        if not motion.is_path:
+            signs[rows.start + good] = np.where(home @ u < 0.0, -1.0, 1.0)
+            continue
         key = (branch.number, pole)
         if key in memory.last:
-            q0, v0, dv0, s0 = memory.last[key]
+            t0, v0, dv0, s0 = memory.last[key]
             flips = _flips(
-                np.append(q0, q), np.column_stack([v0, v]), np.column_stack([dv0, dv])
+                np.append(t0, t), np.column_stack([v0, v]), np.column_stack([dv0, dv])
             )
             chain = s0 * np.cumprod(flips)
         else:
-            home = np.sum(motion.frames[rows.start + good[0], :, :, 2], axis=0)
             side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
-            chain = np.cumprod(np.append(side, _flips(q, v, dv)))
+            chain = np.cumprod(np.append(side, _flips(t, v, dv)))
         signs[rows.start + good] = chain * along
-        memory.last[key] = (q[-1:], v[:, -1:], dv[:, -1:], float(chain[-1]))
+        memory.last[key] = (t[-1:], v[:, -1:], dv[:, -1:], float(chain[-1]))
     return signs
 
 

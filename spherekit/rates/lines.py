@@ -19,6 +19,7 @@ from spherekit.motion.motion import Motion
 from spherekit.motion.pairs import PairRates
 from spherekit.planning.poles import (
     BlockPoles,
+    CoaxialPole,
     LinePole,
     Plan,
     Pole,
@@ -65,7 +66,7 @@ def evaluate_lines(plan: Plan, motion: Motion, keep_planes: Collection[Pole] = (
         if pair.type == "Cs":
             lines.contact[number] = np.ascontiguousarray(axes[:, number].T)
     for step in plan.steps:
-        if isinstance(step, PrimaryPole):
+        if isinstance(step, PrimaryPole | CoaxialPole):
             lines.unit[step.pole] = np.ascontiguousarray(axes[:, step.pair].T)
             lines.error[step.pole] = np.full(n, EPS)
             lines.angle[step.pole] = np.ones(n)
@@ -89,7 +90,7 @@ def evaluate_line_rates(
     for number in lines.contact:
         lines.contact_rate[number] = np.ascontiguousarray(turned.axes[:, number].T)
     for step in plan.steps:
-        if isinstance(step, PrimaryPole):
+        if isinstance(step, PrimaryPole | CoaxialPole):
             lines.rate[step.pole] = np.ascontiguousarray(turned.axes[:, step.pair].T)
         elif isinstance(step, LinePole):
             _intersect_rate(step, lines)
@@ -166,7 +167,7 @@ def _planes_through(plan: Plan, pole: Pole, lines: Lines) -> None:
     i, j = pole
     via = tuple(
         k
-        for k in range(len(plan.mechanism.links))
+        for k in plan.bodies
         if k not in pole and pole_of(i, k) in lines.unit and pole_of(j, k) in lines.unit
     )
     n = lines.unit[pole].shape[1]
@@ -207,7 +208,7 @@ def _block_tree(plan: Plan, step: BlockPoles) -> tuple[LoopTree, list[int]]:
     number = {link: k for k, link in enumerate(step.links)}
     mechanism = plan.mechanism
     ends = tuple(
-        (number[a], number[b]) for a, b in (mechanism.ends[pair] for pair in step.pairs)
+        (number[a], number[b]) for a, b in (plan.ends[pair] for pair in step.pairs)
     )
     variables = [mechanism.variables_of(pair) for pair in step.pairs]
     owners = tuple(k for k, own in enumerate(variables) for _ in own)

@@ -8,6 +8,7 @@ from typing import final
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import (
     BlockPoles,
+    CoaxialPole,
     Plan,
     Pole,
     PrimaryPole,
@@ -22,14 +23,14 @@ from spherekit.planning.poles import (
 class Request:
     """The plan behind wanted poles and coefficients, and the links whose rates it gives.
 
-    `poles` are the wanted ones; `links` are the links whose angular velocity is found,
-    the ground and the two links of the input among them. `planes` are the poles whose
-    great circles are wanted as well.
+    `poles` are the wanted ones, by links; `bodies` are the bodies of the plan whose
+    angular velocity is found, the ground and the two of the input among them. `planes`
+    are the poles whose great circles are wanted as well.
     """
 
     plan: Plan
     poles: tuple[Pole, ...]
-    links: tuple[int, ...]
+    bodies: tuple[int, ...]
     derivatives: bool
     planes: frozenset[Pole] = frozenset()
 
@@ -62,32 +63,33 @@ def request(
 ) -> Request:
     """Return what must be planned for these poles and velocity coefficients.
 
-    The coefficient of links (i, j) is the component of w_j - w_i; each w follows from
-    the two poles of its link with the links of the input. Derivatives in ground axes
-    also need the rate of one link at each pair whose axis the plan uses.
+    `driven` is the input that moves; others stand still, and poles of links that they
+    join are left out. The coefficient of links (i, j) is the component of w_j - w_i; each
+    w follows from the two poles of its body with those of the input. Derivatives in
+    ground axes also need the rate of one body at each pair whose axis the plan uses.
     """
     whole = _whole_plan(_ByIdentity(mechanism), driven)
-    a, b = mechanism.ends[whole.input]
+    a, b = whole.ends[whole.input]
     circles = frozenset(pole_of(*pole) for pole in planes)
     wanted = tuple(dict.fromkeys([*(pole_of(*pole) for pole in poles), *sorted(circles)]))
     coefficients = [pole_of(*pole) for pole in rates]
-    links = {a, b} | {link for pole in coefficients for link in pole}
+    bodies = {a, b} | {whole.body[link] for pole in coefficients for link in pole}
     if derivatives:
-        links.add(0)
+        bodies.add(0)
     while True:
-        needed = {*wanted, *coefficients, pole_of(a, b)}
-        for link in links - {a, b}:
-            needed |= {pole_of(a, link), pole_of(b, link)}
-        pruned = prune(whole, sorted(needed))
-        more = _moving_links(pruned) - links if derivatives else set()
+        needed = {whole.pole(*pole) for pole in (*wanted, *coefficients, (a, b))}
+        for body in bodies - {a, b}:
+            needed |= {pole_of(a, body), pole_of(b, body)}
+        pruned = prune(whole, sorted(pole for pole in needed if pole is not None))
+        more = _moving_bodies(pruned) - bodies if derivatives else set()
         if not more:
             everything = tuple(dict.fromkeys((*wanted, *coefficients)))
-            return Request(pruned, everything, tuple(sorted(links)), derivatives, circles)
-        links |= more
+            return Request(pruned, everything, tuple(sorted(bodies)), derivatives, circles)
+        bodies |= more
 
 
-def _moving_links(planned: Plan) -> set[int]:
-    """The links whose rates tell how the axes used by a plan move.
+def _moving_bodies(planned: Plan) -> set[int]:
+    """The bodies whose rates tell how the axes used by a plan move.
 
     The axis of an R pair is fixed in its first link; a contact moves along the profiles
     of both.
@@ -95,14 +97,14 @@ def _moving_links(planned: Plan) -> set[int]:
     mechanism = planned.mechanism
     used: set[int] = set()
     for step in planned.steps:
-        if isinstance(step, PrimaryPole):
+        if isinstance(step, PrimaryPole | CoaxialPole):
             used.add(step.pair)
         elif isinstance(step, BlockPoles):
             used |= set(step.pairs)
         else:
             used |= set(step.contacts)
-    links: set[int] = set()
+    bodies: set[int] = set()
     for pair in used:
         revolute = mechanism.pairs[pair].type == "R"
-        links |= set(mechanism.ends[pair][:1] if revolute else mechanism.ends[pair])
-    return links
+        bodies |= set(planned.ends[pair][:1] if revolute else planned.ends[pair])
+    return bodies

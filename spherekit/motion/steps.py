@@ -1,0 +1,218 @@
+"""Verified steps from one closed configuration to another, many at once.
+
+A small closure residual does not prove the mode: Newton's method may close the loops on
+a neighbouring one. A step is therefore accepted only if the predictor with exact first
+and second derivatives was nearly right, the iteration contracted at once, the tangent
+turned little, and the determinant of the closure Jacobian kept its sign; otherwise it
+is halved.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.model.geometry import Contact
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import left_inverse
+from spherekit.motion.pairs import pair_rates, variable_vectors
+from spherekit.sphere.rotation import Floats
+
+LARGEST_STEP = 0.2
+"""Longest step of the input (rad)."""
+BEND = 0.02
+"""Second-order part of a step that is aimed at (rad)."""
+NEARER = 0.3
+"""Part of slope / bend stepped at most: 0.6 of the way to a dead centre, where a
+variable goes as the square root of the way left and slope / bend is twice that way."""
+SMALLEST_STEP = 4e-13
+"""A step below this means that the input has reached a dead centre (rad)."""
+NEARLY_FLAT, NEARLY_EQUAL, NEARLY_ENDED = 1e-3, 1e-3, 1e-6
+"""How near the last node is to a dead centre (relative singular value), to equal
+curvatures, and to the end of an open profile (rad), to name it as the reason."""
+
+
+@final
+@dataclass(frozen=True)
+class Nodes:
+    """Closed configurations and how they change when the inputs move along directions.
+
+    `direction` (n, inputs); `values`, `slope`, `bend` (n, variables): the variables and
+    their first and second derivatives by the way along the direction; `sign` (n,) of the
+    determinant of the closure Jacobian without the inputs; `flatness` (n,) its relative
+    smallest singular value.
+    """
+
+    direction: Floats
+    values: Floats
+    slope: Floats
+    bend: Floats
+    sign: Floats
+    flatness: Floats
+
+    def take(self, rows: NDArray[np.intp]) -> "Nodes":
+        """Return some of the nodes."""
+        return Nodes(
+            self.direction[rows],
+            self.values[rows],
+            self.slope[rows],
+            self.bend[rows],
+            self.sign[rows],
+            self.flatness[rows],
+        )
+
+    def put(self, rows: NDArray[np.intp], new: "Nodes") -> None:
+        """Replace some of the nodes."""
+        self.values[rows], self.slope[rows] = new.values, new.slope
+        self.bend[rows], self.sign[rows] = new.bend, new.sign
+        self.flatness[rows] = new.flatness
+
+
+def nodes_at(
+    closure: Closure, driven: Sequence[int], values: Floats, direction: Floats
+) -> Nodes:
+    """Return the nodes at closed configurations (n, variables).
+
+    `driven` are the variables of the inputs, `direction` (n, inputs) how those move.
+    """
+    placed, states = closure.place(values)
+    frames = closure.frames(placed, states)
+    vectors = variable_vectors(closure.joints, frames, states.curvatures)
+    jacobian = closure.tree.jacobian(vectors)
+    held = list(driven)
+    free = [v for v in range(values.shape[1]) if v not in driven]
+    square = jacobian[:, :, free]
+    singular = np.linalg.svd(square, compute_uv=False)
+    slope, bend = np.zeros_like(values), np.zeros_like(values)
+    inverse = left_inverse(square)
+    slope[:, held] = direction
+    moved = np.einsum("nij,nj->ni", jacobian[:, :, held], direction)
+    slope[:, free] = -np.einsum("nij,nj->ni", inverse, moved)
+    w = closure.tree.body_rates(vectors, slope)
+    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
+    turned = pair_rates(closure.joints, frames, states, first, second).vectors
+    bias = np.einsum("nij,nj->ni", closure.tree.jacobian(turned), slope)
+    bend[:, free] = -np.einsum("nij,nj->ni", inverse, bias)
+    return Nodes(
+        direction,
+        values,
+        slope,
+        bend,
+        determinant_sign(square),
+        singular[:, -1] / singular[:, 0],
+    )
+
+
+def determinant_sign(matrices: Floats) -> Floats:
+    """Return the signs (n,) of determinants; 1 for matrices with extra rows."""
+    if matrices.shape[1] != matrices.shape[2]:
+        return np.ones(len(matrices))
+    return np.asarray(np.linalg.slogdet(matrices)[0])
+
+
+def safe_step(at: Nodes, longest: Floats) -> Floats:
+    """Return the step (n,) that the bend of the way allows, at most `longest` (n,)."""
+    bend = np.max(np.abs(at.bend), axis=1) + 1e-300
+    slope = np.max(np.abs(at.slope), axis=1)
+    step = np.minimum(np.minimum(longest, LARGEST_STEP), np.sqrt(2 * BEND / bend))
+    return np.maximum(np.minimum(step, NEARER * slope / bend), SMALLEST_STEP)
+
+
+def advance(
+    closure: Closure, driven: Sequence[int], at: Nodes, step: Floats, q: Floats
+) -> tuple[Nodes, NDArray[np.bool_]]:
+    """Return the nodes one step (n,) on, at inputs q (n, inputs), and which hold."""
+    h = step[:, None]
+    guess = at.values + h * at.slope + 0.5 * h * h * at.bend
+    guess[:, list(driven)] = q
+    moved = np.max(np.abs(guess - at.values), axis=1)
+    result = closure.solve(guess, driven, iterations=6)
+    correction = result.first_step
+    holds = result.residual < CLOSURE_TOLERANCE
+    holds &= correction <= np.minimum(0.05, 0.1 * moved) + 1e-9
+    holds &= (correction <= 1e-6) | (result.ratio <= 0.1)
+    new = nodes_at(closure, driven, result.values, at.direction)
+    holds &= (new.sign == at.sign) & np.all(np.isfinite(new.slope), axis=1)
+    cosine = np.sum(_unit(at.slope) * _unit(new.slope), axis=1)
+    return new, holds & (cosine >= 0.95)
+
+
+def _unit(slope: Floats) -> Floats:
+    return np.asarray(slope / np.linalg.norm(slope, axis=1, keepdims=True))
+
+
+def smallest_step(q: Floats) -> Floats:
+    """Return the step (n,) below which inputs q (n, inputs) cannot go on."""
+    return np.asarray(2 * SMALLEST_STEP * np.maximum(1.0, np.max(np.abs(q), axis=1)))
+
+
+def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
+    """Return the status of the samples beyond the last node that could be reached."""
+    values = at.values[row]
+    _, states = closure.place(values[None])
+    for k, joint in enumerate(closure.joints):
+        if not isinstance(joint, Contact):
+            continue
+        if states.curvatures[0, k, 0] - states.curvatures[0, k, 1] < NEARLY_EQUAL:
+            return Status.CURVATURE
+        first = values[closure.tree.owners.index(k)]
+        last = first if joint.rolling else values[closure.tree.owners.index(k) + 1]
+        start = joint.start if joint.rolling else (0.0, 0.0)
+        for curve, s in ((joint.first, first + start[0]), (joint.second, last + start[1])):
+            if not curve.closed and min(s, curve.length - s) < NEARLY_ENDED:
+                return Status.OFF_PROFILE
+    return Status.OUT_OF_REACH if at.flatness[row] < NEARLY_FLAT else Status.BRANCH_LOST
+
+
+def walk(
+    closure: Closure, driven: Sequence[int], values: Floats, q: Floats
+) -> tuple[Floats, NDArray[np.int8]]:
+    """Return configurations reached by straight ways of the inputs, and statuses (n,).
+
+    Parameters
+    ----------
+    closure
+        Loop closure of the whole mechanism.
+    driven
+        Numbers of the inputs' variables.
+    values
+        (n, variables) closed configurations to start from.
+    q
+        (n, inputs) inputs to arrive at. Status OK says that a way of verified steps leads
+        there; other rows hold the last configuration reached.
+    """
+    way = q - values[:, list(driven)]
+    length = np.linalg.norm(way, axis=1)
+    direction = way / np.maximum(length, 1e-300)[:, None]
+    at = nodes_at(closure, driven, values, direction)
+    at = replace(at, values=values.copy())
+    status = np.full(len(q), Status.OK, dtype=np.int8)
+    done = np.zeros(len(q))
+    step = np.full(len(q), np.inf)
+    going = np.flatnonzero(length > 0.0)
+    while len(going):
+        rest = length[going] - done[going]
+        step[going] = safe_step(at.take(going), step[going])
+        last = step[going] >= rest * (1 - 1e-9)
+        ahead = np.where(last, rest, step[going])
+        goal = np.where(
+            last[:, None],
+            q[going],
+            at.values[going][:, list(driven)] + ahead[:, None] * direction[going],
+        )
+        new, holds = advance(closure, driven, at.take(going), ahead, goal)
+        moved = going[holds]
+        at.put(moved, new.take(np.flatnonzero(holds)))
+        done[moved] += ahead[holds]
+        step[moved] *= 2.0
+        failed = going[~holds]
+        stuck = failed[step[failed] <= smallest_step(q[failed])]
+        for row in stuck:
+            status[row] = why_ended(closure, at, int(row))
+        step[failed] *= 0.5
+        arrived = going[holds & last]
+        going = np.setdiff1d(going, np.concatenate([arrived, stuck]), assume_unique=True)
+    return at.values, status

@@ -1,0 +1,48 @@
+"""Links that always turn about one common axis, by the geometry within the links.
+
+If P_ik and P_jk coincide, their great circle is undefined, but P_ij is that same axis:
+the three relative motions share it. Two R pairs with one axis in a common link, such as
+the two sliders of an arc guide or the coaxial wheels of a gear train, make it so in every
+configuration.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.model.geometry import link_axes
+from spherekit.model.mechanism import Mechanism
+
+SAME_AXIS = 1e-12
+"""Sine below which two axes of a link are one."""
+
+
+@final
+@dataclass(frozen=True)
+class Coaxial:
+    """Links whose relative motions share one axis, that of R pair `pair`."""
+
+    links: frozenset[int]
+    pair: int
+
+
+def coaxial_links(mechanism: Mechanism) -> tuple[Coaxial, ...]:
+    """Return the sets of three or more links that turn about a common axis."""
+    number = mechanism.pair_number
+    owner = list(range(len(mechanism.pairs)))
+    for axes in link_axes(mechanism).values():
+        names = list(axes)
+        for position, one in enumerate(names):
+            for other in names[:position]:
+                sine = np.linalg.norm(np.cross(axes[one], axes[other]))
+                if sine < SAME_AXIS:
+                    low, high = sorted((owner[number[one]], owner[number[other]]))
+                    owner = [low if each == high else each for each in owner]
+    found = []
+    for first in sorted(set(owner)):
+        pairs = [pair for pair, each in enumerate(owner) if each == first]
+        if len(pairs) > 1:
+            links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
+            found.append(Coaxial(links, first))
+    return tuple(found)

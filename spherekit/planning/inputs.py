@@ -1,0 +1,37 @@
+"""The driven pairs of a mechanism, and the bodies that are left when some are locked."""
+
+from collections.abc import Iterable
+
+from spherekit.conventions import listing
+from spherekit.errors import PlanError
+from spherekit.model.mechanism import Mechanism
+
+
+def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
+    """Return the numbers of the driven pairs: the declared inputs, or the first R pair.
+
+    Raises
+    ------
+    PlanError
+        If a declared input is a contact pair, or there is no R pair at all.
+    """
+    revolute = [pair.name for pair in mechanism.pairs if pair.type == "R"]
+    names = [item.pair for item in mechanism.inputs] or revolute[:1]
+    for name in names:
+        if mechanism.pair(name).type != "R":
+            raise PlanError(
+                f"{mechanism.name}: inputs.{name}: pair {name} is a contact pair; choose "
+                f"an R pair as input: {listing(revolute) or 'there is none'}"
+            )
+    if not names:
+        raise PlanError(f"{mechanism.name}: an input is an R pair, but there is none")
+    return tuple(mechanism.pair_number[name] for name in names)
+
+
+def merged(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:
+    """Return for each link the smallest link of its body when pairs are locked."""
+    body = list(range(len(mechanism.links)))
+    for pair in locked:
+        one, other = sorted(body[link] for link in mechanism.ends[pair])
+        body = [one if owner == other else owner for owner in body]
+    return tuple(body)
