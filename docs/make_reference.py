@@ -3,6 +3,7 @@
 Run it in the root of the repository: ``python docs/make_reference.py``.
 """
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ def kind(whole: Schema, part: Schema) -> str:
         return named
     part = resolved(whole, part)
     if "const" in part:
-        return f"`{part['const']}`"
+        return f"`{json.dumps(part['const'])}`"
     if "enum" in part:
         return " or ".join(f'`"{each}"`' for each in part["enum"])
     if isinstance(part["type"], list):

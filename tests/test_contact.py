@@ -513,7 +513,7 @@ def test_gears_in_a_file(tmp_path):
         (
             'axes = ["01", "02"]\n\n[inputs',
             'axes = ["02", "01"]\n\n[inputs',
-            'is not on gear "1"',
+            'is not on link "1"',
         ),
         ("arcs = [75.0]", "arcs = [0.0]", "no pitch cones"),
         ('type = "Cr"', 'type = "Cs"', "allowed: Cr"),

@@ -244,7 +244,7 @@ FAULTS = {
         SIZES,
         'type = "R"',
         'type = "r"',
-        '22: pairs.21.type: found "r", allowed: R, Cr, Cs',
+        '22: pairs.21.type: found "r", allowed: R, P, Cr, Cs',
         ['did you mean "R"?'],
     ),
     "no first digit": (SIZES, "70.5", ".5", "16: column 9:", ["write 0.5, not .5"]),
@@ -625,7 +625,7 @@ def test_every_key_of_the_schema_is_described():
 def test_the_schema_agrees_with_the_code():
     parts = schema()["$defs"]
     assert parts["name"]["maxLength"] == MAX_NAME_LENGTH
-    assert parts["pair"]["properties"]["type"]["enum"] == list(PAIR_TYPES)
+    assert set(parts["pair"]["properties"]["type"]["enum"]) == {*PAIR_TYPES, "P"}
     assert parts["load"]["properties"]["torque"]["maxLength"] == MAX_LENGTH
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.Draft202012Validator.check_schema(schema())

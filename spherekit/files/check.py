@@ -140,7 +140,8 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
     elif rule in ("enum", "const"):
         allowed = limit if rule == "enum" else [limit]
         hint = nearest(value, allowed) if isinstance(value, str) else ""
-        yield path, f"found {shown(value)}, allowed: {listing(allowed)}{hint}"
+        words = [shown(each) if isinstance(each, bool) else each for each in allowed]
+        yield path, f"found {shown(value)}, allowed: {listing(words)}{hint}"
     elif rule in ("not", "anyOf"):
         yield path, str(error.schema["description"])
     elif rule in ("pattern", "minLength", "maxLength") and "pattern" in error.schema:

@@ -2,25 +2,20 @@
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NoReturn, final
+from typing import Any, final
 
-from spherekit.conventions import nearest
 from spherekit.errors import FileError, ModelError
-from spherekit.files.angles import (
-    AngleUnit,
-    Vector,
-    angle_at,
-    direction,
-    unit_vector,
-)
+from spherekit.files.angles import Vector
 from spherekit.files.check import check
+from spherekit.files.contact import Contacts
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
+from spherekit.files.values import Values
 from spherekit.model import expression
-from spherekit.model.gears import gear_axes, pitch_angles
+from spherekit.model.geometry import arc_pole
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
@@ -30,17 +25,17 @@ from spherekit.model.mechanism import (
     Output,
     Pair,
     PoseGeometry,
-    Profile,
     SizeGeometry,
     Source,
 )
 
-_Table = Mapping[str, Any]
-
 FULL_TURN = 6.283185307179586
 _SIZES_OF_LINK = ("axes", "arcs", "angles")
 _SIZES_OF_PAIR = ("zero",)
-_POSE_OF_PAIR = ("xyz", "lonlat", "value")
+_ARC_OF_PAIR = ("through_xyz", "through_lonlat")
+_AXIS_OF_PAIR = ("xyz", "lonlat", *_ARC_OF_PAIR)
+_POSE_OF_PAIR = (*_AXIS_OF_PAIR, "value")
+_TURNING = ("R", "P")
 _KEYED = re.compile(r"(\w+(?:\.\w+)*): (.*)", re.S)
 
 
@@ -79,23 +74,21 @@ def loads(text: str, name: str = "text") -> Mechanism:
 
 @final
 @dataclass(frozen=True)
-class _Reader:
+class _Reader(Values):
     """Builds the parts of a mechanism from data that fits the schema."""
-
-    document: Document
-    unit: AngleUnit
 
     def mechanism(self) -> Mechanism:
         data = self.document.data
         ground = data["ground"]
         source = data.get("source")
         geometry = self.geometry()
+        pairs = self.pairs(geometry)
         try:
             return Mechanism(
                 name=data["name"],
                 ground=ground,
                 links=tuple(data["links"]),
-                pairs=tuple(self.pair(name) for name in data["pairs"]),
+                pairs=pairs,
                 geometry=geometry,
                 inputs=tuple(self.input(pair) for pair in data.get("inputs", {})),
                 outputs=tuple(
@@ -132,16 +125,16 @@ class _Reader:
         if pose:
             return PoseGeometry(
                 {
-                    pair: self.vector(("pairs", pair), item)
+                    pair: self.axis(pair)
                     for pair, item in data["pairs"].items()
-                    if "xyz" in item or "lonlat" in item
+                    if any(key in item for key in _AXIS_OF_PAIR)
                 },
                 self.angles_of_pairs("value"),
             )
-        revolute = [name for name, item in data["pairs"].items() if item["type"] == "R"]
-        if revolute and not sizes:
+        turning = self.joined()
+        if turning and not sizes:
             self.fail(
-                ("pairs", revolute[0]),
+                ("pairs", next(iter(turning))),
                 "no geometry: give axes and arcs in every link, or xyz or lonlat in "
                 "every R pair",
             )
@@ -178,83 +171,33 @@ class _Reader:
             if key in item
         }
 
-    def pair(self, name: str) -> Pair:
-        item, path = self.document.data["pairs"][name], ("pairs", name)
-        first, second = item["links"]
-        if "teeth" in item:
-            return self.gears(name, item)
-        if "profiles" not in item:
-            return Pair(name, item["type"], (first, second))
-        profiles = item["profiles"]
-        for link in profiles:
-            if link not in (first, second):
-                self.fail(
-                    (*path, "profiles", link),
-                    f'the pair joins "{first}" and "{second}", not "{link}"'
-                    f"{nearest(link, (first, second))}",
-                )
-        built = (
-            self.profile((*path, "profiles", first), profiles[first]),
-            self.profile((*path, "profiles", second), profiles[second]),
-        )
-        start = self.angles((*path, "start"), item.get("start", [0.0, 0.0]))
-        return Pair(
-            name,
-            item["type"],
-            (first, second),
-            built,
-            item.get("contact", "external"),
-            (start[0], start[1]),
-        )
-
-    def gears(self, name: str, item: _Table) -> Pair:
-        """Return the rolling contact of two bevel gears: circles about their axes."""
-        path: KeyPath = ("pairs", name, "axes")
-        contact = item.get("contact", "external")
+    def axis(self, pair: str) -> Vector:
+        """Read the axis of a pair in the reference pose: of an arc, its pole."""
+        item, path = self.document.data["pairs"][pair], ("pairs", pair)
+        ends = self.vectors(path, item, "through_lonlat", "through_xyz")
+        if not ends:
+            return self.vector(path, item)
         try:
-            centres, shaft_angle = gear_axes(
-                self.geometry(),
-                self.joined(),
-                (item["links"][0], item["links"][1]),
-                (item["axes"][0], item["axes"][1]),
-            )
-            teeth = item["teeth"]
-            radii = pitch_angles((teeth[0], teeth[1]), shaft_angle, contact)
+            return arc_pole(ends[0], ends[1])
         except ModelError as error:
-            self.fail(path, str(error))
-        circles = [
-            Profile("circle", centre, radius)
-            for centre, radius in zip(centres, radii, strict=True)
-        ]
-        start = self.angles(("pairs", name, "start"), item.get("start", [0.0, 0.0]))
-        links = (item["links"][0], item["links"][1])
-        return Pair(
-            name, "Cr", links, (circles[0], circles[1]), contact, (start[0], start[1])
+            key = next(key for key in _ARC_OF_PAIR if key in item)
+            self.fail((*path, key), str(error))
+
+    def pairs(self, geometry: SizeGeometry | PoseGeometry) -> tuple[Pair, ...]:
+        joined = self.joined()
+        contacts = Contacts(self.document, self.unit, geometry, joined)
+        return tuple(
+            Pair(name, "R", joined[name]) if name in joined else contacts.pair(name)
+            for name in self.document.data["pairs"]
         )
 
     def joined(self) -> dict[str, tuple[str, str]]:
-        """Return the two links of every R pair."""
+        """Return the two links of every pair with an axis: R, and P about its pole."""
         return {
             pair: (item["links"][0], item["links"][1])
             for pair, item in self.document.data["pairs"].items()
-            if item["type"] == "R"
+            if item["type"] in _TURNING
         }
-
-    def profile(self, path: KeyPath, item: _Table) -> Profile:
-        has_centre = "centre_xyz" in item or "centre_lonlat" in item
-        rows = item.get("points_xyz", item.get("points", []))
-        key = "points_xyz" if "points_xyz" in item else "points"
-        turn = self.from_xyz if key == "points_xyz" else self.from_lonlat
-        radius = item.get("radius")
-        return Profile(
-            kind=item["kind"],
-            centre=self.vector(path, item, "centre_") if has_centre else None,
-            radius=None if radius is None else self.angle((*path, "radius"), radius),
-            points=tuple(turn((*path, key, k), row) for k, row in enumerate(rows)),
-            closed=item.get("closed", True),
-            cosines=self.angles((*path, "cosines"), item.get("cosines", [])),
-            sines=self.angles((*path, "sines"), item.get("sines", [])),
-        )
 
     def input(self, pair: str) -> Input:
         item, path = self.document.data["inputs"][pair], ("inputs", pair)
@@ -272,35 +215,6 @@ class _Reader:
                     f"{j + 1}, column {i + 1} has {rows[j][i]}",
                 )
         return Mass(link, tuple((float(x), float(y), float(z)) for x, y, z in rows))
-
-    def vector(self, path: KeyPath, item: _Table, prefix: str = "") -> Vector:
-        """Read the direction given as `prefix` + xyz or lonlat in a table."""
-        if f"{prefix}xyz" in item:
-            return self.from_xyz((*path, f"{prefix}xyz"), item[f"{prefix}xyz"])
-        return self.from_lonlat((*path, f"{prefix}lonlat"), item[f"{prefix}lonlat"])
-
-    def from_xyz(self, path: KeyPath, row: Sequence[float]) -> Vector:
-        x, y, z = row
-        try:
-            return unit_vector((float(x), float(y), float(z)))
-        except ValueError as error:
-            self.fail(path, str(error))
-
-    def from_lonlat(self, path: KeyPath, row: Sequence[float]) -> Vector:
-        longitude, latitude = self.angles(path, row)
-        try:
-            return direction(longitude, latitude)
-        except ValueError as error:
-            self.fail(path, str(error))
-
-    def angles(self, path: KeyPath, numbers: Sequence[float]) -> tuple[float, ...]:
-        return tuple(self.angle((*path, k), number) for k, number in enumerate(numbers))
-
-    def angle(self, path: KeyPath, number: float) -> float:
-        return angle_at(self.document, path, number, self.unit)
-
-    def fail(self, path: KeyPath, message: str) -> NoReturn:
-        raise self.document.fault(path, message)
 
 
 def _relayed(document: Document, name: str, error: ModelError) -> FileError:

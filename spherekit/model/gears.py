@@ -1,18 +1,19 @@
 """Bevel gears as rolling cones: pitch cones from numbers of teeth and the shaft angle."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import EPS
 from spherekit.errors import ModelError
-from spherekit.model.geometry import axes_from_sizes
-from spherekit.model.mechanism import LinkSizes, PoseGeometry, SizeGeometry
-from spherekit.sphere.rotation import Floats, arc
+from spherekit.model.geometry import COLLINEAR, TOUCHING, Vector, given_axis
+from spherekit.model.mechanism import PoseGeometry, SizeGeometry
+from spherekit.sphere.rotation import arc
 
-Vector = tuple[float, float, float]
+ROUNDING = 8 * EPS
+"""Half angles that touch to this (rad) are kept to the last bit."""
 
 
 def pitch_angles(
@@ -52,6 +53,64 @@ def pitch_angles(
     return first, second
 
 
+def touching_angles(
+    half_angles: Sequence[float],
+    shaft_angle: float,
+    contact: Literal["external", "internal"],
+) -> tuple[float, float]:
+    """Return the half angles (rad) of two cones that touch along a line.
+
+    Parameters
+    ----------
+    half_angles
+        Those of both cones (rad), between 0 and pi, or of the first alone. Two that
+        touch but for rounding are returned as they are; within `TOUCHING` the second is
+        made to fit.
+    shaft_angle
+        Angle between the axes (rad), 0 to pi.
+    contact
+        External: d1 + d2 is the shaft angle. Internal: the first rolls inside the
+        second, d2 - d1 is the shaft angle.
+
+    Raises
+    ------
+    ModelError
+        If the cones do not touch at this shaft angle, or touch all round.
+    """
+    for given in half_angles:
+        if not 0.0 < given < math.pi:
+            raise ModelError(
+                f"found a half angle of {_degrees(given)} deg; it has to lie between 0 "
+                "and 180 deg, both excluded"
+            )
+    if math.sin(shaft_angle) < COLLINEAR:
+        raise ModelError(
+            f"the shaft angle is {_degrees(shaft_angle)} deg: cones about one line do not "
+            "touch along a single line"
+        )
+    first, external = half_angles[0], contact == "external"
+    second = shaft_angle - first if external else shaft_angle + first
+    if len(half_angles) == 1:
+        if not 0.0 < second < math.pi:
+            raise ModelError(
+                f"at a shaft angle of {_degrees(shaft_angle)} deg no second cone touches "
+                f"a first of {_degrees(first)} deg in {contact} contact: its half angle "
+                f"would be {_degrees(second)} deg"
+            )
+        return first, second
+    miss = abs(half_angles[1] - second)
+    if miss > TOUCHING:
+        parts = (first, half_angles[1]) if external else (half_angles[1], first)
+        total = parts[0] + parts[1] if external else parts[0] - parts[1]
+        raise ModelError(
+            f"the cones do not touch: the shaft angle is {_degrees(shaft_angle)} deg, in "
+            f"{contact} contact the half angles give {_degrees(parts[0])} "
+            f"{'+' if external else '-'} {_degrees(parts[1])} = {_degrees(total)} deg; "
+            f"they miss by {_degrees(miss)} deg. Leave the second out and it follows"
+        )
+    return first, half_angles[1] if miss <= ROUNDING else second
+
+
 def gear_axes(
     geometry: SizeGeometry | PoseGeometry,
     joined: Mapping[str, tuple[str, str]],
@@ -63,14 +122,10 @@ def gear_axes(
     `joined` holds the two links of every R pair, `links` the two gears, `axes` the R pairs
     they turn about; both pairs must join their gear to one common link.
     """
-    for link, axis in zip(links, axes, strict=True):
-        if axis not in joined:
-            raise ModelError(
-                f'no R pair is named "{axis}"{nearest(axis, joined) or ";"} R pairs: '
-                f"{listing(joined)}"
-            )
-        if link not in joined[axis]:
-            raise ModelError(f'R pair "{axis}" is not on gear "{link}"')
+    first, second = (
+        given_axis(geometry, joined, link, axis)
+        for link, axis in zip(links, axes, strict=True)
+    )
     carriers = [set(joined[a]) - {link} for a, link in zip(axes, links, strict=True)]
     common = carriers[0] & carriers[1]
     if not common:
@@ -78,21 +133,9 @@ def gear_axes(
             f'R pairs "{axes[0]}" and "{axes[1]}" do not join the gears to a common link'
         )
     carrier = common.pop()
-
-    def direction(link: str, axis: str) -> Floats:
-        if isinstance(geometry, PoseGeometry):
-            axes = {name: np.array(given) for name, given in geometry.axes.items()}
-        else:
-            axes = axes_from_sizes(geometry.links.get(link, LinkSizes(())))
-        if axis not in axes:
-            raise ModelError(f'the axis of pair "{axis}" is not given in link "{link}"')
-        return axes[axis]
-
-    shaft_angle = float(arc(direction(carrier, axes[0]), direction(carrier, axes[1])))
-    first, second = (direction(k, a) for k, a in zip(links, axes, strict=True))
-    return (_vector(first), _vector(second)), shaft_angle
+    ends = [np.array(given_axis(geometry, joined, carrier, axis)) for axis in axes]
+    return (first, second), float(arc(ends[0], ends[1]))
 
 
-def _vector(axis: Floats) -> Vector:
-    x, y, z = axis
-    return float(x), float(y), float(z)
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.9g}"

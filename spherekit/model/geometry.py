@@ -1,10 +1,12 @@
 """Where each pair's axis and zero direction sit in its two links."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
+from spherekit.conventions import listing, nearest
 from spherekit.errors import ModelError
 from spherekit.model.mechanism import (
     LinkSizes,
@@ -25,8 +27,10 @@ from spherekit.sphere.rotation import (
     transpose,
 )
 
+Vector = tuple[float, float, float]
+
 COLLINEAR = 1e-9
-"""Below this sine two axes of a link count as one line for the reference arc."""
+"""Below this sine two directions count as one line: they fix no arc."""
 
 
 @final
@@ -180,6 +184,65 @@ def _frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floats]]
     if isinstance(mechanism.geometry, PoseGeometry):
         return _pose_frames(mechanism, mechanism.geometry)
     return _size_frames(mechanism, mechanism.geometry)
+
+
+def given_axis(
+    geometry: SizeGeometry | PoseGeometry,
+    joined: Mapping[str, tuple[str, str]],
+    link: str,
+    axis: str,
+) -> Vector:
+    """Return the unit axis of an R pair in the axes of one of its links.
+
+    `joined` holds the two links of every R pair.
+
+    Raises
+    ------
+    ModelError
+        If there is no such pair, it is not on the link, or its axis is not given there.
+    """
+    if axis not in joined:
+        raise ModelError(
+            f'no R pair is named "{axis}"{nearest(axis, joined) or ";"} R pairs: '
+            f"{listing(joined)}"
+        )
+    if link not in joined[axis]:
+        raise ModelError(f'R pair "{axis}" is not on link "{link}"')
+    axes: Mapping[str, Vector | Floats]
+    if isinstance(geometry, PoseGeometry):
+        axes = geometry.axes
+    else:
+        sizes = geometry.links.get(link, LinkSizes(()))
+        further = len(sizes.axes) - 1
+        if len(sizes.arcs) < further or len(sizes.angles) < further - 1:
+            raise ModelError(f'arcs or angles of link "{link}" are missing')
+        axes = axes_from_sizes(sizes)
+    if axis not in axes:
+        raise ModelError(f'the axis of pair "{axis}" is not given in link "{link}"')
+    x, y, z = axes[axis]
+    return float(x), float(y), float(z)
+
+
+def arc_pole(first: Vector, second: Vector) -> Vector:
+    """Return the pole of the great-circle arc from one unit vector to another.
+
+    Turning about it counter-clockwise moves the first towards the second.
+
+    Raises
+    ------
+    ModelError
+        If the two are equal or opposite, so that many great circles join them.
+    """
+    pole = cross(np.array(first), np.array(second))
+    length = float(np.linalg.norm(pole))
+    if length < COLLINEAR:
+        which = "equal" if np.dot(first, second) > 0 else "opposite"
+        raise ModelError(
+            f"the two directions are {which}: they define no arc; give two directions "
+            "that the arc passes through, neither equal nor opposite"
+        )
+    x, y, z = pole / length
+    return float(x), float(y), float(z)
 
 
 def _pose_frames(
