@@ -17,11 +17,10 @@ from spherekit.files.check import schema
 from spherekit.files.document import Written
 from spherekit.files.read import load, loads
 from spherekit.files.write import canonical_text, dump, dumps
+from spherekit.model.dynamics import Mass, PairTorque
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
-    Load,
-    Mass,
     Mechanism,
     Output,
     Pair,
@@ -110,7 +109,7 @@ def random_mechanism(seed):
         inputs=(Input(first, angle(), angle()),),
         outputs=(Output("out", links[2], links[1]),),
         masses=(Mass(links[1], tensor),),
-        loads=(Load("spring", first, f"-2*theta_{first}"),),
+        loads=(PairTorque("spring", first, f"-2*theta_{first}"),),
         source=Source("A, 'B \"C\"', 2024", "nothing\nmuch") if seed % 3 else None,
         user=USER if seed % 5 == 0 else {},
     )
@@ -209,7 +208,7 @@ def square(**changes):
             {"geometry": PoseGeometry({"a": (0.0, 0.0, 1.0001)})},
             "geometry would not read",
         ),
-        ({"loads": (Load("f", "a", "theta_b"),)}, "would not be readable"),
+        ({"loads": (PairTorque("f", "a", "theta_b"),)}, "would not be readable"),
         ({"masses": (Mass("2", np.eye(3)),)}, "masses"),
     ],
 )

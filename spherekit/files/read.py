@@ -20,12 +20,11 @@ from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
 from spherekit.model import expression
+from spherekit.model.dynamics import Mass, PairTorque
 from spherekit.model.gears import gear_axes, pitch_angles
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
-    Load,
-    Mass,
     Mechanism,
     Output,
     Pair,
@@ -104,7 +103,7 @@ class _Reader:
                 ),
                 masses=tuple(self.mass(link) for link in data.get("mass", {})),
                 loads=tuple(
-                    Load(name, item["pair"], item["torque"])
+                    PairTorque(name, item["pair"], item["torque"])
                     for name, item in data.get("loads", {}).items()
                 ),
                 source=Source(**source) if source else None,
@@ -271,7 +270,8 @@ class _Reader:
                     f"not symmetric: row {i + 1}, column {j + 1} has {rows[i][j]}, row "
                     f"{j + 1}, column {i + 1} has {rows[j][i]}",
                 )
-        return Mass(link, tuple((float(x), float(y), float(z)) for x, y, z in rows))
+        first, second, third = ((float(x), float(y), float(z)) for x, y, z in rows)
+        return Mass(link, (first, second, third))
 
     def vector(self, path: KeyPath, item: _Table, prefix: str = "") -> Vector:
         """Read the direction given as `prefix` + xyz or lonlat in a table."""
@@ -315,6 +315,7 @@ def _relayed(document: Document, name: str, error: ModelError) -> FileError:
 def _check_loads(document: Document, mechanism: Mechanism) -> None:
     names = expression.load_names(mechanism.pair_number)
     for item in mechanism.loads:
+        assert isinstance(item, PairTorque)
         try:
             expression.parse(item.torque, names)
         except ModelError as error:

@@ -11,6 +11,7 @@ from spherekit.files.atomic import write_text
 from spherekit.files.check import FORMAT
 from spherekit.files.read import loads
 from spherekit.files.toml_text import Literal, assignment, tables
+from spherekit.model.dynamics import PairTorque
 from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry, Profile
 
 _Table = dict[str, Any]
@@ -101,7 +102,9 @@ def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
         for item in mechanism.masses
     }
     content["loads"] = {
-        item.name: {"pair": item.pair, "torque": item.torque} for item in mechanism.loads
+        item.name: {"pair": item.pair, "torque": item.torque}
+        for item in mechanism.loads
+        if isinstance(item, PairTorque)
     }
     content["user"] = dict(mechanism.user)
     return {name: table for name, table in content.items() if table}

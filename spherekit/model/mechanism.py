@@ -8,6 +8,7 @@ from typing import Any, Literal, final
 
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
 from spherekit.errors import ModelError
+from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce, Stop
 
 PairType = Literal["R", "Cr", "Cs"]
 PAIR_TYPES: Mapping[str, str] = MappingProxyType(
@@ -125,29 +126,6 @@ class Output:
 
 @final
 @dataclass(frozen=True)
-class Mass:
-    """Inertia tensor of a link about the centre of the sphere, in link axes (kg m2)."""
-
-    link: str
-    tensor: tuple[tuple[float, float, float], ...]
-
-
-@final
-@dataclass(frozen=True)
-class Load:
-    """A torque (N m) about a pair's axis, acting on its second link.
-
-    `torque` is an expression in pair variables ``theta_PAIR`` (rad), their rates
-    ``dtheta_PAIR`` (rad/s) and the time ``t`` (s).
-    """
-
-    name: str
-    pair: str
-    torque: str
-
-
-@final
-@dataclass(frozen=True)
 class Source:
     """Where a mechanism comes from, and what had to be assumed."""
 
@@ -179,6 +157,7 @@ class Mechanism:
     outputs: tuple[Output, ...] = ()
     masses: tuple[Mass, ...] = ()
     loads: tuple[Load, ...] = ()
+    stops: tuple[Stop, ...] = ()
     source: Source | None = None
     user: Mapping[str, Any] = field(default_factory=dict)
 
@@ -255,6 +234,7 @@ def _check(mechanism: Mechanism) -> None:
     _check_names(where, "output", [output.name for output in mechanism.outputs])
     _check_names(where, "load", [load.name for load in mechanism.loads])
     _check_names(where, "mass of a", [mass.link for mass in mechanism.masses])
+    _check_names(where, "stop of a", [stop.pair for stop in mechanism.stops])
 
     def need_link(name: str, key: str) -> None:
         if name not in mechanism.links:
@@ -300,7 +280,12 @@ def _check(mechanism: Mechanism) -> None:
     for mass in mechanism.masses:
         need_link(mass.link, f"mass.{mass.link}")
     for load in mechanism.loads:
-        need_pair(load.pair, f"loads.{load.name}.pair")
+        if isinstance(load, PointForce | Moment):
+            need_link(load.link, f"loads.{load.name}.link")
+        elif not isinstance(load, Gravity):
+            need_pair(load.pair, f"loads.{load.name}.pair")
+    for stop in mechanism.stops:
+        need_pair(stop.pair, f"stops.{stop.pair}")
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry):
         named: Mapping[str, Any] = geometry.values
