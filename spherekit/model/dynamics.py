@@ -15,6 +15,8 @@ Expressions = tuple[str, str, str]
 Axes = Literal["ground", "link"]
 """Whether components are along the axes of the ground or of the link acted on."""
 
+AXES: tuple[Axes, ...] = ("ground", "link")
+
 
 @final
 @dataclass(frozen=True)

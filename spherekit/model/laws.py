@@ -88,10 +88,12 @@ class Cycloidal:
         """Return variable, rate and acceleration at times (s) of any shape."""
         x = np.clip(np.asarray(t, dtype=np.float64) / self.duration, 0.0, 1.0)
         rise, turn = self.stop - self.start, 2 * math.pi
+        # A whole turn is none, so that the input holds exactly still at the end.
+        angle = turn * np.where(x < 1.0, x, 0.0)
         return (
-            self.start + rise * (x - np.sin(turn * x) / turn),
-            rise / self.duration * (1 - np.cos(turn * x)),
-            rise / self.duration**2 * turn * np.sin(turn * x),
+            self.start + rise * (x - np.sin(angle) / turn),
+            rise / self.duration * (1 - np.cos(angle)),
+            rise / self.duration**2 * turn * np.sin(angle),
         )
 
 

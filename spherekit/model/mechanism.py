@@ -9,6 +9,7 @@ from typing import Any, Literal, final
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce, Stop
+from spherekit.model.dynamics_checks import check_loads, check_mass, check_stops
 
 PairType = Literal["R", "Cr", "Cs"]
 PAIR_TYPES: Mapping[str, str] = MappingProxyType(
@@ -286,6 +287,7 @@ def _check(mechanism: Mechanism) -> None:
             need_pair(load.pair, f"loads.{load.name}.pair")
     for stop in mechanism.stops:
         need_pair(stop.pair, f"stops.{stop.pair}")
+    _check_dynamics(where, mechanism)
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry):
         named: Mapping[str, Any] = geometry.values
@@ -304,6 +306,17 @@ def _check(mechanism: Mechanism) -> None:
         _check_sizes(where, mechanism, geometry)
     for name in named:
         need_pair(name, "pairs")
+
+
+def _check_dynamics(where: str, mechanism: Mechanism) -> None:
+    types = {pair.name: pair.type for pair in mechanism.pairs}
+    try:
+        for mass in mechanism.masses:
+            check_mass(mass)
+        check_loads(mechanism.loads, mechanism.masses, types)
+        check_stops(mechanism.stops, types)
+    except ModelError as error:
+        raise ModelError(f"{where}: {error}") from None
 
 
 def _check_names(where: str, what: str, names: "list[str] | tuple[str, ...]") -> None:
