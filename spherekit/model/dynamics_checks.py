@@ -24,6 +24,7 @@ from spherekit.model.dynamics import (
     Stop,
     TorqueTable,
 )
+from spherekit.model.inertia import moments_of_point
 from spherekit.model.laws import need_increasing
 
 MOMENT_TOLERANCE = 1e-3
@@ -48,18 +49,7 @@ def check_mass(mass: Mass) -> None:
     """
     key = f"mass.{mass.link}"
     tensor = np.array(mass.tensor, dtype=np.float64)
-    if tensor.shape != (3, 3):
-        raise ModelError(f"{key}.tensor: has the shape {tensor.shape}, needs (3, 3)")
-    _need_finite(f"{key}.tensor", tensor.ravel())
-    largest = float(np.max(np.abs(tensor)))
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        if abs(tensor[i, j] - tensor[j, i]) > ASYMMETRY * largest:
-            raise ModelError(
-                f"{key}.tensor: not symmetric: row {i + 1}, column {j + 1} has "
-                f"{tensor[i, j]}, row {j + 1}, column {i + 1} has {tensor[j, i]}"
-            )
-    slack = MOMENT_TOLERANCE * largest
-    _need_moments(f"{key}.tensor", tensor, slack, "")
+    check_tensor(f"{key}.tensor", tensor)
     if mass.mass is None:
         if mass.centre is not None:
             raise ModelError(f"{key}.centre: needs a mass with it, in kg")
@@ -71,12 +61,30 @@ def check_mass(mass: Mass) -> None:
         _need_finite(f"{key}.centre", mass.centre)
         moved = tensor - moments_of_point(mass.mass, np.array(mass.centre))
         about = f" about the centre of mass (of {mass.mass:g} kg at {mass.centre} m)"
+        slack = MOMENT_TOLERANCE * float(np.max(np.abs(tensor)))
         _need_moments(key, moved, slack, about)
 
 
-def moments_of_point(mass: float, place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inertia tensor (3, 3) in kg m2 about O of a point mass at a place (m)."""
-    return mass * (place @ place * np.eye(3) - np.outer(place, place))
+def check_tensor(key: str, tensor: NDArray[np.float64]) -> None:
+    """Refuse an inertia tensor that no body has about any point; `key` says where it is.
+
+    Raises
+    ------
+    ModelError
+        If it is not symmetric, has a negative principal moment, or one that exceeds the
+        sum of the two others.
+    """
+    if tensor.shape != (3, 3):
+        raise ModelError(f"{key}: has the shape {tensor.shape}, needs (3, 3)")
+    _need_finite(key, tensor.ravel())
+    largest = float(np.max(np.abs(tensor)))
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        if abs(tensor[i, j] - tensor[j, i]) > ASYMMETRY * largest:
+            raise ModelError(
+                f"{key}: not symmetric: row {i + 1}, column {j + 1} has {tensor[i, j]}, "
+                f"row {j + 1}, column {i + 1} has {tensor[j, i]}"
+            )
+    _need_moments(key, tensor, MOMENT_TOLERANCE * largest, "")
 
 
 def _need_moments(key: str, tensor: NDArray[np.float64], slack: float, about: str) -> None:

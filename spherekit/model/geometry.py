@@ -82,10 +82,7 @@ def geometry_of(mechanism: Mechanism) -> Geometry:
         If profiles are not curves, or do not touch in the reference pose.
     """
     given = mechanism.geometry
-    if isinstance(given, PoseGeometry):
-        first, second = _pose_frames(mechanism, given)
-    else:
-        first, second = _size_frames(mechanism, given)
+    first, second = _frames(mechanism)
     joints: list[Joint] = []
     reference: list[float] = []
     for pair in mechanism.pairs:
@@ -170,12 +167,20 @@ def touching(
 def link_axes(mechanism: Mechanism) -> dict[str, dict[str, Floats]]:
     """Return the unit axis (3,) of every R pair in each of its links, by names."""
     axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
-    joints = geometry_of(mechanism).joints
-    for pair, joint in zip(mechanism.pairs, joints, strict=True):
-        if isinstance(joint, Revolute):
-            axes[pair.links[0]][pair.name] = joint.first[:, 2]
-            axes[pair.links[1]][pair.name] = joint.second[:, 2]
+    frames = _frames(mechanism)
+    for pair in mechanism.pairs:
+        if pair.type == "R":
+            for link, by_pair in zip(pair.links, frames, strict=True):
+                axes[link][pair.name] = by_pair[pair.name][:, 2]
     return axes
+
+
+def _frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the frames of all R pairs in their first and second links, by name."""
+    given = mechanism.geometry
+    if isinstance(given, PoseGeometry):
+        return _pose_frames(mechanism, given)
+    return _size_frames(mechanism, given)
 
 
 def _pose_frames(
