@@ -248,6 +248,18 @@ FAULTS = {
         "mass.crank",
         ["the key radius is missing", "in m"],
     ),
+    "negative mass": (
+        "mass = 2.0",
+        "mass = -2.0",
+        "mass.crank.mass",
+        ["found -2 kg, needs more than 0"],
+    ),
+    "no radius": (
+        "radius = 0.5",
+        "radius = 0",
+        "mass.crank.radius",
+        ["0 m, needs more than 0"],
+    ),
     "arc with a centre": (
         "radius = 0.5",
         "radius = 0.5\ncentre = [0, 0, 1]",
@@ -435,10 +447,16 @@ def test_faults_name_line_key_and_remedy(case):
 def test_gravity_needs_mass_and_centre_of_every_link_with_inertia():
     bare = replace(loads(BASE), loads=())
     weight = Gravity("weight", (0.0, 0.0, -9.81))
-    with pytest.raises(ModelError, match="gravity needs a link with a mass: give mass"):
+    with pytest.raises(
+        ModelError, match="gravity needs a moving link with a mass: give mass"
+    ):
         replace(bare, loads=(weight,))
     whole = Mass("crank", ((2.0, 0, 0), (0, 2.0, 0), (0, 0, 2.0)), 1.0, (0, 0, 0.5))
     replace(bare, masses=(whole,), loads=(weight,))
+    resting = Mass("base", whole.tensor)
+    replace(bare, masses=(whole, resting), loads=(weight,))
+    with pytest.raises(ModelError, match="gravity needs a moving link"):
+        replace(bare, masses=(resting,), loads=(weight,))
     partly = (whole, Mass("rocker", whole.tensor, 1.0))
     with pytest.raises(ModelError, match=r"lacks them for link rocker"):
         replace(bare, masses=partly, loads=(weight,))
