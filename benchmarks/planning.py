@@ -28,7 +28,6 @@ def _table(quick: bool, triads: bool) -> Section:
         poles, groups, relation, blocks, largest = [], [], [], [], []
         for seed in range(chains):
             made = grown(np.random.default_rng([links, seed]), links, triads)
-            driven = made.inputs[0].pair
             jobs = {
                 "poles": lambda made=made: plan(made),
                 "groups": lambda made=made: plan_assembly(made),

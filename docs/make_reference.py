@@ -37,7 +37,9 @@ def section(whole: Schema, title: str) -> Iterator[str]:
     yield ""
     yield from table(whole, whole)
     for path, part in tables(whole, whole, ()):
-        yield f"\n### `[{'.'.join(path)}]`\n"
+        kind_of_table = part["properties"].get("kind", {}).get("const")
+        with_kind = f' with `kind = "{kind_of_table}"`' if kind_of_table else ""
+        yield f"\n### `[{'.'.join(path)}]`{with_kind}\n"
         yield part["description"]
         yield ""
         yield from table(whole, part)
@@ -54,7 +56,15 @@ def tables(
             inner, where = resolved(whole, extra), (*where, "NAME")
         if "properties" in inner:
             yield where, inner
+            yield from ((where, each) for each in kinds(whole, inner))
             yield from tables(whole, inner, where)
+
+
+def kinds(whole: Schema, part: Schema) -> Iterator[Schema]:
+    """Yield the tables that a part may be, where its kind decides."""
+    for rule in part.get("allOf", ()):
+        if "$ref" in rule.get("then", {}):
+            yield resolved(whole, rule["then"])
 
 
 def table(whole: Schema, part: Schema) -> Iterator[str]:
@@ -69,7 +79,7 @@ def table(whole: Schema, part: Schema) -> Iterator[str]:
 def kind(whole: Schema, part: Schema) -> str:
     """Return in a few words what stands behind a key."""
     named = str(part.get("$ref", "")).rpartition("/")[2]
-    if named in ("name", "path", "angle"):
+    if named in ("name", "path", "angle", "rate"):
         return named
     part = resolved(whole, part)
     if "const" in part:

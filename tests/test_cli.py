@@ -204,7 +204,8 @@ def test_serve_streams_and_stops_on_interrupt():
     )
     try:
         assert process.stderr is not None
-        said = process.stderr.readline()
+        said = process.stderr.readline() + process.stderr.readline()
+        time.sleep(0.5)
         socket.create_connection(("127.0.0.1", port), 5.0).close()
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=30)

@@ -193,3 +193,69 @@ def test_parsing_leaves_the_recursion_limit_and_constants_alone():
     with pytest.raises(ModelError):
         parse("-" * 1900 + "t", NAMES)
     assert before == (sys.getrecursionlimit(), dict(CONSTANTS))
+
+
+SMOOTH = (
+    "-5*sin(theta_21) - 2*dtheta_21*t",
+    "t*cos(theta_21)/(2 + t)",
+    "tan(theta_21) + asin(theta_21) - acos(theta_21*0.5)*atan(dtheta_21)",
+    "atan2(dtheta_21 - theta_21, theta_21 + t)",
+    "sqrt(2 + t)*exp(-t/3) + log(1 + t)",
+    "abs(theta_21)*tanh(dtheta_21/0.7) + sign(theta_21)*t",
+    "min(theta_21, t, 0.5) + max(theta_21, dtheta_21, 0)",
+    "(2 + t)**3 + (1 + theta_21**2)**dtheta_21 + 2**t + t**0 + (theta_21)**-2",
+    "sign(sin(t*t)*0 + theta_21)",
+)
+
+
+@pytest.mark.parametrize("text", SMOOTH)
+def test_partials_agree_with_differences_of_forty_digits(text):
+    mpmath = pytest.importorskip("mpmath")
+    functions = {name: getattr(mpmath, name, None) for name in FUNCTIONS}
+    functions |= {"abs": abs, "min": min, "max": max, "pi": mpmath.pi}
+    values = {
+        "theta_21": np.array([0.3, -0.7, 0.9]),
+        "dtheta_21": np.array([1.5, 2.5, -0.5]),
+        "t": np.array([0.1, 1.0, 2.0]),
+    }
+    parsed = parse(text, NAMES)
+    value, partials = parsed.evaluate_with_partials(values)
+    np.testing.assert_array_equal(value, parsed.evaluate(values))
+    assert set(partials) == parsed.names
+    code = compile(text, "expression", "eval")
+    with mpmath.workdps(40):
+        step = mpmath.mpf(10) ** -15
+        for name, found in partials.items():
+            for k in range(3):
+                at = {key: mpmath.mpf(float(item[k])) for key, item in values.items()}
+                ends = [
+                    eval(code, functions, at | {name: at[name] + sign * step})
+                    for sign in (1, -1)
+                ]
+                expected = float((ends[0] - ends[1]) / (2 * step))
+                assert found[k] == pytest.approx(expected, rel=4e-15, abs=1e-16)
+
+
+def test_partials_at_kinks_and_poles():
+    def partial(text, t):
+        value, by_name = parse(text, NAMES).evaluate_with_partials({"t": t})
+        assert value.shape == by_name["t"].shape == np.shape(t)
+        return by_name["t"].tolist()
+
+    assert partial("abs(t)", [-2.0, 0.0, 2.0]) == [-1.0, 0.0, 1.0]
+    assert partial("sign(t)", [-2.0, 0.0]) == [0.0, 0.0]
+    assert partial("max(t, 2*t)", [0.0, 1.0]) == [1.0, 2.0]
+    assert partial("min(1, sqrt(t))", [4.0, 0.25]) == [0.0, 1.0]
+    assert partial("max(1, sqrt(t))", 0.0) == 0.0
+    assert partial("t**1 + t**0", [0.0]) == [1.0]
+    assert np.isnan(partial("(0-2)**t", 1.0))
+    assert np.isnan(partial("sqrt(t)**2", 0.0))
+    assert np.isnan(partial("sqrt(t) + log(t)", -1.0))
+    assert np.isposinf(partial("sqrt(t)", 0.0))
+    assert parse("5", NAMES).evaluate_with_partials({})[1] == {}
+
+
+def test_partials_of_the_deepest_expression():
+    text = "sin(" * (MAX_DEPTH - 1) + "t" + ")" * (MAX_DEPTH - 1)
+    _, partials = parse(text, NAMES).evaluate_with_partials({"t": 0.0})
+    assert partials["t"] == 1.0

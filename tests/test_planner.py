@@ -132,7 +132,9 @@ def test_groups_of_every_input_of_the_eight_bars():
     for chain in EIGHT_BARS:
         made = mechanism(chain, random_axes(np.random.default_rng(2), 10))
         for pair in made.pairs:
-            kinds = [len(g.bodies) for g in plan_assembly(made.with_inputs(pair.name)).groups]
+            kinds = [
+                len(g.bodies) for g in plan_assembly(made.with_inputs(pair.name)).groups
+            ]
             key = {3: "dyads", 5: "triad", 7: "seven"}[max(kinds)]
             assert sum(k - 1 for k in kinds) == 6
             count[key] += 1

@@ -358,9 +358,7 @@ def _summary(
         "mobility": {"graph": graph_mobility(mechanism), "rank": rank},
         "redundant_constraints": repeated,
         "groups": [group.kind for group in tracer.assembly.groups],
-        "plans": {
-            mechanism.pairs[plan.input].name: plan_notes(plan) for plan in plans
-        },
+        "plans": {mechanism.pairs[plan.input].name: plan_notes(plan) for plan in plans},
         "branches": [
             {
                 "number": item.number,

@@ -149,9 +149,7 @@ def _text(plans: Sequence[Plan]) -> Text:
         driven = mechanism.pairs[plan.input]
         locked = listing(mechanism.pairs[pair].name for pair in plan.locked)
         steps = [
-            describe(plan, step)
-            for step in plan.steps
-            if not isinstance(step, PrimaryPole)
+            describe(plan, step) for step in plan.steps if not isinstance(step, PrimaryPole)
         ]
         lines += [
             f"Input: pair {driven.name}, link {driven.links[1]} relative to "

@@ -136,7 +136,7 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
                 yield path, f"the key {key} is missing{described}"
     elif rule == "type":
         wanted = limit if isinstance(limit, list) else [limit]
-        yield path, mismatch(value, " or ".join(_TYPES.get(each, each) for each in wanted))
+        yield path, mismatch(value, " or ".join(_TYPES[each] for each in wanted))
     elif rule in ("enum", "const"):
         allowed = limit if rule == "enum" else [limit]
         hint = nearest(value, allowed) if isinstance(value, str) else ""

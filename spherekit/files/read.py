@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 from spherekit.errors import FileError, ModelError
@@ -13,14 +13,12 @@ from spherekit.files.contact import Contacts
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
+from spherekit.files.read_dynamics import DynamicsReader
 from spherekit.files.values import Values
-from spherekit.model import expression
 from spherekit.model.geometry import arc_pole
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
-    Load,
-    Mass,
     Mechanism,
     Output,
     Pair,
@@ -36,7 +34,8 @@ _ARC_OF_PAIR = ("through_xyz", "through_lonlat")
 _AXIS_OF_PAIR = ("xyz", "lonlat", *_ARC_OF_PAIR)
 _POSE_OF_PAIR = (*_AXIS_OF_PAIR, "value")
 _TURNING = ("R", "P")
-_KEYED = re.compile(r"(\w+(?:\.\w+)*): (.*)", re.S)
+_PART = re.compile(r"(\w+)|\[(\d+)\]")
+_KEYED = re.compile(r"(\w+(?:\.\w+|\[\d+\])*): (.*)", re.S)
 
 
 def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
@@ -66,45 +65,44 @@ def loads(text: str, name: str = "text") -> Mechanism:
     """
     document = parse(text, name)
     check(document)
-    reader = _Reader(document, document.data["angle_unit"])
-    mechanism = reader.mechanism()
-    _check_loads(document, mechanism)
-    return mechanism
+    name = document.data["name"]
+    try:
+        mechanism = _Reader(document, document.data["angle_unit"]).mechanism()
+        reader = DynamicsReader(document, mechanism)
+        return replace(
+            mechanism,
+            masses=reader.masses(),
+            loads=reader.loads(),
+            stops=reader.stops(),
+        )
+    except ModelError as error:
+        raise _relayed(document, name, error) from None
 
 
 @final
 @dataclass(frozen=True)
 class _Reader(Values):
-    """Builds the parts of a mechanism from data that fits the schema."""
+    """Builds a mechanism without masses and loads from data that fits the schema."""
 
     def mechanism(self) -> Mechanism:
         data = self.document.data
         ground = data["ground"]
         source = data.get("source")
         geometry = self.geometry()
-        pairs = self.pairs(geometry)
-        try:
-            return Mechanism(
-                name=data["name"],
-                ground=ground,
-                links=tuple(data["links"]),
-                pairs=pairs,
-                geometry=geometry,
-                inputs=tuple(self.input(pair) for pair in data.get("inputs", {})),
-                outputs=tuple(
-                    Output(name, item["link"], item.get("relative_to", ground))
-                    for name, item in data.get("outputs", {}).items()
-                ),
-                masses=tuple(self.mass(link) for link in data.get("mass", {})),
-                loads=tuple(
-                    Load(name, item["pair"], item["torque"])
-                    for name, item in data.get("loads", {}).items()
-                ),
-                source=Source(**source) if source else None,
-                user=_plain(data.get("user", {})),
-            )
-        except ModelError as error:
-            raise _relayed(self.document, data["name"], error) from None
+        return Mechanism(
+            name=data["name"],
+            ground=ground,
+            links=tuple(data["links"]),
+            pairs=self.pairs(geometry),
+            geometry=geometry,
+            inputs=tuple(self.input(pair) for pair in data.get("inputs", {})),
+            outputs=tuple(
+                Output(name, item["link"], item.get("relative_to", ground))
+                for name, item in data.get("outputs", {}).items()
+            ),
+            source=Source(**source) if source else None,
+            user=_plain(data.get("user", {})),
+        )
 
     def geometry(self) -> SizeGeometry | PoseGeometry:
         data = self.document.data
@@ -205,35 +203,21 @@ class _Reader(Values):
         stop = self.angle((*path, "to"), item["to"]) if "to" in item else FULL_TURN
         return Input(pair, start, stop)
 
-    def mass(self, link: str) -> Mass:
-        rows = self.document.data["mass"][link]["tensor"]
-        for i, j in ((0, 1), (0, 2), (1, 2)):
-            if rows[i][j] != rows[j][i]:
-                self.fail(
-                    ("mass", link, "tensor"),
-                    f"not symmetric: row {i + 1}, column {j + 1} has {rows[i][j]}, row "
-                    f"{j + 1}, column {i + 1} has {rows[j][i]}",
-                )
-        return Mass(link, tuple((float(x), float(y), float(z)) for x, y, z in rows))
-
 
 def _relayed(document: Document, name: str, error: ModelError) -> FileError:
     """Return the model's complaint with the file and the line of the key it names."""
     message = str(error).removeprefix(f"{name}: ")
     keyed = _KEYED.fullmatch(message)
-    if keyed and keyed[1].split(".")[0] in document.data:
-        return document.fault(tuple(keyed[1].split(".")), keyed[2])
+    if keyed:
+        path = _path(keyed[1])
+        if path[0] in document.data:
+            return document.fault(path, keyed[2])
     return document.fault((), message)
 
 
-def _check_loads(document: Document, mechanism: Mechanism) -> None:
-    names = expression.load_names(mechanism.pair_number)
-    for item in mechanism.loads:
-        try:
-            expression.parse(item.torque, names)
-        except ModelError as error:
-            path = ("loads", item.name, "torque")
-            raise document.fault(path, f"in the expression, {error}") from None
+def _path(key: str) -> KeyPath:
+    """Return the path of a key as `spelt` writes it."""
+    return tuple(int(number) if number else name for name, number in _PART.findall(key))
 
 
 def _plain(value: Any) -> Any:

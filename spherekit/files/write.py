@@ -11,6 +11,7 @@ from spherekit.files.atomic import write_text
 from spherekit.files.check import FORMAT
 from spherekit.files.read import loads
 from spherekit.files.toml_text import Literal, assignment, tables
+from spherekit.files.write_dynamics import load_tables, mass_tables, stop_tables
 from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry, Profile
 
 _Table = dict[str, Any]
@@ -96,13 +97,9 @@ def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
         item.name: {"link": item.link, "relative_to": item.relative_to}
         for item in mechanism.outputs
     }
-    content["mass"] = {
-        item.link: {"tensor": [[float(x) for x in row] for row in item.tensor]}
-        for item in mechanism.masses
-    }
-    content["loads"] = {
-        item.name: {"pair": item.pair, "torque": item.torque} for item in mechanism.loads
-    }
+    content["mass"] = mass_tables(mechanism.masses)
+    content["loads"] = load_tables(mechanism.loads, unit)
+    content["stops"] = stop_tables(mechanism.stops, unit)
     content["user"] = dict(mechanism.user)
     return {name: table for name, table in content.items() if table}
 

@@ -8,6 +8,8 @@ from typing import Any, Literal, final
 
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
 from spherekit.errors import ModelError
+from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce, Stop
+from spherekit.model.dynamics_checks import check_loads, check_mass, check_stops
 
 PairType = Literal["R", "Cr", "Cs"]
 PAIR_TYPES: Mapping[str, str] = MappingProxyType(
@@ -125,29 +127,6 @@ class Output:
 
 @final
 @dataclass(frozen=True)
-class Mass:
-    """Inertia tensor of a link about the centre of the sphere, in link axes (kg m2)."""
-
-    link: str
-    tensor: tuple[tuple[float, float, float], ...]
-
-
-@final
-@dataclass(frozen=True)
-class Load:
-    """A torque (N m) about a pair's axis, acting on its second link.
-
-    `torque` is an expression in pair variables ``theta_PAIR`` (rad), their rates
-    ``dtheta_PAIR`` (rad/s) and the time ``t`` (s).
-    """
-
-    name: str
-    pair: str
-    torque: str
-
-
-@final
-@dataclass(frozen=True)
 class Source:
     """Where a mechanism comes from, and what had to be assumed."""
 
@@ -179,6 +158,7 @@ class Mechanism:
     outputs: tuple[Output, ...] = ()
     masses: tuple[Mass, ...] = ()
     loads: tuple[Load, ...] = ()
+    stops: tuple[Stop, ...] = ()
     source: Source | None = None
     user: Mapping[str, Any] = field(default_factory=dict)
 
@@ -264,6 +244,7 @@ def _check(mechanism: Mechanism) -> None:
     _check_names(where, "output", [output.name for output in mechanism.outputs])
     _check_names(where, "load", [load.name for load in mechanism.loads])
     _check_names(where, "mass of a", [mass.link for mass in mechanism.masses])
+    _check_names(where, "stop of a", [stop.pair for stop in mechanism.stops])
 
     def need_link(name: str, key: str) -> None:
         if name not in mechanism.links:
@@ -309,7 +290,13 @@ def _check(mechanism: Mechanism) -> None:
     for mass in mechanism.masses:
         need_link(mass.link, f"mass.{mass.link}")
     for load in mechanism.loads:
-        need_pair(load.pair, f"loads.{load.name}.pair")
+        if isinstance(load, PointForce | Moment):
+            need_link(load.link, f"loads.{load.name}.link")
+        elif not isinstance(load, Gravity):
+            need_pair(load.pair, f"loads.{load.name}.pair")
+    for stop in mechanism.stops:
+        need_pair(stop.pair, f"stops.{stop.pair}")
+    _check_dynamics(where, mechanism)
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry):
         named: Mapping[str, Any] = geometry.values
@@ -328,6 +315,18 @@ def _check(mechanism: Mechanism) -> None:
         _check_sizes(where, mechanism, geometry)
     for name in named:
         need_pair(name, "pairs")
+
+
+def _check_dynamics(where: str, mechanism: Mechanism) -> None:
+    types = {pair.name: pair.type for pair in mechanism.pairs}
+    moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
+    try:
+        for mass in mechanism.masses:
+            check_mass(mass)
+        check_loads(mechanism.loads, moving, types)
+        check_stops(mechanism.stops, types)
+    except ModelError as error:
+        raise ModelError(f"{where}: {error}") from None
 
 
 def _check_names(where: str, what: str, names: "list[str] | tuple[str, ...]") -> None:

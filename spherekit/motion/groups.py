@@ -39,7 +39,7 @@ class State:
     def start(
         mechanism: Mechanism, joints: tuple[Joint, ...], assembly: Assembly, q: Floats
     ) -> "State":
-        """Return the state in which only the inputs have been given values q (n, inputs)."""
+        """Return the state in which only the inputs have values q (n, inputs)."""
         n = len(q)
         unturned = np.broadcast_to(np.eye(3), (n, 3, 3))
         within = dict.fromkeys(range(len(mechanism.links)), unturned)

@@ -85,8 +85,7 @@ def given_path(q: Floats, inputs: int) -> Lattice:
         path = path[:, None]
     if path.ndim != 2 or path.shape[1] != inputs or not len(path):
         raise SolveError(
-            f"a path for {inputs} inputs is an array (samples, {inputs}), not "
-            f"{np.shape(q)}"
+            f"a path for {inputs} inputs is an array (samples, {inputs}), not {np.shape(q)}"
         )
     if not np.all(np.isfinite(path)):
         raise SolveError(

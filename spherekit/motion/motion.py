@@ -236,9 +236,7 @@ class Tracer:
             )
         return self._at(wanted, None, first_sample)
 
-    def _at(
-        self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int
-    ) -> Motion:
+    def _at(self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int) -> Motion:
         parts = [self.solver.evaluate(branch, q, rows) for branch in self.branches]
         count, k = len(self.branches), len(q)
         return Motion(

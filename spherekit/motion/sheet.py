@@ -59,9 +59,7 @@ def spread(
             _, once = np.unique(stop, return_index=True)
             if not len(once):
                 break
-            found, why = walk(
-                closure, driven, sheet[start[once]], lattice.q[stop[once]]
-            )
+            found, why = walk(closure, driven, sheet[start[once]], lattice.q[stop[once]])
             status[stop[once]] = why
             arrived = stop[once][why == Status.OK]
             sheet[arrived] = found[why == Status.OK]

@@ -118,7 +118,8 @@ def safe_step(at: Nodes, longest: Floats) -> Floats:
     bend = np.max(np.abs(at.bend), axis=1) + 1e-300
     slope = np.max(np.abs(at.slope), axis=1)
     step = np.minimum(np.minimum(longest, LARGEST_STEP), np.sqrt(2 * BEND / bend))
-    return np.maximum(np.minimum(step, NEARER * slope / bend), SMALLEST_STEP)
+    step = np.minimum(step, NEARER * slope / bend)
+    return np.asarray(np.maximum(step, SMALLEST_STEP))
 
 
 def advance(

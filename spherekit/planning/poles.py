@@ -256,9 +256,7 @@ def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
     known = [0] * len(mechanism.links)
     steps: list[Step] = []
     contacts: dict[Pole, list[int]] = {}
-    for number, (pair, (a, b)) in enumerate(
-        zip(mechanism.pairs, chain.ends, strict=True)
-    ):
+    for number, (pair, (a, b)) in enumerate(zip(mechanism.pairs, chain.ends, strict=True)):
         if number in chain.locked:
             continue
         pole = pole_of(a, b)

@@ -189,7 +189,9 @@ def _play(mechanism: Mechanism, locked: Sequence[int] = ()) -> Pebbles:
 
     def links(bodies: Iterable[int]) -> str:
         inside = set(bodies)
-        return ", ".join(name for name, own in zip(names, body, strict=True) if own in inside)
+        return ", ".join(
+            name for name, own in zip(names, body, strict=True) if own in inside
+        )
 
     for pair, a, b in joined:
         for _ in range(CONSTRAINTS[pair.type]):

@@ -126,8 +126,9 @@ def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
         _add_pole(field, motion, wanted, lines, pole, w, dw, memory)
     nothing = np.full((len(motion), 2, 3), np.nan)
     for pole, own in planes.items():
-        known = own is not None
-        field.planes[pole] = np.moveaxis(lines.planes[own], -1, 0) if known else nothing
+        field.planes[pole] = (
+            nothing if own is None else np.moveaxis(lines.planes[own], -1, 0)
+        )
     for link, body in enumerate(wanted.plan.body):
         if body in w:
             field.w[link], field.dw[link] = w[body].T, dw[body].T

@@ -268,8 +268,8 @@ class Recorder:
 
     def serve_until_interrupted(self) -> None:
         """Finish, and keep serving until the user presses Ctrl-C."""
-        self.finish()
         try:
+            self.finish()
             while self.url is not None:
                 time.sleep(0.5)
         except KeyboardInterrupt:

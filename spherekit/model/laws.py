@@ -1,0 +1,190 @@
+"""Time laws of an input: its variable, rate and acceleration at any time."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.errors import ModelError
+
+Floats = NDArray[np.float64]
+States = tuple[Floats, Floats, Floats]
+"""The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
+
+SPLINE_DEGREE = 5
+"""A quintic spline has a continuous fourth derivative, so a torque without kinks."""
+
+
+@final
+@dataclass(frozen=True)
+class ConstantSpeed:
+    """An input that turns at a constant speed (rad/s) from `start` (rad) at t = 0."""
+
+    speed: float
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        _need_finite("speed", self.speed)
+        _need_finite("start", self.start)
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        t = np.asarray(t, dtype=np.float64)
+        return (
+            self.start + self.speed * t,
+            np.full(t.shape, float(self.speed)),
+            np.zeros(t.shape),
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Polynomial:
+    """The variable as a polynomial: the sum of ``coefficients[k] t**k`` (rad/s^k)."""
+
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.coefficients:
+            raise ModelError("coefficients: is empty; give at least [c0]")
+        _need_finite("coefficients", *self.coefficients)
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        t = np.asarray(t, dtype=np.float64)
+        q, dq, half = np.zeros(t.shape), np.zeros(t.shape), np.zeros(t.shape)
+        for coefficient in reversed(self.coefficients):
+            half = half * t + dq
+            dq = dq * t + q
+            q = q * t + coefficient
+        return q, dq, 2 * half
+
+
+@final
+@dataclass(frozen=True)
+class Cycloidal:
+    """From rest at `start` to rest at `stop` (rad) in `duration` (s), with a cycloid.
+
+    The variable is ``start + (stop - start) (x - sin(2 pi x) / (2 pi))`` with
+    ``x = t / duration``; before t = 0 and after the duration it holds still.
+    """
+
+    start: float
+    stop: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        _need_finite("start", self.start)
+        _need_finite("stop", self.stop)
+        _need_finite("duration", self.duration)
+        if not self.duration > 0:
+            raise ModelError(f"duration: found {self.duration:g} s, needs more than 0")
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        x = np.clip(np.asarray(t, dtype=np.float64) / self.duration, 0.0, 1.0)
+        rise, turn = self.stop - self.start, 2 * math.pi
+        # A whole turn is none, so that the input holds exactly still at the end.
+        angle = turn * np.where(x < 1.0, x, 0.0)
+        return (
+            self.start + rise * (x - np.sin(angle) / turn),
+            rise / self.duration * (1 - np.cos(angle)),
+            rise / self.duration**2 * turn * np.sin(angle),
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Tabulated:
+    """A quintic spline through angles (rad) at increasing times (s).
+
+    The spline has no knots at the two outermost inner points of either end (not-a-knot),
+    so that it is exact for polynomials up to the fifth degree. With `rest_at_ends` rate
+    and acceleration are zero at both ends instead (clamped).
+    """
+
+    times: tuple[float, ...]
+    angles: tuple[float, ...]
+    rest_at_ends: bool = False
+
+    def __post_init__(self) -> None:
+        if len(self.times) != len(self.angles):
+            raise ModelError(
+                f"angles: has {len(self.angles)} values, but times has {len(self.times)}"
+            )
+        least = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
+        if len(self.times) < least:
+            more = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
+            raise ModelError(
+                f"times: has {len(self.times)} values, needs at least {least}{more}"
+            )
+        _need_finite("times", *self.times)
+        _need_finite("angles", *self.angles)
+        need_increasing("times", self.times)
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape.
+
+        Raises
+        ------
+        ModelError
+            If a time is outside the table.
+        """
+        t = np.asarray(t, dtype=np.float64)
+        first, last = self.times[0], self.times[-1]
+        if not np.all((t >= first) & (t <= last)):
+            raise ModelError(
+                f"the table of the input has times from {first:.6g} to {last:.6g} s, but "
+                f"{np.min(t):.6g} to {np.max(t):.6g} s are asked for; add rows or shorten "
+                "the duration"
+            )
+        q, dq, ddq = (spline(t) for spline in self._splines)
+        return q, dq, ddq
+
+    @cached_property
+    def _splines(self) -> tuple[Any, Any, Any]:
+        # SciPy takes longer to import than a study file takes to read.
+        from scipy.interpolate import make_interp_spline
+
+        still = [(1, 0.0), (2, 0.0)]
+        ends: Any = (still, still) if self.rest_at_ends else None
+        spline = make_interp_spline(
+            np.array(self.times), np.array(self.angles), k=SPLINE_DEGREE, bc_type=ends
+        )
+        return spline, spline.derivative(1), spline.derivative(2)
+
+
+Law = ConstantSpeed | Polynomial | Cycloidal | Tabulated
+
+
+@final
+@dataclass(frozen=True)
+class Start:
+    """The input's variable (rad) and rate (rad/s) when a simulation starts, at t = 0."""
+
+    q: float
+    dq: float = 0.0
+
+    def __post_init__(self) -> None:
+        _need_finite("q", self.q)
+        _need_finite("dq", self.dq)
+
+
+def need_increasing(key: str, times: tuple[float, ...]) -> None:
+    """Refuse times that do not increase; `ModelError` names the first that does not."""
+    for number, (one, other) in enumerate(pairwise(times)):
+        if not other > one:
+            raise ModelError(
+                f"{key}: must increase, but {other:g} s follows {one:g} s at positions "
+                f"{number} and {number + 1}"
+            )
+
+
+def _need_finite(key: str, *numbers: float) -> None:
+    for number in numbers:
+        if not math.isfinite(number):
+            raise ModelError(f"{key}: found {number}, needs a finite number")
