@@ -17,6 +17,10 @@ class PlanError(SpherekitError):
     """No plan exists: wrong mobility, rigid or over-constrained parts, unknown pole."""
 
 
+class CountError(PlanError):
+    """Counting freedoms says that a mechanism does not move as its inputs ask."""
+
+
 class SolveError(SpherekitError):
     """No configuration at all could be found; single samples get a status instead."""
 

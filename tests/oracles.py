@@ -100,3 +100,31 @@ def off_axis(direction, vector):
     """Return the angle-like distance (n,) of lines along two vectors: |sin|."""
     sine = np.linalg.norm(np.cross(direction, vector), axis=-1)
     return sine / (np.linalg.norm(direction, axis=-1) * np.linalg.norm(vector, axis=-1))
+
+
+def locked_rates(motion, row, moved):
+    """Return link rates (count, 3) of one row while inputs move, and the relative gap.
+
+    `moved` is the number of the only input pair that moves, at unit rate, or a mapping
+    from input pairs to their rates. The velocity equations of R, Cr and Cs pairs, with
+    the rate of every input given, by least squares.
+    """
+    rates = moved if isinstance(moved, dict) else {moved: 1.0}
+    made = motion.mechanism
+    count = len(made.links)
+    rows, right = [], []
+    for k, (pair, (a, b)) in enumerate(zip(made.pairs, made.ends, strict=True)):
+        u = motion.axes[row, k]
+        across = u[None] if pair.type == "Cs" else np.eye(3) - np.outer(u, u)
+        value = np.zeros(len(across))
+        if k in motion.assembly.inputs:
+            across, value = np.eye(3), rates.get(k, 0.0) * u
+        block = np.zeros((len(across), 3 * count))
+        block[:, 3 * b : 3 * b + 3] = across
+        block[:, 3 * a : 3 * a + 3] = -across
+        rows.append(block)
+        right.append(value)
+    matrix = np.vstack(rows)[:, 3:]
+    values = np.linalg.svd(matrix, compute_uv=False)
+    found = np.linalg.lstsq(matrix, np.concatenate(right), rcond=None)[0]
+    return np.vstack([np.zeros(3), found.reshape(-1, 3)]), values[-1] / values[0]

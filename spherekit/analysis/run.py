@@ -84,8 +84,13 @@ def needs_of(mechanism: Mechanism, analyses: Sequence[AbstractAnalysis]) -> Need
     return together
 
 
-def requests_for(mechanism: Mechanism, needs: Needs) -> tuple[Request, ...]:
-    """Return the planned request behind some needs for each input, moved alone."""
+def requests_for(
+    mechanism: Mechanism, needs: Needs, by_rank: bool = False
+) -> tuple[Request, ...]:
+    """Return the planned request behind some needs for each input, moved alone.
+
+    `by_rank` is that of `spherekit.planning.poles.plan`.
+    """
     return tuple(
         request(
             mechanism,
@@ -94,6 +99,7 @@ def requests_for(mechanism: Mechanism, needs: Needs) -> tuple[Request, ...]:
             sorted(needs.rates),
             needs.derivatives,
             sorted(needs.planes),
+            by_rank,
         )
         for driven in driven_pairs(mechanism)
     )
@@ -148,7 +154,7 @@ def run(
     mechanism = tracer.mechanism
     own = [analysis.needs(mechanism) for analysis in chosen]
     needs = needs_of(mechanism, chosen)
-    wanted = requests_for(mechanism, needs)
+    wanted = requests_for(mechanism, needs, tracer.by_rank)
     plans = tuple(item.plan for item in wanted)
     planned = time.perf_counter()
     collected: dict[str, list[dict[str, TableData]]] = {a.name: [] for a in chosen}

@@ -57,8 +57,9 @@ def check(name: str) -> dict[str, Any]:
     if study.document is not None:
         facts["study"] = study.name
         facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
-    facts["irreducible_parts"] = sum(len(plan.blocks) for plan in plans(mechanism))
     tracer = Tracer(mechanism)
+    planned = plans(mechanism, tracer.by_rank)
+    facts["irreducible_parts"] = sum(len(plan.blocks) for plan in planned)
     facts["inputs"] = list(tracer.inputs)
     facts["groups"] = [group.kind for group in tracer.assembly.groups]
     facts["branches"] = len(tracer.branches)

@@ -19,7 +19,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.follow import Curve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
-from spherekit.motion.loops import left_inverse
+from spherekit.motion.loops import left_inverse, rank_mobility
 from spherekit.motion.pairs import PairStates
 from spherekit.motion.sheet import Sheet
 from spherekit.planning.assembly import Assembly
@@ -79,6 +79,12 @@ class Solver:
     def start(self, q: Floats) -> State:
         """Return the state in which only the inputs have values q (n, inputs)."""
         return State.start(self.mechanism, self.joints, self.assembly, q)
+
+    def freedoms(self, values: Floats) -> int:
+        """Return the mobility by rank at a closed configuration (variables,)."""
+        placed, states = self.closure.place(values[None])
+        vectors = self.closure.vectors(placed, states)
+        return int(rank_mobility(self.closure.tree, vectors)[0])
 
     def evaluate(
         self, branch: Branch, q: Floats, rows: NDArray[np.intp] | None = None

@@ -105,7 +105,7 @@ def _march(
             nodes.append(new)
             at, q = new, goal
             step = step * 2.0
-        elif step[0] <= smallest_step(here)[0]:
+        elif not step[0] > smallest_step(here)[0]:
             return nodes, why_ended(closure, at, 0)
         else:
             step = step * 0.5

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.errors import SolveError
+from spherekit.errors import PlanError, SolveError
 from spherekit.model.geometry import Contact, Revolute
 from spherekit.motion.branches import Branch, Solver, determinant_signs, penetrates, wrap
 from spherekit.motion.closure import Closure
@@ -26,6 +26,7 @@ from spherekit.motion.pairs import pair_axes
 from spherekit.motion.sheet import Sheet, spread
 from spherekit.motion.steps import walk
 from spherekit.planning.assembly import Group
+from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.sphere.rotation import Floats
 
 MOST_BRANCHES = 64
@@ -57,6 +58,9 @@ def find_branches(
     ------
     SolveError
         If the arcs close nowhere.
+    PlanError
+        If the rank of a mechanism with redundant constraints leaves another number of
+        freedoms than there are inputs.
     """
     if solver.assembly.has_closed_form:
         branches = _dyad_branches(solver, lattice, search)
@@ -124,10 +128,16 @@ def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
 def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Branch]:
     driven = list(solver.driven)
     branches: list[Branch] = []
+    freedoms: list[int] = []
     reference = solver.geometry.reference
+    redundant = any(group.redundant for group in solver.assembly.groups)
 
     def add(values: Floats) -> None:
         values = solver.closure.solve(values[None], driven).values[0]
+        if redundant:
+            freedoms.append(solver.freedoms(values))
+            if freedoms[-1] != len(driven):
+                return
         guide = _guide(solver, lattice, values)
         if guide is not None:
             branch = Branch(len(branches), _signs_at(solver, values), guide)
@@ -151,6 +161,12 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Bra
                     solver, lattice, branches, values
                 ):
                     add(values)
+    if freedoms and not branches and min(freedoms) != len(driven):
+        raise PlanError(
+            f"{solver.mechanism.name}: mobility {min(freedoms)} by rank with "
+            f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
+            f"{len(driven)}; {inputs_to_declare(min(freedoms))}"
+        )
     return branches
 
 
@@ -325,8 +341,10 @@ def _search(solver: Solver, state: State, group: Group) -> list[Floats]:
             if all(_far(pose, other) for other in poses):
                 modes.append(values)
                 poses.append(pose)
+            if len(modes) == MOST_BRANCHES:
+                break
         dry = dry + 1 if len(modes) == known else 0
-        if dry == 2:
+        if dry == 2 or len(modes) == MOST_BRANCHES:
             break
     return sorted(modes, key=lambda mode: [round(float(value), 6) for value in wrap(mode)])
 

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status, listing
-from spherekit.errors import PlanError, SolveError
+from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Branch, Solver
 from spherekit.motion import lattice as lattices
 from spherekit.motion.lattice import Lattice, given_path
-from spherekit.motion.loops import rank_mobility
 from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
 from spherekit.motion.pairs import (
     PairRates,
@@ -28,7 +27,6 @@ from spherekit.motion.pairs import (
 from spherekit.motion.sheet import Sheet
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.inputs import driven_pairs
-from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.sphere.rotation import Floats, quaternion
 
 DEFAULT_SAMPLES = 361
@@ -175,12 +173,13 @@ class Tracer:
         else:
             names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
         self.mechanism = mechanism.with_inputs(*names)
-        self.assembly = plan_assembly(self.mechanism)
         self.lattice = _lattice(self.mechanism, samples, grid, path)
-        self.solver = Solver(self.mechanism, self.assembly)
-        self.branches = find_branches(self.solver, self.lattice, search)
-        if any(group.redundant for group in self.assembly.groups):
-            self._check_rank()
+        self.by_rank = False
+        try:
+            self._assemble(search)
+        except CountError as counted:
+            self.by_rank = True
+            self._assemble_against(counted, search)
         if branch is not None:
             chosen = [item for item in self.branches if item.number == branch]
             if not chosen:
@@ -191,18 +190,18 @@ class Tracer:
                 )
             self.branches = tuple(chosen)
 
-    def _check_rank(self) -> None:
-        """Raise `PlanError` unless the rank leaves as many freedoms as inputs."""
-        found = self.sparse(9)
-        held = found.rows(~found.failed)
-        ranks = rank_mobility(self.solver.closure.tree, held.vectors)
-        inputs = len(self.assembly.inputs)
-        if len(ranks) and np.min(ranks) != inputs:
-            raise PlanError(
-                f"{self.mechanism.name}: mobility {np.min(ranks)} by rank with "
-                f"{graph_mobility(self.mechanism)} by the graph, but the number of inputs "
-                f"is {inputs}; {inputs_to_declare(int(np.min(ranks)))}"
-            )
+    def _assemble(self, search: bool) -> None:
+        """Find the branches; `PlanError` unless there is a freedom for each input."""
+        self.assembly = plan_assembly(self.mechanism, self.by_rank)
+        self.solver = Solver(self.mechanism, self.assembly)
+        self.branches = find_branches(self.solver, self.lattice, search)
+
+    def _assemble_against(self, counted: CountError, search: bool) -> None:
+        """Find the branches of a mechanism that by counting does not move."""
+        try:
+            self._assemble(search)
+        except SpherekitError:
+            raise counted from None
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -85,7 +85,8 @@ def nodes_at(
     held = list(driven)
     free = [v for v in range(values.shape[1]) if v not in driven]
     square = jacobian[:, :, free]
-    singular = np.linalg.svd(square, compute_uv=False)
+    finite = np.all(np.isfinite(square), axis=(1, 2))
+    singular = np.linalg.svd(np.where(finite[:, None, None], square, 1.0), compute_uv=False)
     slope, bend = np.zeros_like(values), np.zeros_like(values)
     inverse = left_inverse(square)
     slope[:, held] = direction
@@ -102,7 +103,7 @@ def nodes_at(
         slope,
         bend,
         determinant_sign(square),
-        singular[:, -1] / singular[:, 0],
+        np.where(finite, singular[:, -1] / singular[:, 0], 0.0),
     )
 
 
@@ -210,7 +211,7 @@ def walk(
         done[moved] += ahead[holds]
         step[moved] *= 2.0
         failed = going[~holds]
-        stuck = failed[step[failed] <= smallest_step(q[failed])]
+        stuck = failed[~(step[failed] > smallest_step(q[failed]))]
         for row in stuck:
             status[row] = why_ended(closure, at, int(row))
         step[failed] *= 0.5

@@ -73,8 +73,10 @@ class Assembly:
         return all(group.is_dyad for group in self.groups)
 
 
-def plan_assembly(mechanism: Mechanism) -> Assembly:
+def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     """Return the groups of a mechanism whose input pairs are locked.
+
+    With `by_rank` it has as many freedoms as inputs by rank, though not by counting.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def plan_assembly(mechanism: Mechanism) -> Assembly:
         independent freedom, or a part is rigid.
     """
     inputs = driven_pairs(mechanism)
-    counted = counted_freedom(mechanism, inputs, inputs[1:])
+    counted = counted_freedom(mechanism, inputs, inputs[1:], by_rank)
     merged_links = merged(mechanism, inputs)
     body_of = list(merged_links)
     open_pairs = {n: ends for n, ends in enumerate(mechanism.ends) if n not in inputs}

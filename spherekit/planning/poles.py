@@ -190,6 +190,7 @@ def plan(
     mechanism: Mechanism,
     poles: Iterable[Pole | str] | None = None,
     input_pair: str | None = None,
+    by_rank: bool = False,
 ) -> Plan:
     """Return the plan for some poles (all by default) while one input moves.
 
@@ -203,6 +204,9 @@ def plan(
     input_pair
         Name of the driven pair. One of several inputs: the others are locked. Otherwise
         the pair drives instead of the declared input. By default the first input.
+    by_rank
+        Whether the mechanism is known to have a freedom for each input by rank at its
+        configurations, though not by counting.
 
     Raises
     ------
@@ -217,7 +221,7 @@ def plan(
     driven = driven_pairs(mechanism)
     moved = driven[0] if input_pair is None else mechanism.pair_number[input_pair]
     locked = tuple(pair for pair in driven if pair != moved)
-    game = counted_freedom(mechanism, driven, locked)
+    game = counted_freedom(mechanism, driven, locked, by_rank)
     empty = Plan(mechanism, moved, locked, (), ())
     every = tuple(combinations(empty.bodies, 2))
     whole = replace(empty, requested=every, steps=tuple(_steps(empty, game)))
@@ -238,7 +242,7 @@ def plan(
     return prune(whole, wanted)
 
 
-def plans(mechanism: Mechanism) -> tuple[Plan, ...]:
+def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
     """Return a whole plan for each input, moved alone with the others locked.
 
     Raises
@@ -247,7 +251,7 @@ def plans(mechanism: Mechanism) -> tuple[Plan, ...]:
         See `plan`.
     """
     names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-    return tuple(plan(mechanism, input_pair=name) for name in names)
+    return tuple(plan(mechanism, None, name, by_rank) for name in names)
 
 
 def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:

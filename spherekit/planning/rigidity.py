@@ -9,7 +9,7 @@ them, and constraints point from the link whose pebble they hold to the other li
 from collections.abc import Iterable, Sequence
 
 from spherekit.conventions import listing
-from spherekit.errors import PlanError
+from spherekit.errors import CountError, PlanError
 from spherekit.model.graph import pieces
 from spherekit.model.mechanism import CONSTRAINTS, Mechanism
 from spherekit.planning.inputs import merged
@@ -108,7 +108,10 @@ def graph_mobility(mechanism: Mechanism) -> int:
 
 
 def counted_freedom(
-    mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int] = ()
+    mechanism: Mechanism,
+    driven: Sequence[int],
+    locked: Sequence[int] = (),
+    by_rank: bool = False,
 ) -> Pebbles | None:
     """Check by counting that a mechanism is one piece with a freedom for each input.
 
@@ -120,27 +123,33 @@ def counted_freedom(
         Numbers of all driven pairs.
     locked
         Those of them that are locked; the game is played with their links merged.
+    by_rank
+        Whether the rank at a configuration is known to say otherwise than the count.
 
     Returns
     -------
     Pebbles or None
         The played game, for questions about parts of the chain. None where the count
-        fails but rolling pairs may make constraints redundant, as in every bevel pair
-        whose axes are held apart: then only the rank at a configuration decides.
+        leaves too few freedoms but the rank decides: if that is known, and for rolling
+        pairs, which may make constraints redundant as in every bevel pair whose axes are
+        held apart. Too many freedoms by counting are too many by rank.
 
     Raises
     ------
     PlanError
-        Naming the links that are loose, rigid or over-constrained, the mobility, or the
-        inputs that are no independent freedoms.
+        Naming the links that are loose.
+    CountError
+        Naming the links that are rigid or over-constrained, the mobility, or the inputs
+        that are no independent freedoms.
     """
     _check_connected(mechanism)
     try:
         game = _play(mechanism)
         _check_mobility(mechanism, driven)
         return _play(mechanism, locked) if locked else game
-    except PlanError:
-        if any(pair.type == "Cr" for pair in mechanism.pairs):
+    except CountError:
+        rolls = any(pair.type == "Cr" for pair in mechanism.pairs)
+        if (by_rank or rolls) and graph_mobility(mechanism) <= len(driven):
             return None
         raise
 
@@ -159,7 +168,7 @@ def _check_mobility(mechanism: Mechanism, driven: Sequence[int]) -> None:
     mobility = graph_mobility(mechanism)
     if mobility != len(driven):
         names = listing(mechanism.pairs[pair].name for pair in driven)
-        raise PlanError(
+        raise CountError(
             f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = {mobility}, "
             f"but the number of inputs is {len(driven)} ({names}); {inputs_to_declare(mobility)}"
         )
@@ -196,7 +205,7 @@ def _play(mechanism: Mechanism, locked: Sequence[int] = ()) -> Pebbles:
     for pair, a, b in joined:
         for _ in range(CONSTRAINTS[pair.type]):
             if a == b or not game.insert(a, b):
-                raise PlanError(
+                raise CountError(
                     f"{where}: over-constrained{given}: links "
                     f"[{links(game.reach([a, b]))}] cannot move relative to each other "
                     f'already without pair "{pair.name}"; '
@@ -205,7 +214,7 @@ def _play(mechanism: Mechanism, locked: Sequence[int] = ()) -> Pebbles:
     for pair, a, b in joined:
         rigid = game.rigid_part(a, b)
         if rigid is not None:
-            raise PlanError(
+            raise CountError(
                 f"{where}: rigid{given}: links [{links(rigid)}] cannot move relative to "
                 f'each other (pair "{pair.name}" is locked); '
                 + (

@@ -36,8 +36,8 @@ class Request:
 
 
 @lru_cache(maxsize=64)
-def _whole_plan(mechanism_key: "_ByIdentity", driven: str) -> Plan:
-    return plan(mechanism_key.mechanism, input_pair=driven)
+def _whole_plan(mechanism_key: "_ByIdentity", driven: str, by_rank: bool) -> Plan:
+    return plan(mechanism_key.mechanism, None, driven, by_rank)
 
 
 class _ByIdentity:
@@ -60,6 +60,7 @@ def request(
     rates: Iterable[Pole] = (),
     derivatives: bool = True,
     planes: Iterable[Pole] = (),
+    by_rank: bool = False,
 ) -> Request:
     """Return what must be planned for these poles and velocity coefficients.
 
@@ -67,8 +68,9 @@ def request(
     join are left out. The coefficient of links (i, j) is the component of w_j - w_i; each
     w follows from the two poles of its body with those of the input. Derivatives in
     ground axes also need the rate of one body at each pair whose axis the plan uses.
+    `by_rank` is that of `spherekit.planning.poles.plan`.
     """
-    whole = _whole_plan(_ByIdentity(mechanism), driven)
+    whole = _whole_plan(_ByIdentity(mechanism), driven, by_rank)
     a, b = whole.ends[whole.input]
     circles = frozenset(pole_of(*pole) for pole in planes)
     wanted = tuple(dict.fromkeys([*(pole_of(*pole) for pole in poles), *sorted(circles)]))

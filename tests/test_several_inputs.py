@@ -1,0 +1,457 @@
+"""Mechanisms with several inputs: freedoms, motion over paths and grids, poles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import mechanism, random_axes
+from oracles import locked_rates, off_axis
+from scipy.optimize import brentq
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.errors import PlanError, SolveError
+from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
+from spherekit.motion.lattice import Lattice
+from spherekit.motion.loops import rank_mobility
+from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import CoaxialPole, all_poles, plan, plans
+from spherekit.planning.rigidity import graph_mobility
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import request
+
+SHIPPED = {
+    # name: (mobility by the graph, by rank)
+    "five_bar": (2, 2),
+    "bevel_differential": (0, 2),
+    "two_dof_spm": (2, 2),
+    "three_rrr": (3, 3),
+    "agile_eye": (3, 3),
+}
+
+
+def fields_of(tracer, motion):
+    poles = all_poles(len(motion.mechanism.links))
+    return [
+        evaluate(
+            motion, request(tracer.mechanism, name, poles, poles, by_rank=tracer.by_rank)
+        )
+        for name in tracer.inputs
+    ]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_mobility_by_graph_and_by_rank(name):
+    tracer = Tracer(sk.load(name), samples=3)
+    motion = tracer.motion()
+    rank = rank_mobility(tracer.solver.closure.tree, motion.vectors[~motion.failed])
+    assert (graph_mobility(tracer.mechanism), set(rank)) == (
+        SHIPPED[name][0],
+        {SHIPPED[name][1]},
+    )
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_poles_of_every_single_freedom_mechanism(name):
+    """Each input moved alone: the velocity equations with the other inputs locked."""
+    tracer = Tracer(sk.load(name), samples=5)
+    motion = tracer.motion()
+    judged = 0
+    for moved, field in zip(motion.assembly.inputs, fields_of(tracer, motion), strict=True):
+        for row in np.flatnonzero(field.status == Status.OK):
+            w, gap = locked_rates(motion, row, moved)
+            if gap < 1e-6:
+                continue
+            scale = max(1.0, np.max(np.abs(w)))
+            for i, j in all_poles(len(motion.mechanism.links)):
+                vector = w[j] - w[i]
+                size = np.linalg.norm(vector)
+                if size < 1e-9:
+                    assert field.rate[i, j][row] == pytest.approx(0.0, abs=1e-9 * scale)
+                    continue
+                judged += 1
+                ours = field.rate[i, j][row] * field.direction[i, j][row]
+                assert np.linalg.norm(ours - vector) < 1e-9 * scale
+                if size > 1e-4:
+                    assert off_axis(field.direction[i, j][row], vector) < 1e-9
+    assert judged > 50
+
+
+def test_coincident_axes_of_the_arc_guides_are_one_pole():
+    """P_ik = P_jk: links 9, 10 and 11 turn about one axis, the mid-plane's normal."""
+    made = sk.load("two_dof_spm")
+    for planned in plans(made):
+        shared = {step.pole for step in planned.steps if isinstance(step, CoaxialPole)}
+        number = made.link_number
+        assert (number["9"], number["10"]) in shared
+    tracer = Tracer(made, samples=4)
+    motion = tracer.motion()
+    axes = {name: motion.axes[:, made.pair_number[name]] for name in ("11_9", "11_10")}
+    assert np.max(off_axis(axes["11_9"], axes["11_10"])) < 1e-14
+    for field in fields_of(tracer, motion):
+        found = field.direction[number["9"], number["10"]]
+        assert np.max(off_axis(found, axes["11_9"])) < 1e-14
+
+
+def symmetric_pose(first, second):
+    """Return P (n, 3) for driving angles (n,), from the mid-plane reflection.
+
+    Closed form of the third paper: B2 and B5 span the mid-plane, P is the mirror image of
+    Q = x; alpha_1 = 60, alpha_2 = alpha_6 = 40 degrees.
+    """
+    half, arc = np.radians(30.0), np.radians(40.0)
+
+    def pin(side, angle):
+        centre = np.array([np.cos(half), side * np.sin(half), 0.0])
+        away = np.array([-np.sin(half), side * np.cos(half), 0.0])
+        turn = np.cos(angle)[:, None] * away + np.sin(angle)[:, None] * [0.0, 0.0, 1.0]
+        return np.cos(arc) * centre + np.sin(arc) * turn
+
+    normal = np.cross(pin(-1.0, first), pin(1.0, second))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    q = np.array([1.0, 0.0, 0.0])
+    return q - 2.0 * (normal @ q)[:, None] * normal
+
+
+def phi_gamma(p):
+    """Return the paper's phi and gamma (deg) of P (n, 3), eqs. (2) and (5)."""
+    phi = np.arccos(p[:, 0])
+    omega = np.arctan2(p[:, 1], p[:, 2])
+    gamma = 2.0 * np.arcsin(np.sin(omega) * np.cos(0.5 * phi))
+    return np.degrees(phi), np.degrees(gamma)
+
+
+# Chen et al. 2021, Table 1, columns "initial configuration" and "CAD" (four digits; the
+# sign of gamma at (14, 23) is that of the closed form, theory notes on the third paper)
+TABLE_1 = {
+    (14.0, 23.0): (59.0786, -4.7420),
+    (31.0, 12.0): (64.9472, 9.2984),
+}
+TABLE_1_CAD = {
+    ((14.0, 23.0), (1e-3, 2e-3)): (3.4417e-3, -0.3505e-3),
+    ((14.0, 23.0), (-3e-3, 4e-3)): (0.8857e-3, -3.6368e-3),
+    ((31.0, 12.0), (1e-3, -2e-3)): (-1.2617e-3, 1.6108e-3),
+    ((31.0, 12.0), (-3e-3, 4e-3)): (1.6035e-3, -3.5913e-3),
+}
+
+
+def in_paper_frame(motion):
+    """Return P (n, 3) of the two_dof_spm in the paper's axes: x to Q, z as printed."""
+    made = motion.mechanism
+    base = {name: made.pair_number[name] for name in ("21", "61", "74")}
+    b1, b6, p = (motion.axes[:, base[name]] for name in ("21", "61", "74"))
+    x = b1 + b6
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    y = b6 - b1
+    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    return np.stack([np.sum(p * axis, axis=1) for axis in (x, y, np.cross(x, y))], axis=1)
+
+
+def test_two_freedom_mechanism_of_the_third_paper():
+    """11 links, 14 pairs; one mode is the mid-plane reflection, Table 1's CAD column."""
+    made = sk.load("two_dof_spm")
+    assert (len(made.links), len(made.pairs)) == (11, 14)
+    rows = [*TABLE_1, *(tuple(np.add(at, by)) for at, by in TABLE_1_CAD)]
+    path = np.radians(np.array(rows))
+    motion = sk.trace(made, path=path)
+    expected = symmetric_pose(path[:, 0], path[:, 1])
+    errors = {
+        branch.number: np.max(
+            np.abs(in_paper_frame(motion)[motion.branch == branch.number] - expected)
+        )
+        for branch in motion.branches
+    }
+    number = min(errors, key=errors.get)
+    assert errors[number] < 1e-13
+    phi, gamma = phi_gamma(in_paper_frame(motion)[motion.branch == number])
+    for k, known in enumerate(TABLE_1.values()):
+        assert (phi[k], gamma[k]) == pytest.approx(known, abs=5.1e-5)
+    for k, ((at, _), known) in enumerate(TABLE_1_CAD.items()):
+        start = list(TABLE_1).index(at)
+        change = phi[2 + k] - phi[start], gamma[2 + k] - gamma[start]
+        assert change == pytest.approx(known, abs=5.1e-8)
+
+
+def test_differential_law():
+    """w_left + w_right = 2 w_carrier for equal side gears, at rates and positions."""
+    tracer = Tracer(sk.load("bevel_differential"), samples=[7, 5])
+    motion = tracer.motion()
+    assert np.all(motion.status == Status.OK)
+    made = motion.mechanism
+    column = {
+        n: made.variable_names.index(f"theta_{n}_axle")
+        for n in ("left", "right", "carrier")
+    }
+    left, right, carrier = (motion.values[:, c] for c in column.values())
+    assert np.max(np.abs(np.exp(2j * carrier) - np.exp(1j * (left + right)))) < 1e-12
+    number = made.link_number
+    z = np.array([0.0, 0.0, 1.0])
+    for field in fields_of(tracer, motion):
+        rate = {
+            n: field.rate[0, number[n]] * np.nan_to_num(field.direction[0, number[n]] @ z)
+            for n in column
+        }
+        assert np.max(np.abs(rate["left"] + rate["right"] - 2 * rate["carrier"])) < 1e-13
+        assert np.max(np.abs(field.rate_dq[0, number["carrier"]])) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "three_rrr"])
+def test_superposition(name):
+    """omega u = sum of omega_i u_i: the motion along any direction of the inputs."""
+    tracer = Tracer(sk.load(name), samples=3)
+    motion = tracer.motion()
+    fields = fields_of(tracer, motion)
+    speeds = np.random.default_rng(5).normal(size=len(fields))
+    for row in np.flatnonzero(fields[0].status == Status.OK)[:6]:
+        w, _ = locked_rates(
+            motion, row, dict(zip(motion.assembly.inputs, speeds, strict=True))
+        )
+        for i, j in all_poles(len(motion.mechanism.links)):
+            total = sum(
+                speed * field.rate[i, j][row] * np.nan_to_num(field.direction[i, j][row])
+                for speed, field in zip(speeds, fields, strict=True)
+            )
+            assert np.linalg.norm(total - (w[j] - w[i])) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "three_rrr"])
+def test_derivative_by_the_moved_input(name):
+    """rate_dq by the remainder of a Taylor step, the other inputs held."""
+    made = sk.load(name)
+    middle = np.array([0.5 * (item.start + item.stop) for item in made.inputs])
+    for moved in range(len(middle)):
+        h = 1e-3
+        path = np.repeat(middle[None], 5, axis=0)
+        path[:, moved] += h * np.arange(-2, 3)
+        tracer = Tracer(made, path=path)
+        motion = tracer.motion()
+        field = fields_of(tracer, motion)[moved]
+        own = slice(0, 5)
+        assert np.all(field.status[own] == Status.OK)
+        for pole in all_poles(len(made.links)):
+            r = field.rate[pole][own]
+            if not np.all(np.isfinite(field.direction[pole][own])):
+                continue
+            difference = (r[0] - 8 * r[1] + 8 * r[3] - r[4]) / (12 * h)
+            size = max(1.0, abs(field.rate_dq[pole][2]))
+            assert difference == pytest.approx(field.rate_dq[pole][2], abs=1e-8 * size)
+
+
+def test_five_bar_against_its_closed_form():
+    """The axis between the couplers lies at 75 deg from the ends of both cranks."""
+    motion = sk.trace(sk.load("five_bar"), samples=[9, 11])
+    ok = motion.status == Status.OK
+    q = motion.inputs[ok]
+    arc = np.radians(75.0)
+    s, c = np.sin(arc), np.cos(arc)
+    # link 1: axis 21 is z, axis 51 is y; angles run from the arc between them
+    b = np.stack([-s * np.sin(q[:, 0]), s * np.cos(q[:, 0]), np.full(len(q), c)], axis=1)
+    d = np.stack([s * np.sin(q[:, 1]), np.full(len(q), c), s * np.cos(q[:, 1])], axis=1)
+    pairs = motion.mechanism.pair_number
+    assert np.max(np.abs(motion.axes[ok][:, pairs["32"]] - b)) < 1e-14
+    assert np.max(np.abs(motion.axes[ok][:, pairs["54"]] - d)) < 1e-14
+    g = np.sum(b * d, axis=1)
+    p = c / (1 + g)
+    r = np.sqrt((1 - 2 * p * p * (1 + g)) / (1 - g * g))
+    sign = np.where(motion.branch[ok] == 0, 1.0, -1.0)
+    for flip in (1.0, -1.0):
+        point = p[:, None] * (b + d) + (flip * sign * r)[:, None] * np.cross(b, d)
+        error = np.max(np.abs(motion.axes[ok][:, pairs["43"]] - point))
+        if error < 1e-12:
+            break
+    assert error < 1e-12
+
+
+@pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
+def test_a_grid_holds_every_path_and_blocks_do_not_matter(name):
+    made = sk.load(name)
+    counts = [5] * len(made.inputs)
+    tracer = Tracer(made, samples=counts)
+    whole = tracer.motion()
+    parts = list(tracer.blocks(17))
+    for branch in tracer.branches:
+        joined = np.concatenate([p.values[p.branch == branch.number] for p in parts])
+        ours = whole.values[whole.branch == branch.number]
+        assert np.array_equal(joined, ours, equal_nan=True)
+    diagonal = np.ravel_multi_index([np.arange(5)] * len(counts), counts)
+    along = sk.trace(made, samples=5)
+    for k in range(5):
+        there = {
+            tuple(np.round(np.exp(1j * v), 8))
+            for v in whole.values[(whole.sample == diagonal[k]) & ~whole.failed]
+        }
+        here = along.values[(along.sample == k) & ~along.failed]
+        assert {tuple(np.round(np.exp(1j * v), 8)) for v in here} <= there
+
+
+def test_a_mode_spreads_around_what_it_cannot_reach():
+    """A sheet covers every sample that the closed form of the same mode covers."""
+    made = replace(
+        sk.load("five_bar"),
+        inputs=(Input("21", 0.2, 2.9), Input("51", 0.2, 2.9)),
+    )
+    tracer = Tracer(made, samples=[15, 15])
+    motion = tracer.motion()
+    from spherekit.motion.sheet import spread
+
+    for branch in tracer.branches:
+        rows = motion.branch == branch.number
+        ok = np.flatnonzero(motion.status[rows] == Status.OK)
+        start = ok[len(ok) // 2]
+        found = spread(
+            tracer.solver.closure,
+            tracer.solver.driven,
+            tracer.lattice,
+            int(start),
+            motion.values[rows][start],
+        )
+        assert np.array_equal(np.flatnonzero(found.reached), ok)
+        ours = found.values[ok] - motion.values[rows][ok]
+        assert np.max(np.abs(np.exp(1j * ours) - 1.0)) < 1e-11
+
+
+def test_neighbours_on_a_lattice():
+    lattice = Lattice(np.zeros((6, 2)), (2, 3))
+    assert lattice.neighbours().T.tolist() == [
+        [3, -1, 1, -1],
+        [4, -1, 2, 0],
+        [5, -1, -1, 1],
+        [-1, 0, 4, -1],
+        [-1, 1, 5, 3],
+        [-1, 2, -1, 4],
+    ]
+
+
+def dixon(random):
+    """Return the movable K(3,3) of Dixon on the sphere: nine bars, six points.
+
+    Three points on one great circle, three on one across it; with azimuths x and y on
+    them a bar has the cosine cos x cos y, which a common factor of all cos x and its
+    inverse for all cos y leaves unchanged. By counting it is rigid.
+    """
+    x, y = random.uniform(0.5, 1.2, 3), random.uniform(0.5, 1.2, 3)
+    here = np.stack([np.cos(x), np.sin(x), np.zeros(3)], axis=1)
+    there = np.stack([np.cos(y), np.zeros(3), np.sin(y)], axis=1)
+    bars = [(a, b) for a in range(3) for b in range(3)]
+    pairs, axes = [], {}
+    for point in range(6):
+        ends = [k for k, (a, b) in enumerate(bars) if point in (a, b + 3)]
+        axis = tuple(here[point] if point < 3 else there[point - 3])
+        for other in ends[1:]:
+            name = f"p{point}_{other}"
+            pairs.append(Pair(name, "R", (f"bar{ends[0]}", f"bar{other}")))
+            axes[name] = axis
+    return Mechanism(
+        "dixon",
+        "bar0",
+        tuple(f"bar{k}" for k in range(9)),
+        tuple(pairs),
+        PoseGeometry(axes),
+        inputs=(Input("p0_1", -0.05, 0.05),),
+    )
+
+
+def test_an_over_constrained_mechanism_moves():
+    """Dixon's K(3,3): mobility 0 by the graph, 1 by rank; bars keep their lengths."""
+    made = dixon(np.random.default_rng(3))
+    motion = sk.trace(made, samples=11, search=False)
+    assert graph_mobility(made) == 0
+    assert np.all(motion.status == Status.OK)
+    assert np.max(motion.residual) < 1e-13
+    tracer = Tracer(made, samples=3, search=False)
+    (field,) = fields_of(tracer, tracer.motion())
+    w, gap = locked_rates(tracer.motion(), 1, tracer.assembly.inputs[0])
+    assert gap > 1e-3
+    for i, j in all_poles(9):
+        ours = field.rate[i, j][1] * np.nan_to_num(field.direction[i, j][1])
+        assert np.linalg.norm(ours - (w[j] - w[i])) < 1e-9
+
+
+BAD = {
+    "one input for two freedoms": (
+        lambda: sk.trace(sk.load("five_bar").with_inputs("21")),
+        PlanError,
+        ["= 2", "number of inputs is 1 (21)", "declare 2 R pairs as inputs"],
+    ),
+    "two inputs for one freedom": (
+        lambda: sk.trace(sk.load("four_bar").with_inputs("21", "41")),
+        PlanError,
+        ["= 1", "number of inputs is 2 (21, 41)", "declare an R pair"],
+    ),
+    "one input for a differential": (
+        lambda: sk.trace(sk.load("bevel_differential").with_inputs("left_axle")),
+        PlanError,
+        ["mobility 2 by rank with 0 by the graph", "number of inputs is 1"],
+    ),
+    "an input that is no freedom once another is given": (
+        lambda: sk.trace(two_four_bars().with_inputs("p1_2", "p1_4")),
+        PlanError,
+        ["with input", "locked", "[1, 2, 3, 4]", "choose other inputs"],
+    ),
+    "a contact pair as input": (
+        lambda: sk.trace(
+            sk.load("bevel_differential").with_inputs("left_mesh", "left_axle")
+        ),
+        PlanError,
+        ["left_mesh is a contact pair", "choose an R pair as input: left_axle"],
+    ),
+    "a path with one column": (
+        lambda: sk.trace(sk.load("five_bar"), path=np.zeros(5)),
+        SolveError,
+        ["2 inputs", "(samples, 2)", "(5,)"],
+    ),
+    "a path with nan": (
+        lambda: sk.trace(sk.load("five_bar"), path=np.array([[1.0, 1.0], [1.0, np.nan]])),
+        SolveError,
+        ["not finite in row 1"],
+    ),
+    "three counts for two inputs": (
+        lambda: sk.trace(sk.load("five_bar"), samples=[3, 3, 3]),
+        SolveError,
+        ["3 numbers of samples", "2 inputs (21, 51)"],
+    ),
+    "any input of a followed mode": (
+        lambda: Tracer(sk.load("three_rrr"), samples=3).at(np.ones((1, 3))),
+        SolveError,
+        ["give these inputs as its path"],
+    ),
+    "the input of a mechanism with two": (
+        lambda: sk.trace(sk.load("five_bar"), samples=3).q,
+        SolveError,
+        ["five_bar has 2 inputs", "read `inputs`"],
+    ),
+    "a pole of links joined by a locked input": (
+        lambda: plan(sk.load("five_bar"), ["5/1"], "21"),
+        PlanError,
+        ["links 1 and 5 are one body while input 21 moves alone"],
+    ),
+}
+
+
+def two_four_bars():
+    """Return two four-bars that share link 1: two freedoms, one in each loop."""
+    edges = [(1, 2), (2, 3), (3, 4), (1, 4), (1, 5), (5, 6), (6, 7), (1, 7)]
+    return mechanism(edges, random_axes(np.random.default_rng(0), len(edges)))
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(case):
+    attempt, error, words = BAD[case]
+    with pytest.raises(error) as caught:
+        attempt()
+    for word in words:
+        assert word in str(caught.value), str(caught.value)
+
+
+def test_inputs_that_do_not_determine_the_pose_are_a_status():
+    """Where the couplers of a 5R line up, the inputs are no independent freedoms."""
+
+    def stretched(q):
+        s, c = np.sin(np.radians(75.0)), np.cos(np.radians(75.0))
+        return -((s * np.sin(q)) ** 2) + 2 * s * c * np.cos(q) - np.cos(np.radians(150.0))
+
+    q = brentq(stretched, 0.5, 0.5 * np.pi, xtol=1e-15)
+    motion = sk.trace(sk.load("five_bar"), path=np.array([[1.0, 1.0], [q, q]]))
+    assert np.all(motion.status[motion.sample == 0] == Status.OK)
+    lost = {Status(code) for code in motion.status[motion.sample == 1]}
+    assert lost <= {Status.AT_SINGULARITY, Status.OUT_OF_REACH}
