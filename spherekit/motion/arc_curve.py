@@ -23,6 +23,8 @@ from spherekit.sphere.rotation import Floats
 
 NEAR = 1e-7
 """Configurations (rad) nearer than this to the curve lie on it."""
+BESIDE = 0.3
+"""A segment of the curve is nowhere farther from its chord than this part of it."""
 
 Along = Callable[[CurvePoints], tuple[Floats, Floats]]
 """A function along the curve and its derivative by s, both (n,)."""
@@ -82,7 +84,8 @@ class ArcCurve:
     @cached_property
     def rise(self) -> Floats:
         """Growth (variables,) of the variables in one lap (rad), zero on an open curve."""
-        return np.where(self.winding != 0, self.winding * self.periods, 0.0)
+        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+        return np.asarray(self.winding * finite)
 
     def at(self, s: ArrayLike) -> CurvePoints:
         """Return the curve at arc lengths s (n,) in rad, any order.
@@ -140,25 +143,36 @@ class ArcCurve:
 
         Whole periods of the variables do not matter.
         """
-        nodes, segments = self.nodes.values, self.segments
+        segments = self.segments
+        starts = self.nodes.values[:-1]
+        half = 0.5 * segments.chords[:, None] * segments.directions
         found = np.full(len(values), np.nan)
         for row, given in enumerate(values):
-            way = given - nodes
-            shift = np.where(
-                np.isfinite(self.periods), np.round(way / self.periods) * self.periods, 0.0
-            )
-            near = int(np.argmin(np.linalg.norm(way - shift, axis=1)))
-            for which in {max(near - 1, 0), min(near, len(nodes) - 2)}:
-                target = given - shift[near] - nodes[which]
-                along = float(target @ segments.directions[which])
-                slack = 2.0 * NEAR
-                if not -slack <= along <= segments.chords[which] + slack:
-                    continue
-                along = min(max(along, 0.0), float(segments.chords[which]))
-                there = segments.on(np.array([which]), np.array([along])).values[0]
-                if np.max(np.abs(there - nodes[which] - target)) < NEAR:
-                    found[row] = self._length_at(which, along)
+            away = self.wrapped(given - starts - half) + half
+            along = np.sum(away * segments.directions, axis=1)
+            beside = np.max(np.abs(away - along[:, None] * segments.directions), axis=1)
+            part = along / segments.chords
+            near = (beside < BESIDE * segments.chords + NEAR) & (np.abs(part - 0.5) < 0.51)
+            (which,) = np.nonzero(near)
+            part = np.clip(part[which], 0.0, 1.0)
+            guess = segments.predict(which, part) - starts[which] - away[which]
+            close = np.max(np.abs(guess), axis=1) < 0.01 * segments.chords[which] + NEAR
+            which, part = which[close], part[close]
+            there = segments.on(which, part * segments.chords[which]).values
+            miss = np.max(np.abs(there - starts[which] - away[which]), axis=1)
+            hits = np.flatnonzero(miss < NEAR)
+            if len(hits):
+                best = hits[np.argmin(miss[hits])]
+                number = int(which[best])
+                chord = float(segments.chords[number])
+                found[row] = self._length_at(number, float(part[best]) * chord)
         return found
+
+    def wrapped(self, differences: Floats) -> Floats:
+        """Return differences of variables (..., variables) less whole periods."""
+        laps = np.round(differences / self.periods)
+        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+        return np.asarray(differences - laps * finite)
 
     def _length_at(self, which: int, along: float) -> float:
         """Return s where the projection on one chord is `along`."""

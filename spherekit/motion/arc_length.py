@@ -97,7 +97,7 @@ def follow_arc(
     closure: Closure,
     values: Floats,
     stops: Mapping[int, tuple[float, float]] | None = None,
-    longest: float = 2000.0,
+    longest: float = 500.0,
     step: float = LARGEST_STEP,
 ) -> ArcCurve:
     """Return the configuration curve through a closed configuration.
@@ -320,8 +320,8 @@ class _March:
         """Return the start, some periods on, if a verified step runs through it."""
         middle = 0.5 * (at.values + new.values)
         laps = np.round((middle - start.values) / self.periods)
-        shift = np.where(laps != 0.0, laps * self.periods, 0.0)
-        again = start.values + shift
+        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+        again = start.values + laps * finite
         way = float(at.tangent @ (again - at.values))
         if not -NEARLY_THERE < way <= step or start.tangent @ at.tangent < 0.8:
             return None

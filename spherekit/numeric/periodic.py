@@ -82,8 +82,8 @@ class Periodic:
     def one(self, s: float) -> Floats:
         """Return the functions (m,) at one s: the way of least time, see `local`."""
         laps = floor(s / self.period)
-        row: Floats = self.local.one(s - laps * self.period) + laps * self.rise
-        return row
+        row = self.local.one(s - laps * self.period)
+        return row + laps * self.rise if laps else row
 
     @cached_property
     def local(self) -> PiecewiseChebyshev:
