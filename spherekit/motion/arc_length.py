@@ -77,6 +77,13 @@ class _Node:
     def flatness(self) -> float:
         return float(self.equations.flatness[0])
 
+    def margin(self, limit: Limit) -> tuple[float, Floats]:
+        """Return how far the limit is, and the gradient (variables,) of that."""
+        equations = self.equations
+        return limit.margin(
+            self.values, equations.curvatures[0], equations.curvature_rates[0]
+        )
+
     def taylor(self, way: Floats) -> Floats:
         """Return the curve (n, variables) at arc lengths (n,) from here, second order."""
         way = way[:, None]
@@ -129,7 +136,7 @@ def follow_arc(
         nodes = CurvePoints.joined([node.point for node in [start, *ahead]])
         ends = (Status.OK, Status.OK)
         return ArcCurve(Segments(closure, nodes), periods, True, winding, ends, 0)
-    behind, why_behind, _ = march.run(_turned(closure, start))
+    behind, why_behind, _ = march.run(_turned(start))
     back = CurvePoints.joined([start.point.reversed, *(node.point for node in behind)])
     nodes = CurvePoints.joined([back.reversed, *(node.point for node in ahead)])
     return ArcCurve(
@@ -164,6 +171,8 @@ def periods_of(closure: Closure) -> Floats:
 
 def _started(closure: Closure, values: Floats) -> _Node:
     """Return the node of a configuration, after closing it exactly."""
+    if not np.all(np.isfinite(values)):
+        raise SolveError("the configuration to follow has to be finite, but is not")
     border = _motion(closure, values)
     target = np.array([border @ values])
     values = correct(closure, values[None], border[None], target).values[0]
@@ -195,9 +204,10 @@ def _motion(closure: Closure, values: Floats) -> Floats:
     return np.asarray(tangent * np.sign(tangent[np.argmax(np.abs(tangent))]))
 
 
-def _turned(closure: Closure, node: _Node) -> _Node:
+def _turned(node: _Node) -> _Node:
     """Return the node with the curve run backwards."""
-    return _Node(*curve_points(closure, node.point.values, -node.point.tangents))
+    back = node.point.reversed
+    return _Node(back, node.equations.rebordered(0, back.tangents[0]))
 
 
 @final
@@ -269,13 +279,13 @@ class _March:
         middle = chord.predict(np.zeros(1, dtype=np.intp), along)[0]
         if np.max(np.abs(middle - found.values[0])) > LARGEST_MIDDLE * step:
             return None
-        node = _Node(*curve_points(self.closure, last.values, last.tangents))
+        node = _Node(last, equations.rebordered(1, last.tangents[0]))
         return _Step(node, float(np.max(moved)))
 
     def _passed(self, node: _Node) -> Limit | None:
         """Return a limit that a node is beyond."""
         for limit in self.limits:
-            margin, _ = limit.margin(node.point.values, node.equations.states)
+            margin, _ = node.margin(limit)
             if margin < 0.0:
                 return limit
         return None
@@ -284,7 +294,7 @@ class _March:
         """Return the first limit within a step, and the node exactly on it."""
         best: tuple[_Node, Limit, float] | None = None
         for limit in self.limits:
-            margin, gradient = limit.margin(at.point.values, at.equations.states)
+            margin, gradient = at.margin(limit)
             rate, bend = float(gradient @ at.tangent), float(gradient @ at.bend)
             way = _first_root(margin, rate, 0.5 * bend)
             if not way <= 1.5 * step:
@@ -305,7 +315,9 @@ class _March:
         for _ in range(12):
             placed, states = self.closure.place(values)
             jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
-            margin, gradient = limit.margin(values, states)
+            margin, gradient = limit.margin(
+                values[0], states.curvatures[0], states.curvature_rates[0]
+            )
             inverse = left_inverse(bordered(jacobian, gradient[None]))[0]
             gap = np.append(self.closure.residual(placed, states)[0], margin)
             change = -inverse @ gap
@@ -341,7 +353,7 @@ class _March:
     def _why(self, at: _Node) -> Status:
         """Return the status of what lies beyond a node that no step leaves."""
         for limit in self.limits:
-            margin, _ = limit.margin(at.point.values, at.equations.states)
+            margin, _ = at.margin(limit)
             if margin < NEARLY_THERE:
                 return limit.status
         flat = at.flatness < max(1e-3, SINGULAR_RATIO)

@@ -9,7 +9,6 @@ import numpy as np
 from spherekit.conventions import EQUAL_CURVATURE, Status
 from spherekit.model.geometry import Contact
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import PairStates
 from spherekit.sphere.rotation import Floats
 
 
@@ -23,11 +22,16 @@ class Bound:
     sense: float
     status: Status
 
-    def margin(self, values: Floats, states: PairStates) -> tuple[float, Floats]:
-        """Return how far the one sample is from the limit, and the gradient of that."""
-        gradient = np.zeros(values.shape[1])
+    def margin(
+        self, values: Floats, curvatures: Floats, rates: Floats
+    ) -> tuple[float, Floats]:
+        """Return how far the limit is, negative beyond it, and the gradient of that.
+
+        `values` (variables,); `curvatures` and `rates` (pairs, 2) of the profiles.
+        """
+        gradient = np.zeros(len(values))
         gradient[self.variable] = self.sense
-        return self.sense * (float(values[0, self.variable]) - self.value), gradient
+        return self.sense * (float(values[self.variable]) - self.value), gradient
 
 
 @final
@@ -39,12 +43,17 @@ class EqualCurvatures:
     along: tuple[int, int]
     status: Status = Status.CURVATURE
 
-    def margin(self, values: Floats, states: PairStates) -> tuple[float, Floats]:
-        """Return how far the one sample is from the limit, and the gradient of that."""
-        first, second = states.curvatures[0, self.pair]
-        gradient = np.zeros(values.shape[1])
-        gradient[self.along[0]] += states.curvature_rates[0, self.pair, 0]
-        gradient[self.along[1]] -= states.curvature_rates[0, self.pair, 1]
+    def margin(
+        self, values: Floats, curvatures: Floats, rates: Floats
+    ) -> tuple[float, Floats]:
+        """Return how far the limit is, negative beyond it, and the gradient of that.
+
+        `values` (variables,); `curvatures` and `rates` (pairs, 2) of the profiles.
+        """
+        first, second = curvatures[self.pair]
+        gradient = np.zeros(len(values))
+        gradient[self.along[0]] += rates[self.pair, 0]
+        gradient[self.along[1]] -= rates[self.pair, 1]
         return float(first - second) - EQUAL_CURVATURE, gradient
 
 

@@ -18,11 +18,11 @@ from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.pairs import PairStates, pair_rates, variable_vectors
+from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.sphere.rotation import Floats
 
 MOST_CORRECTIONS = 6
-CORRECTED = 1e-13
+CORRECTED = 1e-9
 """A Newton step (rad) below this leaves an error that its square bounds."""
 LARGEST_MISS = 0.05
 """A predicted point may be this part of the chord beside the curve."""
@@ -71,11 +71,26 @@ class CurvePoints:
 @final
 @dataclass(frozen=True)
 class Linearised:
-    """The bordered equations at n points: their Jacobian, its inverse, the pairs."""
+    """The bordered equations at n points: their Jacobian and its inverse.
+
+    `curvatures` and `curvature_rates` (n, pairs, 2) are those of the profiles.
+    """
 
     jacobian: Floats
     inverse: Floats
-    states: PairStates
+    curvatures: Floats
+    curvature_rates: Floats
+
+    def rebordered(self, row: int, border: Floats) -> "Linearised":
+        """Return one point with another border (variables,)."""
+        rows = slice(row, row + 1)
+        jacobian = bordered(self.jacobian[rows, :-1], border[None])
+        return Linearised(
+            jacobian,
+            left_inverse(jacobian),
+            self.curvatures[rows],
+            self.curvature_rates[rows],
+        )
 
     @property
     def flatness(self) -> Floats:
@@ -112,7 +127,8 @@ def curve_points(
     bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], bias)
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
     points = CurvePoints(values, tangents, bends, gap)
-    return points, Linearised(jacobian, inverse, states)
+    equations = Linearised(jacobian, inverse, states.curvatures, states.curvature_rates)
+    return points, equations
 
 
 @final
