@@ -146,7 +146,7 @@ class ArcCurve:
         segments = self.segments
         starts = self.nodes.values[:-1]
         half = 0.5 * segments.chords[:, None] * segments.directions
-        found = np.full(len(values), np.nan)
+        rows, numbers, ways = [], [], []
         for row, given in enumerate(values):
             away = self.wrapped(given - starts - half) + half
             along = np.sum(away * segments.directions, axis=1)
@@ -154,18 +154,20 @@ class ArcCurve:
             part = along / segments.chords
             near = (beside < BESIDE * segments.chords + NEAR) & (np.abs(part - 0.5) < 0.51)
             (which,) = np.nonzero(near)
-            part = np.clip(part[which], 0.0, 1.0)
-            guess = segments.predict(which, part) - starts[which] - away[which]
-            close = np.max(np.abs(guess), axis=1) < 0.01 * segments.chords[which] + NEAR
-            which, part = which[close], part[close]
-            there = segments.on(which, part * segments.chords[which]).values
-            miss = np.max(np.abs(there - starts[which] - away[which]), axis=1)
-            hits = np.flatnonzero(miss < NEAR)
-            if len(hits):
-                best = hits[np.argmin(miss[hits])]
-                number = int(which[best])
-                chord = float(segments.chords[number])
-                found[row] = self._length_at(number, float(part[best]) * chord)
+            rows.append(np.full(len(which), row))
+            numbers.append(which)
+            ways.append(away[which])
+        found = np.full(len(values), np.nan)
+        if not rows:
+            return found
+        row, number, way = (np.concatenate(each) for each in (rows, numbers, ways))
+        along = np.sum(way * segments.directions[number], axis=1)
+        along = np.clip(along, 0.0, segments.chords[number])
+        miss = np.max(
+            np.abs(segments.on(number, along).values - starts[number] - way), axis=1
+        )
+        (hits,) = np.nonzero(miss < NEAR)
+        found[row[hits]] = self._lengths_at(number[hits], along[hits])
         return found
 
     def wrapped(self, differences: Floats) -> Floats:
@@ -174,15 +176,15 @@ class ArcCurve:
         finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
         return np.asarray(differences - laps * finite)
 
-    def _length_at(self, which: int, along: float) -> float:
-        """Return s where the projection on one chord is `along`."""
-        u = float(self.segments.starts[which]) + along
-        panel = np.searchsorted(self.table.edges, [u], side="right") - 1
-        panel = np.clip(panel, 0, len(self.table.edges) - 2)
-        low, high = self.table.edges[panel], self.table.edges[panel + 1]
-        x = 2.0 * (u - low) / (high - low) - 1.0
-        s = self.table.starts[panel] + self.table.within(panel, x)[0]
-        return float(s[0])
+    def _lengths_at(self, which: NDArray[np.intp], along: Floats) -> Floats:
+        """Return s (n,) where the projections on chords `which` (n,) are `along` (n,)."""
+        table = self.table
+        u = self.segments.starts[which] + along
+        panel = np.searchsorted(table.edges, u, side="right") - 1
+        panel = np.clip(panel, 0, len(table.edges) - 2)
+        low, high = table.edges[panel], table.edges[panel + 1]
+        covered, _ = table.within(panel, 2.0 * (u - low) / (high - low) - 1.0)
+        return np.asarray(table.starts[panel] + covered)
 
     def represent(
         self,

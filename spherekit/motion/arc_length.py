@@ -14,10 +14,11 @@ from fractions import Fraction
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, SINGULAR_RATIO, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import SolveError
-from spherekit.model.geometry import Contact, Revolute
+from spherekit.model.geometry import Revolute
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.closure import Closure
 from spherekit.motion.limits import Limit, contact_variables, limits_of
@@ -42,8 +43,12 @@ LARGEST_CORRECTION = 0.05
 """A prediction may be wrong by this part of the step, that of the middle by"""
 LARGEST_MIDDLE = 1e-4
 SMALLEST_STEP = 1e-12
-SINGULAR = 1e-8
-"""A node whose equations have this reciprocal condition is a crossing of curves."""
+SINGULAR = 1e-5
+"""A node whose equations have this reciprocal condition is a crossing of curves: nearer to
+one, rounding moves points by more than the 1e-6 of the steps left. A four-bar that is
+longer or shorter than a folding one by 1e-10 rad is one."""
+NEARLY_FLAT = 1e-3
+"""The same for a node that no step leaves, to name the reason."""
 NEARLY_THERE = 1e-6
 """How near to a limit (rad) the last node is, to name it as the reason of an end."""
 SAME = 1e-9
@@ -219,7 +224,7 @@ class _March:
     longest: float
     step: float
 
-    def run(self, start: _Node) -> tuple[list[_Node], Status, Floats | None]:
+    def run(self, start: _Node) -> tuple[list[_Node], Status, NDArray[np.int64] | None]:
         """Return nodes after the start, why they end, and the winding if they close."""
         nodes: list[_Node] = []
         at, step, way = start, 0.1, 0.0
@@ -356,8 +361,7 @@ class _March:
             margin, _ = at.margin(limit)
             if margin < NEARLY_THERE:
                 return limit.status
-        flat = at.flatness < max(1e-3, SINGULAR_RATIO)
-        return Status.AT_SINGULARITY if flat else Status.BRANCH_LOST
+        return Status.AT_SINGULARITY if at.flatness < NEARLY_FLAT else Status.BRANCH_LOST
 
 
 def _first_root(a: float, b: float, c: float) -> float:

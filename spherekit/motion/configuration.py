@@ -30,7 +30,8 @@ class Piece:
     """The part of a curve from `start` to `stop` (s in rad) that is one branch.
 
     The input only rises or only falls in it and lies in its range. `branch` is None for
-    a mode that the curve reaches and that is none of the branches given. `stop` may be
+    what the curve reaches and none of the branches given holds: a mode that the search for
+    them missed, or wheels in mesh a turn later. `stop` may be
     beyond the length of a closed curve: the piece holds the point s = 0.
     """
 
@@ -53,7 +54,7 @@ def configuration_curves(
     branches: Sequence[Branch],
     low: float,
     high: float,
-    longest: float = 500.0,
+    longest: float = 200.0,
 ) -> tuple[ConfigurationCurve, ...]:
     """Return the configuration curves that branches over an input range lie on.
 

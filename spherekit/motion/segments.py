@@ -22,7 +22,7 @@ from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.sphere.rotation import Floats
 
 MOST_CORRECTIONS = 6
-CORRECTED = 1e-9
+CORRECTED = 1e-10
 """A Newton step (rad) below this leaves an error that its square bounds."""
 LARGEST_MISS = 0.05
 """A predicted point may be this part of the chord beside the curve."""
@@ -188,7 +188,7 @@ class Segments:
 
     @cached_property
     def starts(self) -> Floats:
-        """u (k,) of the nodes."""
+        """The parameter u (k,) of the nodes."""
         return np.concatenate([[0.0], np.cumsum(self.chords)])
 
     def predict(self, which: NDArray[np.intp], along: Floats) -> Floats:

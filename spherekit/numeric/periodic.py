@@ -107,7 +107,5 @@ class Periodic:
         parts = [np.zeros((0, amplitudes.shape[1]))]
         for start in range(0, len(s), block):
             phase = np.outer(turns[start : start + block], self._orders)
-            parts.append(
-                np.cos(phase) @ amplitudes.real - np.sin(phase) @ amplitudes.imag
-            )
+            parts.append(np.cos(phase) @ amplitudes.real - np.sin(phase) @ amplitudes.imag)
         return np.concatenate(parts)

@@ -40,9 +40,7 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     """
     value, slope = function(grid)
     floor = TOUCHES * float(np.max(np.abs(value))) + np.finfo(float).tiny
-    cells = np.stack(
-        [grid[:-1], grid[1:], value[:-1], slope[:-1], value[1:], slope[1:]]
-    )
+    cells = np.stack([grid[:-1], grid[1:], value[:-1], slope[:-1], value[1:], slope[1:]])
     crossed: list[Floats] = []
     for _ in range(DEEPEST):
         cells, error = _halved(function, cells)
@@ -132,7 +130,7 @@ def _polish(function: Function, cells: Floats) -> Floats:
         settled |= (step < 1e-9) & (step > 0.25 * moved[going])
         x[going], moved[going] = new, step
         going = going[~settled]
-    return x
+    return np.asarray(x)
 
 
 def _changes(one: Floats, other: Floats) -> NDArray[np.bool_]:
