@@ -53,6 +53,12 @@ NEARLY_THERE = 1e-6
 """How near to a limit (rad) the last node is, to name it as the reason of an end."""
 SAME = 1e-9
 """A lap ends where it started to this (rad)."""
+CLOSED_START = 1e-6
+"""A configuration to follow may be as far from closed as this (rad)."""
+SINGULAR_START = (
+    "the configuration to follow is singular: two curves cross in it, or the mechanism "
+    "has more than one freedom; start from another one"
+)
 MOST_NODES = 100_000
 MOST_TEETH = 10_000
 """Lengths of rolling profiles have a ratio of whole numbers up to this, or none."""
@@ -119,7 +125,7 @@ def follow_arc(
     closure
         Loop closure of the whole mechanism (constant pair frames).
     values
-        (variables,) a configuration that closes to 1e-6 or better.
+        (variables,) a configuration that closes, to 1e-6 rad or better.
     stops
         Lowest and highest value (rad) of variables by their numbers.
     longest
@@ -178,16 +184,19 @@ def _started(closure: Closure, values: Floats) -> _Node:
     """Return the node of a configuration, after closing it exactly."""
     if not np.all(np.isfinite(values)):
         raise SolveError("the configuration to follow has to be finite, but is not")
+    gap = float(np.max(np.abs(closure.linearise(values[None])[0])))
+    if not gap < CLOSED_START:
+        raise SolveError(
+            f"the configuration to follow does not close: its residual is {gap:.3g} rad, "
+            f"but at most {CLOSED_START:g} is allowed; start from one that was solved for"
+        )
     border = _motion(closure, values)
     target = np.array([border @ values])
-    values = correct(closure, values[None], border[None], target).values[0]
-    tangent = _motion(closure, values) if np.all(np.isfinite(values)) else border
-    node = _Node(*curve_points(closure, values[None], tangent[None]))
-    if not node.point.residual[0] < CLOSURE_TOLERANCE:
-        raise SolveError(
-            "the configuration to follow does not close: its residual is "
-            f"{float(node.point.residual[0]):.3g} rad; start from one that does"
-        )
+    values = correct(closure, values[None], border[None], target).values
+    point, equations = curve_points(closure, values, border[None])
+    node = _Node(point, equations.rebordered(0, point.tangents[0]))
+    if not node.flatness > SINGULAR:
+        raise SolveError(SINGULAR_START)
     return node
 
 
@@ -197,10 +206,7 @@ def _motion(closure: Closure, values: Floats) -> Floats:
     _, sizes, right = np.linalg.svd(jacobian[0])
     sizes = np.append(sizes, np.zeros(max(0, len(right) - len(sizes))))
     if sizes[-2] < SINGULAR * sizes[0]:
-        raise SolveError(
-            "the configuration to follow is singular: two curves cross in it, or the "
-            "mechanism has more than one freedom; start from another one"
-        )
+        raise SolveError(SINGULAR_START)
     if len(sizes) == len(jacobian[0]) and sizes[-1] > 1e-6 * sizes[0]:
         raise SolveError(
             "the configuration to follow cannot move: the loops leave it no freedom"
