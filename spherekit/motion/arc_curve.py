@@ -160,14 +160,13 @@ class ArcCurve:
         found = np.full(len(values), np.nan)
         if not rows:
             return found
-        row, number, way = (np.concatenate(each) for each in (rows, numbers, ways))
+        number, way = np.concatenate(numbers), np.concatenate(ways)
         along = np.sum(way * segments.directions[number], axis=1)
         along = np.clip(along, 0.0, segments.chords[number])
-        miss = np.max(
-            np.abs(segments.on(number, along).values - starts[number] - way), axis=1
-        )
-        (hits,) = np.nonzero(miss < NEAR)
-        found[row[hits]] = self._lengths_at(number[hits], along[hits])
+        miss = segments.on(number, along).values - starts[number] - way
+        (hits,) = np.nonzero(np.max(np.abs(miss), axis=1) < NEAR)
+        places = self._lengths_at(number[hits], along[hits])
+        found[np.concatenate(rows)[hits]] = places
         return found
 
     def wrapped(self, differences: Floats) -> Floats:
