@@ -40,8 +40,9 @@ LARGEST_TURN = 0.4
 LARGEST_CHANGE = 0.6
 """Change of the bordered Jacobian in one step, relative; at 1 it may become singular."""
 LARGEST_CORRECTION = 0.05
-"""A prediction may be wrong by this part of the step, that of the middle by"""
+"""A prediction from the start of a step may be wrong by this part of it."""
 LARGEST_MIDDLE = 1e-4
+"""The prediction of its middle from both ends may be wrong by this part of it."""
 SMALLEST_STEP = 1e-12
 SINGULAR = 1e-6
 """A node whose equations have this reciprocal condition is a crossing of curves: nearer to
@@ -53,6 +54,8 @@ NEARLY_THERE = 1e-6
 """How near to a limit (rad) the last node is, to name it as the reason of an end."""
 SAME = 1e-9
 """A lap ends where it started to this (rad)."""
+MOVING = 1e-4
+"""Redundant equations agree to this, relative, where a start is closed as it has to be."""
 CLOSED_START = 1e-6
 """A configuration to follow may be as far from closed as this (rad)."""
 SINGULAR_START = (
@@ -136,11 +139,19 @@ def follow_arc(
     Raises
     ------
     SolveError
-        If the configuration does not close, does not move, or is a singular one.
+        If the configuration does not close, does not move, is beyond a limit, or is a
+        singular one.
     """
     start = _started(closure, np.asarray(values, dtype=float))
     limits = limits_of(closure, stops or {})
     periods = periods_of(closure)
+    for limit in limits:
+        margin, _ = start.margin(limit)
+        if margin < -CLOSURE_TOLERANCE:
+            raise SolveError(
+                f"the configuration to follow is {-margin:.3g} beyond {limit.words}; start "
+                "from one within its limits"
+            )
     march = _March(closure, limits, periods, longest, step)
     ways: list[CurvePoints] = []
     ends: list[Status] = []
@@ -154,6 +165,10 @@ def follow_arc(
         ends.append(why)
     ahead, behind = ways
     count = len(behind.values) - 1
+    if count == 0 and len(ahead.values) == 1:
+        raise SolveError(
+            "the configuration to follow has its limits on both sides; widen the stops"
+        )
     points = CurvePoints.joined([behind.reversed, ahead.rows(slice(1, None))])
     winding = np.zeros(len(periods), dtype=np.int64)
     why_ahead, why_behind = ends
@@ -209,7 +224,7 @@ def _motion(closure: Closure, values: Floats) -> Floats:
     sizes = np.append(sizes, np.zeros(max(0, len(right) - len(sizes))))
     if sizes[-2] < SINGULAR * sizes[0]:
         raise SolveError(SINGULAR_START)
-    if len(sizes) == len(jacobian[0]) and sizes[-1] > 1e-6 * sizes[0]:
+    if sizes[-1] > MOVING * sizes[0]:
         raise SolveError(
             "the configuration to follow cannot move: the loops leave it no freedom"
         )
@@ -242,7 +257,7 @@ class _March:
             bend = float(np.linalg.norm(at.bend))
             step = min(step, self.step, LARGEST_TURN / (bend + 1e-300))
             made = self._advance(at, step)
-            if made is not None and nodes:
+            if made is not None and way > 4.0 * NEARLY_THERE:
                 end = self._closing(start, at, step, made.node)
                 if end is not None:
                     if np.max(np.abs(end.values - at.values)) < NEARLY_THERE:
@@ -311,6 +326,8 @@ class _March:
             margin, gradient = at.margin(limit)
             rate, bend = float(gradient @ at.tangent), float(gradient @ at.bend)
             way = _first_root(margin, rate, 0.5 * bend)
+            if way <= SMALLEST_STEP:
+                return None
             if not way <= 1.5 * step:
                 continue
             on = self._onto(limit, at.taylor(np.array([way])))

@@ -15,12 +15,18 @@ from spherekit.sphere.rotation import Floats
 @final
 @dataclass(frozen=True)
 class Bound:
-    """A variable that may not pass a value, from below (`sense` -1) or from above (1)."""
+    """A variable that may not pass a value, from above (`sense` 1) or from below (-1)."""
 
     variable: int
     value: float
     sense: float
     status: Status
+
+    @property
+    def words(self) -> str:
+        """What the limit is, for messages."""
+        side = "lowest" if self.sense > 0.0 else "highest"
+        return f"the {side} value {self.value:.6g} rad of variable {self.variable}"
 
     def margin(
         self, values: Floats, curvatures: Floats, rates: Floats
@@ -42,6 +48,11 @@ class EqualCurvatures:
     pair: int
     along: tuple[int, int]
     status: Status = Status.CURVATURE
+
+    @property
+    def words(self) -> str:
+        """What the limit is, for messages."""
+        return f"equal curvatures of the profiles of pair {self.pair}"
 
     def margin(
         self, values: Floats, curvatures: Floats, rates: Floats
