@@ -19,6 +19,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
+    ("dynamics",),
     ("analysis",),
     ("view",),
     ("cli",),
@@ -28,6 +29,7 @@ LAYERS = (
 SIBLINGS = {"files": {"planning"}, "planning": {"files"}}
 PLUGINS_MAY_IMPORT = {
     "analysis",
+    "dynamics",
     "sphere",
     "model",
     "planning",

@@ -43,6 +43,7 @@ from spherekit.motion.motion import (
     Tracer,
     status_counts,
 )
+from spherekit.planning.poles import pole_of
 from spherekit.planning.rigidity import graph_mobility
 from spherekit.rates.field import PoleField, SignMemory, evaluate
 from spherekit.rates.request import Request, request
@@ -84,11 +85,13 @@ def needs_of(mechanism: Mechanism, analyses: Sequence[AbstractAnalysis]) -> Need
 
 def request_for(mechanism: Mechanism, driven: str, needs: Needs) -> Request:
     """Return the planned request behind some needs."""
+    ends = {link for name in needs.pair_rates for link in mechanism.pair(name).links}
+    numbers = {mechanism.link_number[link] for link in needs.link_rates | ends} - {0}
     return request(
         mechanism,
         driven,
         sorted(needs.directions),
-        sorted(needs.rates),
+        sorted(needs.rates | {pole_of(0, number) for number in numbers}),
         needs.derivatives,
         sorted(needs.planes),
     )
