@@ -3,6 +3,7 @@
 Run it in the root of the repository: ``python docs/make_reference.py``.
 """
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,9 @@ def section(whole: Schema, title: str) -> Iterator[str]:
     yield ""
     yield from table(whole, whole)
     for path, part in tables(whole, whole, ()):
-        yield f"\n### `[{'.'.join(path)}]`\n"
+        kind_of_table = part["properties"].get("kind", {}).get("const")
+        with_kind = f' with `kind = "{kind_of_table}"`' if kind_of_table else ""
+        yield f"\n### `[{'.'.join(path)}]`{with_kind}\n"
         yield part["description"]
         yield ""
         yield from table(whole, part)
@@ -53,7 +56,15 @@ def tables(
             inner, where = resolved(whole, extra), (*where, "NAME")
         if "properties" in inner:
             yield where, inner
+            yield from ((where, each) for each in kinds(whole, inner))
             yield from tables(whole, inner, where)
+
+
+def kinds(whole: Schema, part: Schema) -> Iterator[Schema]:
+    """Yield the tables that a part may be, where its kind decides."""
+    for rule in part.get("allOf", ()):
+        if "$ref" in rule.get("then", {}):
+            yield resolved(whole, rule["then"])
 
 
 def table(whole: Schema, part: Schema) -> Iterator[str]:
@@ -68,11 +79,11 @@ def table(whole: Schema, part: Schema) -> Iterator[str]:
 def kind(whole: Schema, part: Schema) -> str:
     """Return in a few words what stands behind a key."""
     named = str(part.get("$ref", "")).rpartition("/")[2]
-    if named in ("name", "path", "angle"):
+    if named in ("name", "path", "angle", "rate"):
         return named
     part = resolved(whole, part)
     if "const" in part:
-        return f"`{part['const']}`"
+        return f"`{json.dumps(part['const'])}`"
     if "enum" in part:
         return " or ".join(f'`"{each}"`' for each in part["enum"])
     if part["type"] == "array":

@@ -23,7 +23,7 @@ PAGES = {
     for path in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]
 }
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
-FILE_NAME = re.compile(r"# (\w+\.toml)\n")
+FILE_NAME = re.compile(r"# ([\w.]+\.toml)\n")
 PLUGIN = "spherekit_torque_ratio"
 
 
@@ -186,6 +186,18 @@ def test_every_status_and_public_object_is_explained():
         assert f"`{status.name}`" in PAGES["motion.md"]
     for name in ("Mechanism", "Plan", "Motion", "RunResult", "Needs", "Batch"):
         assert f"`{name}`" in PAGES["architecture.md"]
+
+
+def test_the_masses_loads_and_laws_shown_are_sound(folder):
+    shown = blocks("mechanism-files.md", "toml")
+    parts = [text for text in shown if re.match(r"\[(mass|loads|stops)\.", text)]
+    assert len(parts) == 3
+    whole = "".join([(folder / "crank_rocker.toml").read_text(), *parts])
+    (folder / "loaded.toml").write_text(whole, encoding="utf-8")
+    mechanism = sk.load(folder / "loaded.toml")
+    counts = len(mechanism.masses), len(mechanism.loads), len(mechanism.stops)
+    assert counts == (3, 4, 1)
+    assert sk.load_study("turning.study.toml").laws["21"].duration == 8.0
 
 
 def test_every_dependency_has_its_reason():

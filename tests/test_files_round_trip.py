@@ -17,7 +17,17 @@ from spherekit.files.check import schema
 from spherekit.files.document import Written
 from spherekit.files.read import load, loads
 from spherekit.files.write import canonical_text, dump, dumps
-from spherekit.model.dynamics import Mass, PairTorque
+from spherekit.model.dynamics import (
+    Damper,
+    Friction,
+    Mass,
+    Moment,
+    PairTorque,
+    PointForce,
+    Spring,
+    Stop,
+    TorqueTable,
+)
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
@@ -72,6 +82,33 @@ def random_axis(random):
     return tuple(map(float, xyz / np.linalg.norm(xyz)))
 
 
+def random_masses(random, links):
+    """Return masses of clouds of points, the first without a centre."""
+    found = []
+    for link in links[1:]:
+        points = random.normal(size=(4, 3)) * 10.0 ** random.integers(-6, 6)
+        inertia = np.sum(points**2) * np.eye(3) - points.T @ points
+        tensor = tuple(tuple(map(float, row)) for row in (inertia + inertia.T) / 2)
+        centre = tuple(map(float, np.mean(points, axis=0)))
+        found.append(Mass(link, tensor, 4.0, centre) if found else Mass(link, tensor))
+    return tuple(found)
+
+
+def random_loads(random, links, pair, angle):
+    """Return one load of each kind but gravity."""
+    one, other = map(float, random.uniform(0, 1, 2))
+    forces = ("1", f"theta_{pair}", "0.5*t")
+    return (
+        PairTorque("torque", pair, f"-2*theta_{pair}"),
+        PointForce("force", links[0], random_axis(random), forces, "link"),
+        Moment("moment", links[1], forces),
+        Spring("spring", pair, one, angle()),
+        Damper("damper", pair, other),
+        Friction("friction", pair, one, other, abs(angle()) + 1e-9),
+        TorqueTable("table", pair, (0.0, one, one + 1), (one, other, one), True),
+    )
+
+
 def random_mechanism(seed):
     """Return a random mechanism: any legal content, not one that moves."""
     random = np.random.default_rng(seed)
@@ -97,9 +134,6 @@ def random_mechanism(seed):
             arcs = tuple(angle() for _ in on_link[1:])
             sizes[link] = LinkSizes(on_link, arcs, tuple(angle() for _ in on_link[2:]))
         geometry = SizeGeometry(sizes, {pairs[0].name: angle()})
-    points = random.normal(size=(4, 3)) * 10.0 ** random.integers(-6, 6)
-    inertia = np.sum(points**2) * np.eye(3) - points.T @ points
-    tensor = tuple(tuple(map(float, row)) for row in (inertia + inertia.T) / 2)
     first = pairs[0].name
     return Mechanism(
         name=f"random_{seed}",
@@ -109,8 +143,9 @@ def random_mechanism(seed):
         geometry=geometry,
         inputs=(Input(first, angle(), angle()),),
         outputs=(Output("out", links[2], links[1]),),
-        masses=(Mass(links[1], tensor),),
-        loads=(PairTorque("spring", first, f"-2*theta_{first}"),),
+        masses=random_masses(random, links),
+        loads=random_loads(random, links, first, angle),
+        stops=(Stop(first, *sorted((angle(), angle()))),),
         source=Source("A, 'B \"C\"', 2024", "nothing\nmuch") if seed % 3 else None,
         user=USER if seed % 5 == 0 else {},
     )

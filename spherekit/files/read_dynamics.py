@@ -88,8 +88,13 @@ class DynamicsReader:
         if "arc" in item:
             assert mass is not None
             first, second = self._axes((*path, "arc"), link, item["arc"])
+            radius = float(item["radius"])
+            if not radius > 0:
+                raise self.document.fault(
+                    (*path, "radius"), f"found {radius:g} m, needs more than 0"
+                )
             try:
-                tensor, centre = uniform_arc(first, second, mass, float(item["radius"]))
+                tensor, centre = uniform_arc(first, second, mass, radius)
             except ModelError as error:
                 raise self.document.fault((*path, "arc"), str(error)) from None
             return Mass(link, _symmetric(tensor), mass, _vector(centre))

@@ -14,6 +14,8 @@ from spherekit.files.document import Document, parse, read_text, spelt
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, shipped
 from spherekit.files.locate import KeyPath
 from spherekit.files.read import load
+from spherekit.files.read_laws import read_laws, read_start
+from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Input, Mechanism
 
 
@@ -25,6 +27,8 @@ class Study:
     `analyses` maps names to parameters as they stand in the file; whether such
     analyses exist and take them is for `spherekit.analysis.study` to say, with the
     lines of `document`. `folder` and `recording` are relative to the working folder.
+    `laws` has the time law of each input that is given one, by pair, `duration` the time
+    (s) from t = 0 on, and `start` the input's state at t = 0 for forward dynamics.
     """
 
     name: str
@@ -36,6 +40,9 @@ class Study:
     folder: Path | None = None
     recording: Path | None = None
     degrees: bool = False
+    laws: Mapping[str, Law] = field(default_factory=dict)
+    duration: float | None = None
+    start: Start | None = None
     document: Document | None = field(default=None, repr=False, compare=False)
 
     def fault(self, path: KeyPath, message: str) -> SpherekitError:
@@ -72,6 +79,9 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
         folder=_path(document, output, "folder"),
         recording=_path(document, output, "recording"),
         degrees=output.get("degrees", False),
+        laws=read_laws(document),
+        duration=float(data["duration"]) if "duration" in data else None,
+        start=read_start(document),
         document=document,
     )
 

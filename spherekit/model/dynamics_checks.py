@@ -48,21 +48,21 @@ def check_mass(mass: Mass) -> None:
         smaller than that of the mass at its centre.
     """
     key = f"mass.{mass.link}"
+    if mass.mass is not None:
+        _need_finite(f"{key}.mass", [mass.mass])
+        if not mass.mass > 0:
+            raise ModelError(f"{key}.mass: found {mass.mass:g} kg, needs more than 0")
     tensor = np.array(mass.tensor, dtype=np.float64)
     check_tensor(f"{key}.tensor", tensor)
-    if mass.mass is None:
-        if mass.centre is not None:
-            raise ModelError(f"{key}.centre: needs a mass with it, in kg")
+    if mass.centre is None:
         return
-    _need_finite(f"{key}.mass", [mass.mass])
-    if not mass.mass > 0:
-        raise ModelError(f"{key}.mass: found {mass.mass:g} kg, needs more than 0")
-    if mass.centre is not None:
-        _need_finite(f"{key}.centre", mass.centre)
-        moved = tensor - moments_of_point(mass.mass, np.array(mass.centre))
-        about = f" about the centre of mass (of {mass.mass:g} kg at {mass.centre} m)"
-        slack = MOMENT_TOLERANCE * float(np.max(np.abs(tensor)))
-        _need_moments(key, moved, slack, about)
+    if mass.mass is None:
+        raise ModelError(f"{key}.centre: needs a mass with it, in kg")
+    _need_finite(f"{key}.centre", mass.centre)
+    moved = tensor - moments_of_point(mass.mass, np.array(mass.centre))
+    about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
+    slack = MOMENT_TOLERANCE * float(np.max(np.abs(tensor)))
+    _need_moments(key, moved, slack, about)
 
 
 def check_tensor(key: str, tensor: NDArray[np.float64]) -> None:
@@ -110,8 +110,10 @@ def check_loads(
 
     Parameters
     ----------
-    loads, masses
+    loads
         Those of a mechanism; the links and pairs that they name exist.
+    masses
+        Those of its moving links.
     types
         The type of every pair, by name.
 
@@ -151,7 +153,7 @@ def _check_gravity(key: str, load: Gravity, masses: tuple[Mass, ...]) -> None:
     _need_finite(f"{key}.acceleration", load.acceleration)
     if not masses:
         raise ModelError(
-            f"{key}: gravity needs a link with a mass: give mass and centre in "
+            f"{key}: gravity needs a moving link with a mass: give mass and centre in "
             "[mass.LINK], or leave gravity out"
         )
     lacking = [each.link for each in masses if each.centre is None]

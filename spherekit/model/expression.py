@@ -205,7 +205,7 @@ class Expression:
 
 
 def load_names(pairs: Iterable[str]) -> tuple[str, ...]:
-    """Return the names a load may use, given the names of the pairs."""
+    """Return the names a load may use, given the names of the R pairs."""
     pairs = list(pairs)
     rates = (f"dtheta_{pair}" for pair in pairs)
     return ("t", *(f"theta_{pair}" for pair in pairs), *rates)

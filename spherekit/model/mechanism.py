@@ -310,10 +310,11 @@ def _check(mechanism: Mechanism) -> None:
 
 def _check_dynamics(where: str, mechanism: Mechanism) -> None:
     types = {pair.name: pair.type for pair in mechanism.pairs}
+    moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
     try:
         for mass in mechanism.masses:
             check_mass(mass)
-        check_loads(mechanism.loads, mechanism.masses, types)
+        check_loads(mechanism.loads, moving, types)
         check_stops(mechanism.stops, types)
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None

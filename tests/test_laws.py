@@ -1,0 +1,240 @@
+"""Time laws: exact rates and accelerations, their spans, and their keys in studies."""
+
+import math
+
+import numpy as np
+import pytest
+
+from spherekit.errors import FileError, ModelError
+from spherekit.files.study import load_study
+from spherekit.model.laws import (
+    ConstantSpeed,
+    Cycloidal,
+    Polynomial,
+    Start,
+    Tabulated,
+)
+
+TIMES = np.array([0.0, 0.3, 0.7, 1.1, 1.2, 1.9, 2.5, 3.0])
+
+
+def test_constant_speed():
+    q, dq, ddq = ConstantSpeed(-2.0, 0.5).at([[0.0, 1.5]])
+    assert q.tolist() == [[0.5, -2.5]]
+    assert dq.tolist() == [[-2.0, -2.0]]
+    assert ddq.tolist() == [[0.0, 0.0]]
+
+
+def test_polynomial_against_its_derivatives():
+    coefficients = (0.3, -1.0, 0.25, 2.0, -0.125)
+    exact = np.polynomial.Polynomial(coefficients)
+    for found, each in zip(
+        Polynomial(coefficients).at(TIMES),
+        (exact, exact.deriv(1), exact.deriv(2)),
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, each(TIMES), rtol=1e-14, atol=1e-14)
+
+
+def test_cycloidal_against_derivatives_of_forty_digits():
+    mpmath = pytest.importorskip("mpmath")
+    law = Cycloidal(0.4, -1.1, 2.5)
+
+    def exact(t):
+        x = t / mpmath.mpf(2.5)
+        rise = mpmath.mpf(-1.1) - mpmath.mpf(0.4)
+        cycloid = x - mpmath.sin(2 * mpmath.pi * x) / (2 * mpmath.pi)
+        return mpmath.mpf(0.4) + rise * cycloid
+
+    with mpmath.workdps(40):
+        for t in (0.0, 0.2, 1.25, 2.0, 2.4999):
+            expected = [float(mpmath.diff(exact, t, n)) for n in range(3)]
+            np.testing.assert_allclose(law.at(t), expected, rtol=0, atol=4e-15)
+
+
+def test_cycloidal_holds_still_before_and_after():
+    q, dq, ddq = Cycloidal(0.5, 2.0, 2.5).at([-1.0, 0.0, 2.5, 9.0])
+    assert q.tolist() == [0.5, 0.5, 2.0, 2.0]
+    assert dq.tolist() == [0.0] * 4
+    assert ddq.tolist() == [0.0] * 4
+
+
+def test_a_table_of_a_quintic_is_that_quintic():
+    exact = np.polynomial.Polynomial((0.3, -1.0, 0.25, 2.0, -0.5, 0.125))
+    law = Tabulated(tuple(TIMES.tolist()), tuple(exact(TIMES).tolist()))
+    t = np.linspace(0.0, 3.0, 41)
+    for found, each in zip(law.at(t), (exact, exact.deriv(1), exact.deriv(2)), strict=True):
+        np.testing.assert_allclose(found, each(t), rtol=0, atol=2e-11)
+
+
+@pytest.mark.parametrize("rest_at_ends", [False, True])
+def test_rates_of_a_table_are_exactly_those_of_its_spline(rest_at_ends):
+    random = np.random.default_rng(5)
+    angles = tuple(random.normal(size=TIMES.size).tolist())
+    law = Tabulated(tuple(TIMES.tolist()), angles, rest_at_ends)
+    np.testing.assert_allclose(law.at(TIMES)[0], angles, rtol=0, atol=1e-13)
+    # Gauss's rule of four points is exact for the quintic pieces between knots.
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    start, stop = TIMES[:-1, None], TIMES[1:, None]
+    inner = (start + stop) / 2 + (stop - start) / 2 * nodes
+    scale = float(np.max(np.abs(law.at(inner)[2])))
+    for lower, upper in ((0, 1), (1, 2)):
+        rise = (stop - start)[:, 0] / 2 * (law.at(inner)[upper] @ weights)
+        found = np.diff(law.at(TIMES)[lower])
+        np.testing.assert_allclose(rise, found, rtol=0, atol=1e-13 * scale)
+    ends = np.array(law.at(TIMES[[0, -1]])[1:])
+    assert bool(np.max(np.abs(ends)) < 1e-11 * scale) is rest_at_ends
+
+
+def test_two_rows_at_rest_are_the_quintic_of_smooth_steps():
+    q, dq, ddq = Tabulated((0.0, 2.0), (1.0, 3.0), rest_at_ends=True).at([0.5, 1.0])
+    x = np.array([0.25, 0.5])
+    np.testing.assert_allclose(q, 1 + 2 * x**3 * (10 - 15 * x + 6 * x**2), atol=1e-15)
+    np.testing.assert_allclose(dq, 30 * x**2 * (1 - x) ** 2, atol=1e-14)
+    np.testing.assert_allclose(ddq, 30 * x * (1 - x) * (1 - 2 * x), atol=1e-14)
+
+
+def test_a_table_ends_where_it_ends():
+    law = Tabulated((0.0, 2.0), (1.0, 3.0), rest_at_ends=True)
+    for t in (-0.1, [0.0, 2.1], math.nan):
+        with pytest.raises(ModelError, match=r"times from 0 to 2 s, but .* asked for"):
+            law.at(t)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: ConstantSpeed(math.nan), "speed: found nan"),
+        (lambda: ConstantSpeed(1.0, math.inf), "start: found inf"),
+        (lambda: Polynomial(()), "coefficients: is empty"),
+        (lambda: Polynomial((1.0, math.nan)), "coefficients: found nan"),
+        (lambda: Cycloidal(0.0, 1.0, 0.0), "duration: found 0 s, needs more than 0"),
+        (lambda: Cycloidal(0.0, math.nan, 1.0), "stop: found nan"),
+        (lambda: Tabulated((0.0, 1.0), (0.0,)), "angles: has 1 values, but times has 2"),
+        (lambda: Tabulated((0.0, 1.0), (0.0, 1.0)), "at least 6, or 2 with rest_at_ends"),
+        (lambda: Tabulated((0.0,), (0.0,), True), "has 1 values, needs at least 2"),
+        (lambda: Tabulated((0.0, 0.0), (0.0, 1.0), True), "0 s follows 0 s at positions"),
+        (lambda: Tabulated((0.0, 1.0), (0.0, math.nan), True), "angles: found nan"),
+        (lambda: Start(math.nan), "q: found nan"),
+    ],
+)
+def test_laws_that_are_none(make, words):
+    with pytest.raises(ModelError, match=words):
+        make()
+
+
+STUDY = """\
+format = 1
+mechanism = "four_bar"
+angle_unit = "deg"
+duration = 2.5
+[inputs.21]
+from = 0
+to = 720
+[inputs.21.law]
+"""
+CONSTANT = 'kind = "constant_speed"\nspeed = 90.0\nfrom = 10\n'
+TABLE = 'kind = "table"\ntimes = [0, 1, 3]\nangles = [0, 90, 900]\nrest_at_ends = true\n'
+
+
+def study(folder, text):
+    path = folder / "x.study.toml"
+    path.write_text(text)
+    return load_study(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "law"),
+    [
+        (CONSTANT, ConstantSpeed(math.pi / 2, math.radians(10))),
+        ('kind = "polynomial"\ncoefficients = [0, 180]', Polynomial((0.0, math.pi))),
+        (
+            'kind = "cycloidal"\nfrom = 0\nto = 90\nduration = 2',
+            Cycloidal(0.0, math.pi / 2, 2.0),
+        ),
+        (TABLE, Tabulated((0.0, 1.0, 3.0), (0.0, math.pi / 2, 5 * math.pi), True)),
+    ],
+)
+def test_a_study_has_laws_duration_and_start(tmp_path, text, law):
+    read = study(tmp_path, f"{STUDY}{text}\n[start]\nq = 90\ndq = 180\n")
+    assert read.laws == {"21": law}
+    assert read.duration == 2.5
+    assert read.start == Start(math.pi / 2, math.pi)
+
+
+def test_laws_need_an_angle_unit_and_other_studies_do_not(tmp_path):
+    bare = study(tmp_path, 'format = 1\nmechanism = "four_bar"\nduration = 1\n')
+    assert (bare.laws, bare.duration, bare.start) == ({}, 1.0, None)
+    text = STUDY.replace('angle_unit = "deg"\n', "").replace("from = 0\nto = 720\n", "")
+    for more in (text + CONSTANT, text.partition("[inputs")[0] + "[start]\nq = 0\n"):
+        with pytest.raises(FileError, match="the key angle_unit is missing"):
+            study(tmp_path, more)
+
+
+def test_turns_in_a_study_in_radians_are_not_taken_for_degrees(tmp_path):
+    text = STUDY.replace('"deg"', '"rad"').replace("720", "6")
+    read = study(tmp_path, text + 'kind = "polynomial"\ncoefficients = [0, 1, 40]\n')
+    assert read.laws["21"] == Polynomial((0.0, 1.0, 40.0))
+    with pytest.raises(FileError, match=r"start\.q: found 90\.0 rad"):
+        study(tmp_path, text + CONSTANT + "[start]\nq = 90\n")
+
+
+FAULTS = {
+    # case: (law, old, new, key, words)
+    "unknown kind": (
+        CONSTANT,
+        "constant_speed",
+        "constant_sped",
+        "inputs.21.law.kind",
+        ['did you mean "constant_speed"?', "allowed: constant_speed, polynomial"],
+    ),
+    "no kind": (
+        CONSTANT,
+        'kind = "constant_speed"\n',
+        "",
+        "inputs.21.law",
+        ["the key kind is missing: which law it is"],
+    ),
+    "no speed": (CONSTANT, "speed = 90.0\n", "", "inputs.21.law", ["speed is missing"]),
+    "key of another law": (
+        CONSTANT,
+        "from = 10",
+        "to = 10",
+        "inputs.21.law.to",
+        ["unknown key", "allowed in inputs.21.law: kind, speed, from"],
+    ),
+    "time going back": (
+        TABLE,
+        "[0, 1, 3]",
+        "[0, 3, 1]",
+        "inputs.21.law.times",
+        ["must increase, but 1 s follows 3 s"],
+    ),
+    "few rows": (
+        TABLE,
+        "rest_at_ends = true",
+        "rest_at_ends = false",
+        "inputs.21.law.times",
+        ["has 3 values, needs at least 6"],
+    ),
+    "table too short": (
+        TABLE,
+        "[0, 1, 3]",
+        "[0, 1, 2]",
+        "inputs.21.law.times",
+        ["the study lasts from 0 to 2.5 s"],
+    ),
+    "nan": (TABLE, "90,", "nan,", "inputs.21.law.angles[1]", ["finite"]),
+    "no duration": (CONSTANT, "2.5", "0", "duration", ["needs at least 1e-09"]),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_faults_name_line_key_and_remedy(case, tmp_path):
+    law, old, new, key, words = FAULTS[case]
+    with pytest.raises(FileError) as caught:
+        study(tmp_path, (STUDY + law).replace(old, new, 1))
+    message = str(caught.value)
+    assert f": {key}: " in message
+    for word in words:
+        assert word in message
