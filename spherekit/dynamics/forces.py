@@ -14,10 +14,8 @@ from typing import final
 import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.errors import ModelError
 from spherekit.model.dynamics import (
     Damper,
-    Expressions,
     Friction,
     Gravity,
     Load,
@@ -51,11 +49,6 @@ class Loads:
     """The loads of a mechanism, ready to be evaluated at any configurations.
 
     `names` are those of the loads, `owners` the number of the load of each component.
-
-    Raises
-    ------
-    ModelError
-        If gravity acts on a link without a centre of mass, or an expression is wrong.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -120,7 +113,7 @@ class Loads:
     ) -> Magnitude:
         number = self._variable(load.pair)
         if isinstance(load, PairTorque):
-            return self._expression(load.torque, f"loads.{load.name}.torque")
+            return self._expression(load.torque)
         if isinstance(load, TorqueTable):
             return lambda values, rates, t: load.at(t)
         if isinstance(load, Spring):
@@ -142,12 +135,7 @@ class Loads:
         for mass in mechanism.masses:
             if mass.link == mechanism.ground:
                 continue
-            if mass.mass is None or mass.centre is None:
-                raise ModelError(
-                    f"{mechanism.name}: mass.{mass.link}: loads.{load.name} is gravity, "
-                    "which needs a mass and a centre of mass; give both, or take the "
-                    "load away"
-                )
+            assert mass.mass is not None and mass.centre is not None
             links.append(mechanism.link_number[mass.link])
             weights.append(mass.mass * np.array(mass.centre))
         moments, g = np.array(weights).reshape(-1, 3), np.array(load.acceleration)
@@ -161,24 +149,16 @@ class Loads:
 
     def _on_link(self, load: PointForce | Moment) -> _Rule:
         link = self.mechanism.link_number[load.link]
-        kind, texts, point = "moment", getattr(load, "moment", None), None
-        if isinstance(load, PointForce):
-            kind, texts, point = "force", load.force, np.array(load.point)
-        assert texts is not None
+        texts = load.force if isinstance(load, PointForce) else load.moment
+        point = np.array(load.point) if isinstance(load, PointForce) else None
         return _Rule(
-            self._components(texts, f"loads.{load.name}.{kind}"),
+            tuple(self._expression(text) for text in texts),
             _velocity(link, point, load.axes == "link"),
         )
 
-    def _components(self, texts: Expressions, key: str) -> tuple[Magnitude, ...]:
-        return tuple(self._expression(text, f"{key}[{k}]") for k, text in enumerate(texts))
-
-    def _expression(self, text: str, key: str) -> Magnitude:
+    def _expression(self, text: str) -> Magnitude:
         pairs = [pair.name for pair in self.mechanism.pairs if pair.type == "R"]
-        try:
-            expression = parse(text, load_names(pairs))
-        except ModelError as problem:
-            raise ModelError(f"{self.mechanism.name}: {key}: {problem}") from None
+        expression = parse(text, load_names(pairs))
         angles, rates = (
             [
                 (name, self._variable(pair))

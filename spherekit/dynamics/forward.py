@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from spherekit.dynamics.collocation import (
     gauss,
     next_length,
 )
+from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.simulation import End, EndKind, Event, Simulation, Travelled
 from spherekit.dynamics.start import PoseStart, Problem, prepare, variable_of
 from spherekit.dynamics.state import Dynamics
@@ -42,6 +43,8 @@ def simulate(
     tolerance: float = 1e-9,
     switches: Iterable[float] = (),
     check: bool = False,
+    scheme: Literal["collocation", "paper"] = "collocation",
+    step: float | None = None,
 ) -> Simulation:
     """Return the motion of a single-DOF mechanism under its loads.
 
@@ -63,6 +66,9 @@ def simulate(
         Times (s) at which expressions have kinks; knots of torque tables are known.
     check
         Whether to repeat the run with a hundredth of the tolerance and compare.
+    scheme, step
+        ``"paper"`` takes the source's finite differences instead, with equal steps (s)
+        and without events; see `spherekit.dynamics.differences`.
 
     Returns
     -------
@@ -79,6 +85,8 @@ def simulate(
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is 1e-13 to 1e-2"
         )
+    if scheme == "paper":
+        return by_differences(problem, step if step is not None else until / 1000.0)
     found = _Run(problem, tolerance).simulation()
     if not check:
         return found

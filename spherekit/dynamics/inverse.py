@@ -38,8 +38,8 @@ class InverseSolution:
 
     `sample`, `branch`, `status` (n,); `t` s; `q`, `dq`, `ddq` the law of the input;
     `B_parts`, `dB_parts` (n, masses) kg m2 by the input; `Q_parts` (n, loads) N m;
-    `tau` (n,) N m at the input; `pair_rates` (n, variables) rates of the pair variables
-    per unit rate of the input; `residual` (n,) rad. Failed rows are NaN.
+    `tau` (n,) N m at the input; `values` (n, variables) rad; `pair_rates` (n, variables)
+    rates of the pair variables per unit rate of the input; `residual` (n,) rad. Failed rows are NaN.
     """
 
     mechanism: Mechanism
@@ -53,6 +53,7 @@ class InverseSolution:
     dB_parts: Floats
     Q_parts: Floats
     tau: Floats
+    values: Floats
     pair_rates: Floats
     residual: Floats
     status: NDArray[np.int8]
@@ -145,7 +146,7 @@ def inverse_dynamics(
     flat = np.abs(arc.rates[:, tracer.solver.driven]) < DEAD_CENTRE
     status[(status == Status.OK) & (flat | ~np.isfinite(tau))] = Status.AT_SINGULARITY
     bad = status != Status.OK
-    rows = (masses.B_parts, masses.dB_parts, forces, tau, found.rates)
+    rows = (masses.B_parts, masses.dB_parts, forces, tau, values, found.rates)
     for array in rows:
         array[bad] = np.nan
     return InverseSolution(

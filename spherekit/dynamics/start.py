@@ -23,6 +23,9 @@ from spherekit.sphere.rotation import Floats
 DRIVE = "driving_torque"
 """Name of the load that the torque at the input becomes."""
 
+NEAR = 0.1
+"""A given configuration may be this far (rad) from one that closes."""
+
 STANDSTILL = 1e-9
 """A pair variable whose rate along the curve is smaller cannot be given a rate."""
 
@@ -33,7 +36,7 @@ class PoseStart:
     """A start from a whole configuration, which may be a dead centre of the input.
 
     `values` (variables,) in the order of the mechanism's `variable_names`, closed to
-    about 0.1 rad; `rate` (rad/s) is that of the R pair `pair`.
+    `NEAR`; `rate` (rad/s) is that of the R pair `pair`.
     """
 
     values: Sequence[float]
@@ -133,10 +136,12 @@ def _closed(closure: Closure, name: str, values: Sequence[float]) -> Floats:
             "variable"
         )
     found = closure.solve(given[None], None)
-    if not found.residual[0] < 1e-12:
+    moved = float(np.max(np.abs(found.values[0] - given)))
+    if not (found.residual[0] < 1e-12 and moved < NEAR):
         raise SolveError(
-            f"{name}: the values at the start do not close the loops, and no closed "
-            f"configuration was found near them (residual {found.residual[0]:.2g} rad)"
+            f"{name}: the values at the start do not close the loops: the nearest closed "
+            f"configuration found is {moved:.2g} rad away (residual "
+            f"{found.residual[0]:.2g} rad), allowed is {NEAR} rad"
         )
     return np.asarray(found.values[0])
 

@@ -52,13 +52,19 @@ class EquationOfMotion:
 
         With `along` (n, variables), each tangent points to the side of its own row.
         """
-        values, speed = states[:, : self.variables], states[:, self.variables]
+        motion = self.motion(states[:, : self.variables], along)
+        return self.acting(motion, states[:, self.variables], t)
+
+    def motion(self, values: Floats, along: Floats) -> CoordinateMotion:
+        """Return the motion by arc length at pair variables (n, variables)."""
         motion = by_arc_length(self.closure, values)
         if along.ndim == 1:
-            signs = continued(motion.rates, along)
-        else:
-            signs = np.where(np.sum(along * motion.rates, axis=1) < 0.0, -1.0, 1.0)
-        motion = motion.turned(signs)
+            return motion.turned(continued(motion.rates, along))
+        side = np.sum(along * motion.rates, axis=1)
+        return motion.turned(np.where(side < 0.0, -1.0, 1.0))
+
+    def acting(self, motion: CoordinateMotion, speed: Floats, t: Floats) -> Dynamics:
+        """Return inertia and forces of a motion at these speeds and times (n,)."""
         found = inertia(self.mechanism, motion)
         forces = self.loads.parts(motion, speed, t)
         drive = np.sum(forces, axis=1) - 0.5 * found.dB * speed**2
