@@ -39,7 +39,8 @@ class InverseSolution:
     `sample`, `branch`, `status` (n,); `t` s; `q`, `dq`, `ddq` the law of the input;
     `B_parts`, `dB_parts` (n, masses) kg m2 by the input; `Q_parts` (n, loads) N m;
     `tau` (n,) N m at the input; `values` (n, variables) rad; `pair_rates` (n, variables)
-    rates of the pair variables per unit rate of the input; `residual` (n,) rad. Failed rows are NaN.
+    rates of the pair variables per unit rate of the input; `residual` (n,) rad.
+    Failed rows are NaN.
     """
 
     mechanism: Mechanism
