@@ -14,6 +14,7 @@ PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
     ("errors", "conventions", "version"),
+    ("numeric",),
     ("sphere",),
     ("model",),
     ("files", "planning"),

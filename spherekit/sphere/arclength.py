@@ -7,7 +7,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
-from spherekit.sphere.paths import Path
+from spherekit.sphere.paths import Parametrised
 from spherekit.sphere.rotation import Floats
 
 SLOWEST = 1e-5
@@ -76,7 +76,7 @@ class ArcLength:
         return covered, rate
 
 
-def measure(path: Path, edges: Floats) -> ArcLength:
+def measure(path: Parametrised, edges: Floats) -> ArcLength:
     """Return the table of arc length over panels, halved until the series has ended.
 
     Gauss-Legendre nodes give each series; the curve has to be smooth between `edges`.

@@ -15,17 +15,21 @@ UNIT_TOLERANCE = 1e-6
 """Centres and points may differ from unit length by this much; they are normalised."""
 
 
-class Path(Protocol):
-    """A curve in a parameter u of its own."""
+class Parametrised(Protocol):
+    """A curve in a parameter u of its own, in any space."""
 
     def speed(self, u: Floats) -> Floats:
         """Return |dp/du| at u of any shape."""
 
-    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
-
     def place(self, u: float) -> str:
         """Return words for where u is."""
+
+
+class Path(Parametrised, Protocol):
+    """A curve on the unit sphere in a parameter u of its own."""
+
+    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
 
 
 @final

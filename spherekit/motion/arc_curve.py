@@ -1,0 +1,206 @@
+"""The configuration curve of a single-DOF mechanism in its own arc length.
+
+Every configuration that a mechanism can reach without being taken apart is a point of
+one curve in the space of its variables. Where an input has a dead centre the curve runs
+on smoothly, and on a closed curve everything is a periodic function of the arc length.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.conventions import Status
+from spherekit.motion.segments import CurvePoints, Segments
+from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.periodic import Periodic
+from spherekit.numeric.zeros import Zeros, zeros
+from spherekit.sphere.arclength import ArcLength, measure
+from spherekit.sphere.rotation import Floats
+
+NEAR = 1e-7
+"""Configurations (rad) nearer than this to the curve lie on it."""
+BESIDE = 0.3
+"""A segment of the curve is nowhere farther from its chord than this part of it."""
+
+Along = Callable[[CurvePoints], tuple[Floats, Floats]]
+"""A function along the curve and its derivative by s, both (n,)."""
+
+
+@final
+@dataclass(frozen=True)
+class ArcCurve:
+    """A configuration curve through verified nodes.
+
+    Attributes
+    ----------
+    segments
+        The nodes and what lies between them; those of a closed curve end with the first
+        one, its variables grown by `winding` periods.
+    periods
+        (variables,) growth of each variable that changes nothing: a turn, the length of
+        a closed profile that a contact slides on, the least common length of two that
+        roll; infinite for open profiles and lengths without a ratio.
+    closed, winding
+        Whether the curve closes, and then (variables,) the whole periods of one lap.
+    ends
+        Why the curve goes no further at s = 0 and at s = `length`: OK if it is closed, or
+        a stop or the greatest length was reached; else OFF_PROFILE, CURVATURE,
+        AT_SINGULARITY where two curves cross, BRANCH_LOST.
+    start
+        Number of the node that was given.
+    """
+
+    segments: Segments
+    periods: Floats
+    closed: bool
+    winding: NDArray[np.int64]
+    ends: tuple[Status, Status]
+    start: int
+
+    @property
+    def nodes(self) -> CurvePoints:
+        """The nodes in order of arc length."""
+        return self.segments.nodes
+
+    @cached_property
+    def table(self) -> ArcLength:
+        """Arc length against the length of the chords."""
+        return measure(self.segments, self.segments.starts)
+
+    @property
+    def length(self) -> float:
+        """The arc length of the curve, of one lap if it is closed (rad)."""
+        return self.table.length
+
+    @cached_property
+    def s(self) -> Floats:
+        """Arc lengths (k,) of the nodes (rad)."""
+        return self.table.at_edge(self.segments.starts)
+
+    @cached_property
+    def rise(self) -> Floats:
+        """Growth (variables,) of the variables in one lap (rad), zero on an open curve."""
+        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+        return np.asarray(self.winding * finite)
+
+    def at(self, s: ArrayLike) -> CurvePoints:
+        """Return the curve at arc lengths s (n,) in rad, any order.
+
+        A closed curve goes on lap after lap, its variables growing; off the ends of an
+        open one the points are NaN.
+        """
+        s = np.atleast_1d(np.asarray(s, dtype=float))
+        laps = np.floor(s / self.length) if self.closed else np.zeros_like(s)
+        rest = s - laps * self.length
+        slack = 1e-12 * self.length
+        inside = (rest >= -slack) & (rest <= self.length + slack)
+        u = self.table.invert(np.where(inside, rest, 0.0))
+        points = self.segments.at(u)
+        points.values[:] += np.outer(laps, self.rise)
+        for array in (points.values, points.tangents, points.bends, points.residual):
+            array[~inside] = np.nan
+        return points
+
+    def locate(self, function: Along) -> Zeros:
+        """Return all zeros along the curve of a function, its derivative by s known.
+
+        Zeros are s in [0, length), or [0, length] on an open curve, to rounding. See
+        `spherekit.numeric.zeros` for pairs that are too near to part.
+        """
+        found = zeros(lambda s: function(self.at(s)), self.s)
+        if not self.closed:
+            return found
+        once = found.places < self.length * (1.0 - 1e-12)
+        return Zeros(found.places[once], found.double[once])
+
+    def dead_points(self, variable: int) -> Zeros:
+        """Return all s at which a variable stands still: dv/ds = 0."""
+        return self.locate(lambda p: (p.tangents[:, variable], p.bends[:, variable]))
+
+    def at_input(self, variable: int, value: float) -> Zeros:
+        """Return all s at which a variable has a value (rad), whole periods apart or not.
+
+        Double zeros are those at which the variable turns back.
+        """
+        period = float(self.periods[variable])
+        rate = np.pi / period
+
+        def chord(points: CurvePoints) -> tuple[Floats, Floats]:
+            away = points.values[:, variable] - value
+            slope = points.tangents[:, variable]
+            if rate == 0.0:
+                return away, slope
+            return np.sin(rate * away) / rate, np.cos(rate * away) * slope
+
+        return self.locate(chord)
+
+    def find(self, values: Floats) -> Floats:
+        """Return s (n,) of configurations (n, variables) on this curve, NaN for others.
+
+        Whole periods of the variables do not matter.
+        """
+        segments = self.segments
+        starts = self.nodes.values[:-1]
+        half = 0.5 * segments.chords[:, None] * segments.directions
+        rows, numbers, ways = [], [], []
+        for row, given in enumerate(values):
+            away = self.wrapped(given - starts - half) + half
+            along = np.sum(away * segments.directions, axis=1)
+            beside = np.max(np.abs(away - along[:, None] * segments.directions), axis=1)
+            part = along / segments.chords
+            near = (beside < BESIDE * segments.chords + NEAR) & (np.abs(part - 0.5) < 0.51)
+            (which,) = np.nonzero(near)
+            rows.append(np.full(len(which), row))
+            numbers.append(which)
+            ways.append(away[which])
+        found = np.full(len(values), np.nan)
+        if not rows:
+            return found
+        number, way = np.concatenate(numbers), np.concatenate(ways)
+        along = np.sum(way * segments.directions[number], axis=1)
+        along = np.clip(along, 0.0, segments.chords[number])
+        miss = segments.on(number, along).values - starts[number] - way
+        (hits,) = np.nonzero(np.max(np.abs(miss), axis=1) < NEAR)
+        places = self._lengths_at(number[hits], along[hits])
+        found[np.concatenate(rows)[hits]] = places
+        return found
+
+    def wrapped(self, differences: Floats) -> Floats:
+        """Return differences of variables (..., variables) less whole periods."""
+        laps = np.round(differences / self.periods)
+        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+        return np.asarray(differences - laps * finite)
+
+    def _lengths_at(self, which: NDArray[np.intp], along: Floats) -> Floats:
+        """Return s (n,) where the projections on chords `which` (n,) are `along` (n,)."""
+        table = self.table
+        u = self.segments.starts[which] + along
+        panel = np.searchsorted(table.edges, u, side="right") - 1
+        panel = np.clip(panel, 0, len(table.edges) - 2)
+        low, high = table.edges[panel], table.edges[panel + 1]
+        covered, _ = table.within(panel, 2.0 * (u - low) / (high - low) - 1.0)
+        return np.asarray(table.starts[panel] + covered)
+
+    def represent(
+        self,
+        function: Callable[[CurvePoints], Floats] | None = None,
+        tolerance: float = 1e-13,
+    ) -> Periodic | PiecewiseChebyshev:
+        """Return an interpolant in s of a function of the points, (n, m), or of the values.
+
+        Its `error` is measured. On a closed curve it is periodic, the linear growth of
+        winding variables apart; on an open one it is a Chebyshev series on equal cells.
+        """
+        rise = self.rise if function is None else None
+
+        def sample(s: Floats) -> Floats:
+            points = self.at(s)
+            return points.values if function is None else function(points)
+
+        if self.closed:
+            return Periodic.fit(sample, self.length, rise, tolerance)
+        return PiecewiseChebyshev.fit(sample, 0.0, self.length, tolerance)

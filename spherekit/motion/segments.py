@@ -1,0 +1,256 @@
+"""The configuration curve between two nodes, by its projection on their chord.
+
+With the closure equations one linear equation, border . values = given, is solved: it
+picks one point of the curve. The inverse of both together gives Newton's step, the
+tangent (its last column) and, with the rate of the Jacobian along the tangent, the second
+derivative by arc length. It is regular wherever the motion is unique, at the dead
+centres of every pair too.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.errors import SolveError
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import left_inverse
+from spherekit.motion.pairs import pair_rates, variable_vectors
+from spherekit.sphere.rotation import Floats
+
+MOST_CORRECTIONS = 6
+CORRECTED = 1e-10
+"""A Newton step (rad) below this leaves an error that its square bounds."""
+LARGEST_MISS = 0.05
+"""A predicted point may be this part of the chord beside the curve."""
+
+
+@final
+@dataclass(frozen=True)
+class CurvePoints:
+    """n points of a configuration curve, s its arc length in the variables (rad).
+
+    `values`, `tangents` dv/ds of unit length and `bends` d2v/ds2 are (n, variables);
+    `residual` (n,) is the largest component of the closure's residual (rad). A point that
+    is not on the curve is NaN.
+    """
+
+    values: Floats
+    tangents: Floats
+    bends: Floats
+    residual: Floats
+
+    def rows(self, rows: NDArray[np.intp] | slice) -> "CurvePoints":
+        """Return some of the points."""
+        return CurvePoints(
+            self.values[rows], self.tangents[rows], self.bends[rows], self.residual[rows]
+        )
+
+    @property
+    def reversed(self) -> "CurvePoints":
+        """The same points, last first, with the curve run backwards."""
+        back = slice(None, None, -1)
+        return CurvePoints(
+            self.values[back], -self.tangents[back], self.bends[back], self.residual[back]
+        )
+
+    @staticmethod
+    def joined(parts: "list[CurvePoints]") -> "CurvePoints":
+        """Return the points of all parts in order."""
+        return CurvePoints(
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.tangents for part in parts]),
+            np.concatenate([part.bends for part in parts]),
+            np.concatenate([part.residual for part in parts]),
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Linearised:
+    """The bordered equations at n points: their Jacobian and its inverse.
+
+    `curvatures` and `curvature_rates` (n, pairs, 2) are those of the profiles.
+    """
+
+    jacobian: Floats
+    inverse: Floats
+    curvatures: Floats
+    curvature_rates: Floats
+
+    def rebordered(self, row: int, border: Floats) -> "Linearised":
+        """Return one point with another border (variables,)."""
+        rows = slice(row, row + 1)
+        jacobian = bordered(self.jacobian[rows, :-1], border[None])
+        return Linearised(
+            jacobian,
+            left_inverse(jacobian),
+            self.curvatures[rows],
+            self.curvature_rates[rows],
+        )
+
+    @property
+    def flatness(self) -> Floats:
+        """(n,) reciprocal condition of the bordered equations; 0 where singular."""
+        size = np.linalg.norm(self.jacobian, axis=(1, 2))
+        inverse = np.linalg.norm(self.inverse, axis=(1, 2))
+        return np.asarray(np.nan_to_num(1.0 / (inverse * size)))
+
+
+def bordered(jacobian: Floats, borders: Floats) -> Floats:
+    """Return the equations (n, rows + 1, variables) with the borders as last row."""
+    return np.concatenate([jacobian, borders[:, None, :]], axis=1)
+
+
+def curve_points(
+    closure: Closure, values: Floats, borders: Floats
+) -> tuple[CurvePoints, Linearised]:
+    """Return the curve at closed configurations, its tangents along the borders.
+
+    `values`, `borders` (n, variables); a border only has to have a part along the curve.
+    """
+    placed, states = closure.place(values)
+    gap = np.max(np.abs(closure.residual(placed, states)), axis=1)
+    frames = closure.frames(placed, states)
+    vectors = variable_vectors(closure.joints, frames, states.curvatures)
+    jacobian = bordered(closure.tree.jacobian(vectors), borders)
+    inverse = left_inverse(jacobian)
+    tangents = inverse[:, :, -1]
+    tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+    w = closure.tree.body_rates(vectors, tangents)
+    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
+    turned = pair_rates(closure.joints, frames, states, first, second).vectors
+    bias = np.einsum("nij,nj->ni", closure.tree.jacobian(turned), tangents)
+    bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], bias)
+    bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
+    points = CurvePoints(values, tangents, bends, gap)
+    equations = Linearised(jacobian, inverse, states.curvatures, states.curvature_rates)
+    return points, equations
+
+
+@final
+@dataclass(frozen=True)
+class Corrected:
+    """Newton's result: values, the first step's size, and the second by the first."""
+
+    values: Floats
+    first_step: Floats
+    ratio: Floats
+
+
+def correct(
+    closure: Closure, values: Floats, borders: Floats, targets: Floats
+) -> Corrected:
+    """Close the loops with border . values = target, by Newton's method.
+
+    `values`, `borders` (n, variables), `targets` (n,). What does not converge is NaN or
+    has a residual; the caller judges.
+    """
+    n = len(values)
+    first, ratio = np.zeros(n), np.zeros(n)
+    for step in range(MOST_CORRECTIONS):
+        gap, jacobian = closure.linearise(values)
+        inverse = left_inverse(bordered(jacobian, borders))
+        miss = targets - np.sum(borders * values, axis=1)
+        change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -gap)
+        change += inverse[:, :, -1] * miss[:, None]
+        length = np.max(np.abs(change), axis=1)
+        values = values + change
+        if step == 0:
+            first = length
+        elif step == 1:
+            ratio = length / np.maximum(first, 1e-300)
+        if not np.any(length > CORRECTED):
+            break
+    return Corrected(values, first, ratio)
+
+
+@final
+@dataclass(frozen=True)
+class Segments:
+    """The curve through k nodes; u, the sum of the chords' lengths, is its parameter."""
+
+    closure: Closure
+    nodes: CurvePoints
+
+    @cached_property
+    def chords(self) -> Floats:
+        """Lengths (k - 1,) of the chords (rad)."""
+        return np.asarray(np.linalg.norm(np.diff(self.nodes.values, axis=0), axis=1))
+
+    @cached_property
+    def directions(self) -> Floats:
+        """Unit vectors (k - 1, variables) of the chords."""
+        return np.asarray(np.diff(self.nodes.values, axis=0) / self.chords[:, None])
+
+    @cached_property
+    def starts(self) -> Floats:
+        """The parameter u (k,) of the nodes."""
+        return np.concatenate([[0.0], np.cumsum(self.chords)])
+
+    def predict(self, which: NDArray[np.intp], along: Floats) -> Floats:
+        """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""
+        h, e = self.chords[which, None], self.directions[which]
+        ends = []
+        for node in (which, which + 1):
+            tangent, bend = self.nodes.tangents[node], self.nodes.bends[node]
+            speed = np.sum(tangent * e, axis=1, keepdims=True)
+            swing = np.sum(bend * e, axis=1, keepdims=True)
+            rate = h / speed
+            ends += [rate * tangent, rate**2 * (bend - tangent * (swing / speed))]
+        slope, bend, last_slope, last_bend = ends
+        x = along[:, None]
+        x3, y = x**3, 1.0 - x
+        up = x3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        start, way = self.nodes.values[which], h * e
+        return np.asarray(
+            start
+            + up * way
+            + x * y**3 * ((1.0 + 3.0 * x) * slope + 0.5 * x * bend)
+            + x3 * y * (0.5 * y * last_bend - (4.0 - 3.0 * x) * last_slope)
+        )
+
+    def at(self, u: Floats) -> CurvePoints:
+        """Return the curve at u (n,), to closure precision."""
+        which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chords) - 1)
+        return self.on(which, u - self.starts[which])
+
+    def on(self, which: NDArray[np.intp], way: Floats) -> CurvePoints:
+        """Return the curve where its projection on the chord `which` (n,) is `way` (n,)."""
+        chords, e = self.chords[which], self.directions[which]
+        guess = self.predict(which, way / chords)
+        targets = np.sum(e * self.nodes.values[which], axis=1) + way
+        found = correct(self.closure, guess, e, targets)
+        points, _ = curve_points(self.closure, found.values, e)
+        miss = np.max(np.abs(found.values - guess), axis=1)
+        good = (points.residual < CLOSURE_TOLERANCE) & (miss <= LARGEST_MISS * chords)
+        for array in (points.values, points.tangents, points.bends, points.residual):
+            array[~good] = np.nan
+        return points
+
+    def speed(self, u: Floats) -> Floats:
+        """Return ds/du at u of any shape.
+
+        Raises
+        ------
+        SolveError
+            If the curve cannot be found between its nodes.
+        """
+        flat = u.ravel()
+        which = np.clip(np.searchsorted(self.starts, flat) - 1, 0, len(self.chords) - 1)
+        points = self.on(which, flat - self.starts[which])
+        cosine = np.sum(points.tangents * self.directions[which], axis=1)
+        if not np.all(np.isfinite(cosine)):
+            lost = float(flat[~np.isfinite(cosine)][0])
+            raise SolveError(
+                f"the configuration curve is lost {self.place(lost)}: Newton's method does "
+                "not close the loops between two nodes; follow it with a smaller `step`"
+            )
+        return np.asarray((1.0 / cosine).reshape(u.shape))
+
+    def place(self, u: float) -> str:
+        """Return words for where u is."""
+        return f"at the length {u:.6g} rad of its chords"

@@ -1,0 +1,1 @@
+"""Functions of one variable as numbers: interpolants with measured error, and zeros."""

@@ -1,0 +1,137 @@
+"""All zeros of a smooth function of one variable whose derivative is known."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import EPS
+from spherekit.numeric.chebyshev import Floats
+
+Function = Callable[[Floats], tuple[Floats, Floats]]
+"""Values and derivatives (n,) at places (n,)."""
+
+DEEPEST = 8
+"""Halvings of a cell of the grid before it is taken to hold one extremum at most."""
+TOUCHES = 1e-14
+"""An extremum this near to zero, relative to the largest value, is a double zero."""
+SAME = 1e-10
+"""Zeros nearer to each other than this part of the range are one."""
+
+
+@final
+@dataclass(frozen=True)
+class Zeros:
+    """Places (k,) in rising order, and whether the function only touches zero there."""
+
+    places: Floats
+    double: NDArray[np.bool_]
+
+
+def zeros(function: Function, grid: Floats) -> Zeros:
+    """Return the zeros of a function on the range of a rising grid (n,).
+
+    A cell of the grid is halved until its cubic Hermite polynomial, whose error is
+    measured at the middle, has no zero, or is monotone. The grid has to be fine enough
+    for that polynomial to mean something. Pairs of zeros that are too near to part
+    (about the square root of `TOUCHES` times the scale of the bend) are a double one.
+    """
+    value, slope = function(grid)
+    floor = TOUCHES * float(np.max(np.abs(value))) + np.finfo(float).tiny
+    cells = np.stack([grid[:-1], grid[1:], value[:-1], slope[:-1], value[1:], slope[1:]])
+    crossed: list[Floats] = []
+    for _ in range(DEEPEST):
+        cells, error = _halved(function, cells)
+        empty, monotone = _kinds(cells, error + floor)
+        crossed.append(cells[:, monotone & _changes(cells[2], cells[4])])
+        cells = cells[:, ~empty & ~monotone]
+        if not cells.size:
+            break
+    turning = _changes(cells[3], cells[5])
+    crossed.append(cells[:, ~turning & _changes(cells[2], cells[4])])
+    tops, sides = _about_extrema(function, cells[:, turning], floor)
+    simple = _polish(function, np.concatenate([*crossed, sides], axis=1))
+    edge = grid[[0, -1]][np.abs(value[[0, -1]]) <= floor]
+    places = np.concatenate([tops, simple, edge])
+    double = np.arange(len(places)) < len(tops)
+    order = np.argsort(places, kind="stable")
+    places, double = places[order], double[order]
+    fresh = np.ones(len(places), dtype=bool)
+    fresh[1:] = np.diff(places) > SAME * (grid[-1] - grid[0])
+    return Zeros(places[fresh], double[fresh])
+
+
+def _halved(function: Function, cells: Floats) -> tuple[Floats, Floats]:
+    """Return both halves of cells, and how far their polynomials were from the middle.
+
+    A cell (6, n) has its ends a, b, then value and slope at a and at b.
+    """
+    a, b, fa, da, fb, db = cells
+    middle = 0.5 * (a + b)
+    value, slope = function(middle)
+    error = np.abs(0.5 * (fa + fb) + (b - a) * (da - db) / 8.0 - value)
+    left = np.stack([a, middle, fa, da, value, slope])
+    right = np.stack([middle, b, value, slope, fb, db])
+    return np.concatenate([left, right], axis=1), np.tile(error, 2)
+
+
+def _kinds(cells: Floats, error: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which cells have no zero, and which are monotone, by Bernstein's bounds."""
+    a, b, fa, da, fb, db = cells
+    third = (b - a) / 3.0
+    control = np.stack([fa, fa + third * da, fb - third * db, fb])
+    rises = np.diff(control, axis=0)
+    empty = np.all(control > error, axis=0) | np.all(control < -error, axis=0)
+    monotone = np.all(rises > error, axis=0) | np.all(rises < -error, axis=0)
+    return empty, monotone
+
+
+def _about_extrema(
+    function: Function, cells: Floats, floor: float
+) -> tuple[Floats, Floats]:
+    """Return the extrema that touch zero, and cells with the zeros beside the others."""
+    if not cells.size:
+        return np.zeros(0), cells
+    a, b = cells[0], cells[1]
+    for _ in range(48):
+        top = 0.5 * (a + b)
+        value, slope = function(top)
+        before = ~_changes(slope, cells[3])
+        a, b = np.where(before, top, a), np.where(before, b, top)
+    touches = np.abs(value) <= floor
+    left, right = cells.copy(), cells.copy()
+    left[1], left[4], left[5] = top, value, slope
+    right[0], right[2], right[3] = top, value, slope
+    sides = np.concatenate([left[:, ~touches], right[:, ~touches]], axis=1)
+    return top[touches], sides[:, _changes(sides[2], sides[4])]
+
+
+def _polish(function: Function, cells: Floats) -> Floats:
+    """Return the zero in each cell by Newton's method, by halving where it leaves."""
+    a, b, fa, _, fb, _ = cells
+    x = a - fa * (b - a) / np.where(fb != fa, fb - fa, 1.0)
+    moved = b - a
+    going = np.arange(len(x))
+    for _ in range(100):
+        if not len(going):
+            break
+        value, slope = function(x[going])
+        before = ~_changes(value, fa[going])
+        a[going] = np.where(before, x[going], a[going])
+        b[going] = np.where(before, b[going], x[going])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            new = x[going] - value / slope
+        inside = (new >= a[going]) & (new <= b[going])
+        new = np.where(inside, new, 0.5 * (a[going] + b[going]))
+        step = np.abs(new - x[going])
+        settled = step <= 2.0 * EPS * np.maximum(1.0, np.abs(new))
+        settled |= (step < 1e-9) & (step > 0.25 * moved[going])
+        x[going], moved[going] = new, step
+        going = going[~settled]
+    return np.asarray(x)
+
+
+def _changes(one: Floats, other: Floats) -> NDArray[np.bool_]:
+    return np.asarray((one >= 0.0) != (other >= 0.0))

@@ -1,0 +1,558 @@
+"""The configuration curve in its own arc length: laps, dead points, ends, all curves."""
+
+from functools import cache
+
+import mpmath
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes
+from closed_forms import four_bar_angles
+from oracles import null_space
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+from test_contact import ARM, DEGREE, GROUND, ROLLER, at, cam
+from test_motion import four_bar
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.errors import SolveError
+from spherekit.model.geometry import geometry_of
+from spherekit.model.mechanism import Profile
+from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.closure import Closure
+from spherekit.motion.configuration import configuration_curves
+from spherekit.motion.motion import Tracer
+from spherekit.motion.pairs import pair_axes
+from spherekit.planning.assembly import plan_assembly
+
+NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
+"""Shortest and longest link together exceed the others: no link turns fully."""
+
+
+def of_pose(made, **options):
+    """Return the curve through a mechanism's reference pose."""
+    geometry = geometry_of(made)
+    return follow_arc(Closure.of(made, geometry.joints), geometry.reference, **options)
+
+
+def closed_near(made, guess):
+    """Return the curve through the configuration at a guessed one's input."""
+    closure = Closure.of(made, geometry_of(made).joints)
+    return follow_arc(closure, closure.solve(np.array([guess]), held=0).values[0])
+
+
+@cache
+def shipped(name, turn=0.5):
+    """Return the curve of a shipped mechanism's first branch, and its tracer."""
+    tracer = Tracer(sk.load(name), search=False)
+    there = tracer.solver.evaluate(tracer.branches[0], np.array([tracer.low + turn]))
+    return follow_arc(tracer.solver.closure, there.values[0]), tracer
+
+
+def configurations(made, inputs):
+    """Return the closed configurations of a mechanism of one dyad at some inputs."""
+    solver = Solver(made, plan_assembly(made, "21"))
+    found = []
+    for sign in (1, -1):
+        there = solver.evaluate(Branch(0, (sign,)), inputs)
+        found.append(there.values[there.status == Status.OK])
+    return solver.closure, np.concatenate(found)
+
+
+def all_curves(made, inputs):
+    """Return the curves through the configurations at some inputs."""
+    closure, todo = configurations(made, inputs)
+    curves = []
+    while len(todo):
+        curves.append(follow_arc(closure, todo[0]))
+        known = curves[-1].find(todo)
+        assert not np.isnan(known[0])
+        todo = todo[np.isnan(known)]
+    return curves
+
+
+def loop_gap(arcs, values):
+    """Return cos(angle of k_3, k_4) - cos(alpha_3) by eq. (22) of Di Gregorio 2024."""
+    s1, s2, _, s4 = np.sin(arcs)
+    c1, c2, c3, c4 = np.cos(arcs)
+    q, p = values[:, 0], values[:, 3]
+    k3 = np.stack(
+        [np.sin(q) * s2, s1 * c2 - c1 * s2 * np.cos(q), c1 * c2 + s1 * s2 * np.cos(q)]
+    )
+    k4 = np.stack([np.sin(p) * s4, -np.cos(p) * s4, c4 + 0.0 * p])
+    return np.sum(k3 * k4, axis=0) - c3
+
+
+def components(arcs):
+    """Return how many closed curves a four-bar has, from the reach of its diagonal.
+
+    The diagonal between axes 32 and 41 has to lie in the range that links 1, 2 allow and in
+    that of links 3, 4. Where one end of the first range is out of reach the two modes
+    meet there and are one curve; where both are, or none, there are two.
+    """
+    ground, crank, coupler, rocker = arcs
+    shortest, longest = abs(ground - crank), min(ground + crank, 2 * np.pi - ground - crank)
+    near = abs(coupler - rocker)
+    far = min(coupler + rocker, 2 * np.pi - coupler - rocker)
+    if shortest >= far or longest <= near:
+        return 0
+    return 1 if (shortest < near) != (longest > far) else 2
+
+
+def axes_of(curve, values):
+    """Return the pair axes (n, pairs, 3) in the axes of the ground."""
+    closure = curve.segments.closure
+    placed, states = closure.place(values)
+    return pair_axes(closure.joints, closure.frames(placed, states))
+
+
+@pytest.fixture(scope="module")
+def no_crank():
+    (curve,) = all_curves(four_bar(NO_CRANK), np.linspace(0.0, 2 * np.pi, 25))
+    return curve
+
+
+def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
+    assert components(NO_CRANK) == 1
+    assert no_crank.closed
+    assert not np.any(no_crank.winding)
+    s = np.linspace(0.0, no_crank.length, 2001)
+    points = no_crank.at(s)
+    assert np.max(points.residual) < 1e-14
+    assert np.max(np.abs(loop_gap(NO_CRANK, points.values))) < 2e-15
+    assert np.max(np.abs(points.values[0] - points.values[-1])) < 1e-13
+    # the tangent, integrated over the lap, returns to the start too
+    assert np.max(np.abs(np.mean(points.tangents[:-1], axis=0))) < 1e-14
+    other = follow_arc(no_crank.segments.closure, no_crank.at(3.0).values[0])
+    assert other.length == pytest.approx(no_crank.length, abs=1e-13)
+
+
+def test_dead_points_of_a_four_bar_are_where_three_axes_are_coplanar(no_crank):
+    """At a dead point of angle k the other three axes lie in one plane.
+
+    The two links that do not meet at k are then folded or stretched: the arc D between
+    the neighbours of k is the sum or the difference of theirs, and the angle at k
+    follows from the triangle with sides D and the links at k.
+    """
+    found = 0
+    arcs = dict(zip((1, 2, 3, 4), NO_CRANK, strict=True))
+    meets = {0: (1, 2), 1: (2, 3), 2: (3, 4), 3: (4, 1)}
+    for k in range(4):
+        dead = no_crank.dead_points(k)
+        assert not np.any(dead.double)
+        points = no_crank.at(dead.places)
+        assert np.max(np.abs(points.tangents[:, k])) < 5e-15
+        axes = axes_of(no_crank, points.values)
+        rest = [i for i in range(4) if i != k]
+        assert np.max(np.abs(np.linalg.det(axes[:, rest]))) < 1e-14
+        c, d = (arcs[link] for link in meets[k])
+        a, b = (arcs[link] for link in arcs if link not in meets[k])
+        u, before, after = axes[:, k], axes[:, (k - 1) % 4], axes[:, (k + 1) % 4]
+        one, other = np.cross(u, before), np.cross(u, after)
+        angle = np.arctan2(
+            np.linalg.norm(np.cross(one, other), axis=1), np.sum(one * other, axis=1)
+        )
+        expected = []
+        for diagonal in (abs(a - b), a + b):
+            cosine = (np.cos(diagonal) - np.cos(c) * np.cos(d)) / (np.sin(c) * np.sin(d))
+            if abs(cosine) <= 1.0:
+                expected += [np.arccos(cosine)] * 2
+        assert np.max(np.abs(np.sort(angle) - np.sort(expected))) < 1e-11
+        found += len(dead.places)
+    assert found == 8
+
+
+def random_arcs(random, near_folding):
+    """Return arcs that close; within 1e-4 to 1e-9 rad of a folding four-bar if wanted."""
+    while True:
+        arcs = random.uniform(0.1, np.pi - 0.1, 4)
+        if near_folding:
+            signs = [(1, 1, -1), (1, -1, 1), (-1, 1, 1)][random.integers(3)]
+            away = random.choice([-1.0, 1.0]) * 10.0 ** random.uniform(-9, -4)
+            arcs[3] = np.dot(signs, arcs[:3]) + away
+        if 0.1 < arcs[3] < np.pi - 0.1 and components(arcs):
+            return arcs
+
+
+def check_random_four_bars(random, count):
+    for number in range(count):
+        arcs = random_arcs(random, near_folding=number % 2 == 1)
+        # the diagonal's own range, so that short intervals of the input are met too
+        inputs = np.linspace(0.0, 2 * np.pi, 73) + 1e-3
+        curves = all_curves(four_bar(arcs), inputs)
+        assert len(curves) == components(arcs), arcs
+        modes = []
+        for curve in curves:
+            assert curve.closed
+            points = curve.at(np.linspace(0.0, curve.length, 150))
+            assert np.max(points.residual) < 1e-14
+            assert np.max(np.abs(loop_gap(arcs, points.values))) < 1e-12
+            assert np.max(np.abs(np.linalg.norm(points.tangents, axis=1) - 1)) < 1e-14
+            q, p = points.values[:, 0], points.values[:, 3]
+            gaps = [
+                np.abs(np.exp(1j * four_bar_angles(q, arcs, m)) - np.exp(1j * p))
+                for m in (0, 1)
+            ]
+            modes.append({m for m in (0, 1) if np.any(gaps[m] < 1e-8)})
+        if len(curves) == 2 and all(len(c.dead_points(0).places) == 0 for c in curves):
+            assert {frozenset(m) for m in modes} == {frozenset({0}), frozenset({1})}
+
+
+def test_random_four_bars_never_leave_their_curve():
+    check_random_four_bars(np.random.default_rng(12), 8)
+
+
+@pytest.mark.slow
+def test_four_hundred_random_four_bars_never_leave_their_curve():
+    check_random_four_bars(np.random.default_rng(400), 400)
+
+
+def integrated(made, curve, places):
+    """Return the pair axes (n, pairs, 3) at arc lengths from the reference pose on.
+
+    The links turn with the null vector of the velocity equations, integrated by an
+    explicit Runge-Kutta method: no closure equation is solved, so no other curve is met.
+    """
+    start = curve.at(np.zeros(1))
+    axes = axes_of(curve, start.values)[0]
+    tangent = start.tangents[0]
+    count = len(made.links)
+    first, second = np.array(made.ends).T
+
+    def turned_axes(state):
+        q = state.reshape(count, 4)
+        q = q / np.linalg.norm(q, axis=1, keepdims=True)
+        return q, Rotation.from_quat(q[first]).apply(axes)
+
+    last = [tangent]
+
+    def right(_, state):
+        q, turned = turned_axes(state)
+        w, _ = null_space(count, made.ends, turned)
+        rates = np.sum((w[second] - w[first]) * turned, axis=1)
+        size = np.linalg.norm(rates) * np.sign(rates @ last[0])
+        last[0] = rates / size
+        (x, y, z, c), (wx, wy, wz) = q.T, (w / size).T
+        return (
+            0.5
+            * np.stack(
+                [
+                    wx * c + wy * z - wz * y,
+                    wy * c + wz * x - wx * z,
+                    wz * c + wx * y - wy * x,
+                    -wx * x - wy * y - wz * z,
+                ],
+                axis=1,
+            ).ravel()
+        )
+
+    found = solve_ivp(
+        right,
+        (0.0, places[-1]),
+        np.tile([0.0, 0.0, 0.0, 1.0], count),
+        t_eval=places,
+        rtol=1e-9,
+        atol=1e-11,
+        method="DOP853",
+        max_step=0.2,
+    )
+    return np.array([turned_axes(state)[1] for state in found.y.T])
+
+
+def check_against_integration(made):
+    curve = of_pose(made)
+    places = np.linspace(0.0, curve.length, 21)[1:]
+    points = curve.at(places)
+    assert np.max(points.residual) < 1e-13
+    ours = axes_of(curve, points.values)
+    expected = integrated(made, curve, places)
+    assert np.max(np.abs(ours - expected)) < 1e-3
+    return curve
+
+
+def test_random_mechanisms_keep_to_integrated_velocities():
+    """A Stephenson whose other loop is a triad, and an eight-bar."""
+    random = np.random.default_rng(76)
+    for chain, pairs in ((STEPHENSON, 7), (EIGHT_BARS[4], 10)):
+        assert check_against_integration(
+            mechanism(chain, random_axes(random, pairs))
+        ).closed
+
+
+@pytest.mark.slow
+def test_many_random_mechanisms_keep_to_integrated_velocities():
+    random = np.random.default_rng(77)
+    for chain in (*[STEPHENSON] * 40, *EIGHT_BARS, *EIGHT_BARS):
+        pairs = len(chain.split())
+        check_against_integration(mechanism(chain, random_axes(random, pairs)))
+
+
+@pytest.mark.parametrize(
+    ("name", "winding"),
+    [
+        ("stephenson", (1, 0, 0, -1, 0, 0, 0)),
+        ("double_butterfly", (1, 0, -1, -1, 0, 0, 0, 0, 0, 0)),
+        ("eight_bar_01", (0, 0, 1, 0, 0, 0, 0, 0, -1, 0)),
+        ("roller_cam", (1, 0, -1, 0)),
+        ("shaped_cam", (1, 0, -1, 0)),
+    ],
+)
+def test_shipped_mechanisms_close_after_one_lap(name, winding):
+    curve, tracer = shipped(name)
+    assert curve.closed
+    assert curve.ends == (Status.OK, Status.OK)
+    sense = np.sign(curve.winding @ np.array(winding))
+    assert np.array_equal(sense * curve.winding, winding)
+    points = curve.at(np.linspace(0.0, curve.length, 301))
+    assert np.max(points.residual) < 1e-14
+    lap = curve.at(np.array([0.3, 0.3 + curve.length, 0.3 - 2 * curve.length])).values
+    assert np.max(np.abs(lap[1] - lap[0] - curve.rise)) < 1e-12
+    assert np.max(np.abs(lap[2] - lap[0] + 2 * curve.rise)) < 1e-12
+    # samples at chosen inputs, read off the curve, are those of the branch
+    q = tracer.low + 2.0
+    (s,) = curve.at_input(tracer.solver.driven, q).places
+    branch = tracer.solver.evaluate(tracer.branches[0], np.array([q])).values
+    gap = curve.wrapped(curve.at(s).values - branch)
+    assert np.max(np.abs(gap)) < 1e-12
+
+
+def test_a_gear_train_runs_at_constant_rates():
+    """Planetary train 36/18/36: one turn of the carrier turns the planet and the output
+
+    by w_planet = (1 + 36/18) w_carrier on the ground, so 2 about its own axis, and
+    w_output = 2 w_carrier; the mesh travels the length of the sun gear's pitch circle.
+    """
+    curve, _ = shipped("planetary_bevel")
+    sun = 2 * np.pi * np.sin(np.arctan2(36, 18))
+    lap = np.array([2 * np.pi, 4 * np.pi, 4 * np.pi, sun, sun])
+    assert curve.closed
+    assert np.allclose(np.abs(curve.rise), lap, rtol=0, atol=1e-12)
+    assert curve.length == pytest.approx(np.linalg.norm(lap), abs=1e-11)
+    fitted = curve.represent()
+    assert fitted.samples == 32
+    points = curve.at(np.linspace(0.0, curve.length, 100))
+    assert np.allclose(points.tangents, curve.rise / curve.length, rtol=0, atol=1e-12)
+    assert np.max(np.abs(points.bends)) < 1e-12
+
+
+def test_cones_without_a_common_length_never_close():
+    tracer = Tracer(sk.load("rolling_cones"), search=False)
+    there = tracer.solver.evaluate(tracer.branches[0], np.array([0.5])).values[0]
+    curve = follow_arc(tracer.solver.closure, there, longest=20.0)
+    assert not curve.closed
+    assert curve.ends == (Status.OK, Status.OK)
+    assert 40.0 <= curve.length < 41.0
+    assert np.isinf(curve.periods[-1])
+
+
+def open_cam():
+    angles = np.linspace(-1.0, 1.0, 60)
+    colatitude = DEGREE * (
+        25 + 4 * np.cos(angles) + 3 * np.cos(2 * angles) + np.sin(2 * angles)
+    )
+    across = np.sin(colatitude)
+    points = np.stack(
+        [across * np.cos(angles), across * np.sin(angles), np.cos(colatitude)], axis=1
+    )
+    part = Profile("points", points=tuple(map(tuple, points)), closed=False)
+    return cam(GROUND, part, Profile("circle", at(ARM), ROLLER))
+
+
+def test_a_curve_ends_exactly_where_the_contact_leaves_an_open_profile():
+    curve = closed_near(open_cam(), [0.6, 0.77, 0.5, 1.27])
+    assert curve.ends == (Status.OFF_PROFILE, Status.OFF_PROFILE)
+    profile = curve.segments.closure.joints[2].first
+    ends = np.sort(curve.nodes.values[[0, -1], 2])
+    assert np.max(np.abs(ends - [0.0, profile.length])) < 1e-12
+    assert np.max(curve.at(np.linspace(0.0, curve.length, 200)).residual) < 1e-12
+    assert np.all(np.isnan(curve.at([-0.1, curve.length + 0.1]).values))
+    fitted = curve.represent(tolerance=1e-11)
+    assert fitted.error < 1e-11
+    s = np.random.default_rng(2).uniform(0.0, curve.length, 300)
+    assert np.max(np.abs(fitted.at(s) - curve.at(s).values)) < 1e-10
+
+
+def test_a_curve_ends_exactly_where_curvatures_are_equal():
+    waisted = Profile("fourier", (0.0, 0.0, 1.0), cosines=(25 * DEGREE, 0.0, 9 * DEGREE))
+    made = cam(GROUND, waisted, Profile("circle", at(ARM), 30 * DEGREE))
+    curve = closed_near(made, [-0.6, -0.9, 1.5, 1.56])
+    assert curve.ends == (Status.CURVATURE, Status.CURVATURE)
+    cam_profile, roller = (
+        curve.segments.closure.joints[2].first,
+        curve.segments.closure.joints[2].second,
+    )
+    ends = curve.nodes.values[[0, -1]]
+    gap = cam_profile.at(ends[:, 2]).curvature - roller.at(ends[:, 3]).curvature
+    assert np.max(np.abs(gap)) < 2e-9
+
+
+def test_stops_end_a_curve_where_they_are(no_crank):
+    given = no_crank.nodes.values[4]
+    stops = {1: (given[1] - 0.2, given[1] + 0.3)}
+    curve = follow_arc(no_crank.segments.closure, given, stops)
+    assert curve.ends == (Status.OK, Status.OK)
+    assert not curve.closed
+    ends = np.sort(curve.nodes.values[[0, -1], 1])
+    assert np.max(np.abs(ends - stops[1])) < 1e-14
+    assert np.max(np.abs(curve.nodes.values[curve.start] - given)) < 1e-14
+
+
+def test_a_folding_four_bar_ends_at_the_crossing():
+    """A kite, 60-40-60-40 degrees, folds flat: four open curves between two poses."""
+    curves = all_curves(
+        four_bar(np.radians([60.0, 40.0, 60.0, 40.0])), np.array([0.7, 4.0])
+    )
+    for curve in curves:
+        assert curve.ends == (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
+        for node in (0, -1):
+            axes = axes_of(curve, curve.nodes.values[[node]])[0]
+            assert np.linalg.svd(axes, compute_uv=False)[-1] < 1e-4
+        s = np.linspace(0.0, curve.length, 50)
+        assert np.max(curve.at(s).residual) < 1e-13
+    with pytest.raises(SolveError, match="is singular"):
+        follow_arc(curves[0].segments.closure, curves[0].at(0.0).values[0])
+
+
+def test_starts_that_cannot_be_followed(no_crank):
+    closure = no_crank.segments.closure
+    with pytest.raises(SolveError, match="does not close"):
+        follow_arc(closure, no_crank.nodes.values[0] + [0.0, 0.0, 1.5, 0.7])
+    with pytest.raises(SolveError, match="has to be finite"):
+        follow_arc(closure, np.full(4, np.nan))
+
+
+def test_modes_that_meet_at_dead_points_are_one_curve():
+    tracer = Tracer(four_bar(NO_CRANK))
+    (found,) = configuration_curves(tracer.solver, tracer.branches, tracer.low, tracer.high)
+    numbers = [piece.branch for piece in found.pieces]
+    assert set(numbers) == {0, 1}
+    curve = found.curve
+    covered = sum(piece.stop - piece.start for piece in found.pieces)
+    assert covered == pytest.approx(curve.length, abs=1e-9)
+    for piece in found.pieces:
+        s = np.linspace(piece.start, piece.stop, 9)[1:-1]
+        values = curve.at(s).values
+        q = np.mod(values[:, 0], 2 * np.pi)
+        (branch,) = (b for b in tracer.branches if b.number == piece.branch)
+        there = tracer.solver.evaluate(branch, q).values
+        assert np.max(np.abs(curve.wrapped(there - values))) < 1e-9
+    inside = tracer.solver.evaluate(tracer.branches[1], np.linspace(0.0, 6.28, 40))
+    values = inside.values[inside.status == Status.OK]
+    again = curve.at(curve.find(values)).values
+    assert np.max(np.abs(curve.wrapped(again - values))) < 1e-12
+
+
+@pytest.mark.slow
+def test_two_modes_of_the_double_butterfly_are_one_closed_curve():
+    tracer = Tracer(sk.load("double_butterfly"))
+    found = configuration_curves(tracer.solver, tracer.branches, tracer.low, tracer.high)
+    assert sorted(p.branch for c in found for p in c.pieces) == list(range(8))
+    assert all(c.curve.closed for c in found)
+    assert sorted(len(c.pieces) for c in found) == [1, 1, 1, 1, 1, 1, 2]
+
+
+def test_inputs_between_and_at_dead_points(no_crank):
+    dead = no_crank.dead_points(0).places
+    limits = no_crank.at(dead).values[:, 0]
+    middle = float(np.mean(limits))
+    found = no_crank.at_input(0, middle + 4 * np.pi)
+    assert len(found.places) == 2
+    assert np.max(np.abs(no_crank.at(found.places).values[:, 0] - middle)) < 1e-14
+    turning = no_crank.at_input(0, float(np.max(limits)))
+    assert turning.double.tolist() == [True]
+    assert np.min(np.abs(dead - turning.places)) < 1e-7
+    assert len(no_crank.at_input(0, float(np.max(limits)) + 1e-6).places) == 0
+    near = no_crank.at_input(0, float(np.max(limits)) - 1e-9)
+    assert len(near.places) == 2
+
+
+def angles_of_the_loop(theta):
+    """Return the four interior angles of the four-bar NO_CRANK at its input, in mpmath."""
+    s1, s2, _, s4 = (mpmath.sin(a) for a in NO_CRANK)
+    c1, c2, c3, c4 = (mpmath.cos(a) for a in NO_CRANK)
+    sine, cosine = mpmath.sin(theta), mpmath.cos(theta)
+    a0 = c4 * (cosine * s2 * s1 + c1 * c2) - c3
+    a1, a2 = sine * s2 * s4, s4 * (cosine * s2 * c1 - s1 * c2)
+    out = 2 * mpmath.atan2(-a1 + mpmath.sqrt(a1**2 + a2**2 - a0**2), a0 - a2)
+    k1 = mpmath.matrix([0, 0, 1])
+    k2 = mpmath.matrix([0, s1, c1])
+    k3 = mpmath.matrix([sine * s2, s1 * c2 - c1 * s2 * cosine, c1 * c2 + s1 * s2 * cosine])
+    k4 = mpmath.matrix([mpmath.sin(out) * s4, -mpmath.cos(out) * s4, c4])
+    loop = [k1, k2, k3, k4]
+
+    def angle(k):
+        before, here, after = loop[k - 1], loop[k], loop[(k + 1) % 4]
+        dots = [
+            sum(x * y for x, y in zip(*pair, strict=True))
+            for pair in ((before, after), (before, here), (after, here))
+        ]
+        triple = mpmath.det(mpmath.matrix([list(before), list(here), list(after)]))
+        return mpmath.atan2(triple, dots[0] - dots[1] * dots[2])
+
+    return [angle(k) for k in (1, 2, 3, 0)]
+
+
+def test_tangent_and_bend_in_forty_digits(no_crank):
+    """The angles by the closed form, differentiated by the input in 40 digits."""
+    q = 0.9
+    for s in no_crank.at_input(0, q).places:
+        point = no_crank.at(s)
+        expected = four_bar_angles(np.array([q]), tuple(NO_CRANK), 0)
+        if abs(np.exp(1j * point.values[0, 3]) - np.exp(1j * expected[0])) < 1e-9:
+            break
+    else:
+        pytest.fail("the mode is not on the curve")
+    with mpmath.workdps(40):
+        slope, bend = (
+            [
+                mpmath.diff(lambda x, k=k: angles_of_the_loop(x)[k], mpmath.mpf(q), order)
+                for k in range(4)
+            ]
+            for order in (1, 2)
+        )
+        square = sum(x * x for x in slope)
+        swing = sum(x * y for x, y in zip(slope, bend, strict=True)) / square
+        tangent = [x / mpmath.sqrt(square) for x in slope]
+        second = [(y - x * swing) / square for x, y in zip(slope, bend, strict=True)]
+        tangent, second = (np.array([float(x) for x in row]) for row in (tangent, second))
+    # an interior angle may be the pair's angle reversed, and s may run against the input
+    signs = np.sign(tangent * point.tangents[0])
+    way = np.sign(point.tangents[0, 0])
+    assert np.max(np.abs(point.tangents[0] - signs * tangent)) < 1e-14
+    assert np.max(np.abs(point.bends[0] - way * signs * second)) < 1e-13
+
+
+@pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "shaped_cam"])
+def test_tangents_and_bends_by_richardson(name):
+    """Central differences of the values; their errors fall by 4 with half the step."""
+    curve, _ = shipped(name)
+    s = np.linspace(0.1, curve.length, 7)
+    here = curve.at(s)
+
+    def differences(h):
+        ahead, behind = curve.at(s + h).values, curve.at(s - h).values
+        return (ahead - behind) / (2 * h), (ahead - 2 * here.values + behind) / h**2
+
+    (t1, b1), (t2, b2) = differences(4e-3), differences(2e-3)
+    for coarse, fine, exact in ((t1, t2, here.tangents), (b1, b2, here.bends)):
+        assert np.max(np.abs((4 * fine - coarse) / 3 - exact)) < 1e-7
+        wrong = np.max(np.abs(coarse - exact)) / np.max(np.abs(fine - exact))
+        assert wrong == pytest.approx(4.0, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "stephenson", "shaped_cam"])
+def test_representation_at_ten_thousand_random_points(name):
+    curve, _ = shipped(name)
+    fitted = curve.represent()
+    assert fitted.error < 1e-13
+    assert fitted.samples <= 256
+    s = np.random.default_rng(3).uniform(0.0, 2 * curve.length, 10_000)
+    points = curve.at(s)
+    assert np.max(np.abs(fitted.at(s) - points.values)) < 2e-13
+    assert np.max(np.abs(fitted.derivative(s) - points.tangents)) < 1e-11
+    singly = np.array([fitted.one(float(x)) for x in s[:500]])
+    assert np.max(np.abs(singly - points.values[:500])) < 1e-12
+    rates = curve.represent(lambda p: p.tangents[:, :1] ** 2)
+    assert rates.error < 1e-13
+    assert np.max(np.abs(rates.at(s)[:, 0] - points.tangents[:, 0] ** 2)) < 1e-12

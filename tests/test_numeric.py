@@ -1,0 +1,102 @@
+"""Interpolants with measured error, and all zeros of a function."""
+
+import numpy as np
+import pytest
+
+from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.periodic import Periodic
+from spherekit.numeric.zeros import zeros
+
+
+def bumps(s):
+    """Two analytic functions of period 3, the second growing by 2 in it."""
+    x = 2.0 * np.pi * s / 3.0
+    return np.stack([1.0 / (1.3 + np.cos(x)), np.sin(x + np.cos(x)) + 2.0 * s / 3.0], 1)
+
+
+def bump_rates(s):
+    x, rate = 2.0 * np.pi * s / 3.0, 2.0 * np.pi / 3.0
+    first = rate * np.sin(x) / (1.3 + np.cos(x)) ** 2
+    second = rate * np.cos(x + np.cos(x)) * (1.0 - np.sin(x)) + 2.0 / 3.0
+    return np.stack([first, second], 1)
+
+
+PLACES = np.random.default_rng(5).uniform(-3.0, 6.0, 10_000)
+
+
+def test_periodic_interpolant_reaches_what_it_says():
+    fitted = Periodic.fit(bumps, 3.0, np.array([0.0, 2.0]))
+    assert fitted.error < 1e-13
+    scale = np.max(np.abs(bumps(np.linspace(0.0, 3.0, 500))))
+    worst = np.max(np.abs(fitted.at(PLACES) - bumps(PLACES)))
+    assert worst < 10 * max(fitted.error, 1e-15) * scale
+    assert np.max(np.abs(fitted.derivative(PLACES) - bump_rates(PLACES))) < 1e-11
+    singly = np.array([fitted.one(float(s)) for s in PLACES[:1000]])
+    assert np.max(np.abs(singly - bumps(PLACES[:1000]))) < 1e-12
+    assert fitted.local.error < 1e-14
+
+
+def test_fewer_samples_say_so():
+    rough = Periodic.fit(bumps, 3.0, np.array([0.0, 2.0]), most=32)
+    assert rough.samples == 32
+    assert rough.error > 1e-8
+    halfway = (np.arange(32) + 0.5) * 3.0 / 32
+    scale = np.max(np.abs(rough.at(np.arange(32) * 3.0 / 32)))
+    worst = np.max(np.abs(rough.at(halfway) - bumps(halfway)))
+    assert worst == pytest.approx(rough.error * scale, rel=0.2)
+
+
+def test_piecewise_chebyshev_reaches_what_it_says():
+    fitted = PiecewiseChebyshev.fit(bumps, -1.0, 4.0)
+    assert fitted.error < 1e-13
+    s = np.random.default_rng(6).uniform(-1.0, 4.0, 10_000)
+    assert np.max(np.abs(fitted.at(s) - bumps(s))) < 1e-12
+    assert np.max(np.abs(fitted.derivative(s) - bump_rates(s))) < 1e-10
+    assert np.max(np.abs(fitted.one(0.7) - bumps(np.array([0.7]))[0])) < 1e-13
+    kink = PiecewiseChebyshev.fit(lambda s: np.abs(s - 0.3)[:, None], 0.0, 1.0, most=64)
+    assert kink.error > 1e-6
+
+
+def polynomial(roots):
+    coefficients = np.poly(roots)
+    slopes = np.polyder(coefficients)
+    return lambda s: (np.polyval(coefficients, s), np.polyval(slopes, s))
+
+
+def test_zeros_of_polynomials_simple_double_and_close():
+    roots = np.array([0.1, 0.25, 0.2501, 0.6, 0.6, 0.9])
+    found = zeros(polynomial(roots), np.linspace(0.0, 1.0, 8))
+    assert np.allclose(found.places, [0.1, 0.25, 0.2501, 0.6, 0.9], rtol=0, atol=1e-9)
+    assert found.double.tolist() == [False, False, False, True, False]
+
+
+def test_zeros_on_the_grid_and_at_its_ends_are_found_once():
+    found = zeros(lambda s: (np.sin(s), np.cos(s)), np.linspace(0.0, 4 * np.pi, 17))
+    assert np.allclose(found.places, np.arange(5) * np.pi, rtol=0, atol=1e-14)
+    assert not np.any(found.double)
+
+
+def test_zeros_of_a_function_without_any():
+    found = zeros(lambda s: (2.0 + np.sin(s), np.cos(s)), np.linspace(0.0, 6.0, 9))
+    assert len(found.places) == 0
+
+
+def test_random_trigonometric_polynomials_lose_no_zero():
+    """Against the eigenvalues of the companion matrix."""
+    random = np.random.default_rng(8)
+    orders = np.arange(6)
+    for _ in range(60):
+        a = random.normal(size=6) + 1j * random.normal(size=6)
+        a[0] = a[0].real
+        full = np.concatenate([np.conj(a[:0:-1]), [2 * a[0]], a[1:]])
+        turns = np.roots(full[::-1])
+        on = np.abs(np.abs(turns) - 1.0) < 1e-7
+        expected = np.sort(np.mod(np.angle(turns[on]), 2 * np.pi))
+
+        def function(s, a=a):
+            e = np.exp(1j * np.outer(s, orders)) * a
+            return np.sum(e, 1).real, np.sum(1j * orders * e, 1).real
+
+        found = zeros(function, np.linspace(0.0, 2 * np.pi, 13))
+        assert len(found.places) == len(expected)
+        assert np.max(np.abs(found.places - expected), initial=0.0) < 1e-9
