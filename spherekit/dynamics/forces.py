@@ -7,9 +7,11 @@ it works on, which depends on the configuration only: a torque on the rate of it
 force on the velocity of its point, a moment on the angular velocity of its link.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import final
+from functools import cached_property
+from typing import Any, final
 
 import numpy as np
 
@@ -29,8 +31,9 @@ from spherekit.model.expression import load_names, parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
 
-Magnitude = Callable[[Floats, Floats, Floats], Floats]
-"""Magnitude (n,) at pair variables and their rates by time (n, variables), time (n,)."""
+Magnitude = Callable[[Any, Any, Any], Any]
+"""Magnitude at pair variables, their rates by time, and time: either all arrays
+(variables, n), (variables, n), (n,), or lists of floats and a float."""
 Velocity = Callable[[CoordinateMotion], Floats]
 """Velocities (n, components) per unit rate of the coordinate."""
 
@@ -54,7 +57,7 @@ class Loads:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
-        self._rules = tuple(self._rule(load) for load in mechanism.loads)
+        self._rules = self._all_rules(False)
         self.owners = [k for k, rule in enumerate(self._rules) for _ in rule.magnitudes]
         self._first = np.array(
             [self.owners.index(k) for k in range(len(self._rules))], dtype=np.intp
@@ -79,8 +82,13 @@ class Loads:
         found = np.empty((len(t), len(self.owners)))
         every = (part for rule in self._rules for part in rule.magnitudes)
         for column, magnitude in enumerate(every):
-            found[:, column] = magnitude(values, value_rates, t)
+            found[:, column] = magnitude(values.T, value_rates.T, t)
         return found
+
+    @cached_property
+    def scalar_magnitudes(self) -> tuple[Magnitude, ...]:
+        """The magnitude of each component as a function of floats, for loops."""
+        return tuple(part for rule in self._all_rules(True) for part in rule.magnitudes)
 
     def parts(self, motion: CoordinateMotion, speed: Floats, t: Floats) -> Floats:
         """Return each load's generalised force (n, loads).
@@ -100,32 +108,36 @@ class Loads:
         each = self.magnitudes(motion.values, rates, t) * self.velocities(motion)
         return np.asarray(np.add.reduceat(each, self._first, axis=1))
 
-    def _rule(self, load: Load) -> _Rule:
+    def _all_rules(self, scalar: bool) -> tuple[_Rule, ...]:
+        return tuple(self._rule(load, scalar) for load in self.mechanism.loads)
+
+    def _rule(self, load: Load, scalar: bool) -> _Rule:
         if isinstance(load, Gravity):
             return self._gravity(load)
         if isinstance(load, PointForce | Moment):
-            return self._on_link(load)
+            return self._on_link(load, scalar)
         number = self._variable(load.pair)
-        return _Rule((self._torque(load),), lambda motion: motion.rates[:, [number]])
+        return _Rule(
+            (self._torque(load, scalar),), lambda motion: motion.rates[:, [number]]
+        )
 
     def _torque(
-        self, load: PairTorque | Spring | Damper | Friction | TorqueTable
+        self, load: PairTorque | Spring | Damper | Friction | TorqueTable, scalar: bool
     ) -> Magnitude:
         number = self._variable(load.pair)
         if isinstance(load, PairTorque):
-            return self._expression(load.torque)
+            return self._expression(load.torque, scalar)
         if isinstance(load, TorqueTable):
             return lambda values, rates, t: load.at(t)
         if isinstance(load, Spring):
-            return lambda values, rates, t: (
-                -load.stiffness * (values[:, number] - load.rest)
-            )
+            return lambda values, rates, t: -load.stiffness * (values[number] - load.rest)
         if isinstance(load, Damper):
-            return lambda values, rates, t: -load.damping * rates[:, number]
+            return lambda values, rates, t: -load.damping * rates[number]
+        tanh = math.tanh if scalar else np.tanh
 
-        def friction(values: Floats, rates: Floats, t: Floats) -> Floats:
-            rate = rates[:, number]
-            return -(load.torque * np.tanh(rate / load.speed) + load.viscous * rate)
+        def friction(values: Any, rates: Any, t: Any) -> Any:
+            rate = rates[number]
+            return -(load.torque * tanh(rate / load.speed) + load.viscous * rate)
 
         return friction
 
@@ -145,18 +157,18 @@ class Loads:
             fall = cross(motion.w[:, links], arms) @ g
             return np.asarray(np.sum(fall, axis=1, keepdims=True))
 
-        return _Rule((lambda values, rates, t: np.ones(len(t)),), power)
+        return _Rule((lambda values, rates, t: 1.0,), power)
 
-    def _on_link(self, load: PointForce | Moment) -> _Rule:
+    def _on_link(self, load: PointForce | Moment, scalar: bool) -> _Rule:
         link = self.mechanism.link_number[load.link]
         texts = load.force if isinstance(load, PointForce) else load.moment
         point = np.array(load.point) if isinstance(load, PointForce) else None
         return _Rule(
-            tuple(self._expression(text) for text in texts),
+            tuple(self._expression(text, scalar) for text in texts),
             _velocity(link, point, load.axes == "link"),
         )
 
-    def _expression(self, text: str) -> Magnitude:
+    def _expression(self, text: str, scalar: bool) -> Magnitude:
         pairs = [pair.name for pair in self.mechanism.pairs if pair.type == "R"]
         expression = parse(text, load_names(pairs))
         angles, rates = (
@@ -167,16 +179,17 @@ class Loads:
             ]
             for kind in ("theta", "dtheta")
         )
-
-        def magnitude(values: Floats, value_rates: Floats, t: Floats) -> Floats:
-            known = {"t": t}
-            for name, number in angles:
-                known[name] = values[:, number]
-            for name, number in rates:
-                known[name] = value_rates[:, number]
-            return expression.evaluate(known)
-
-        return magnitude
+        if not scalar:
+            return lambda values, value_rates, t: expression.evaluate(
+                {"t": t}
+                | {name: values[number] for name, number in angles}
+                | {name: value_rates[number] for name, number in rates}
+            )
+        call = expression.scalar(["t", *(name for name, _ in (*angles, *rates))])
+        which, whose = ([number for _, number in part] for part in (angles, rates))
+        return lambda values, value_rates, t: call(
+            t, *[values[k] for k in which], *[value_rates[k] for k in whose]
+        )
 
     def _variable(self, pair: str) -> int:
         mechanism = self.mechanism
