@@ -17,7 +17,8 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.start import PoseStart
+from spherekit.dynamics.reduced import reduced
+from spherekit.dynamics.start import PoseStart, prepare
 from spherekit.errors import AnalysisError, ModelError, SolveError, SpherekitError
 from spherekit.model.dynamics import (
     Damper,
@@ -402,6 +403,39 @@ def test_direct_problem_of_the_four_bar(four_bar, exact, tabled):
     assert np.max(found.at(t).residual) < 1e-9
     resting = [event for event in found.events if event.kind == "rest"]
     assert np.max(np.abs(found.at([event.t for event in resting]).dq)) < 1e-9
+
+
+def test_the_reduced_model_gives_the_same_motion(four_bar):
+    t = np.linspace(0.0, 10.0, 101)
+    exactly = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
+    model = reduced(prepare(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING))
+    assert model.error < 1e-13
+    for tolerance in (1e-7, 1e-9):
+        found = model.simulate(t, tolerance)
+        assert np.max(np.abs(found.q - exactly.at(t).q)) < tolerance
+        assert np.max(np.abs(found.values - exactly.at(t).values)) < 10 * tolerance
+        assert found.energy < 10 * tolerance
+        assert found.message == ""
+
+
+def test_the_reduced_model_ends_with_its_curve_and_knows_all_loads(four_bar):
+    mechanism, joint = loaded("four_bar", np.random.default_rng(8))
+    table = TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
+    mechanism = replace(
+        mechanism, loads=(*mechanism.loads, table), stops=(Stop("21", -2.0, 1.5),)
+    )
+    exactly = simulate(mechanism, Start(0.3, 4.0), 2.0, tolerance=1e-11)
+    assert exactly.end.kind == "stop"
+    model = reduced(prepare(mechanism, Start(0.3, 4.0), 2.0))
+    assert not model.curve.closed
+    t = np.linspace(0.0, 2.0, 81)
+    found = model.simulate(t, 1e-9)
+    before = t < exactly.end.t
+    assert np.max(np.abs(found.q[before] - exactly.at(t[before]).q)) < 1e-8
+    assert np.all(np.isnan(found.q[t > exactly.end.t + 0.1]))
+    assert "the curve ends" in found.message
+    with pytest.raises(SolveError, match="increasing times"):
+        model.simulate([0.0, 1.0, 0.5])
 
 
 def test_the_scheme_of_the_source_is_of_first_order(four_bar):

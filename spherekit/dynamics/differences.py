@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from spherekit.dynamics.collocation import Step
+from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.kinematics import by_arc_length, continued
 from spherekit.dynamics.simulation import End, Simulation, Travelled
 from spherekit.dynamics.start import STANDSTILL, Problem
 from spherekit.errors import SolveError
@@ -39,24 +41,28 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     for number in range(count + 1):
         t = number * step
         q = float(values[driven])
-        motion = problem.equation.motion(values[None], tangent)
+        motion = by_arc_length(closure, values[None])
+        motion = motion.turned(continued(motion.rates, tangent))
         tangent = motion.rates[0]
-        speed = (q - before) / step / tangent[driven]
-        found = problem.equation.acting(motion, np.array([speed]), np.array([t]))
-        states.append(np.concatenate([values, found.speed, work]))
+        along, bend = float(tangent[driven]), float(motion.second[0, driven])
+        speed = (q - before) / step / along
+        masses = inertia(problem.equation.mechanism, motion)
+        B, dB = float(masses.B[0]), float(masses.dB[0])
+        loads = problem.equation.loads
+        forces = loads.parts(motion, np.array([speed]), np.array([t]))[0]
+        states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))
         tangents.append(tangent)
         if number == count:
             break
-        work = work + step * found.forces[0] * found.speed[0]
-        along, bend = float(tangent[driven]), float(motion.second[0, driven])
-        inertia = float(found.inertia.B[0]) / along**2
-        change = float(found.inertia.dB[0]) / along**3 - 2.0 * inertia * bend / along**2
-        force = float(np.sum(found.forces)) / along
+        work = work + step * forces * speed
+        inertia_q = B / along**2
+        change = dB / along**3 - 2.0 * inertia_q * bend / along**2
+        force = float(np.sum(forces)) / along
         after = 2.0 * q - before
         if number == 0:
             after = q + problem.speed * along * step
         else:
-            after += (step**2 * force - 0.5 * change * (q - before) ** 2) / inertia
+            after += (step**2 * force - 0.5 * change * (q - before) ** 2) / inertia_q
         guess = values + tangent / along * (after - q)
         guess[driven] = after
         closed = closure.solve(guess[None], driven) if np.all(np.isfinite(guess)) else None

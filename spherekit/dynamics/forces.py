@@ -7,10 +7,9 @@ it works on, which depends on the configuration only: a torque on the rate of it
 force on the velocity of its point, a moment on the angular velocity of its link.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from operator import itemgetter
 from typing import Any, final
 
 import numpy as np
@@ -31,9 +30,10 @@ from spherekit.model.expression import load_names, parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
 
-Magnitude = Callable[[Any, Any, Any], Any]
-"""Magnitude at pair variables, their rates by time, and time: either all arrays
-(variables, n), (variables, n), (n,), or lists of floats and a float."""
+Magnitude = Callable[[Floats, Floats, Floats], Floats]
+"""Magnitude (n,) at pair variables and their rates by time (n, variables), time (n,)."""
+RowMagnitude = Callable[[Sequence[float]], float]
+"""The same at one row of floats, see `Loads.row_magnitudes`."""
 Velocity = Callable[[CoordinateMotion], Floats]
 """Velocities (n, components) per unit rate of the coordinate."""
 
@@ -44,6 +44,7 @@ class _Rule:
     """A load as magnitudes and the velocities, as many, on which they work."""
 
     magnitudes: tuple[Magnitude, ...]
+    row_magnitudes: tuple[RowMagnitude, ...]
     velocities: Velocity
 
 
@@ -57,7 +58,7 @@ class Loads:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
-        self._rules = self._all_rules(False)
+        self._rules = tuple(self._rule(load) for load in mechanism.loads)
         self.owners = [k for k, rule in enumerate(self._rules) for _ in rule.magnitudes]
         self._first = np.array(
             [self.owners.index(k) for k in range(len(self._rules))], dtype=np.intp
@@ -82,13 +83,17 @@ class Loads:
         found = np.empty((len(t), len(self.owners)))
         every = (part for rule in self._rules for part in rule.magnitudes)
         for column, magnitude in enumerate(every):
-            found[:, column] = magnitude(values.T, value_rates.T, t)
+            found[:, column] = magnitude(values, value_rates, t)
         return found
 
-    @cached_property
-    def scalar_magnitudes(self) -> tuple[Magnitude, ...]:
-        """The magnitude of each component as a function of floats, for loops."""
-        return tuple(part for rule in self._all_rules(True) for part in rule.magnitudes)
+    @property
+    def row_magnitudes(self) -> tuple[RowMagnitude, ...]:
+        """The magnitude of each component at one sample, for loops.
+
+        Its argument is a row of floats that starts with the variables and their tangents
+        (derivatives by the coordinate) and ends with the time and the coordinate's rate.
+        """
+        return tuple(part for rule in self._rules for part in rule.row_magnitudes)
 
     def parts(self, motion: CoordinateMotion, speed: Floats, t: Floats) -> Floats:
         """Return each load's generalised force (n, loads).
@@ -108,38 +113,25 @@ class Loads:
         each = self.magnitudes(motion.values, rates, t) * self.velocities(motion)
         return np.asarray(np.add.reduceat(each, self._first, axis=1))
 
-    def _all_rules(self, scalar: bool) -> tuple[_Rule, ...]:
-        return tuple(self._rule(load, scalar) for load in self.mechanism.loads)
-
-    def _rule(self, load: Load, scalar: bool) -> _Rule:
+    def _rule(self, load: Load) -> _Rule:
         if isinstance(load, Gravity):
             return self._gravity(load)
         if isinstance(load, PointForce | Moment):
-            return self._on_link(load, scalar)
-        number = self._variable(load.pair)
-        return _Rule(
-            (self._torque(load, scalar),), lambda motion: motion.rates[:, [number]]
-        )
+            return self._on_link(load)
+        number, count = self._variable(load.pair), len(self.mechanism.variable_names)
 
-    def _torque(
-        self, load: PairTorque | Spring | Damper | Friction | TorqueTable, scalar: bool
-    ) -> Magnitude:
-        number = self._variable(load.pair)
+        def velocity(motion: CoordinateMotion) -> Floats:
+            return motion.rates[:, [number]]
+
         if isinstance(load, PairTorque):
-            return self._expression(load.torque, scalar)
-        if isinstance(load, TorqueTable):
-            return lambda values, rates, t: load.at(t)
-        if isinstance(load, Spring):
-            return lambda values, rates, t: -load.stiffness * (values[number] - load.rest)
-        if isinstance(load, Damper):
-            return lambda values, rates, t: -load.damping * rates[number]
-        tanh = math.tanh if scalar else np.tanh
-
-        def friction(values: Any, rates: Any, t: Any) -> Any:
-            rate = rates[number]
-            return -(load.torque * tanh(rate / load.speed) + load.viscous * rate)
-
-        return friction
+            magnitude, of_row = self._expression(load.torque)
+            return _Rule((magnitude,), (of_row,), velocity)
+        law = _torque(load)
+        return _Rule(
+            (lambda values, rates, t: law(values[:, number], rates[:, number], t),),
+            (lambda row: law(row[number], row[count + number] * row[-1], row[-2]),),
+            velocity,
+        )
 
     def _gravity(self, load: Gravity) -> _Rule:
         mechanism = self.mechanism
@@ -157,43 +149,63 @@ class Loads:
             fall = cross(motion.w[:, links], arms) @ g
             return np.asarray(np.sum(fall, axis=1, keepdims=True))
 
-        return _Rule((lambda values, rates, t: 1.0,), power)
+        return _Rule((lambda values, rates, t: np.ones(len(t)),), (lambda row: 1.0,), power)
 
-    def _on_link(self, load: PointForce | Moment, scalar: bool) -> _Rule:
+    def _on_link(self, load: PointForce | Moment) -> _Rule:
         link = self.mechanism.link_number[load.link]
         texts = load.force if isinstance(load, PointForce) else load.moment
         point = np.array(load.point) if isinstance(load, PointForce) else None
+        components = [self._expression(text) for text in texts]
         return _Rule(
-            tuple(self._expression(text, scalar) for text in texts),
+            tuple(magnitude for magnitude, _ in components),
+            tuple(of_row for _, of_row in components),
             _velocity(link, point, load.axes == "link"),
         )
 
-    def _expression(self, text: str, scalar: bool) -> Magnitude:
+    def _expression(self, text: str) -> tuple[Magnitude, RowMagnitude]:
         pairs = [pair.name for pair in self.mechanism.pairs if pair.type == "R"]
         expression = parse(text, load_names(pairs))
+        count = len(self.mechanism.variable_names)
+        angles = {f"theta_{pair}": self._variable(pair) for pair in pairs}
+        rates = {f"dtheta_{pair}": self._variable(pair) for pair in pairs}
         angles, rates = (
-            [
-                (name, self._variable(pair))
-                for pair in pairs
-                if (name := f"{kind}_{pair}") in expression.names
-            ]
-            for kind in ("theta", "dtheta")
+            {name: k for name, k in known.items() if name in expression.names}
+            for known in (angles, rates)
         )
-        if not scalar:
-            return lambda values, value_rates, t: expression.evaluate(
-                {"t": t}
-                | {name: values[number] for name, number in angles}
-                | {name: value_rates[number] for name, number in rates}
-            )
-        call = expression.scalar(["t", *(name for name, _ in (*angles, *rates))])
-        which, whose = ([number for _, number in part] for part in (angles, rates))
-        return lambda values, value_rates, t: call(
-            t, *[values[k] for k in which], *[value_rates[k] for k in whose]
-        )
+
+        def magnitude(values: Floats, value_rates: Floats, t: Floats) -> Floats:
+            known = {"t": t}
+            known |= {name: values[:, k] for name, k in angles.items()}
+            known |= {name: value_rates[:, k] for name, k in rates.items()}
+            return expression.evaluate(known)
+
+        read: dict[str, RowMagnitude] = {"t": itemgetter(-2)}
+        read |= {name: itemgetter(k) for name, k in angles.items()}
+        read |= {name: _rate_at(count + k) for name, k in rates.items()}
+        return magnitude, expression.scalar(read)
 
     def _variable(self, pair: str) -> int:
         mechanism = self.mechanism
         return mechanism.variables_of(mechanism.pair_number[pair])[0]
+
+
+def _rate_at(column: int) -> RowMagnitude:
+    return lambda row: row[column] * row[-1]
+
+
+def _torque(
+    load: Spring | Damper | Friction | TorqueTable,
+) -> Callable[[Any, Any, Any], Any]:
+    """Return the torque at an angle, its rate and time, arrays or floats alike."""
+    if isinstance(load, TorqueTable):
+        return lambda angle, rate, t: load.at(t)
+    if isinstance(load, Spring):
+        return lambda angle, rate, t: -load.stiffness * (angle - load.rest)
+    if isinstance(load, Damper):
+        return lambda angle, rate, t: -load.damping * rate
+    return lambda angle, rate, t: (
+        -(load.torque * np.tanh(rate / load.speed) + load.viscous * rate)
+    )
 
 
 def _velocity(link: int, point: Floats | None, in_link: bool) -> Velocity:

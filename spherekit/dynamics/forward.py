@@ -136,7 +136,7 @@ class _Run:
 
     def _integrate(self) -> End:
         problem = self.problem
-        t, state = 0.0, self.equation.state(problem.values, problem.speed)
+        t, state = 0.0, self.equation.state(problem.values, problem.speed, problem.tangent)
         length = self._first_length(state)
         before: Step | None = None
         for target in (*problem.switches, problem.until):
@@ -167,7 +167,8 @@ class _Run:
     def _first_length(self, state: Floats) -> float:
         found = self.equation.at(np.zeros(1), state[None], self.tangent)
         pace = abs(float(found.speed[0])) / FIRST_ARC
-        pace = max(pace, np.sqrt(abs(float(found.acceleration[0])) / FIRST_ARC))
+        push = abs(float(np.sum(found.forces) / found.B[0]))
+        pace = max(pace, np.sqrt(push / FIRST_ARC))
         return float(min(self.problem.until, 1.0 / max(pace, 1e-300), 1.0))
 
     def _closed(self, state: Floats) -> Floats:

@@ -45,16 +45,25 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     cross product. So w . dI w = w . (w x I w) - w . I (w x w) = 0, and
     dB = 2 sum w . I dw, which is eq. (19) without its derivatives of rotations.
     """
+    tensors, (w, dw) = _in_links(mechanism, motion, (motion.w, motion.dw))
+    momentum = np.einsum("kij,nkj->nki", tensors, w)
+    return Inertia(np.sum(momentum * w, axis=2), 2.0 * np.sum(momentum * dw, axis=2))
+
+
+def equivalent_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
+    """Return B (n,) alone, which needs the motion to the first order only."""
+    tensors, (w,) = _in_links(mechanism, motion, (motion.w,))
+    return np.asarray(np.einsum("kij,nki,nkj->n", tensors, w, w))
+
+
+def _in_links(
+    mechanism: Mechanism, motion: CoordinateMotion, vectors: tuple[Floats, ...]
+) -> tuple[Floats, list[Floats]]:
+    """Return the tensors (masses, 3, 3), and vectors (n, masses, 3) in link axes."""
     links = [mechanism.link_number[mass.link] for mass in mechanism.masses]
     tensors = np.array([mass.tensor for mass in mechanism.masses]).reshape(-1, 3, 3)
     turns = motion.rotations[:, links]
-
-    def in_link(vectors: Floats) -> Floats:
-        return np.asarray(np.einsum("nkji,nkj->nki", turns, vectors[:, links]))
-
-    w, dw = in_link(motion.w), in_link(motion.dw)
-    momentum = np.einsum("kij,nkj->nki", tensors, w)
-    return Inertia(np.sum(momentum * w, axis=2), 2.0 * np.sum(momentum * dw, axis=2))
+    return tensors, [np.einsum("nkji,nkj->nki", turns, v[:, links]) for v in vectors]
 
 
 def need_inertia(mechanism: Mechanism) -> None:

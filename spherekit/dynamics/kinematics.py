@@ -5,7 +5,7 @@ variables, where every dead centre is an ordinary point, or the variable of a pa
 """
 
 from dataclasses import dataclass
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ class CoordinateMotion:
     second derivatives by the coordinate. `rotations` (n, links, 3, 3): link axes to
     ground axes. `w`, `dw` (n, links, 3): angular velocities of the links relative to the
     ground per unit rate of the coordinate, in ground axes, and their derivatives.
-    `status` (n,): OK, or OFF_PROFILE or CURVATURE where a contact does not exist.
+    `second` and `dw` are NaN where only the first order was asked for. `status`
+    (n,): OK, or OFF_PROFILE or CURVATURE where a contact does not exist.
     """
 
     values: Floats
@@ -69,7 +70,9 @@ class CoordinateMotion:
             )
 
 
-def by_arc_length(closure: Closure, values: Floats) -> CoordinateMotion:
+def by_arc_length(
+    closure: Closure, values: Floats, order: Literal[1, 2] = 2
+) -> CoordinateMotion:
     """Return configurations with the arc length of their curve as coordinate.
 
     The unit tangent of the curve is the null vector of the velocity equations, in
@@ -81,20 +84,27 @@ def by_arc_length(closure: Closure, values: Floats) -> CoordinateMotion:
         The closure of a whole single-DOF mechanism.
     values
         (n, variables) closed configurations.
+    order
+        1 leaves out the second derivatives.
     """
     tree = closure.tree
     placed, states = closure.place(values)
     frames = closure.frames(placed, states)
     vectors = closure.vectors(placed, states)
     null = null_motion(tree, vectors)
+    status = np.zeros(len(values), dtype=np.int8)
+    status[penetrates(closure.joints, states)] = Status.CURVATURE
+    status[~np.all(states.inside, axis=1)] = Status.OFF_PROFILE
+    if order == 1:
+        unknown = np.full_like(values, np.nan), np.full_like(null.w, np.nan)
+        return CoordinateMotion(
+            values, null.rates, unknown[0], placed, null.w, unknown[1], status
+        )
     first, second = ([pair[k] for pair in tree.ends] for k in (0, 1))
     changed = pair_rates(
         closure.joints, frames, states, null.w[:, first], null.w[:, second]
     ).vectors
     bending = null_second_rates(tree, changed, null)
-    status = np.zeros(len(values), dtype=np.int8)
-    status[penetrates(closure.joints, states)] = Status.CURVATURE
-    status[~np.all(states.inside, axis=1)] = Status.OFF_PROFILE
     return CoordinateMotion(
         values,
         null.rates,

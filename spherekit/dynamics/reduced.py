@@ -1,9 +1,10 @@
 """A mechanism reduced to functions of the arc length of its curve: once made, quick.
 
 Of a mechanism that moves along one curve, dynamics needs but a few functions of the arc
-length s: the pair variables, their tangents, B, dB/ds, and the velocities that the loads
-work on. They are computed once (Di Gregorio 2024, section 4), on a closed curve as
-Fourier series, and the direct problem is left with two scalars: s and its rate u.
+length s: the pair variables, their tangents, B, and the velocities that the loads work
+on. They are computed once (Di Gregorio 2024, section 4), on a closed curve as
+Fourier series, and the direct problem is left with two scalars: s and its
+rate u, the latter as p = sqrt(B) u, see `spherekit.dynamics.state`.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,9 +14,8 @@ from typing import final
 
 import numpy as np
 
-from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.inertia import equivalent_inertia
 from spherekit.dynamics.start import Problem
-from spherekit.dynamics.state import EquationOfMotion
 from spherekit.errors import SolveError
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
@@ -24,7 +24,7 @@ from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.periodic import Periodic
 from spherekit.sphere.rotation import Floats
 
-MARGIN = 0.01
+MARGIN = 0.03
 """The integrator's own tolerance per step, as part of the error tolerated in the end."""
 
 
@@ -62,16 +62,14 @@ class ReducedMotion:
 class ReducedModel:
     """Functions of the arc length s of one configuration curve.
 
-    `functions` (of s) gives the columns: values (variables), tangents (variables), B,
-    dB/ds, velocities (load components). `error` of it is measured. `start` is (s, u).
+    `functions` (of s) gives the columns: values (variables), tangents (variables),
+    1/sqrt(B), velocities (load components). `error` of it is measured. `start` is (s, u).
     """
 
-    equation: EquationOfMotion
-    driven: int
+    problem: Problem
     curve: ArcCurve
     functions: Periodic | PiecewiseChebyshev
     start: tuple[float, float]
-    offset: Floats
 
     @property
     def error(self) -> float:
@@ -86,7 +84,7 @@ class ReducedModel:
     ) -> ReducedMotion:
         """Return the motion at increasing times (n,) in s, the first that of the start.
 
-        By SciPy's LSODA in the state s, u and the work of all loads.
+        By SciPy's LSODA in the state s, p and the work of all loads.
 
         Parameters
         ----------
@@ -102,75 +100,74 @@ class ReducedModel:
         """
         from scipy.integrate import odeint
 
+        name = self.problem.equation.mechanism.name
         t = np.atleast_1d(np.asarray(times, dtype=float))
         if len(t) < 2 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
-            raise SolveError(
-                f"{self.equation.mechanism.name}: give two or more finite, increasing times"
-            )
+            raise SolveError(f"{name}: give two or more finite, increasing times")
         s, u = self.start if start is None else start
         own = max(MARGIN * tolerance, 1e-14)
         found, notes = odeint(
             self.right,
-            [s, u, 0.0],
+            [s, u / self.functions.one(s)[2 * self.problem.equation.variables], 0.0],
             t,
             tfirst=True,
             rtol=own,
             atol=own,
             mxstep=100_000,
+            tcrit=self.problem.switches or None,
             full_output=True,
         )
         if notes["message"] != "Integration successful.":
-            raise SolveError(f"{self.equation.mechanism.name}: {notes['message']}")
+            raise SolveError(f"{name}: {notes['message']}")
         return self._motion(t, found, int(notes["nfe"][-1]))
 
     @cached_property
     def right(self) -> Callable[[float, Floats], tuple[float, float, float]]:
-        """The equation of motion of one state (s, u, work) at time t."""
+        """The equation of motion of one state (s, p, work) at time t."""
         one = self.functions.one
-        count = self.equation.variables
-        parts = tuple(enumerate(self.equation.loads.scalar_magnitudes, 2 * count + 2))
-        offset = self.offset.tolist()
+        root_at = 2 * self.problem.equation.variables
+        parts = tuple(enumerate(self.problem.equation.loads.row_magnitudes, root_at + 1))
 
         def right(t: float, state: Floats) -> tuple[float, float, float]:
-            s, u, _ = state.tolist()
+            s, p, _ = state.tolist()
             row = one(s).tolist()
-            values = [v - o for v, o in zip(row, offset, strict=False)]
-            rates = [u * r for r in row[count : 2 * count]]
+            root = row[root_at]
+            u = p * root
+            row += t, u
             force = 0.0
             for column, magnitude in parts:
-                force += magnitude(values, rates, t) * row[column]
-            change = (force - 0.5 * row[2 * count + 1] * u * u) / row[2 * count]
-            return u, change, force * u
+                force += magnitude(row) * row[column]
+            return u, force * root, force * u
 
         return right
 
     def _motion(self, t: Floats, found: Floats, evaluations: int) -> ReducedMotion:
-        s, u, work = found.T
+        s, p, work = found.T
         message = ""
         if not self.curve.closed:
             beyond = np.flatnonzero((s < 0.0) | (s > self.curve.length))
             if len(beyond):
                 code = self.curve.ends[int(s[beyond[0]] > 0.0)]
                 message = f"the curve ends ({code.name}) before t = {t[beyond[0]]:.6g} s"
-                s, u, work = s.copy(), u.copy(), work.copy()
-                for array in (s, u, work):
+                s, p, work = s.copy(), p.copy(), work.copy()
+                for array in (s, p, work):
                     array[beyond[0] :] = np.nan
-        count = self.equation.variables
+        count = self.problem.equation.variables
         known = np.isfinite(s)
-        rows = np.full((len(s), 2 * count + 2), np.nan)
-        rows[known] = self.functions.at(s[known])[:, : 2 * count + 2]
-        values = rows[:, :count] - self.offset
+        rows = np.full((len(s), 2 * count + 1), np.nan)
+        rows[known] = self.functions.at(s[known])[:, : 2 * count + 1]
+        values = rows[:, :count]
+        u = p * rows[:, 2 * count]
         rates = rows[:, count : 2 * count] * u[:, None]
-        kinetic = 0.5 * rows[:, 2 * count] * u**2
         return ReducedMotion(
             t,
             s,
             u,
             values,
             rates,
-            values[:, self.driven],
-            rates[:, self.driven],
-            kinetic,
+            values[:, self.problem.driven],
+            rates[:, self.problem.driven],
+            0.5 * p**2,
             work,
             message,
             evaluations,
@@ -194,16 +191,17 @@ def reduced(problem: Problem, tolerance: float = 1e-13) -> ReducedModel:
         for stop in mechanism.stops
     }
     curve = follow_arc(equation.closure, problem.values, stops)
+    s = float(curve.find(problem.values[None])[0])
+    there = curve.at(s)
+    whole_periods = there.values[0] - problem.values
 
     def functions(points: CurvePoints) -> Floats:
         motion = equation.motion(points.values, points.tangents)
-        found = inertia(mechanism, motion)
         return np.column_stack(
             [
-                motion.values,
+                motion.values - whole_periods,
                 motion.rates,
-                found.B,
-                found.dB,
+                1.0 / np.sqrt(equivalent_inertia(mechanism, motion)),
                 equation.loads.velocities(motion),
             ]
         )
@@ -219,14 +217,10 @@ def reduced(problem: Problem, tolerance: float = 1e-13) -> ReducedModel:
         fitted = Periodic.fit(sample, curve.length, rise, tolerance)
     else:
         fitted = PiecewiseChebyshev.fit(sample, 0.0, curve.length, tolerance)
-    s = float(curve.find(problem.values[None])[0])
-    there = curve.at(s)
     sense = 1.0 if float(there.tangents[0] @ problem.tangent) > 0.0 else -1.0
     return ReducedModel(
-        equation,
-        problem.driven,
+        problem,
         curve,
         fitted,
-        (s, sense * problem.speed),
-        there.values[0] - problem.values,
+        (s, sense * float(problem.speed)),
     )

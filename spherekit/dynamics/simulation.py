@@ -8,6 +8,8 @@ from typing import Literal, final
 import numpy as np
 
 from spherekit.dynamics.collocation import Step
+from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
@@ -136,28 +138,30 @@ class Simulation:
         """
         t = np.atleast_1d(np.asarray(t, dtype=float))
         states, _, found = self._at(t)
-        variables = self.equation.variables
-        speed = found.speed
-        residual = self.equation.closure.residual(
-            *self.equation.closure.place(states[:, :variables])
-        )
-        along = found.motion.rates[:, self.driven]
-        bend = found.motion.second[:, self.driven]
+        equation, variables = self.equation, self.equation.variables
+        values, speed = states[:, :variables], found.speed
+        second = by_arc_length(equation.closure, values)
+        signs = np.sign(np.sum(second.rates * found.motion.rates, axis=1))
+        motion = second.turned(signs)
+        masses = inertia(equation.mechanism, motion)
+        drive = np.sum(found.forces, axis=1) - 0.5 * masses.dB * speed**2
+        along, bend = motion.rates[:, self.driven], motion.second[:, self.driven]
+        gap = equation.closure.residual(*equation.closure.place(values))
         return History(
-            t,
-            states[:, self.driven],
-            along * speed,
-            along * found.acceleration + bend * speed**2,
-            states[:, :variables],
-            found.motion.rates * speed[:, None],
-            found.motion.rotations,
-            speed,
-            found.inertia.B_parts,
-            found.forces,
-            0.5 * found.inertia.B * speed**2,
-            found.forces * speed[:, None],
-            states[:, variables + 1 :],
-            np.max(np.abs(residual), axis=1, initial=0.0),
+            t=t,
+            q=states[:, self.driven],
+            dq=along * speed,
+            ddq=along * drive / masses.B + bend * speed**2,
+            values=values,
+            value_rates=motion.rates * speed[:, None],
+            rotations=motion.rotations,
+            speed=speed,
+            B=masses.B_parts,
+            Q=found.forces,
+            kinetic=0.5 * states[:, variables] ** 2,
+            power=found.forces * speed[:, None],
+            work=states[:, variables + 1 :],
+            residual=np.max(np.abs(gap), axis=1, initial=0.0),
         )
 
     @cached_property
@@ -167,12 +171,12 @@ class Simulation:
         t = np.unique(np.concatenate([ends[:, 0] + x * ends[:, 1] for x in (0, 0.3, 0.7)]))
         t = np.append(t[t < self.end.t], self.end.t)
         states, rates, found = self._at(t)
-        u, variables = found.speed, self.equation.variables
-        kinetic = 0.5 * found.inertia.B * u**2
-        work = np.sum(states[:, variables + 1 :], axis=1)
+        momentum = states[:, self.equation.variables]
+        kinetic = 0.5 * momentum**2
+        work = np.sum(states[:, self.equation.variables + 1 :], axis=1)
         gained = kinetic - kinetic[0]
-        drive = found.inertia.B * rates[:, variables] + 0.5 * found.inertia.dB * u**2
-        power = u * (drive - np.sum(found.forces, axis=1))
+        power = momentum * rates[:, self.equation.variables]
+        power = power - found.speed * np.sum(found.forces, axis=1)
         return Checks(
             energy=float(np.max(np.abs(gained - work))),
             energy_scale=float(max(np.max(kinetic), np.max(np.abs(work)))),

@@ -66,9 +66,9 @@ def prepare(
     mechanism: Mechanism,
     start: Start | PoseStart,
     until: float,
-    torque: str | None,
-    input_pair: str | None,
-    branch: int,
+    torque: str | None = None,
+    input_pair: str | None = None,
+    branch: int = 0,
     switches: Iterable[float] = (),
 ) -> Problem:
     """Return the problem behind the arguments of `simulate`, or raise what is wrong."""
@@ -104,9 +104,7 @@ def prepare(
             f"{name}: the start has {rank_mobility(closure.tree, vectors)[0]} freedoms of "
             "velocity, so the loads do not say where it goes; start beside it"
         )
-    tangent = equation.at(
-        np.zeros(1), equation.state(values, 0.0)[None], np.eye(len(values))[moved]
-    ).motion.rates[0]
+    tangent = equation.motion(values[None], np.eye(len(values))[moved]).rates[0]
     if rate != 0.0 and abs(tangent[moved]) < STANDSTILL:
         pair = mechanism.pairs[mechanism.variable_owners[moved]].name
         raise SolveError(

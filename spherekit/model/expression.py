@@ -196,19 +196,26 @@ class Expression:
             name: _filled(partials[name], shape) for name in sorted(self.names)
         }
 
-    def scalar(self, names: Sequence[str]) -> Callable[..., float]:
-        """Return a function of single floats, in the order of `names`, for loops.
+    def scalar(
+        self, read: Mapping[str, Callable[[Sequence[float]], float]]
+    ) -> Callable[[Sequence[float]], float]:
+        """Return a function of a row of floats, for loops that evaluate single samples.
 
         The same values as `evaluate` to rounding, NaN and infinity included, in a
-        fraction of the time where there is only one sample.
-        """
-        call = _scalar(self.root, {name: k for k, name in enumerate(names)})
+        fraction of the time.
 
-        def value(*arguments: float) -> float:
+        Parameters
+        ----------
+        read
+            How to read each name used from a row.
+        """
+        call = _scalar(self.root, read)
+
+        def value(row: Sequence[float]) -> float:
             try:
-                return call(arguments)
+                return call(row)
             except (ValueError, ArithmeticError):
-                return float(self.evaluate(dict(zip(names, arguments, strict=True))))
+                return float(self.evaluate({name: read[name](row) for name in self.names}))
 
         return value
 
@@ -358,22 +365,22 @@ _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
 
 
 def _scalar(
-    node: Node, position: Mapping[str, int]
-) -> Callable[[tuple[float, ...]], float]:
+    node: Node, read: Mapping[str, Callable[[Sequence[float]], float]]
+) -> Callable[[Sequence[float]], float]:
     if isinstance(node, Number):
         value = node.value
-        return lambda arguments: value
+        return lambda row: value
     if isinstance(node, Name):
-        return operator.itemgetter(position[node.name])
+        return read[node.name]
     function = _SCALAR.get(node.function) or getattr(math, node.function)
-    parts = [_scalar(each, position) for each in node.arguments]
+    parts = [_scalar(each, read) for each in node.arguments]
     if len(parts) == 1:
         (one,) = parts
-        return lambda arguments: function(one(arguments))
+        return lambda row: function(one(row))
     if len(parts) == 2:
         first, second = parts
-        return lambda arguments: function(first(arguments), second(arguments))
-    return lambda arguments: function(*(part(arguments) for part in parts))
+        return lambda row: function(first(row), second(row))
+    return lambda row: function(*(part(row) for part in parts))
 
 
 def _value(node: Node, arrays: Mapping[str, NDArray[np.float64]]) -> Any:
