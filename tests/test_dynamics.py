@@ -570,6 +570,35 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
     assert np.ptp(history.kinetic) < 1e-7
 
 
+def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
+    """A parallelogram that flattens may go on as one or as an antiparallelogram."""
+    sizes = four_bar.geometry
+    arcs = dict(zip(four_bar.links, np.radians([60.0, 40.0, 60.0, 40.0]), strict=True))
+    links = {
+        link: replace(size, arcs=(float(arcs[link]),)) for link, size in sizes.links.items()
+    }
+    flat = replace(four_bar, geometry=replace(sizes, links=links), loads=())
+    found = simulate(flat, Start(1.0, -1.0), 5.0)
+    assert found.end.kind == "singularity"
+    assert "cross" in found.end.message
+    assert abs(found.at([found.end.t]).q[0]) < 1e-5
+    assert np.all(np.diff(found.at(np.linspace(0.0, found.end.t, 20)).q) < 0.0)
+
+
+def test_what_moves_needs_the_torque_that_moved_it(four_bar):
+    """The two problems are each other's inverse; q'' of the dense output is exact."""
+
+    class Moved:
+        def at(self, t):
+            history = found.at(t)
+            return history.q, history.dq, history.ddq
+
+    found = simulate(four_bar, Start(0.3, 1.0), 5.0, torque=DRIVING, tolerance=1e-11)
+    t = np.linspace(0.0, 5.0, 41)
+    solved = inverse_dynamics(four_bar, Moved(), t, branch=0)
+    assert np.max(np.abs(solved.tau - 10.0 * np.sin(2.0 * t))) < 1e-9
+
+
 def test_friction_brings_a_mechanism_to_rest(four_bar):
     rubbed = replace(four_bar, loads=(Friction("rub", "21", 4.0, 0.0, 5e-2),))
     found = simulate(rubbed, Start(0.3, 2.0), 3.0, tolerance=1e-8)

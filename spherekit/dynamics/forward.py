@@ -1,6 +1,6 @@
 """The direct problem: the motion of a mechanism from its start and its loads."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal, final
 
@@ -8,19 +8,17 @@ import numpy as np
 
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.dynamics.collocation import (
-    NODES,
     Attempt,
     Step,
     attempt,
-    gauss,
     next_length,
 )
 from spherekit.dynamics.differences import by_differences
+from spherekit.dynamics.events import StepEvents
 from spherekit.dynamics.simulation import End, EndKind, Event, Simulation, Travelled
 from spherekit.dynamics.start import PoseStart, Problem, prepare, variable_of
 from spherekit.dynamics.state import Dynamics
 from spherekit.errors import SolveError
-from spherekit.model.dynamics import Stop
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
@@ -30,6 +28,10 @@ SHORTEST = 1e-11
 """Steps shorter than this part of the whole time end a simulation."""
 
 TIGHTER = 1e-2
+CROSSING = (
+    "two curves of configurations cross here, so the loads do not say which way the "
+    "mechanism goes on; start beyond the crossing"
+)
 
 
 def simulate(
@@ -109,6 +111,7 @@ class _Run:
         self.tangent = problem.tangent
         self.path: list[Travelled] = []
         self.events: list[Event] = []
+        self.orientation = 0.0
         self.drift = 0.0
         self.evaluations = 0
         self.last: Dynamics | None = None
@@ -186,56 +189,40 @@ class _Run:
         return closed
 
     def _accept(self, step: Step) -> End | None:
-        """Keep a step and note its events; return the end if a stop was reached."""
+        """Keep a step and note its events; return the end if there is one within it."""
         assert self.last is not None
+        mechanism, driven = self.equation.mechanism, self.problem.driven
         tangents = self.last.motion.rates
-        driven, variables = self.problem.driven, self.equation.variables
-        x = gauss(NODES).nodes
-        inner = np.concatenate([[-1.0], x, [1.0]])
-        t = step.start + 0.5 * step.length * (inner + 1.0)
-        states = step.at(t)
-        series = gauss(NODES).to_series @ tangents[:, driven]
-
-        def at(column: int, level: float) -> Callable[[float], float]:
-            return lambda s: float(step.at(np.array([s]))[0, column]) - level
-
-        def along(s: float) -> float:
-            place = 2.0 * (s - step.start) / step.length - 1.0
-            return float(np.polynomial.legendre.legval(place, series))
-
-        def note(kind: str, times: Iterable[float], pair: str) -> None:
-            for moment in times:
-                q = float(step.at(np.array([moment]))[0, driven])
-                self._note(kind, moment, q, pair)
-
-        reached: list[tuple[float, Stop]] = []
-        for stop in self.equation.mechanism.stops:
-            column = variable_of(self.equation.mechanism, stop.pair)
-            for level, sense in ((stop.low, -1.0), (stop.high, 1.0)):
-                beyond = sense * (states[:, column] - level)
-                beyond[0] = min(beyond[0], 0.0)
-                for k in np.flatnonzero((beyond[1:] > 0.0) & (beyond[:-1] <= 0.0))[:1]:
-                    reached.append((_root(at(column, level), t[k], t[k + 1]), stop))
-        last = min((item[0] for item in reached), default=np.inf)
-        name = self.equation.mechanism.pairs[
-            self.equation.mechanism.variable_owners[driven]
-        ].name
-        edges = np.array([along(t[0]), *tangents[:, driven], along(t[-1])])
-        turning = [s for s in _crossings(along, t, edges) if s < last]
-        resting = _crossings(at(variables, 0.0), t, states[:, variables])
-        note("dead_centre", turning, name)
-        note("rest", [s for s in resting if s < last], "")
-        self.events.sort(key=lambda event: event.t)
+        within = StepEvents(step, tangents)
+        end = self._end(within)
+        last = np.inf if end is None else end.t
+        name = mechanism.pairs[mechanism.variable_owners[driven]].name
+        found = [("dead_centre", t, name) for t in within.dead_centres(driven)]
+        found += [("rest", t, "") for t in within.rests(self.equation.variables)]
+        for kind, t, pair in sorted(found, key=lambda item: item[1]):
+            if t < last:
+                self._note(kind, t, float(step.at(np.array([t]))[0, driven]), pair)
         self.path.append(Travelled(step, tangents))
         self.tangent = tangents[-1]
-        if not reached:
+        return end
+
+    def _end(self, within: StepEvents) -> End | None:
+        """Return the end that lies within a step: a stop, or a crossing of curves."""
+        reached = within.stop(self.equation.mechanism)
+        orientation = within.orientation(self.equation.closure)
+        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
+        side = self.orientation or float(orientation[0])
+        self.orientation = float(np.copysign(size, side))
+        crossing = within.crossing(orientation, self.orientation)
+        if crossing is not None and (reached is None or crossing < reached[0]):
+            return End("singularity", crossing, CROSSING)
+        if reached is None:
             return None
-        moment, stop = min(reached, key=lambda item: item[0])
-        note("stop", [moment], stop.pair)
-        value = float(
-            step.at(np.array([moment]))[0, variable_of(self.equation.mechanism, stop.pair)]
-        )
-        return End("stop", moment, f"pair {stop.pair} reached its stop at {value:.6g} rad")
+        t, stop = reached
+        state = within.step.at(np.array([t]))[0]
+        value = float(state[variable_of(self.equation.mechanism, stop.pair)])
+        self._note("stop", t, float(state[self.problem.driven]), stop.pair)
+        return End("stop", t, f"pair {stop.pair} reached its stop at {value:.6g} rad")
 
     def _note(self, kind: str, t: float, q: float, pair: str) -> None:
         self.events.append(Event(kind, t, q, pair))  # type: ignore[arg-type]
@@ -256,31 +243,10 @@ class _Run:
         sizes = np.linalg.svd(jacobian[0], compute_uv=False)
         least = float(sizes[-1] / sizes[0]) if len(sizes) else 1.0
         if least < 1e-5:
-            return End(
-                "singularity",
-                t,
-                "the configuration has more than one way on: the closure equations are "
-                f"dependent to {least:.1g}",
-            )
+            return End("singularity", t, CROSSING)
         return End(
             "too_fast",
             t,
             f"no step is short enough (iteration error {tried.error:.2g}); a load jumps "
             "or grows without bound here: smooth it, or give its time in switches",
         )
-
-
-def _root(value: Callable[[float], float], low: float, high: float) -> float:
-    """Return where a function that changes sign between two times is zero."""
-    from scipy.optimize import brentq
-
-    one, other = value(low), value(high)
-    if one == 0.0 or one * other > 0.0:
-        return low if abs(one) <= abs(other) else high
-    return float(brentq(value, low, high, xtol=1e-15, rtol=1e-15))
-
-
-def _crossings(value: Callable[[float], float], t: Floats, samples: Floats) -> list[float]:
-    """Return the times between t (k,) at which a function with these samples is zero."""
-    changes = np.flatnonzero((samples[:-1] != 0.0) & (samples[:-1] * samples[1:] <= 0.0))
-    return [_root(value, float(t[k]), float(t[k + 1])) for k in changes]
