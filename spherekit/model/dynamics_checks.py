@@ -28,7 +28,7 @@ from spherekit.model.inertia import moments_of_point
 from spherekit.model.laws import need_increasing
 
 MOMENT_TOLERANCE = 1e-3
-"""Excess of a principal moment that passes for rounding, as part of the largest one.
+"""Excess of a principal moment that passes for rounding, as part of the largest entry.
 
 The moments of a thin arc stand exactly on the limit, and tables print few digits.
 """
