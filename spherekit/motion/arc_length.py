@@ -16,7 +16,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status
 from spherekit.errors import SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.motion.arc_curve import ArcCurve
@@ -43,10 +43,10 @@ LARGEST_CORRECTION = 0.05
 """A prediction may be wrong by this part of the step, that of the middle by"""
 LARGEST_MIDDLE = 1e-4
 SMALLEST_STEP = 1e-12
-SINGULAR = 1e-5
+SINGULAR = 1e-6
 """A node whose equations have this reciprocal condition is a crossing of curves: nearer to
-one, rounding moves points by more than the 1e-6 of the steps left. A four-bar that is
-longer or shorter than a folding one by 1e-10 rad is one."""
+one, rounding moves points by more than a small part of the steps left. It is met by
+four-bars that are longer or shorter than a folding one by less than about 1e-11 rad."""
 NEARLY_FLAT = 1e-3
 """The same for a node that no step leaves, to name the reason."""
 NEARLY_THERE = 1e-6
@@ -142,21 +142,23 @@ def follow_arc(
     limits = limits_of(closure, stops or {})
     periods = periods_of(closure)
     march = _March(closure, limits, periods, longest, step)
-    ahead, why_ahead, winding = march.run(start)
-    if winding is not None:
-        nodes = CurvePoints.joined([node.point for node in [start, *ahead]])
-        ends = (Status.OK, Status.OK)
-        return ArcCurve(Segments(closure, nodes), periods, True, winding, ends, 0)
-    behind, why_behind, _ = march.run(_turned(start))
-    back = CurvePoints.joined([start.point.reversed, *(node.point for node in behind)])
-    nodes = CurvePoints.joined([back.reversed, *(node.point for node in ahead)])
+    ways: list[CurvePoints] = []
+    ends: list[Status] = []
+    for first in (start, _turned(start)):
+        nodes, why, winding = march.run(first)
+        points = CurvePoints.joined([node.point for node in [first, *nodes]])
+        if winding is not None:
+            closed = (Status.OK, Status.OK)
+            return ArcCurve(Segments(closure, points), periods, True, winding, closed, 0)
+        ways.append(points)
+        ends.append(why)
+    ahead, behind = ways
+    count = len(behind.values) - 1
+    points = CurvePoints.joined([behind.reversed, ahead.rows(slice(1, None))])
+    winding = np.zeros(len(periods), dtype=np.int64)
+    why_ahead, why_behind = ends
     return ArcCurve(
-        Segments(closure, nodes),
-        periods,
-        False,
-        np.zeros(len(periods), dtype=np.int64),
-        (why_behind, why_ahead),
-        len(behind),
+        Segments(closure, points), periods, False, winding, (why_behind, why_ahead), count
     )
 
 
@@ -288,7 +290,8 @@ class _March:
         chord = Segments(self.closure, CurvePoints.joined([at.point, last]))
         along = (found.values[0] - at.values) @ chord.directions[0] / chord.chords
         middle = chord.predict(np.zeros(1, dtype=np.intp), along)[0]
-        if np.max(np.abs(middle - found.values[0])) > LARGEST_MIDDLE * step:
+        rounding = 8.0 * EPS / at.flatness
+        if np.max(np.abs(middle - found.values[0])) > LARGEST_MIDDLE * step + rounding:
             return None
         node = _Node(last, equations.rebordered(1, last.tangents[0]))
         return _Step(node, float(np.max(moved)))

@@ -83,7 +83,7 @@ class PiecewiseChebyshev:
         place = (s - self.low) * self._rate
         cell = min(max(int(place), 0), len(self.coefficients) - 1)
         angle = acos(min(max(2.0 * (place - cell) - 1.0, -1.0), 1.0))
-        row: Floats = np.cos(self._orders * angle) @ self.coefficients[cell]
+        row: Floats = np.cos(self._orders * angle).dot(self.coefficients[cell])
         return row
 
     @cached_property
