@@ -28,6 +28,11 @@ SHORTEST = 1e-11
 """Steps shorter than this part of the whole time end a simulation."""
 
 TIGHTER = 1e-2
+MOST_STEPS = 100_000
+TOO_MANY = (
+    f"{MOST_STEPS} steps are not enough; the loads change the speed too fast: raise the "
+    "speed that smooths friction, or the tolerance"
+)
 CROSSING = (
     "two curves of configurations cross here, so the loads do not say which way the "
     "mechanism goes on; start beyond the crossing"
@@ -127,6 +132,11 @@ class _Run:
         with np.errstate(all="ignore"):
             end = self._integrate()
         problem = self.problem
+        if not self.path:
+            raise SolveError(
+                f"{self.equation.mechanism.name}: the motion cannot leave its start: "
+                f"{end.message}"
+            )
         return Simulation(
             self.equation,
             problem.driven,
@@ -154,6 +164,8 @@ class _Run:
                     if length < SHORTEST * problem.until:
                         return self._stuck(t, state, tried)
                     continue
+                if len(self.path) >= MOST_STEPS:
+                    return End("too_fast", t, TOO_MANY)
                 if tried_length == length or tried_length < left:
                     length = next_length(tried)
                 stopped = self._accept(tried.step)

@@ -18,8 +18,8 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
 from spherekit.sphere.rotation import Floats
 
-DEAD_CENTRE = 1e-9
-"""An input whose rate along the curve is smaller does not determine the motion."""
+DEAD_CENTRE = 1e-6
+"""An input whose rate along the curve is smaller loses half the digits of all rates."""
 
 
 def driving_torque(B: Floats, dB: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:

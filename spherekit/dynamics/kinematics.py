@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.motion.branches import penetrates
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import pair_rates
+from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.rates.core import null_motion, null_second_rates
 from spherekit.sphere.rotation import Floats
 
@@ -90,7 +90,7 @@ def by_arc_length(
     tree = closure.tree
     placed, states = closure.place(values)
     frames = closure.frames(placed, states)
-    vectors = closure.vectors(placed, states)
+    vectors = variable_vectors(closure.joints, frames, states.curvatures)
     null = null_motion(tree, vectors)
     status = np.zeros(len(values), dtype=np.int8)
     status[penetrates(closure.joints, states)] = Status.CURVATURE
