@@ -69,7 +69,7 @@ class ArcCurve:
     @cached_property
     def table(self) -> ArcLength:
         """Arc length against the length of the chords."""
-        return measure(self.segments, self.segments.starts)
+        return measure(self.segments, self.segments.starts, self.segments.rounding)
 
     @property
     def length(self) -> float:

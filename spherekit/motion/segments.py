@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import left_inverse
@@ -190,6 +190,13 @@ class Segments:
     def starts(self) -> Floats:
         """The parameter u (k,) of the nodes."""
         return np.concatenate([[0.0], np.cumsum(self.chords)])
+
+    @cached_property
+    def rounding(self) -> Floats:
+        """Relative error (k - 1,) of a tangent between two nodes, from their condition."""
+        _, equations = curve_points(self.closure, self.nodes.values, self.nodes.tangents)
+        flattest = np.minimum(equations.flatness[:-1], equations.flatness[1:])
+        return np.asarray(8.0 * EPS / flattest)
 
     def predict(self, which: NDArray[np.intp], along: Floats) -> Floats:
         """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""

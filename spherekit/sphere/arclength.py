@@ -76,10 +76,12 @@ class ArcLength:
         return covered, rate
 
 
-def measure(path: Parametrised, edges: Floats) -> ArcLength:
+def measure(path: Parametrised, edges: Floats, rounding: Floats | None = None) -> ArcLength:
     """Return the table of arc length over panels, halved until the series has ended.
 
     Gauss-Legendre nodes give each series; the curve has to be smooth between `edges`.
+    `rounding` (panels,) is the relative error of the speed where it is known less well
+    than to machine precision: no panel is halved to resolve that.
     """
     nodes, weights = leggauss(_ORDER)
     rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
@@ -87,6 +89,7 @@ def measure(path: Parametrised, edges: Floats) -> ArcLength:
     low, high = edges[:-1], edges[1:]
     ready: list[tuple[Floats, Floats, Floats]] = []
     slowest, where, total = np.inf, 0.0, 0.0
+    noise = np.zeros(len(low)) if rounding is None else rounding
     for depth in range(_DEEPEST + 1):
         half = 0.5 * (high - low)
         u = low[:, None] + half[:, None] * (1.0 + nodes)
@@ -98,12 +101,14 @@ def measure(path: Parametrised, edges: Floats) -> ArcLength:
         if depth == 0:
             total = 2.0 * float(np.sum(series[:, 0]))
         tail = np.max(np.abs(series[:, -2:]), axis=1) / _ORDER
-        smooth = (tail <= _TAIL * total) | (depth == _DEEPEST)
+        smooth = (tail <= _TAIL * total) | (tail <= noise * series[:, 0])
+        smooth |= depth == _DEEPEST
         ready.append((low[smooth], high[smooth], series[smooth]))
         rest = ~smooth
         middle = low[rest] + half[rest]
         low = np.concatenate([low[rest], middle])
         high = np.concatenate([middle, high[rest]])
+        noise = np.tile(noise[rest], 2)
         if not len(low):
             break
     ends = path.speed(edges)
