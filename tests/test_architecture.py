@@ -20,6 +20,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
+    ("dynamics",),
     ("analysis",),
     ("view",),
     ("cli",),
@@ -29,6 +30,7 @@ LAYERS = (
 SIBLINGS = {"files": {"planning"}, "planning": {"files"}}
 PLUGINS_MAY_IMPORT = {
     "analysis",
+    "dynamics",
     "sphere",
     "model",
     "planning",

@@ -1,7 +1,9 @@
 """Torque expressions: what they compute, and that nothing else gets through."""
 
+import itertools
 import math
 import sys
+from operator import itemgetter
 
 import numpy as np
 import pytest
@@ -259,3 +261,25 @@ def test_partials_of_the_deepest_expression():
     text = "sin(" * (MAX_DEPTH - 1) + "t" + ")" * (MAX_DEPTH - 1)
     _, partials = parse(text, NAMES).evaluate_with_partials({"t": 0.0})
     assert partials["t"] == 1.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "2*t - -theta_21/3 + 1",
+        "t**2 + abs(dtheta_21)*sign(theta_21)",
+        "min(t, theta_21, 1) + max(t, dtheta_21)",
+        "sin(t) + cos(t)*tan(t) + atan2(t, theta_21) + tanh(t) + exp(t)",
+        "sqrt(t) + log(t) + asin(t) + acos(t) + atan(t)",
+        "1/theta_21 + theta_21**(0-1)",
+        "exp(1000*t) - theta_21**0.5",
+        "pi",
+    ],
+)
+def test_the_function_of_floats_agrees_with_that_of_arrays(text):
+    expression = parse(text, ("t", "theta_21", "dtheta_21"))
+    names = ("t", "theta_21", "dtheta_21")
+    call = expression.scalar({name: itemgetter(k) for k, name in enumerate(names)})
+    for row in itertools.product((-2.0, 0.0, 0.7, np.inf, np.nan), repeat=3):
+        want = expression.evaluate(dict(zip(names, row, strict=True)))
+        np.testing.assert_allclose(call(row), want, rtol=1e-15, err_msg=f"{row}")

@@ -36,8 +36,10 @@ class Needs:
 
     `directions`: poles whose axis direction is wanted. `rates`: poles whose velocity
     coefficient is wanted too; with `derivatives`, also its derivative by the input.
-    `planes`: poles whose two great circles are wanted. `pair_values`, `rotations`: pairs
-    and links by name.
+    `planes`: poles whose two great circles are wanted. `link_rates`: links whose angular
+    velocity per unit rate of the input is wanted, `pair_rates`: pairs whose variable's
+    rate is; with `derivatives`, also the derivative of the former. `pair_values`,
+    `rotations`: pairs and links. All four by name.
     """
 
     directions: frozenset[Pole] = frozenset()
@@ -46,6 +48,8 @@ class Needs:
     planes: frozenset[Pole] = frozenset()
     pair_values: frozenset[str] = frozenset()
     rotations: frozenset[str] = frozenset()
+    link_rates: frozenset[str] = frozenset()
+    pair_rates: frozenset[str] = frozenset()
 
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together."""
@@ -56,6 +60,8 @@ class Needs:
             self.planes | other.planes,
             self.pair_values | other.pair_values,
             self.rotations | other.rotations,
+            self.link_rates | other.link_rates,
+            self.pair_rates | other.pair_rates,
         )
 
 
@@ -167,6 +173,42 @@ class Batch:
                 f'rotation("{link}") was read; declare it in Needs(rotations=...)'
             )
         return self._motion.rotations[:, self.mechanism.link_number[link]]
+
+    def angular_velocity(self, link: str, moved: int = 0) -> Floats:
+        """Return (n, 3) of a link relative to the ground per unit rate of the input.
+
+        In ground axes.
+        """
+        return self._link_rate(link, self._found(moved).w)
+
+    def angular_velocity_dq(self, link: str, moved: int = 0) -> Floats:
+        """Return (n, 3) the derivative of the angular velocity by the input, 1/rad."""
+        if not self.needs.derivatives:
+            raise UndeclaredNeed(
+                "angular_velocity_dq was read; declare Needs(derivatives=True)"
+            )
+        return self._link_rate(link, self._found(moved).dw)
+
+    def pair_rate(self, name: str, moved: int = 0) -> Floats:
+        """Return (n,) the rate of a pair's variable per unit rate of the input."""
+        if name not in self.needs.pair_rates:
+            raise UndeclaredNeed(
+                f'pair_rate("{name}") was read; declare it in Needs(pair_rates=...)'
+            )
+        pair = self.mechanism.pair_number[name]
+        (number,) = self.mechanism.variables_of(pair)
+        first, second = self.mechanism.ends[pair]
+        vector, w = self._motion.vectors[:, number], self._found(moved).w
+        along = np.sum((w[second] - w[first]) * vector, axis=1)
+        return np.asarray(along / np.sum(vector * vector, axis=1))
+
+    def _link_rate(self, link: str, values: Mapping[int, Floats]) -> Floats:
+        if link not in self.needs.link_rates:
+            raise UndeclaredNeed(
+                f'the angular velocity of link "{link}" was read; declare it in '
+                "Needs(link_rates=...)"
+            )
+        return values[self.mechanism.link_number[link]]
 
     def _found(self, moved: int) -> PoleField:
         if not self._fields:

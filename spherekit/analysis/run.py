@@ -44,7 +44,7 @@ from spherekit.motion.motion import (
     status_counts,
 )
 from spherekit.planning.inputs import driven_pairs
-from spherekit.planning.poles import Plan
+from spherekit.planning.poles import Plan, pole_of
 from spherekit.planning.rigidity import graph_mobility
 from spherekit.rates.field import PoleField, SignMemory, evaluate
 from spherekit.rates.request import Request, request
@@ -91,12 +91,15 @@ def requests_for(
 
     `by_rank` is that of `spherekit.planning.poles.plan`.
     """
+    ends = {link for name in needs.pair_rates for link in mechanism.pair(name).links}
+    numbers = {mechanism.link_number[link] for link in needs.link_rates | ends} - {0}
+    rates = sorted(needs.rates | {pole_of(0, number) for number in numbers})
     return tuple(
         request(
             mechanism,
             mechanism.pairs[driven].name,
             sorted(needs.directions),
-            sorted(needs.rates),
+            rates,
             needs.derivatives,
             sorted(needs.planes),
             by_rank,

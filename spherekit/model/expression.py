@@ -1,9 +1,11 @@
 """Expressions of loads: parsed against a small grammar, never run as code."""
 
 import ast
+import math
+import operator
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from types import MappingProxyType
@@ -194,6 +196,29 @@ class Expression:
             name: _filled(partials[name], shape) for name in sorted(self.names)
         }
 
+    def scalar(
+        self, read: Mapping[str, Callable[[Sequence[float]], float]]
+    ) -> Callable[[Sequence[float]], float]:
+        """Return a function of a row of floats, for loops that evaluate single samples.
+
+        The same values as `evaluate` to rounding, NaN and infinity included, in a
+        fraction of the time.
+
+        Parameters
+        ----------
+        read
+            How to read each name used from a row.
+        """
+        call = _scalar(self.root, read)
+
+        def value(row: Sequence[float]) -> float:
+            try:
+                return call(row)
+            except (ValueError, ArithmeticError):
+                return float(self.evaluate({name: read[name](row) for name in self.names}))
+
+        return value
+
     def _arrays(
         self, values: Mapping[str, ArrayLike]
     ) -> tuple[dict[str, NDArray[np.float64]], tuple[int, ...]]:
@@ -320,6 +345,42 @@ class _Reader:
             needs = f"{fewest} or more" if most is None else f"{fewest}"
             raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
         return Call(name, tuple(self.node(each, depth + 1) for each in item.args))
+
+
+_SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
+    {
+        "+": operator.add,
+        "-": operator.sub,
+        "*": operator.mul,
+        "/": operator.truediv,
+        "**": math.pow,
+        "negative": operator.neg,
+        "sign": lambda a: a if a != a else float((a > 0.0) - (a < 0.0)),
+        "abs": abs,
+        "min": lambda *values: float(reduce(np.minimum, values)),
+        "max": lambda *values: float(reduce(np.maximum, values)),
+    }
+)
+"""Functions of floats; those that are not here are those of `math`."""
+
+
+def _scalar(
+    node: Node, read: Mapping[str, Callable[[Sequence[float]], float]]
+) -> Callable[[Sequence[float]], float]:
+    if isinstance(node, Number):
+        value = node.value
+        return lambda row: value
+    if isinstance(node, Name):
+        return read[node.name]
+    function = _SCALAR.get(node.function) or getattr(math, node.function)
+    parts = [_scalar(each, read) for each in node.arguments]
+    if len(parts) == 1:
+        (one,) = parts
+        return lambda row: function(one(row))
+    if len(parts) == 2:
+        first, second = parts
+        return lambda row: function(first(row), second(row))
+    return lambda row: function(*(part(row) for part in parts))
 
 
 def _value(node: Node, arrays: Mapping[str, NDArray[np.float64]]) -> Any:

@@ -87,10 +87,18 @@ def null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
     return NullMotion(rates, inverse, tree.body_rates(vectors, rates))
 
 
+def null_second_rates(tree: LoopTree, turned: Floats, motion: NullMotion) -> Floats:
+    """Return the derivative (n, variables) of `motion.rates` by arc length.
+
+    `turned` (n, variables, 3) is that of the variables' vectors.
+    """
+    bias = np.einsum("nij,nj->ni", tree.jacobian(turned), motion.rates)
+    return np.asarray(-np.einsum("nij,nj->ni", motion.inverse[:, :, :-1], bias))
+
+
 def null_motion_rate(
     tree: LoopTree, vectors: Floats, turned: Floats, motion: NullMotion
 ) -> Floats:
     """Return the derivative (n, bodies, 3) of `motion.w`, given that of the vectors."""
-    bias = np.einsum("nij,nj->ni", tree.jacobian(turned), motion.rates)
-    second = -np.einsum("nij,nj->ni", motion.inverse[:, :, :-1], bias)
+    second = null_second_rates(tree, turned, motion)
     return tree.body_rates(vectors, second) + tree.body_rates(turned, motion.rates)

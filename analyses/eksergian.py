@@ -1,0 +1,242 @@
+"""Eksergian's equation: equivalent inertia, generalised forces, driving torque."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.scene import Primitive, Scene, Series
+from spherekit.analysis.tables import (
+    BRANCH,
+    INPUT,
+    RESIDUAL,
+    SAMPLE,
+    STATUS,
+    Column,
+    Table,
+    TableData,
+)
+from spherekit.dynamics.forces import Loads, used_links, used_pairs
+from spherekit.dynamics.inertia import Inertia, inertia
+from spherekit.dynamics.inverse import continued_angles, driving_torque, need_terms
+from spherekit.dynamics.kinematics import CoordinateMotion
+from spherekit.errors import AnalysisError
+from spherekit.model.mechanism import Mechanism
+
+Floats = NDArray[np.float64]
+
+TIME = Column("t", "s", "time, from 0 at the end of the range where the motion starts")
+
+
+@final
+@dataclass(frozen=True)
+class Torque:
+    """The inverse problem at n rows: inertia, loads and the torque `tau` (n,), N m."""
+
+    t: Floats
+    dq: Floats
+    ddq: Floats
+    inertia: Inertia
+    forces: Floats
+    tau: Floats
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Eksergian(AbstractAnalysis):
+    """Driving torque of an input that turns at a constant `speed` (rad/s).
+
+    A negative speed runs through the range from its end. `at` is the pair where the
+    torque acts that drives the mechanism; by default the input.
+    """
+
+    name: ClassVar[str] = "eksergian"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "equivalent inertia, loads and driving torque of the input"
+    cites: ClassVar[tuple[str, ...]] = (
+        "R. Di Gregorio, Mechanism and Machine Theory 2024, 105720, eqs. (9) to (21)",
+    )
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "eksergian",
+            "one row per sample and branch",
+            (
+                SAMPLE,
+                BRANCH,
+                TIME,
+                INPUT,
+                Column("dq", "rad/s", "rate of q"),
+                Column("ddq", "rad/s2", "acceleration of q"),
+                Column("B", "kg m2", "equivalent inertia"),
+                Column("dB_dq", "kg m2/rad", "its derivative by q"),
+                Column("Q", "N m", "generalised force of all loads"),
+                Column("tau", "N m", "driving torque at the input, or at the pair `at`"),
+                RESIDUAL,
+                STATUS,
+            ),
+        ),
+        Table(
+            "inertia",
+            "one row per sample, branch and link with a mass",
+            (
+                SAMPLE,
+                BRANCH,
+                INPUT,
+                Column("link", "", "the link", "text"),
+                Column("B", "kg m2", "its part of the equivalent inertia"),
+                Column("dB_dq", "kg m2/rad", "the derivative of that part by q"),
+                STATUS,
+            ),
+        ),
+        Table(
+            "loads",
+            "one row per sample, branch and load",
+            (
+                SAMPLE,
+                BRANCH,
+                TIME,
+                INPUT,
+                Column("load", "", "the load", "text"),
+                Column("Q", "N m", "its part of the generalised force"),
+                Column("power", "W", "its power"),
+                STATUS,
+            ),
+        ),
+    )
+
+    speed: float = 1.0
+    at: str = ""
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return rates of the links with mass, and what the loads depend on."""
+        if not (np.isfinite(self.speed) and self.speed != 0.0):
+            raise AnalysisError(
+                f"eksergian: speed is {self.speed} rad/s; give a finite one other than 0"
+            )
+        need_terms(mechanism)
+        links = frozenset(mass.link for mass in mechanism.masses)
+        links |= used_links(mechanism, mechanism.loads)
+        pairs = used_pairs(mechanism, mechanism.loads)
+        if self.at and mechanism.pair(self.at).type != "R":
+            raise AnalysisError(
+                f"eksergian: at: pair {self.at} is a contact, not an R pair"
+            )
+        return Needs(
+            derivatives=True,
+            link_rates=links,
+            rotations=links,
+            pair_values=pairs,
+            pair_rates=pairs | ({self.at} if self.at else set()),
+        )
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return the tables of torque, of the links' inertia and of the loads."""
+        found = self.torque(batch)
+        mechanism = batch.mechanism
+        links = [mass.link for mass in mechanism.masses]
+        loads = [load.name for load in mechanism.loads]
+        common = {"sample": batch.sample, "branch": batch.branch}
+        return {
+            "eksergian": {
+                **common,
+                "t": found.t,
+                "q": batch.q,
+                "dq": found.dq,
+                "ddq": found.ddq,
+                "B": found.inertia.B,
+                "dB_dq": found.inertia.dB,
+                "Q": np.sum(found.forces, axis=1),
+                "tau": found.tau,
+                "residual": batch.residual,
+                "status": batch.status,
+            },
+            "inertia": {
+                **_repeated({**common, "q": batch.q}, len(links)),
+                "link": np.tile(np.array(links, dtype=str), len(batch)),
+                "B": found.inertia.B_parts.ravel(),
+                "dB_dq": found.inertia.dB_parts.ravel(),
+                "status": np.repeat(batch.status, len(links)),
+            },
+            "loads": {
+                **_repeated({**common, "t": found.t, "q": batch.q}, len(loads)),
+                "load": np.tile(np.array(loads, dtype=str), len(batch)),
+                "Q": found.forces.ravel(),
+                "power": (found.forces * found.dq[:, None]).ravel(),
+                "status": np.repeat(batch.status, len(loads)),
+            },
+        }
+
+    def torque(self, batch: Batch) -> Torque:
+        """Return inertia, generalised forces and driving torque of a batch."""
+        mechanism = batch.mechanism
+        driven = mechanism.inputs[0]
+        t = (batch.q - (driven.start if self.speed > 0.0 else driven.stop)) / self.speed
+        dq, ddq = np.full(len(batch), self.speed), np.zeros(len(batch))
+        motion = _motion(batch)
+        masses = inertia(mechanism, motion)
+        forces = Loads(mechanism).parts(motion, dq, t)
+        tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
+        failed = batch.status != 0
+        for array in (masses.B_parts, masses.dB_parts, forces, tau):
+            array[failed] = np.nan
+        if self.at:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                tau = tau / batch.pair_rate(self.at)
+        return Torque(t, dq, ddq, masses, forces, tau)
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return plots of the inertia with its parts, and of the torque with its parts."""
+        found = self.torque(batch)
+        names = [mass.link for mass in batch.mechanism.masses]
+        loads = [load.name for load in batch.mechanism.loads]
+        swing = 0.5 * found.inertia.dB * found.dq**2
+        curves = [("inertia", "B", found.inertia.B), ("torque", "tau", found.tau)]
+        for k, link in enumerate(names):
+            curves.append(("inertia", f"link {link}", found.inertia.B_parts[:, k]))
+        curves.append(("torque", "inertia", swing))
+        for k, load in enumerate(loads):
+            curves.append(("torque", f"against {load}", -found.forces[:, k]))
+        titles = {"inertia": "equivalent inertia, kg m2", "torque": "driving torque, N m"}
+        scenes = []
+        for number, rows in batch.branch_rows().items():
+            parts: list[Primitive] = [
+                Series(
+                    f"plots/{group}/{label.replace(' ', '_')}",
+                    label,
+                    titles[group],
+                    values[rows],
+                )
+                for group, label, values in curves
+            ]
+            scenes.append(Scene(number, tuple(parts)))
+        return tuple(scenes)
+
+
+def _repeated(columns: dict[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:
+    return {name: np.repeat(values, count) for name, values in columns.items()}
+
+
+def _motion(batch: Batch) -> CoordinateMotion:
+    """Return what a batch has of a motion by the input; the rest is NaN."""
+    mechanism, needs = batch.mechanism, batch.needs
+    n, links = len(batch), len(mechanism.links)
+    values = np.full((n, len(mechanism.variable_names)), np.nan)
+    rates = np.full_like(values, np.nan)
+    samples = n // max(len(batch.branch_rows()), 1)
+    for pair in needs.pair_values:
+        (number,) = mechanism.variables_of(mechanism.pair_number[pair])
+        angle = batch.pair_value(pair)
+        values[:, number] = continued_angles(angle, samples)
+        rates[:, number] = batch.pair_rate(pair)
+    turns = np.full((n, links, 3, 3), np.nan)
+    w, dw = np.full((n, links, 3), np.nan), np.full((n, links, 3), np.nan)
+    for link in needs.link_rates:
+        number = mechanism.link_number[link]
+        turns[:, number] = batch.rotation(link)
+        w[:, number] = batch.angular_velocity(link)
+        dw[:, number] = batch.angular_velocity_dq(link)
+    second = np.full_like(values, np.nan)
+    return CoordinateMotion(values, rates, second, turns, w, dw, batch.status)

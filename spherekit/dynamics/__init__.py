@@ -1,0 +1,1 @@
+"""Dynamics of single-DOF mechanisms by Eksergian's equation, in both directions."""

@@ -1,0 +1,83 @@
+"""The direct problem by finite differences of the input, as its source proposes.
+
+Offered to compare with: the scheme is of first order, and ends at dead centres of the
+input (Di Gregorio 2024, eqs. (30), (31)).
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from spherekit.dynamics.collocation import Step
+from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.kinematics import by_arc_length, continued
+from spherekit.dynamics.simulation import End, Simulation, Travelled
+from spherekit.dynamics.start import STANDSTILL, Problem
+from spherekit.errors import SolveError
+from spherekit.sphere.rotation import Floats
+
+
+def by_differences(problem: Problem, step: float) -> Simulation:
+    """Return the motion at equal time steps (s), linear in between.
+
+    With D the step, q_1 = q_0 + q'_0 D, and q_{i+1} = (D^2 Q - 1/2 dB/dq (q_i - q_{i-1})^2)
+    / B + 2 q_i - q_{i-1}, where Q is taken at q_i and (q_i - q_{i-1}) / D.
+    """
+    name = problem.equation.mechanism.name
+    count = round(problem.until / step) if step > 0.0 else 0
+    if count < 1 or abs(count * step - problem.until) > 1e-9 * problem.until:
+        raise SolveError(
+            f"{name}: step is {step:g} s, but the time {problem.until:g} s must be a whole "
+            "number of steps"
+        )
+    driven, closure = problem.driven, problem.equation.closure
+    variables = problem.equation.variables
+    values, tangent = problem.values, problem.tangent
+    before = values[driven] - problem.speed * tangent[driven] * step
+    end = End("time", problem.until, "the time asked for is over")
+    states: list[Floats] = []
+    tangents: list[Floats] = []
+    work = np.zeros(len(problem.equation.loads.names))
+    for number in range(count + 1):
+        t = number * step
+        q = float(values[driven])
+        motion = by_arc_length(closure, values[None])
+        motion = motion.turned(continued(motion.rates, tangent))
+        tangent = motion.rates[0]
+        along, bend = float(tangent[driven]), float(motion.second[0, driven])
+        speed = (q - before) / step / along
+        masses = inertia(problem.equation.mechanism, motion)
+        B, dB = float(masses.B[0]), float(masses.dB[0])
+        loads = problem.equation.loads
+        forces = loads.parts(motion, np.array([speed]), np.array([t]))[0]
+        states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))
+        tangents.append(tangent)
+        if number == count:
+            break
+        work = work + step * forces * speed
+        inertia_q = B / along**2
+        change = dB / along**3 - 2.0 * inertia_q * bend / along**2
+        force = float(np.sum(forces)) / along
+        after = 2.0 * q - before
+        if number == 0:
+            after = q + problem.speed * along * step
+        else:
+            after += (step**2 * force - 0.5 * change * (q - before) ** 2) / inertia_q
+        guess = values + tangent / along * (after - q)
+        guess[driven] = after
+        closed = closure.solve(guess[None], driven) if np.all(np.isfinite(guess)) else None
+        if closed is None or not closed.residual[0] < 1e-12 or abs(along) < STANDSTILL:
+            end = End(
+                "singularity", t, "the input is at a dead centre, where q' is endless"
+            )
+            break
+        before, values = q, closed.values[0]
+    path = []
+    for number, (one, other) in enumerate(pairwise(states)):
+        rate = (other - one)[None] / step
+        path.append(Travelled(Step(number * step, step, one, rate), tangents[number][None]))
+    if not path:
+        raise SolveError(f"{name}: the scheme cannot leave the start: {end.message}")
+    gap = closure.residual(*closure.place(np.array(states)[:, :variables]))
+    drift = float(np.max(np.abs(gap), initial=0.0))
+    return Simulation(problem.equation, driven, tuple(path), (), end, drift, len(states))

@@ -1,0 +1,186 @@
+"""The inverse problem: the torque that drives a mechanism through a given motion."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.conventions import Status
+from spherekit.dynamics.forces import Loads
+from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.kinematics import by_arc_length
+from spherekit.dynamics.start import into_range
+from spherekit.errors import ModelError, SolveError
+from spherekit.model.geometry import Revolute
+from spherekit.model.laws import Law
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Tracer
+from spherekit.sphere.rotation import Floats
+
+DEAD_CENTRE = 1e-6
+"""An input whose rate along the curve is smaller loses half the digits of all rates."""
+
+
+def driving_torque(B: Floats, dB: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:
+    """Return tau (n,) = B q'' + 1/2 dB/dq q'^2 - Q, N m.
+
+    Eksergian's equation solved for the torque at the pair of q (Di Gregorio 2024,
+    eq. (21), with the factor 1/2 q'^2 of eq. (17)); Q is of all other loads.
+    """
+    return np.asarray(B * ddq + 0.5 * dB * dq**2 - Q)
+
+
+@final
+@dataclass(frozen=True)
+class InverseSolution:
+    """The driving torque, row after row: branch after branch, in each the times.
+
+    `sample`, `branch`, `status` (n,); `t` s; `q`, `dq`, `ddq` the law of the input;
+    `B_parts`, `dB_parts` (n, masses) kg m2 by the input; `Q_parts` (n, loads) N m;
+    `tau` (n,) N m at the input; `values` (n, variables) rad; `pair_rates` (n, variables)
+    rates of the pair variables per unit rate of the input; `residual` (n,) rad.
+    Failed rows are NaN.
+    """
+
+    mechanism: Mechanism
+    sample: NDArray[np.int64]
+    branch: NDArray[np.int64]
+    t: Floats
+    q: Floats
+    dq: Floats
+    ddq: Floats
+    B_parts: Floats
+    dB_parts: Floats
+    Q_parts: Floats
+    tau: Floats
+    values: Floats
+    pair_rates: Floats
+    residual: Floats
+    status: NDArray[np.int8]
+
+    @property
+    def B(self) -> Floats:
+        """(n,) equivalent inertia, kg m2."""
+        return np.asarray(np.sum(self.B_parts, axis=1))
+
+    @property
+    def dB_dq(self) -> Floats:
+        """(n,) its derivative, kg m2/rad."""
+        return np.asarray(np.sum(self.dB_parts, axis=1))
+
+    @property
+    def Q(self) -> Floats:
+        """(n,) generalised force of all loads, N m."""
+        return np.asarray(np.sum(self.Q_parts, axis=1))
+
+    @property
+    def kinetic(self) -> Floats:
+        """(n,) kinetic energy, J."""
+        return np.asarray(0.5 * self.B * self.dq**2)
+
+    @property
+    def power(self) -> Floats:
+        """(n, loads) power of each load, W."""
+        return np.asarray(self.Q_parts * self.dq[:, None])
+
+    def torque_at(self, pair: str) -> Floats:
+        """Return the torque (n,) in N m that does the same at another R pair.
+
+        Not finite at the dead centres of that pair, where no torque there does it.
+        """
+        (number,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.tau / self.pair_rates[:, number])
+
+
+def inverse_dynamics(
+    mechanism: Mechanism,
+    law: Law,
+    times: ArrayLike,
+    *,
+    input_pair: str | None = None,
+    branch: int | None = None,
+    search: bool = True,
+) -> InverseSolution:
+    """Return the torque that moves the input by a law against inertia and loads.
+
+    Parameters
+    ----------
+    mechanism
+        A single-DOF mechanism with masses.
+    law
+        Variable, rate and acceleration of the input by time.
+    times
+        (k,) increasing times, s.
+    input_pair, branch, search
+        See `spherekit.trace`.
+
+    Raises
+    ------
+    ModelError, PlanError, SolveError
+        Before any sample is computed. Samples that cannot be reached get a status.
+    """
+    t = np.atleast_1d(np.asarray(times, dtype=float))
+    if not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
+        raise SolveError(
+            f"{mechanism.name}: the times of samples must be finite and increase"
+        )
+    need_terms(mechanism)
+    loads = Loads(mechanism)
+    q, dq, ddq = law.at(t)
+    tracer = Tracer(mechanism, input_pair, branch, search)
+    motion = tracer.at(into_range(tracer, q))
+    count = len(tracer.branches)
+    values = motion.values.copy()
+    for number, pair in enumerate(tracer.mechanism.variable_owners):
+        if isinstance(motion.joints[pair], Revolute):
+            values[:, number] = continued_angles(values[:, number], motion.samples)
+    values[:, tracer.solver.driven] = np.tile(q, count)
+    arc = by_arc_length(tracer.solver.closure, values)
+    found = arc.by_variable(tracer.solver.driven)
+    t, q, dq, ddq = (np.tile(x, count) for x in (t, q, dq, ddq))
+    masses = inertia(mechanism, found)
+    forces = loads.parts(found, dq, t)
+    tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
+    status = motion.status.copy()
+    flat = np.abs(arc.rates[:, tracer.solver.driven]) < DEAD_CENTRE
+    status[(status == Status.OK) & (flat | ~np.isfinite(tau))] = Status.AT_SINGULARITY
+    bad = status != Status.OK
+    rows = (masses.B_parts, masses.dB_parts, forces, tau, values, found.rates)
+    for array in rows:
+        array[bad] = np.nan
+    return InverseSolution(
+        tracer.mechanism,
+        motion.sample,
+        motion.branch,
+        t,
+        q,
+        dq,
+        ddq,
+        *rows,
+        motion.residual,
+        status,
+    )
+
+
+def need_terms(mechanism: Mechanism) -> None:
+    """Raise `ModelError` if there is neither inertia nor a load, so no torque at all."""
+    if not mechanism.masses and not mechanism.loads:
+        raise ModelError(
+            f"{mechanism.name}: has neither masses nor loads, so it needs no torque; give "
+            "at least one [mass.LINK] or [loads.NAME]"
+        )
+
+
+def continued_angles(angle: Floats, samples: int) -> Floats:
+    """Return angles (n,) of successive samples of each branch without jumps of a turn.
+
+    A motion reduces angles to a turn; loads that depend on an angle itself want it to go
+    on. NaN stays, and is passed over.
+    """
+    angle = angle.copy()
+    for start in range(0, len(angle), samples):
+        rows = start + np.flatnonzero(np.isfinite(angle[start : start + samples]))
+        angle[rows] = np.unwrap(angle[rows])
+    return angle

@@ -1,0 +1,207 @@
+"""Where a simulation starts: the problem checked, the configuration closed."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import STATUS_MEANING, Status, listing
+from spherekit.dynamics.inertia import need_inertia
+from spherekit.dynamics.state import EquationOfMotion
+from spherekit.errors import SolveError
+from spherekit.model.dynamics import PairTorque, TorqueTable
+from spherekit.model.geometry import geometry_of
+from spherekit.model.laws import Start
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import rank_mobility
+from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import default_input
+from spherekit.sphere.rotation import Floats
+
+DRIVE = "driving_torque"
+"""Name of the load that the torque at the input becomes."""
+
+NEAR = 0.1
+"""A given configuration may be this far (rad) from one that closes."""
+
+STANDSTILL = 1e-9
+"""A pair variable whose rate along the curve is smaller cannot be given a rate."""
+
+
+@final
+@dataclass(frozen=True)
+class PoseStart:
+    """A start from a whole configuration, which may be a dead centre of the input.
+
+    `values` (variables,) in the order of the mechanism's `variable_names`, closed to
+    `NEAR`; `rate` (rad/s) is that of the R pair `pair`.
+    """
+
+    values: Sequence[float]
+    pair: str
+    rate: float
+
+
+@final
+@dataclass(frozen=True)
+class Problem:
+    """A direct problem that has passed all checks.
+
+    `values` (variables,) closed at the start; `speed` along `tangent` (variables,);
+    `switches` times within the run at which steps begin anew.
+    """
+
+    equation: EquationOfMotion
+    driven: int
+    values: Floats
+    tangent: Floats
+    speed: float
+    until: float
+    switches: tuple[float, ...]
+
+
+def prepare(
+    mechanism: Mechanism,
+    start: Start | PoseStart,
+    until: float,
+    torque: str | None = None,
+    input_pair: str | None = None,
+    branch: int = 0,
+    switches: Iterable[float] = (),
+) -> Problem:
+    """Return the problem behind the arguments of `simulate`, or raise what is wrong."""
+    name = mechanism.name
+    if not (np.isfinite(until) and until > 0.0):
+        raise SolveError(
+            f"{name}: a simulation starts at t = 0 and cannot end at {until:g} s; give a "
+            "finite time greater than 0"
+        )
+    rate = start.rate if isinstance(start, PoseStart) else start.dq
+    if not np.isfinite(rate):
+        raise SolveError(f"{name}: the rate at the start is {rate}, give a finite number")
+    need_inertia(mechanism)
+    mechanism = mechanism.with_input(input_pair or default_input(mechanism))
+    driven = variable_of(mechanism, mechanism.inputs[0].pair)
+    if torque is not None:
+        drive = PairTorque(DRIVE, mechanism.inputs[0].pair, torque)
+        mechanism = replace(mechanism, loads=(*mechanism.loads, drive))
+    times = sorted({float(t) for t in switches} | set(_knots(mechanism, until)))
+    if not all(np.isfinite(times)):
+        raise SolveError(f"{name}: switches has a time that is not finite")
+    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+    equation = EquationOfMotion(mechanism, closure)
+    if isinstance(start, PoseStart):
+        moved = variable_of(mechanism, start.pair)
+        values = _closed(closure, name, start.values)
+    else:
+        moved = driven
+        values = _configuration(Tracer(mechanism), start.q, branch)
+    vectors = closure.vectors(*closure.place(values[None]))
+    if rank_mobility(closure.tree, vectors)[0] != 1:
+        raise SolveError(
+            f"{name}: the start has {rank_mobility(closure.tree, vectors)[0]} freedoms of "
+            "velocity, so the loads do not say where it goes; start beside it"
+        )
+    tangent = equation.motion(values[None], np.eye(len(values))[moved]).rates[0]
+    if rate != 0.0 and abs(tangent[moved]) < STANDSTILL:
+        pair = mechanism.pairs[mechanism.variable_owners[moved]].name
+        raise SolveError(
+            f"{name}: pair {pair} is at a dead centre at the start and cannot move at "
+            f"{rate:g} rad/s; start elsewhere, or give PoseStart with the rate of "
+            "another pair"
+        )
+    speed = rate / tangent[moved] if rate != 0.0 else 0.0
+    _check_stops(mechanism, values)
+    inside = tuple(t for t in times if 0.0 < t < until)
+    return Problem(equation, driven, values, tangent, speed, until, inside)
+
+
+def variable_of(mechanism: Mechanism, pair: str) -> int:
+    """Return the number of an R pair's variable; `SpherekitError` for other names."""
+    if mechanism.pair(pair).type != "R":
+        raise SolveError(f"{mechanism.name}: pair {pair} is a contact; name an R pair")
+    return mechanism.variables_of(mechanism.pair_number[pair])[0]
+
+
+def _closed(closure: Closure, name: str, values: Sequence[float]) -> Floats:
+    given = np.asarray(values, dtype=float)
+    count = len(closure.tree.owners)
+    if given.shape != (count,) or not np.all(np.isfinite(given)):
+        raise SolveError(
+            f"{name}: values at the start must be {count} finite numbers, one for each "
+            "variable"
+        )
+    found = closure.solve(given[None], None)
+    moved = float(np.max(np.abs(found.values[0] - given)))
+    if not (found.residual[0] < 1e-12 and moved < NEAR):
+        raise SolveError(
+            f"{name}: the values at the start do not close the loops: the nearest closed "
+            f"configuration found is {moved:.2g} rad away (residual "
+            f"{found.residual[0]:.2g} rad), allowed is {NEAR} rad"
+        )
+    return np.asarray(found.values[0])
+
+
+def _configuration(tracer: Tracer, q: float, branch: int) -> Floats:
+    name = tracer.mechanism.name
+    numbers = [item.number for item in tracer.branches]
+    if branch not in numbers:
+        raise SolveError(
+            f"{name}: there is no branch {branch}; the branches found are "
+            f"{listing(numbers)}"
+        )
+    if not np.isfinite(q):
+        raise SolveError(f"{name}: the input at the start is {q}, give a finite number")
+    motion = tracer.at(np.array([into_range(tracer, np.array([q]))[0]]))
+    row = numbers.index(branch)
+    if motion.failed[row]:
+        status = Status(int(motion.status[row]))
+        raise SolveError(
+            f"{name}: no configuration of branch {branch} at q = {q:.6g} rad "
+            f"({status.name}): {STATUS_MEANING[status]}"
+        )
+    values: Floats = motion.values[row].copy()
+    values[tracer.solver.driven] = q
+    return values
+
+
+def into_range(tracer: Tracer, q: Floats) -> Floats:
+    """Return inputs moved by whole turns into the input's range, if that is a turn."""
+    turn = 2.0 * np.pi
+    if tracer.high - tracer.low < turn * (1.0 - 1e-12):
+        return q
+    return np.asarray(
+        np.where(
+            (q >= tracer.low) & (q <= tracer.high),
+            q,
+            tracer.low + np.mod(q - tracer.low, turn),
+        )
+    )
+
+
+def _check_stops(mechanism: Mechanism, values: Floats) -> None:
+    for stop in mechanism.stops:
+        value = values[variable_of(mechanism, stop.pair)]
+        if not stop.low <= value <= stop.high:
+            raise SolveError(
+                f"{mechanism.name}: pair {stop.pair} starts at {value:.6g} rad, outside "
+                f"its stops {stop.low:.6g} to {stop.high:.6g} rad"
+            )
+
+
+def _knots(mechanism: Mechanism, until: float) -> Iterable[float]:
+    """Yield the times at which torque tables have kinks, and check that they reach."""
+    for load in mechanism.loads:
+        if not isinstance(load, TorqueTable):
+            continue
+        load.at(np.array([0.0, until]))
+        if not load.periodic:
+            yield from load.times
+            continue
+        period = load.times[-1] - load.times[0]
+        first = int(np.floor((0.0 - load.times[-1]) / period))
+        last = int(np.ceil((until - load.times[0]) / period))
+        for turn in range(first, last + 1):
+            yield from (t + turn * period for t in load.times)

@@ -1,0 +1,670 @@
+"""Inertia, loads, torque from motion and motion from torque, against other ways to them.
+
+The four-bar of Di Gregorio (2024), Tables 1 and 2, is evaluated from its closed forms,
+eqs. (22) to (28), with 50 digits; other mechanisms by Newton's and Euler's equations of
+their links with all reactions.
+"""
+
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from spherekit_analyses.eksergian import Eksergian
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.dynamics.reduced import reduced
+from spherekit.dynamics.start import PoseStart, prepare
+from spherekit.errors import AnalysisError, ModelError, SolveError, SpherekitError
+from spherekit.model.dynamics import (
+    Damper,
+    Friction,
+    Gravity,
+    Mass,
+    Moment,
+    PairTorque,
+    PointForce,
+    Spring,
+    Stop,
+    TorqueTable,
+)
+from spherekit.model.geometry import geometry_of
+from spherekit.model.laws import ConstantSpeed, Polynomial, Start
+from spherekit.model.mechanism import Profile
+from spherekit.motion.closure import Closure
+
+TURN = np.linspace(0.0, 2.0 * np.pi, 361)
+DRIVING = "10*sin(2*t)"
+
+
+# --- the four-bar in 50 digits ------------------------------------------------------
+
+
+def exact_four_bar(q, p):
+    """Return theta41, u31, w31, w41 and B at q by eqs. (14), (22) to (26)."""
+    a1, a2, a3, a4 = (mp.pi / k for k in (3, 9, mp.mpf(18) / 7, mp.mpf(9) / 2))
+    s, c = mp.sin, mp.cos
+    c0 = c(a4) * (c(q) * s(a2) * s(a1) + c(a1) * c(a2)) - c(a3)
+    c1 = s(q) * s(a2) * s(a4)
+    c2 = s(a4) * (c(q) * s(a2) * c(a1) - s(a1) * c(a2))
+    theta = 2 * mp.atan2(-c1 + (-1) ** p * mp.sqrt(c1**2 + c2**2 - c0**2), c0 - c2)
+    i1, j1, k1 = (0, 0, 1)[::-1], (0, 1, 0), (0, 0, 1)
+    u41 = k1
+    u21 = add((s(a1), j1), (c(a1), k1))
+    j2 = add((s(q), i1), (c(q) * s(a1), k1), (-c(q) * c(a1), j1))
+    u32 = add((c(a2), u21), (s(a2), j2))
+    u43 = add((c(a4), k1), (s(a4) * s(theta), i1), (-s(a4) * c(theta), j1))
+    i3 = add((1 / s(a3), x(u43, u32)))
+    i4 = add((1 / s(a4), x(u41, u43)))
+    frames = {
+        2: (x(j2, u21), j2, u21),
+        3: (i3, x(u32, i3), u32),
+        4: (i4, x(u43, i4), u43),
+    }
+    u31 = unit(x(x(u41, u43), x(u21, u32)))
+    u42 = unit(x(x(u21, u41), x(u32, u43)))
+    w31 = dot(x(u31, u21), x(u32, u21)) / dot(x(u31, u21), x(u32, u31))
+    w41 = dot(x(u41, u21), x(u42, u21)) / dot(x(u41, u21), x(u42, u41))
+    B = 0
+    for j, w, u in ((2, 1, u21), (3, w31, u31), (4, w41, u41)):
+        along = [dot(u, axis) for axis in frames[j]]
+        B += w**2 * sum(
+            along[a] * TENSOR[j][a][b] * along[b] for a in range(3) for b in range(3)
+        )
+    return theta, u31, w31, w41, B
+
+
+TENSOR = {
+    2: ((2, 0, 0), (0, "1.920725", "-0.335117"), (0, "-0.335117", "0.079275")),
+    3: ((7, 0, 0), (0, "4.420725", "-2.529672"), (0, "-2.529672", "2.579275")),
+    4: ((4, 0, 0), (0, "3.410633", "-1.183662"), (0, "-1.183662", "0.589367")),
+}
+
+
+def add(*terms):
+    return tuple(sum(k * v[axis] for k, v in terms) for axis in range(3))
+
+
+def dot(a, b):
+    return sum(one * other for one, other in zip(a, b, strict=True))
+
+
+def x(a, b):
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def unit(a):
+    return add((1 / mp.sqrt(dot(a, a)), a))
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """Columns of all 361 samples for p = 0 and 1, derivatives by central differences.
+
+    With 60 digits and a step of 1e-18 their error is about 1e-36.
+    """
+    columns = {}
+    with mp.workdps(60):
+        for j, rows in TENSOR.items():
+            TENSOR[j] = tuple(tuple(mp.mpf(value) for value in row) for row in rows)
+        h = mp.mpf(10) ** -18
+        for p in (0, 1):
+            rows = []
+            for q in TURN:
+                q = mp.mpf(float(q))
+                theta, u31, w31, w41, B = exact_four_bar(q, p)
+                low, high = (exact_four_bar(q + k * h, p) for k in (-1, 1))
+                d31, d41, dB = ((high[k] - low[k]) / (2 * h) for k in (2, 3, 4))
+                loads = (-mp.sin(q) - 2, w41 * (-5 * mp.sin(theta) - 2 * w41))
+                tau = dB / 2 - sum(loads)
+                rows.append([theta, *u31, w31, w41, d31, d41, B, dB, *loads, tau])
+            columns[p] = np.array(rows, dtype=float)
+    return columns
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    return sk.load("four_bar")
+
+
+@pytest.fixture(scope="module")
+def tabled(four_bar):
+    return sk.run(four_bar, ["poles:only=31+41", Eksergian()])
+
+
+def rows_of(frame, branch, **chosen):
+    for name, value in chosen.items():
+        frame = frame[frame[name] == value]
+    return frame[frame["branch"] == branch]
+
+
+def mode_of(exact, theta41):
+    """Return the p of eq. (25) that has this theta41 at the first sample."""
+    return int(abs(np.sin(0.5 * (exact[1][0, 0] - theta41))) < 1e-9)
+
+
+@pytest.mark.parametrize("branch", [0, 1])
+def test_tables_1_and_2_of_the_source(tabled, exact, branch):
+    found = rows_of(tabled.frame("eksergian"), branch)
+    motion = rows_of(tabled.frame("motion"), branch)
+    theta = motion["theta_41"].to_numpy()
+    want = exact[mode_of(exact, theta[0])].T
+    assert np.max(np.abs(np.sin(0.5 * (theta - want[0])))) < 1e-12
+    poles = tabled.frame("poles")
+    w31, w41 = (rows_of(poles, branch, link=link) for link in ("3", "4"))
+    u31 = w31[["ux", "uy", "uz"]].to_numpy()
+    side = np.sign(np.sum(u31 * want[1:4].T, axis=1))
+    assert np.max(np.abs(u31 * side[:, None] - want[1:4].T)) < 1e-12
+    for name, k in (("rate", 4), ("rate_dq", 6)):
+        assert np.max(np.abs(w31[name].to_numpy() * side - want[k])) < 1e-12
+        assert np.max(np.abs(w41[name].to_numpy() - want[k + 1])) < 1e-12
+    assert np.max(np.abs(found["B"].to_numpy() - want[8])) < 1e-12
+    assert np.max(np.abs(found["dB_dq"].to_numpy() - want[9])) < 1e-12
+    assert np.max(np.abs(found["Q"].to_numpy() - want[10] - want[11])) < 1e-12
+    assert np.max(np.abs(found["tau"].to_numpy() - want[12])) < 1e-12
+    loads = rows_of(tabled.frame("eksergian", "loads"), branch)
+    for name, k in (("on_crank", 10), ("on_rocker", 11)):
+        own = loads[loads["load"] == name]
+        assert np.max(np.abs(own["Q"].to_numpy() - want[k])) < 1e-12
+    parts = rows_of(tabled.frame("eksergian", "inertia"), branch)
+    summed = parts.groupby("sample")["B"].sum().to_numpy()
+    assert np.max(np.abs(summed - want[8])) < 1e-12
+
+
+def test_the_laws_route_agrees_with_the_analysis(four_bar, tabled):
+    solved = inverse_dynamics(four_bar, ConstantSpeed(1.0), TURN)
+    frame = tabled.frame("eksergian")
+    for name in ("B", "dB_dq", "Q", "tau"):
+        assert np.max(np.abs(frame[name].to_numpy() - getattr(solved, name))) < 1e-13
+
+
+# --- Newton's and Euler's equations of the links -------------------------------------
+
+
+def body(random, link):
+    """Return the mass of a link made of five points in and about the unit sphere."""
+    points = random.normal(size=(5, 3)) * 0.5
+    weights = random.uniform(0.2, 2.0, size=5)
+    tensor = sum(
+        m * (r @ r * np.eye(3) - np.outer(r, r))
+        for m, r in zip(weights, points, strict=True)
+    )
+    centre = weights @ points / weights.sum()
+    return Mass(
+        link,
+        tuple(tuple(float(v) for v in row) for row in tensor),
+        float(weights.sum()),
+        tuple(float(v) for v in centre),
+    )
+
+
+def loaded(name, random):
+    """Return a shipped mechanism with masses on all links and loads of many kinds."""
+    mechanism = sk.load(name)
+    moving = mechanism.links[1:]
+    joint = next(p for p in reversed(mechanism.pairs) if p.type == "R")
+    loads = (
+        Gravity("weight", (1.0, -2.0, -9.0)),
+        PairTorque("motor", joint.name, f"2*cos(theta_{joint.name}) - dtheta_{joint.name}"),
+        PointForce("push", moving[-1], (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
+        PointForce("pull", moving[0], (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
+        Moment("turn", moving[-1], ("0.3", "t", "1"), "link"),
+        Spring("coil", joint.name, 0.7, 0.2),
+        Damper("oil", joint.name, 0.4),
+        Friction("rub", joint.name, 0.6, 0.1, 0.5),
+    )
+    masses = tuple(body(random, link) for link in moving)
+    return replace(mechanism, masses=masses, loads=loads), joint.name
+
+
+def newton_euler(mechanism, values, angle, t, dq, ddq, joint):
+    """Return the torque at the input from the equations of all links and their reactions.
+
+    Angular velocities of all links are the unknowns; no pair variable is differentiated.
+    """
+    joints = geometry_of(mechanism).joints
+    placed, states = Closure.of(mechanism, joints).place(values[None])
+    turns, count = placed[0], len(mechanism.links)
+    rows, rates, drive = [], [], None
+    plans = []
+    for k, (a, b) in enumerate(mechanism.ends):
+        frame = turns[a] @ states.first[0, k]
+        plans.append((k, a, b, *frame.T))
+    for k, a, b, tangent, normal, point in plans:
+        kind = mechanism.pairs[k].type
+        for vector in (tangent,) if kind == "Cs" else (tangent, normal):
+            rows.append(spread(count, a, b, vector))
+        if mechanism.pairs[k].name == mechanism.inputs[0].pair:
+            drive = spread(count, a, b, point)
+    A = np.array(rows)
+    w = np.linalg.lstsq(np.vstack([A, drive]), np.append(np.zeros(len(A)), dq))[0]
+    w = np.vstack([np.zeros(3), w.reshape(-1, 3)])
+    for k, a, b, tangent, normal, point in plans:
+        k1, k2 = states.curvatures[0, k]
+        relative = w[b] - w[a]
+        kind, s = mechanism.pairs[k].type, 0.0
+        if kind == "Cs":
+            s = (relative @ point - k2 * relative @ normal) / (k1 - k2)
+        elif kind == "Cr":
+            s = relative @ point / (k1 - k2)
+        moved = np.cross(w[a], tangent) + s * (k1 * normal - point) * (kind != "R")
+        rates.append(-moved @ relative)
+        if kind != "Cs":
+            turned = np.cross(w[a], normal) - s * k1 * tangent * (kind != "R")
+            rates.append(-turned @ relative)
+    alpha = np.linalg.lstsq(np.vstack([A, drive]), np.append(rates, ddq))[0]
+    alpha = np.vstack([np.zeros(3), alpha.reshape(-1, 3)])
+    applied = moments(mechanism, turns, w, angle, t, joint)
+    right = []
+    for link in range(1, count):
+        mass = next(m for m in mechanism.masses if m.link == mechanism.links[link])
+        tensor = turns[link] @ np.array(mass.tensor) @ turns[link].T
+        spin = np.cross(w[link], tensor @ w[link])
+        right.append(tensor @ alpha[link] + spin - applied[link])
+    reactions = np.linalg.lstsq(np.vstack([A, drive]).T, np.concatenate(right))[0]
+    return reactions[-1]
+
+
+def spread(count, a, b, vector):
+    row = np.zeros((count, 3))
+    row[b], row[a] = vector, -vector
+    return row[1:].ravel()
+
+
+def moments(mechanism, turns, w, angle, t, joint):
+    """Return the moments (links, 3) of the loads of `loaded` about the centre."""
+    number = mechanism.link_number
+    last, first = number[mechanism.links[-1]], number[mechanism.links[1]]
+    found = np.zeros((len(mechanism.links), 3))
+    for mass in mechanism.masses:
+        link = number[mass.link]
+        arm = turns[link] @ np.array(mass.centre)
+        found[link] += np.cross(arm, mass.mass * np.array([1.0, -2.0, -9.0]))
+    arm = turns[last] @ np.array([0.3, -0.2, 0.9])
+    found[last] += np.cross(arm, [1.0, 2.0 * t, -1.0])
+    arm = np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
+    found[first] += turns[first] @ arm
+    found[last] += turns[last] @ np.array([0.3, t, 1.0])
+    pair = mechanism.pair_number[joint]
+    a, b = mechanism.ends[pair]
+    axis = turns[a] @ geometry_of(mechanism).joints[pair].first[:, 2]
+    rate = (w[b] - w[a]) @ axis
+    torque = 2.0 * np.cos(angle) - rate - 0.7 * (angle - 0.2) - 0.4 * rate
+    torque -= 0.6 * np.tanh(rate / 0.5) + 0.1 * rate
+    found[b] += torque * axis
+    found[a] -= torque * axis
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("four_bar", (0.4, 0.7, 0.35)),
+        ("stephenson", (0.4, 0.7, 0.35)),
+        ("double_butterfly", (0.05, 0.2, 0.1)),
+        ("shaped_flat_cam", (0.4, 0.7, 0.35)),
+        ("planetary_bevel", (0.4, 0.7, 0.35)),
+    ],
+)
+def test_newton_and_euler_give_the_same_torque(name, law):
+    random = np.random.default_rng(sum(map(ord, name)))
+    mechanism, joint = loaded(name, random)
+    found = inverse_dynamics(mechanism, Polynomial(law), [0.0, 0.3, 0.6, 0.9], branch=0)
+    assert np.all(found.status == 0)
+    (number,) = mechanism.variables_of(mechanism.pair_number[joint])
+    for row, t in enumerate(found.t):
+        want = newton_euler(
+            found.mechanism,
+            found.values[row],
+            found.values[row, number],
+            t,
+            found.dq[row],
+            found.ddq[row],
+            joint,
+        )
+        assert found.tau[row] == pytest.approx(want, rel=1e-10, abs=1e-10)
+
+
+def test_a_gear_train_has_a_constant_inertia():
+    mechanism = sk.load("planetary_bevel")
+    random = np.random.default_rng(5)
+    round_about_z = ((0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.5))
+    masses = (
+        body(random, "carrier"),
+        body(random, "output"),
+        Mass("planet", round_about_z, 1.0),
+    )
+    mechanism = replace(mechanism, masses=masses)
+    found = inverse_dynamics(mechanism, ConstantSpeed(1.0), np.linspace(0.1, 6.0, 25))
+    assert np.max(np.abs(found.dB_dq)) < 1e-12
+    assert np.ptp(found.B) < 1e-12
+    assert np.max(np.abs(found.tau)) < 1e-12
+
+
+def test_torque_at_another_pair_does_the_same_work(four_bar):
+    found = inverse_dynamics(four_bar, ConstantSpeed(2.0), np.linspace(0.1, 3.0, 30))
+    (number,) = four_bar.variables_of(four_bar.pair_number["41"])
+    power = found.torque_at("41") * found.pair_rates[:, number] * found.dq
+    np.testing.assert_allclose(power, found.tau * found.dq, rtol=1e-12)
+
+
+# --- motion from torque ----------------------------------------------------------------
+
+
+def q_form(exact, p, t):
+    """Return q at times t by Eksergian's equation in q, from the 50-digit closed forms.
+
+    B, w41 sin(theta41) and w41^2 are periodic in q: their Fourier series from 360 samples
+    are exact to rounding.
+    """
+    rows = exact[p][:-1]
+    theta, w41, B = rows[:, 0], rows[:, 5], rows[:, 8]
+    table = np.stack([B, w41 * np.sin(theta), w41**2], axis=1)
+    orders = np.arange(80)
+    series = np.fft.rfft(table, axis=0)[:80] * (2.0 / 360.0)
+    series[0] *= 0.5
+    slopes = 1j * orders * series[:, 0]
+
+    def right(time, state):
+        q, dq = state
+        wave = np.exp(1j * orders * q)
+        inertia, weight, drag = (wave @ series).real
+        load = 10.0 * np.sin(2.0 * time) - np.sin(q) - 2.0 * dq
+        load -= 5.0 * weight + 2.0 * drag * dq
+        return dq, (load - 0.5 * (wave @ slopes).real * dq**2) / inertia
+
+    solved = solve_ivp(
+        right, (0.0, t[-1]), (0.3, 1.0), t_eval=t, method="DOP853", rtol=1e-13, atol=1e-14
+    )
+    return solved.y[0]
+
+
+def test_direct_problem_of_the_four_bar(four_bar, exact, tabled):
+    theta = rows_of(tabled.frame("motion"), 0)["theta_41"].iloc[0]
+    t = np.linspace(0.0, 10.0, 201)
+    want = q_form(exact, mode_of(exact, theta), t)
+    found = simulate(
+        four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-9, check=True
+    )
+    assert found.end.kind == "time"
+    assert np.max(np.abs(found.at(t).q - want)) < 1e-10
+    checks = found.checks
+    assert checks.error < 1e-9
+    assert checks.energy < 1e-8 * checks.energy_scale
+    assert checks.closure < 1e-10
+    assert np.max(found.at(t).residual) < 1e-9
+    resting = [event for event in found.events if event.kind == "rest"]
+    assert np.max(np.abs(found.at([event.t for event in resting]).dq)) < 1e-9
+
+
+def test_the_reduced_model_gives_the_same_motion(four_bar):
+    t = np.linspace(0.0, 10.0, 101)
+    exactly = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
+    model = reduced(prepare(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING))
+    assert model.error < 1e-13
+    for tolerance in (1e-7, 1e-9):
+        found = model.simulate(t, tolerance)
+        assert np.max(np.abs(found.q - exactly.at(t).q)) < tolerance
+        assert np.max(np.abs(found.values - exactly.at(t).values)) < 10 * tolerance
+        assert found.energy < 10 * tolerance
+        assert found.message == ""
+
+
+def test_the_reduced_model_ends_with_its_curve_and_knows_all_loads(four_bar):
+    mechanism, joint = loaded("four_bar", np.random.default_rng(8))
+    table = TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
+    mechanism = replace(
+        mechanism, loads=(*mechanism.loads, table), stops=(Stop("21", -2.0, 1.5),)
+    )
+    exactly = simulate(mechanism, Start(0.3, 4.0), 2.0, tolerance=1e-11)
+    assert exactly.end.kind == "stop"
+    model = reduced(prepare(mechanism, Start(0.3, 4.0), 2.0))
+    assert not model.curve.closed
+    t = np.linspace(0.0, 2.0, 81)
+    found = model.simulate(t, 1e-9)
+    before = t < exactly.end.t
+    assert np.max(np.abs(found.q[before] - exactly.at(t[before]).q)) < 1e-8
+    assert np.all(np.isnan(found.q[t > exactly.end.t + 0.1]))
+    assert "the curve ends" in found.message
+    with pytest.raises(SolveError, match="increasing times"):
+        model.simulate([0.0, 1.0, 0.5])
+
+
+def test_the_scheme_of_the_source_is_of_first_order(four_bar):
+    exactly = simulate(four_bar, Start(0.3, 1.0), 2.0, torque=DRIVING, tolerance=1e-11)
+    t = np.linspace(0.0, 2.0, 51)
+    errors = []
+    for step in (0.04, 0.02, 0.01):
+        found = simulate(
+            four_bar, Start(0.3, 1.0), 2.0, torque=DRIVING, scheme="paper", step=step
+        )
+        errors.append(np.max(np.abs(found.at(t).q - exactly.at(t).q)))
+    ratios = np.array(errors[:-1]) / errors[1:]
+    assert np.all((ratios > 1.8) & (ratios < 2.2)), errors
+
+
+def heavy(four_bar):
+    """The four-bar under gravity; its tensors are those of uniform arcs."""
+    masses = tuple(
+        replace(mass, mass=m, centre=(0.0, (1 - np.cos(arc)) / arc, np.sin(arc) / arc))
+        for mass, m, arc in zip(
+            four_bar.masses, (2.0, 7.0, 4.0), np.radians([20, 70, 40]), strict=True
+        )
+    )
+    return replace(four_bar, masses=masses, loads=(Gravity("weight", (0.0, 0.0, -9.81)),))
+
+
+def test_energy_of_a_conservative_system_stays(four_bar):
+    mechanism = heavy(four_bar)
+    found = simulate(mechanism, Start(0.3, 9.0), 4.0, tolerance=1e-11)
+    t = np.linspace(0.0, 4.0, 121)
+    history = found.at(t)
+    height = np.zeros(len(t))
+    for mass in mechanism.masses:
+        turn = history.rotations[:, mechanism.link_number[mass.link]]
+        height += mass.mass * 9.81 * (turn @ np.array(mass.centre))[:, 2]
+    energy = history.kinetic + height
+    assert history.q[-1] > 8.0 * np.pi
+    assert np.ptp(energy) < 1e-9 * np.max(np.abs(history.kinetic))
+
+
+def test_a_rocker_is_driven_over_its_dead_centres(four_bar):
+    free = replace(four_bar, loads=())
+    crank = simulate(free, Start(0.3, 3.0), 10.0, tolerance=1e-11)
+    begin = crank.at([0.0])
+    (rocker,) = free.variables_of(free.pair_number["41"])
+    rate = float(begin.value_rates[0, rocker])
+    swung = simulate(
+        free,
+        PoseStart(begin.values[0], "41", rate),
+        10.0,
+        input_pair="41",
+        tolerance=1e-11,
+    )
+    t = np.linspace(0.0, 10.0, 201)
+    assert np.max(np.abs(swung.at(t).values - crank.at(t).values)) < 1e-8
+    dead = [event for event in swung.events if event.kind == "dead_centre"]
+    turns = (crank.at([10.0]).q[0] - 0.3) / (2.0 * np.pi)
+    assert abs(len(dead) - 2.0 * turns) <= 2.0
+    assert not [event for event in crank.events if event.kind == "dead_centre"]
+    assert np.max(np.abs(swung.at([event.t for event in dead]).dq)) < 1e-7
+    kinetic = swung.at(t).kinetic
+    assert np.ptp(kinetic) < 1e-10 * kinetic[0]
+
+
+def test_a_start_on_a_dead_centre(four_bar):
+    free = replace(four_bar, loads=())
+    crank = simulate(free, Start(0.3, 3.0), 5.0, tolerance=1e-11)
+    pose = crank.at([0.0]).values[0]
+    swung = simulate(free, PoseStart(pose, "21", 3.0), 5.0, input_pair="41")
+    dead = next(event for event in swung.events if event.kind == "dead_centre")
+    there = swung.at([dead.t])
+    with pytest.raises(SolveError, match="dead centre"):
+        simulate(free, PoseStart(there.values[0], "41", 1.0), 1.0, input_pair="41")
+    again = simulate(
+        free,
+        PoseStart(there.values[0], "21", float(there.value_rates[0, 0])),
+        5.0 - dead.t,
+        input_pair="41",
+    )
+    last = again.at([5.0 - dead.t]).values[0]
+    assert np.max(np.abs(last - swung.at([5.0]).values[0])) < 1e-7
+
+
+def test_a_stop_ends_the_simulation_and_all_is_kept(four_bar):
+    stopped = replace(four_bar, stops=(Stop("21", -1.0, 1.5),))
+    found = simulate(stopped, Start(0.3, 1.0), 10.0, torque=DRIVING)
+    free = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING)
+    assert found.end.kind == "stop"
+    assert "21" in found.end.message
+    assert found.at([found.end.t]).q[0] == pytest.approx(1.5, abs=1e-10)
+    t = np.linspace(0.0, found.end.t, 11)
+    assert np.max(np.abs(found.at(t).q - free.at(t).q)) < 1e-9
+    with pytest.raises(SolveError, match=r"reached its stop"):
+        found.at([5.0])
+    with pytest.raises(SolveError, match="outside its stops"):
+        simulate(stopped, Start(2.0, 1.0), 10.0)
+
+
+def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
+    table = TorqueTable("motor", "21", (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
+    switched = replace(four_bar, loads=(*four_bar.loads, table))
+    found = simulate(switched, Start(0.3, 1.0), 1.2, tolerance=1e-10, check=True)
+    times = [event.t for event in found.events if event.kind == "switch"]
+    np.testing.assert_allclose(times, [0.4, 0.5, 0.9, 1.0], atol=1e-12)
+    assert found.checks.error < 1e-9
+    assert found.checks.energy < 1e-10
+
+
+def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
+    mechanism = sk.load("roller_cam")
+    contact = mechanism.pair("contact")
+    centre = np.array(contact.profiles[0].centre)
+    side = np.cross(centre, [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    angle, radius = np.linspace(-2.5, 2.5, 90)[:, None], np.radians(25.0)
+    round_it = np.cos(angle) * side + np.sin(angle) * np.cross(centre, side)
+    points = np.cos(radius) * centre + np.sin(radius) * round_it
+    arc = Profile("points", points=tuple(map(tuple, points.tolist())), closed=False)
+    contact = replace(contact, profiles=(arc, contact.profiles[1]))
+    opened = replace(
+        mechanism,
+        pairs=tuple(contact if p.name == "contact" else p for p in mechanism.pairs),
+        masses=(Mass("cam", ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15))),),
+    )
+    reached = inverse_dynamics(opened, ConstantSpeed(1.0), TURN[::6], branch=0)
+    first = reached.values[reached.status == Status.OK][0]
+    last = reached.q[reached.status == Status.OK][-1]
+    found = simulate(opened, PoseStart(first, "cam_shaft", 2.0), 20.0, tolerance=1e-7)
+    assert found.end.kind == "off_profile"
+    history = found.at(np.linspace(0.0, found.end.t, 9))
+    assert history.q[-1] > last - 0.01
+    assert np.ptp(history.kinetic) < 1e-7
+
+
+def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
+    """A parallelogram that flattens may go on as one or as an antiparallelogram."""
+    sizes = four_bar.geometry
+    arcs = dict(zip(four_bar.links, np.radians([60.0, 40.0, 60.0, 40.0]), strict=True))
+    links = {
+        link: replace(size, arcs=(float(arcs[link]),)) for link, size in sizes.links.items()
+    }
+    flat = replace(four_bar, geometry=replace(sizes, links=links), loads=())
+    found = simulate(flat, Start(1.0, -1.0), 5.0)
+    assert found.end.kind == "singularity"
+    assert "cross" in found.end.message
+    assert abs(found.at([found.end.t]).q[0]) < 1e-5
+    assert np.all(np.diff(found.at(np.linspace(0.0, found.end.t, 20)).q) < 0.0)
+
+
+def test_a_load_without_bound_ends_the_simulation(four_bar):
+    pushed = replace(four_bar, loads=(PairTorque("pole", "21", "1/(1 - t)**2"),))
+    found = simulate(pushed, Start(0.3, 1.0), 2.0, tolerance=1e-7)
+    assert found.end.kind == "too_fast"
+    assert 0.9 < found.end.t <= 1.0
+    assert "smooth it" in found.end.message
+    with pytest.raises(SolveError, match="cannot leave its start"):
+        simulate(
+            replace(four_bar, loads=(PairTorque("none", "21", "log(0 - 1 - t)"),)),
+            Start(0.3, 1.0),
+            2.0,
+        )
+
+
+def test_what_moves_needs_the_torque_that_moved_it(four_bar):
+    """The two problems are each other's inverse; q'' of the dense output is exact."""
+
+    class Moved:
+        def at(self, t):
+            history = found.at(t)
+            return history.q, history.dq, history.ddq
+
+    found = simulate(four_bar, Start(0.3, 1.0), 5.0, torque=DRIVING, tolerance=1e-11)
+    t = np.linspace(0.0, 5.0, 41)
+    solved = inverse_dynamics(four_bar, Moved(), t, branch=0)
+    assert np.max(np.abs(solved.tau - 10.0 * np.sin(2.0 * t))) < 1e-9
+
+
+def test_friction_brings_a_mechanism_to_rest(four_bar):
+    rubbed = replace(four_bar, loads=(Friction("rub", "21", 4.0, 0.0, 5e-2),))
+    found = simulate(rubbed, Start(0.3, 2.0), 3.0, tolerance=1e-8)
+    history = found.at(np.linspace(0.0, 3.0, 61))
+    assert abs(history.dq[-1]) < 1e-2
+    assert np.all(np.diff(history.kinetic) < 1e-9)
+    assert found.checks.energy < 1e-8 * found.checks.energy_scale
+
+
+# --- what is refused --------------------------------------------------------------------
+
+
+def test_bad_input_is_refused_before_anything_is_integrated(four_bar):
+    start = Start(0.3, 1.0)
+    with pytest.raises(ModelError, match="no moving link has inertia"):
+        simulate(replace(four_bar, masses=()), start, 1.0)
+    with pytest.raises(ModelError, match="neither masses nor loads"):
+        sk.run(replace(four_bar, masses=(), loads=()), Eksergian(), samples=3)
+    with pytest.raises(ModelError, match="needs mass and centre"):
+        replace(four_bar, loads=(Gravity("weight", (0.0, 0.0, -9.8)),))
+    for until in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(SolveError, match="cannot end at"):
+            simulate(four_bar, start, until)
+    with pytest.raises(SpherekitError, match="finite"):
+        simulate(four_bar, Start(0.3, np.nan), 1.0)
+    with pytest.raises(SolveError, match="tolerance"):
+        simulate(four_bar, start, 1.0, tolerance=0.0)
+    with pytest.raises(SolveError, match="branch 7"):
+        simulate(four_bar, start, 1.0, branch=7)
+    with pytest.raises(SolveError, match="OUT_OF_REACH"):
+        simulate(four_bar, Start(np.pi, 1.0), 1.0, input_pair="41")
+    with pytest.raises(SolveError, match="do not close"):
+        simulate(four_bar, PoseStart((0.0, 0.0, 0.0, 9.0), "21", 1.0), 1.0)
+    with pytest.raises(SolveError, match="4 finite numbers"):
+        simulate(four_bar, PoseStart((0.0, 0.0), "21", 1.0), 1.0)
+    with pytest.raises(ModelError, match="driving_torque"):
+        simulate(four_bar, start, 1.0, torque="system(1)")
+    with pytest.raises(SolveError, match="whole number of steps"):
+        simulate(four_bar, start, 1.0, scheme="paper", step=0.3)
+    for times in ([0.0, 1.0, 0.5], [0.0, np.nan]):
+        with pytest.raises(SolveError, match="increase"):
+            inverse_dynamics(four_bar, ConstantSpeed(1.0), times)
+    for speed in (0.0, np.nan):
+        with pytest.raises(AnalysisError, match="speed"):
+            sk.run(four_bar, Eksergian(speed=speed), samples=3)
+
+
+def test_samples_at_a_dead_centre_of_the_input_have_a_status_not_a_value(four_bar):
+    found = inverse_dynamics(
+        four_bar, ConstantSpeed(1.0), np.linspace(0.0, 6.0, 40), input_pair="41"
+    )
+    failed = found.status != 0
+    assert np.any(failed) and not np.all(failed)
+    assert np.all(np.isnan(found.tau[failed]))
+    assert np.all(np.isfinite(found.tau[~failed]))
