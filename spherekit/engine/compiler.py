@@ -1,7 +1,7 @@
 """heyoka, the compiler behind the engine; imported here only, and only when called."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from types import ModuleType
@@ -15,6 +15,9 @@ from spherekit.sphere.rotation import Floats
 
 Expr = Any
 """A number, or an expression that heyoka can compile."""
+
+MOST_SWITCHES = 100_000
+"""A run in which more events than this occur ends: its switches chatter."""
 
 
 def available() -> bool:
@@ -52,6 +55,18 @@ def function(name: str, *arguments: Expr) -> Expr:
     """Return heyoka's function of this name applied to expressions or numbers."""
     module = heyoka()
     return getattr(module, name)(*map(module.expression, arguments))
+
+
+def power(base: Expr, exponent: Expr) -> Expr:
+    """Return base ** exponent."""
+    module = heyoka()
+    return module.expression(base) ** module.expression(exponent)
+
+
+def derivative(expression: Expr, variable: Expr) -> Expr:
+    """Return the partial derivative by a variable."""
+    module = heyoka()
+    return module.diff(module.expression(expression), variable)
 
 
 def choose(condition: Expr, positive: Expr, otherwise: Expr) -> Expr:
@@ -102,10 +117,26 @@ def compile_function(
 @final
 @dataclass(frozen=True)
 class Event:
-    """A zero of an expression during an integration; one that stops ends it there."""
+    """A zero of an expression during an integration.
+
+    With `switch`, a parameter's number, that parameter becomes the expression's new
+    sign, and the integration restarts from there. Otherwise, where it `stops`, the
+    integration ends; else it is noted.
+    """
 
     expression: Expr
-    stops: bool
+    stops: bool = False
+    switch: int | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Noted:
+    """An event that occurred: its number, the time, and the sense of the passage."""
+
+    event: int
+    time: float
+    sense: int
 
 
 @final
@@ -113,12 +144,14 @@ class Event:
 class Integrator:
     """A compiled Taylor integrator of given equations, with its events.
 
-    `seen` collects (time, number of the event, sense) while it runs.
+    `seen` collects what occurs in a run. `seconds` is what compiling took; `size`
+    counts elementary operations.
     """
 
     adaptive: Any
-    seen: list[tuple[float, int, int]]
-    stopping: tuple[int, ...]
+    events: tuple[Event, ...]
+    terminal: tuple[int, ...]
+    seen: list[Noted]
     seconds: float
     size: int
 
@@ -127,48 +160,87 @@ class Integrator:
         self.adaptive.state[:] = state
         self.adaptive.time = time
         self.adaptive.pars[:] = parameters
-        if self.stopping:
+        if self.terminal:
             self.adaptive.reset_cooldowns()
         self.seen.clear()
 
+    def run(self, times: Floats, max_steps: int) -> tuple[Floats, str, int]:
+        """Run to the last of `times`, return the states there, why it ended, the steps.
+
+        Rows after the end are missing. The reason is "" where the last time was reached.
+        """
+        outcome, _, _, steps, _, states = self.adaptive.propagate_grid(
+            times, max_steps=max_steps
+        )
+        code = int(outcome)
+        ends = heyoka().taylor_outcome
+        if code == int(ends.time_limit):
+            return states, "", steps
+        if code == int(ends.step_limit):
+            return states, f"{max_steps} steps were not enough", steps
+        if code == int(ends.err_nf_state):
+            return states, "the state is no longer finite", steps
+        which = self.terminal[-code - 1]
+        self.seen.append(Noted(which, float(self.adaptive.time), 0))
+        return states, f"event {which}", steps
+
 
 def compile_integrator(
-    equations: Mapping[Any, Expr] | Sequence[tuple[Expr, Expr]],
+    equations: Sequence[tuple[Expr, Expr]],
     tolerance: float,
     compact: bool,
     events: Sequence[Event] = (),
+    parameters: int = 0,
     number: type[Any] = float,
 ) -> Integrator:
     """Compile the equations (variable, its rate by time) for one tolerance."""
     module = heyoka()
     started = time.perf_counter()
-    pairs = equations.items() if isinstance(equations, Mapping) else equations
-    seen: list[tuple[float, int, int]] = []
+    seen: list[Noted] = []
 
-    def noted(which: int) -> Callable[[Any, Any, int], None]:
-        return lambda _, when, sense: seen.append((when, which, sense))
+    def note(which: int) -> Callable[[Any, Any, int], None]:
+        return lambda _, when, sense: seen.append(Noted(which, float(when), sense))
 
-    passing, stopping = [], []
+    def flip(which: int, switch: int) -> Callable[[Any, int], bool]:
+        def turn(running: Any, sense: int) -> bool:
+            seen.append(Noted(which, float(running.time), sense))
+            if sense:
+                running.pars[switch] = number(sense)
+            return len(seen) < MOST_SWITCHES
+
+        return turn
+
+    passing, ending, terminal = [], [], []
     for which, event in enumerate(events):
-        if event.stops:
-            stopping.append(which)
+        expression = module.expression(event.expression)
+        if event.switch is not None:
+            action = flip(which, event.switch)
+            ending.append(module.t_event(expression, callback=action, fp_type=number))
+            terminal.append(which)
+        elif event.stops:
+            ending.append(module.t_event(expression, fp_type=number))
+            terminal.append(which)
         else:
-            passing.append(
-                module.nt_event(event.expression, noted(which), fp_type=number)
-            )
-    ends = [module.t_event(events[k].expression, fp_type=number) for k in stopping]
-    system = [(name, module.expression(rate)) for name, rate in pairs]
+            passing.append(module.nt_event(expression, note(which), fp_type=number))
+    system = [(name, module.expression(rate)) for name, rate in equations]
     made = module.taylor_adaptive(
         system,
         np.zeros(len(system), dtype=number),
         tol=number(tolerance),
+        pars=np.zeros(parameters, dtype=number),
         compact_mode=compact,
-        t_events=ends,
+        t_events=ending,
         nt_events=passing,
         fp_type=number,
     )
-    seconds = time.perf_counter() - started
-    return Integrator(made, seen, tuple(stopping), seconds, len(made.decomposition))
+    return Integrator(
+        made,
+        tuple(events),
+        tuple(terminal),
+        seen,
+        time.perf_counter() - started,
+        len(made.decomposition),
+    )
 
 
 def time_symbol() -> Expr:
@@ -180,20 +252,3 @@ def parameter(number: int) -> Expr:
     """Return a constant whose value is set before each run."""
     return heyoka().par[number]
 
-
-__all__ = [
-    "Event",
-    "Expr",
-    "Floats",
-    "Function",
-    "Integrator",
-    "available",
-    "choose",
-    "compile_function",
-    "compile_integrator",
-    "function",
-    "heyoka",
-    "parameter",
-    "symbols",
-    "time_symbol",
-]

@@ -1,0 +1,202 @@
+"""Eksergian's equation of a mechanism as a system that the Taylor integrator runs.
+
+In any coordinate p along the motion B p'' + 1/2 dB/dp p'^2 = Q (Di Gregorio 2024, eq. 9).
+With the homogeneous parameter of `spherekit.engine.kinematics` the state is the pair
+variables v and the speed u = dp/dt: v' = tau(v) u, u' = (Q - 1/2 dB/dp u^2) / B. Closure is
+an invariant of these equations, so nothing has to be solved or stabilised; dead centres,
+where the form in the input's angle is singular, are ordinary points. The work of the loads
+is integrated along, so that the energy balance measures the error.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.engine.cache import cached
+from spherekit.engine.compiler import (
+    Event,
+    Expr,
+    Function,
+    Integrator,
+    compile_function,
+    compile_integrator,
+    derivative,
+    parameter,
+    symbols,
+    time_symbol,
+)
+from spherekit.engine.inertia import inertia, tensors
+from spherekit.engine.kinematics import Flow, Structure
+from spherekit.engine.loads import AppliedLoad, Moving, Switches
+from spherekit.engine.pose import place_by_variables
+from spherekit.errors import EngineError
+from spherekit.model.mechanism import Mechanism
+
+
+@final
+@dataclass(frozen=True)
+class Dynamics:
+    """The compiled equations of motion of a mechanism under given loads.
+
+    `events` names what the integrator's events are. `observe` gives, from variables,
+    speed dp/dt and time: the rates of all variables by time, d2q/dt2, B and dB/dq, the
+    kinetic energy, dq/dp, |tau|, and each load's power. `conditions` gives what the
+    switches depend on and its rate by time. `seconds` is what compiling took.
+    """
+
+    structure: Structure
+    loads: tuple[str, ...]
+    stops: tuple[str, ...]
+    integrator: Integrator
+    events: tuple[str, ...]
+    observe: Function
+    conditions: Function | None
+    seconds: float
+
+
+def dynamics(
+    mechanism: Mechanism,
+    input_pair: str,
+    loads: Sequence[AppliedLoad] = (),
+    dead_centres: Sequence[str] = (),
+    stops: Sequence[str] = (),
+    tolerance: float = 1e-13,
+    compact: bool = True,
+) -> Dynamics:
+    """Return the compiled equations; from the cache where they were compiled before.
+
+    Parameters
+    ----------
+    mechanism, input_pair
+        A mechanism with one freedom, and the pair whose angle q is the input.
+    loads
+        All loads that act, those of the actuator among them.
+    dead_centres, stops
+        Names of variables whose dead centres are to be noted, and of those that have a
+        stop; the stops' values are given for each run.
+    tolerance
+        Error per step, relative to the largest element of the state, or absolute where
+        that is below one.
+    compact
+        heyoka's compact mode: compiles faster, runs slower.
+
+    Raises
+    ------
+    EngineError
+        If no link that can move has mass, or the mechanism cannot be compiled.
+    """
+    request = repr(
+        (
+            "dynamics",
+            input_pair,
+            [(load.name, load.content) for load in loads],
+            tuple(dead_centres),
+            tuple(stops),
+            tolerance,
+            compact,
+        )
+    )
+    return cached(
+        mechanism,
+        request,
+        lambda: _compile(
+            mechanism, input_pair, loads, dead_centres, stops, tolerance, compact
+        ),
+    )
+
+
+def _compile(
+    mechanism: Mechanism,
+    input_pair: str,
+    loads: Sequence[AppliedLoad],
+    dead_centres: Sequence[str],
+    stops: Sequence[str],
+    tolerance: float,
+    compact: bool,
+) -> Dynamics:
+    masses = tensors(mechanism)
+    if not any(np.any(tensor) for link, tensor in masses.items() if link):
+        raise EngineError(
+            f"{mechanism.name}: no link that moves has mass; give one a [mass.LINK]"
+        )
+    names = mechanism.variable_names
+    structure = Structure.of(mechanism, input_pair)
+    variables = symbols(names)
+    speed, work, moment = symbols(("speed", "work", "time"))
+    flow = Flow(structure, place_by_variables(mechanism, structure.pairs, variables))
+    whole = inertia(flow, masses)
+
+    def under_loads(time: Expr, switches: Switches) -> tuple[list[Expr], Expr]:
+        moving = Moving(flow, variables, speed, time, switches)
+        forces = [load.force(moving) for load in loads]
+        return forces, (sum(forces) - 0.5 * whole.rate * speed * speed) / whole.value
+
+    switches = Switches(len(stops))
+    forces, change = under_loads(time_symbol(), switches)
+    rates = [tau * speed for tau in flow.tau]
+    equations = [*zip(variables, rates, strict=True), (speed, change)]
+    events, labels = _events(flow, variables, dead_centres, stops)
+    for number, condition in enumerate(switches.conditions):
+        events.append(Event(condition, switch=len(stops) + number))
+        labels.append(f"switch {number + 1} of the loads")
+    integrator = compile_integrator(
+        [*equations, (work, sum(forces) * speed)],
+        tolerance,
+        compact,
+        events,
+        len(stops) + len(switches.conditions),
+    )
+    signs = Switches()
+    forces, gained = under_loads(moment, signs)
+    inputs = [*variables, speed, moment]
+    tau_q, tau_q_rate = flow.input_rate, flow.tau_rate[structure.driven]
+    share = 1.0 / tau_q
+    outputs = [
+        *rates,
+        tau_q_rate * speed * speed + tau_q * gained,
+        whole.value * share * share,
+        (whole.rate - 2.0 * whole.value * tau_q_rate * share) * share * share * share,
+        0.5 * whole.value * speed * speed,
+        tau_q,
+        flow.speed,
+        *(force * speed for force in forces),
+    ]
+    observe = compile_function(outputs, inputs, compact=True)
+    conditions = None
+    if signs.conditions:
+        flowing = [*rates, gained, 1.0]
+        changes = [
+            sum(
+                derivative(condition, item) * rate
+                for item, rate in zip(inputs, flowing, strict=True)
+            )
+            for condition in signs.conditions
+        ]
+        conditions = compile_function([*signs.conditions, *changes], inputs, compact=True)
+    return Dynamics(
+        structure,
+        tuple(load.name for load in loads),
+        tuple(stops),
+        integrator,
+        tuple(labels),
+        observe,
+        conditions,
+        sum(each.seconds for each in (integrator, observe, conditions) if each),
+    )
+
+
+def _events(
+    flow: Flow, variables: Sequence[Expr], dead_centres: Sequence[str], stops: Sequence[str]
+) -> tuple[list[Event], list[str]]:
+    names = flow.structure.mechanism.variable_names
+    events, labels = [], []
+    for name in dead_centres:
+        events.append(Event(flow.tau[names.index(name)]))
+        labels.append(f"dead centre of {name}")
+    for number, name in enumerate(stops):
+        reached = variables[names.index(name)] - parameter(number)
+        events.append(Event(reached, stops=True))
+        labels.append(f"stop of {name}")
+    return events, labels
