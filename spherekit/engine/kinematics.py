@@ -113,7 +113,7 @@ class Flow:
         ]
         self.vectors = [_sum([axis * size for size, _, axis in each]) for each in spins]
         self.tau = self._solve(self.vectors)
-        self.w = [self._along(link, self.vectors, self.tau) for link in self._links]
+        self.w = [self.relative(0, link) for link in self._links]
         self.vector_rates = [
             _sum([cross(self.w[link], axis) * size for size, link, axis in each])
             for each in spins
@@ -132,35 +132,36 @@ class Flow:
             solver.close(rows)
         return [solver.rates[v] for v in range(len(vectors))]
 
-    def _along(self, link: int, vectors: Sequence[Exprs], tau: Sequence[Expr]) -> Exprs:
-        parts = [
-            vectors[v] * (float(sense) * tau[v])
-            for v, sense in enumerate(self.tree.paths[link])
-            if sense
-        ]
+    def _along(
+        self, link: int, other: int, vectors: Sequence[Exprs], tau: Sequence[Expr]
+    ) -> Exprs:
+        senses = self.tree.paths[other] - self.tree.paths[link]
+        parts = [vectors[v] * (float(s) * tau[v]) for v, s in enumerate(senses) if s]
         return _sum(parts)
 
+    def relative(self, link: int, other: int) -> Exprs:
+        """Return (3,) the angular velocity of the other link relative to a link."""
+        return self._along(link, other, self.vectors, self.tau)
+
+    def relative_rate(self, link: int, other: int) -> Exprs:
+        """Return (3,) its derivative by p in ground axes."""
+        return self._along(link, other, self.vectors, self.tau_rate) + self._along(
+            link, other, self.vector_rates, self.tau
+        )
+
     @cached_property
-    def _second(self) -> list[Expr]:
+    def tau_rate(self) -> list[Expr]:
+        """d2v/dp2 of every variable."""
         moving = [
             jets(one, other)
             for one, other in zip(self.vectors, self.vector_rates, strict=True)
         ]
         return [rates_of(vector([each]))[0] for each in self._solve(moving)]
 
-    @property
-    def tau_rate(self) -> list[Expr]:
-        """d2v/dp2 of every variable."""
-        return self._second
-
     @cached_property
     def w_rate(self) -> list[Exprs]:
         """Derivatives (3,) by p of every link's w."""
-        return [
-            self._along(link, self.vectors, self.tau_rate)
-            + self._along(link, self.vector_rates, self.tau)
-            for link in self._links
-        ]
+        return [self.relative_rate(0, link) for link in self._links]
 
     def seen_rates(self, link: int) -> tuple[Exprs, Exprs]:
         """Return w and its derivative as components (3,) along a link's basis."""
