@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from importlib.util import find_spec
 from types import ModuleType
 from typing import Any, final
@@ -139,6 +140,15 @@ class Noted:
     sense: int
 
 
+class End(Enum):
+    """Why a run of an integrator ended."""
+
+    TIME = "the last time was reached"
+    STEPS = "all steps were taken"
+    NOT_FINITE = "the state is not finite"
+    EVENT = "an event ended it"
+
+
 @final
 @dataclass(frozen=True)
 class Integrator:
@@ -155,34 +165,52 @@ class Integrator:
     seconds: float
     size: int
 
-    def start(self, state: Sequence[float], time: float, parameters: Sequence[float]) -> None:
+    def start(self, state: Floats, time: float, parameters: Floats) -> None:
         """Set the state, the time and the parameters before a run."""
         self.adaptive.state[:] = state
         self.adaptive.time = time
-        self.adaptive.pars[:] = parameters
+        # heyoka keeps parameters up to the last one that occurs.
+        self.adaptive.pars[:] = parameters[: len(self.adaptive.pars)]
         if self.terminal:
             self.adaptive.reset_cooldowns()
         self.seen.clear()
 
-    def run(self, times: Floats, max_steps: int) -> tuple[Floats, str, int]:
-        """Run to the last of `times`, return the states there, why it ended, the steps.
+    @property
+    def time(self) -> float:
+        """The time reached."""
+        return float(self.adaptive.time)
 
-        Rows after the end are missing. The reason is "" where the last time was reached.
+    @property
+    def state(self) -> Any:
+        """The state reached; it may be changed between runs."""
+        return self.adaptive.state
+
+    @property
+    def parameters(self) -> Any:
+        """The parameters up to the last one used; they may be changed between runs."""
+        return self.adaptive.pars
+
+    def run(self, times: Floats, steps: int) -> tuple[Floats, End, int]:
+        """Run to the last of `times`, at most some steps.
+
+        Returns the states at the times reached, why the run ended, and the steps taken.
+        The event that ends a run is the last one seen.
         """
-        outcome, _, _, steps, _, states = self.adaptive.propagate_grid(
-            times, max_steps=max_steps
+        grid = np.concatenate([[self.time], times])
+        outcome, _, _, taken, _, states = self.adaptive.propagate_grid(
+            grid, max_steps=steps
         )
-        code = int(outcome)
-        ends = heyoka().taylor_outcome
-        if code == int(ends.time_limit):
-            return states, "", steps
-        if code == int(ends.step_limit):
-            return states, f"{max_steps} steps were not enough", steps
-        if code == int(ends.err_nf_state):
-            return states, "the state is no longer finite", steps
-        which = self.terminal[-code - 1]
-        self.seen.append(Noted(which, float(self.adaptive.time), 0))
-        return states, f"event {which}", steps
+        code, ends = int(outcome), heyoka().taylor_outcome
+        known = {
+            int(ends.time_limit): End.TIME,
+            int(ends.step_limit): End.STEPS,
+            int(ends.err_nf_state): End.NOT_FINITE,
+        }
+        if code not in known:
+            which = self.terminal[-code - 1]
+            if self.events[which].switch is None:
+                self.seen.append(Noted(which, self.time, 0))
+        return states[1:], known.get(code, End.EVENT), taken
 
 
 def compile_integrator(
@@ -190,7 +218,6 @@ def compile_integrator(
     tolerance: float,
     compact: bool,
     events: Sequence[Event] = (),
-    parameters: int = 0,
     number: type[Any] = float,
 ) -> Integrator:
     """Compile the equations (variable, its rate by time) for one tolerance."""
@@ -227,7 +254,6 @@ def compile_integrator(
         system,
         np.zeros(len(system), dtype=number),
         tol=number(tolerance),
-        pars=np.zeros(parameters, dtype=number),
         compact_mode=compact,
         t_events=ending,
         nt_events=passing,
@@ -251,4 +277,3 @@ def time_symbol() -> Expr:
 def parameter(number: int) -> Expr:
     """Return a constant whose value is set before each run."""
     return heyoka().par[number]
-

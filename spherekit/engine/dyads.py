@@ -59,9 +59,7 @@ def _turned(basis: Exprs, placed: Placement) -> Placement:
     )
 
 
-def _close(
-    structure: Structure, group: Group, sign: Expr, within: list[Placement]
-) -> None:
+def _close(structure: Structure, group: Group, sign: Expr, within: list[Placement]) -> None:
     """Place the two free bodies of a dyad in the first one."""
     mechanism = structure.mechanism
 
@@ -86,21 +84,19 @@ def _close(
     even = order in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
     first, second = axis(near, 0), axis(far, 0)
     bodies = [(near, 1), (far, 2)]
-    sides = [
-        _versine(axis(outer, body), axis(middle, body), held(outer, body), held(middle, body))
-        for outer, body in bodies
-    ]
+    own = [(held(outer, body), held(middle, body)) for outer, body in bodies]
+    sides = [_versine(within, *both) for both in own]
     reached = _third_axis(first, second, sides, sign if even else -1.0 * sign)
     depth = 1 + max(each.depth for each in within)
-    for outer, body in bodies:
+    for (_, body), ((one, outer), (other, mid)) in zip(bodies, own, strict=True):
         given = first if body == 1 else second
         basis = np.stack([given, reached, cross(given, reached)], axis=1)
         links = group.bodies[body]
-        one, other = axis(outer, body), axis(middle, body)
         if len(links) == 1:
-            within[links[0]] = _single(basis, held(outer, body)[1], held(middle, body)[1], depth)
+            within[links[0]] = _single(basis, outer, mid, depth)
             continue
-        onto = basis @ _inverse(one, other)
+        ends = within[one].direction(outer), within[other].direction(mid)
+        onto = basis @ _inverse(*ends)
         for link in links:
             old = within[link]
             within[link] = Placement(
@@ -123,12 +119,12 @@ def _inverse(a: Exprs, b: Exprs) -> Exprs:
 
 
 def _versine(
-    a: Exprs, b: Exprs, held_a: tuple[int, Floats], held_b: tuple[int, Floats]
+    within: Sequence[Placement], one: tuple[int, Floats], other: tuple[int, Floats]
 ) -> Expr:
-    """Return 1 - cos of the arc between two axes of a body, exact for small arcs."""
-    if held_a[0] == held_b[0]:
-        return 0.5 * float(np.sum((held_a[1] - held_b[1]) ** 2))
-    gap = a - b
+    """Return 1 - cos of the arc between two axes (link, direction) of a body."""
+    if one[0] == other[0]:
+        return 0.5 * float(np.sum((one[1] - other[1]) ** 2))
+    gap = within[one[0]].direction(one[1]) - within[other[0]].direction(other[1])
     return 0.5 * dot(gap, gap)
 
 

@@ -29,7 +29,7 @@ from spherekit.engine.compiler import (
 )
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import Flow, Structure
-from spherekit.engine.loads import AppliedLoad, Moving, Switches
+from spherekit.engine.loads import FULL_TURN, AppliedLoad, Moving, Switches
 from spherekit.engine.pose import place_by_variables
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
@@ -40,10 +40,12 @@ from spherekit.model.mechanism import Mechanism
 class Dynamics:
     """The compiled equations of motion of a mechanism under given loads.
 
-    `events` names what the integrator's events are. `observe` gives, from variables,
-    speed dp/dt and time: the rates of all variables by time, d2q/dt2, B and dB/dq, the
-    kinetic energy, dq/dp, |tau|, and each load's power. `conditions` gives what the
-    switches depend on and its rate by time. `seconds` is what compiling took.
+    The parameters of the integrator are the whole turns by which each variable is
+    reduced, the values of the stops, and the sides of the switches; `events` names its
+    events. `observe` gives, from reduced variables, speed dp/dt, time and whole turns:
+    the rates of all variables by time, d2q/dt2, B and dB/dq, the kinetic energy, dq/dp,
+    |tau|, and each load's power. `conditions` gives what the switches depend on and its
+    rate by time. `seconds` is what compiling took.
     """
 
     structure: Structure
@@ -128,29 +130,33 @@ def _compile(
     flow = Flow(structure, place_by_variables(mechanism, structure.pairs, variables))
     whole = inertia(flow, masses)
 
-    def under_loads(time: Expr, switches: Switches) -> tuple[list[Expr], Expr]:
-        moving = Moving(flow, variables, speed, time, switches)
+    def under_loads(
+        time: Expr, turns: Sequence[Expr], switches: Switches
+    ) -> tuple[list[Expr], Expr]:
+        moving = Moving(flow, variables, turns, speed, time, switches)
         forces = [load.force(moving) for load in loads]
         return forces, (sum(forces) - 0.5 * whole.rate * speed * speed) / whole.value
 
-    switches = Switches(len(stops))
-    forces, change = under_loads(time_symbol(), switches)
+    count = len(names)
+    switches = Switches(count + len(stops))
+    turns = [parameter(k) for k in range(count)]
+    forces, change = under_loads(time_symbol(), turns, switches)
     rates = [tau * speed for tau in flow.tau]
     equations = [*zip(variables, rates, strict=True), (speed, change)]
     events, labels = _events(flow, variables, dead_centres, stops)
     for number, condition in enumerate(switches.conditions):
-        events.append(Event(condition, switch=len(stops) + number))
+        events.append(Event(condition, switch=count + len(stops) + number))
         labels.append(f"switch {number + 1} of the loads")
     integrator = compile_integrator(
         [*equations, (work, sum(forces) * speed)],
         tolerance,
         compact,
         events,
-        len(stops) + len(switches.conditions),
     )
     signs = Switches()
-    forces, gained = under_loads(moment, signs)
-    inputs = [*variables, speed, moment]
+    turns = symbols([f"turns_{name}" for name in names])
+    forces, gained = under_loads(moment, turns, signs)
+    inputs = [*variables, speed, moment, *turns]
     tau_q, tau_q_rate = flow.input_rate, flow.tau_rate[structure.driven]
     share = 1.0 / tau_q
     outputs = [
@@ -166,7 +172,7 @@ def _compile(
     observe = compile_function(outputs, inputs, compact=True)
     conditions = None
     if signs.conditions:
-        flowing = [*rates, gained, 1.0]
+        flowing = [*rates, gained, 1.0, *([0.0] * count)]
         changes = [
             sum(
                 derivative(condition, item) * rate
@@ -196,7 +202,9 @@ def _events(
         events.append(Event(flow.tau[names.index(name)]))
         labels.append(f"dead centre of {name}")
     for number, name in enumerate(stops):
-        reached = variables[names.index(name)] - parameter(number)
+        place = names.index(name)
+        value = variables[place] + FULL_TURN * parameter(place)
+        reached = value - parameter(len(names) + number)
         events.append(Event(reached, stops=True))
         labels.append(f"stop of {name}")
     return events, labels

@@ -11,7 +11,6 @@ from spherekit.engine.algebra import Exprs, dot
 from spherekit.engine.cache import cached
 from spherekit.engine.compiler import (
     Expr,
-    Floats,
     Function,
     compile_function,
     function,
@@ -24,6 +23,7 @@ from spherekit.engine.pose import place_by_variables
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, pole_of
+from spherekit.sphere.rotation import Floats
 
 Source = Literal["variables", "input"]
 
@@ -65,9 +65,7 @@ class Kernel:
     with_inertia: bool
     compiled: Function
 
-    def __call__(
-        self, inputs: ArrayLike, out: NDArray[Any] | None = None
-    ) -> NDArray[Any]:
+    def __call__(self, inputs: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return the output (columns, n), written to `out` where that is given."""
         rows = np.ascontiguousarray(inputs)
         return np.asarray(self.compiled(rows, out))
@@ -158,7 +156,9 @@ def _flow(structure: Structure, source: Source) -> tuple[list[Expr], Flow]:
     mechanism = structure.mechanism
     if source == "variables":
         inputs = symbols(mechanism.variable_names)
-        return inputs, Flow(structure, place_by_variables(mechanism, structure.pairs, inputs))
+        return inputs, Flow(
+            structure, place_by_variables(mechanism, structure.pairs, inputs)
+        )
     if source != "input":
         raise EngineError(
             f'{mechanism.name}: source "{source}" is not known; it is variables or input'

@@ -16,22 +16,19 @@ import numpy as np
 from spherekit.engine.algebra import (
     Exprs,
     cross,
-    dot,
     jets,
     rates_of,
-    values_of,
     vector,
 )
 from spherekit.engine.compiler import Expr, function
-from spherekit.engine.pose import Placement, place_by_variables, spin_vectors
+from spherekit.engine.pose import Placement, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import Spin, TurningPairs, turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer
-from spherekit.motion.pairs import pair_states, variable_vectors
 from spherekit.planning.assembly import Assembly, plan_assembly
-from spherekit.sphere.rotation import Floats, transpose
+from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -63,7 +60,7 @@ class Structure:
             tracer = Tracer(mechanism, input_pair, search=False)
             motion = tracer.at(np.linspace(tracer.low, tracer.high, 9))
             first = int(np.flatnonzero(~motion.failed)[0])
-            return motion.vectors[first]
+            return np.asarray(motion.vectors[first])
 
         groups = group_rows(mechanism, assembly, vectors)
         (driven,) = mechanism.variables_of(assembly.input)
@@ -145,9 +142,8 @@ class Flow:
 
     def relative_rate(self, link: int, other: int) -> Exprs:
         """Return (3,) its derivative by p in ground axes."""
-        return self._along(link, other, self.vectors, self.tau_rate) + self._along(
-            link, other, self.vector_rates, self.tau
-        )
+        turning = self._along(link, other, self.vectors, self.tau_rate)
+        return np.asarray(turning + self._along(link, other, self.vector_rates, self.tau))
 
     @cached_property
     def tau_rate(self) -> list[Expr]:
@@ -182,7 +178,7 @@ class Flow:
         """Return a variable's vector along a link's basis if it is fixed in the link."""
         for spin in self.structure.single_spins(variable):
             if spin.link == link:
-                return self.placed[link].fixed(spin.axis) * spin.size
+                return np.asarray(self.placed[link].fixed(spin.axis) * spin.size)
         return None
 
     @property

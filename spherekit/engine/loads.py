@@ -16,6 +16,8 @@ from spherekit.errors import EngineError
 from spherekit.model.expression import Call, Name, Node, Number, load_names, parse
 from spherekit.model.mechanism import Load, Mechanism
 
+FULL_TURN = 6.283185307179586
+
 
 @final
 @dataclass(frozen=True)
@@ -24,11 +26,13 @@ class Moving:
 
     `flow` gives directions, placements and angular velocities per unit of p, `speed` is
     dp/dt, `time` the time. `switch(condition)` is +1 where an expression is positive and
-    -1 where it is negative.
+    -1 where it is negative. `variables` are reduced by whole turns, the k-th by
+    `turns[k]` of them.
     """
 
     flow: Flow
     variables: Sequence[Expr]
+    turns: Sequence[Expr]
     speed: Expr
     time: Expr
     switch: Callable[[Expr], Expr]
@@ -49,7 +53,15 @@ class Moving:
         return number
 
     def angle(self, pair: str) -> Expr:
-        """Return the angle of an R pair (rad)."""
+        """Return the angle of an R pair (rad), whole turns included."""
+        number = self.variable(pair)
+        return self.variables[number] + FULL_TURN * self.turns[number]
+
+    def direction(self, pair: str) -> Expr:
+        """Return the angle of an R pair up to whole turns: for sines and the like.
+
+        After many turns it is the more accurate one.
+        """
         return self.variables[self.variable(pair)]
 
     def coefficient(self, pair: str) -> Expr:
@@ -133,11 +145,20 @@ def _declared(mechanism: Mechanism, load: Load) -> AppliedLoad:
 
 def convert(node: Node, moving: Moving) -> Expr:
     """Return the tree of a load's expression as an expression to be compiled."""
+    return _convert(node, moving, moving.angle)
+
+
+def _convert(node: Node, moving: Moving, angle: Callable[[str], Expr]) -> Expr:
     if isinstance(node, Number):
         return node.value
     if isinstance(node, Name):
-        return _named(node.name, moving)
-    arguments = [convert(each, moving) for each in node.arguments]
+        if node.name == "t":
+            return moving.time
+        kind, _, pair = node.name.partition("_")
+        return angle(pair) if kind == "theta" else moving.rate(pair)
+    if node.function in _PERIODIC and all(map(_counts_turns, node.arguments)):
+        angle = moving.direction
+    arguments = [_convert(each, moving, angle) for each in node.arguments]
     if node.function in _BY_OPERATOR:
         return _BY_OPERATOR[node.function](*arguments)
     if node.function in _BY_SWITCH:
@@ -145,11 +166,26 @@ def convert(node: Node, moving: Moving) -> Expr:
     return function(node.function, *arguments)
 
 
-def _named(name: str, moving: Moving) -> Expr:
-    if name == "t":
-        return moving.time
-    kind, _, pair = name.partition("_")
-    return moving.angle(pair) if kind == "theta" else moving.rate(pair)
+_PERIODIC = ("sin", "cos", "tan")
+
+
+def _counts_turns(node: Node) -> bool:
+    """Return whether a whole turn of any angle changes a value by whole turns."""
+    if isinstance(node, Number | Name):
+        return True
+    if not _has_angle(node):
+        return True
+    arguments = node.arguments
+    if node.function in ("+", "-", "negative"):
+        return all(map(_counts_turns, arguments))
+    whole = [isinstance(x, Number) and x.value == round(x.value) for x in arguments]
+    return node.function == "*" and any(whole) and all(map(_counts_turns, arguments))
+
+
+def _has_angle(node: Node) -> bool:
+    if isinstance(node, Call):
+        return any(map(_has_angle, node.arguments))
+    return isinstance(node, Name) and node.name.startswith("theta_")
 
 
 _BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {

@@ -98,7 +98,9 @@ def place_by_variables(
     for pair, parent, child in tree.branches:
         chain = pairs.chains[pair]
         ahead = tree.ends[pair][0] == parent
-        placed[child] = placed_by(chain if ahead else chain.reversed(), placed[parent], angles)
+        placed[child] = placed_by(
+            chain if ahead else chain.reversed(), placed[parent], angles
+        )
     return placed
 
 

@@ -66,7 +66,9 @@ def group_rows(
                 tuple(v for pair in group.pairs for v in owned[pair]),
             )
             rows = GroupRows(
-                group, plain, _independent(mechanism, assembly, group, plain, pose_vectors())
+                group,
+                plain,
+                _independent(mechanism, assembly, group, plain, pose_vectors()),
             )
         count = len(rows.elimination.unknowns)
         if count > LARGEST:

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.conventions import SINGULAR_RATIO, listing, nearest
-from spherekit.engine.compiler import Floats
+from spherekit.engine.compiler import End, Integrator
 from spherekit.engine.dynamics import Dynamics, dynamics
-from spherekit.engine.loads import AppliedLoad
+from spherekit.engine.loads import FULL_TURN, AppliedLoad
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
+from spherekit.sphere.rotation import Floats
 
 CLOSED = 1e-9
 """Initial values whose loops stay open by more than this (rad) are refused."""
@@ -38,7 +39,8 @@ class Passage:
 class Simulation:
     """The motion at the times asked for, as far as it came.
 
-    `t` (m,) s; `values` (m, variables) rad; `speed` (m,) dp/dt; `work` (m,) of all loads
+    `t` (m,) s; `reduced` (m, variables) rad, the variables less `turns` whole turns, so
+    that they keep their accuracy after many; `speed` (m,) dp/dt; `work` (m,) of all loads
     since the start (J). `events` are what was passed, in order. `ended` says why the
     motion stopped early, "" if it did not; the last state reached is at `end_time`,
     `end_values`. `steps` were taken in `seconds`; compiling took `compile_seconds`
@@ -47,7 +49,8 @@ class Simulation:
 
     made: Dynamics
     t: Floats
-    values: Floats
+    reduced: Floats
+    turns: Floats
     speed: Floats
     work: Floats
     events: tuple[Passage, ...]
@@ -60,11 +63,16 @@ class Simulation:
 
     @cached_property
     def _seen(self) -> Floats:
-        inputs = np.vstack([self.values.T, self.speed, self.t])
+        inputs = np.vstack([self.reduced.T, self.speed, self.t, self.turns.T])
         return np.asarray(self.made.observe(np.ascontiguousarray(inputs)))
 
     def _row(self, number: int) -> Floats:
-        return np.asarray(self._seen[self.values.shape[1] + number])
+        return np.asarray(self._seen[self.reduced.shape[1] + number])
+
+    @property
+    def values(self) -> Floats:
+        """(m, variables) the variables (rad), whole turns included."""
+        return self.reduced + FULL_TURN * self.turns
 
     @property
     def q(self) -> Floats:
@@ -74,7 +82,7 @@ class Simulation:
     @property
     def rates(self) -> Floats:
         """(m, variables) rates of all variables by time (rad/s)."""
-        return np.asarray(self._seen[: self.values.shape[1]].T)
+        return np.asarray(self._seen[: self.reduced.shape[1]].T)
 
     @property
     def dq(self) -> Floats:
@@ -127,7 +135,7 @@ class Simulation:
         """(m,) largest rotation (rad) by which a loop stays open."""
         structure = self.made.structure
         closure = Closure.of(structure.mechanism, structure.pairs.joints)
-        gaps = closure.residual(*closure.place(self.values))
+        gaps = closure.residual(*closure.place(self.reduced))
         return np.asarray(np.max(np.abs(gaps), axis=1))
 
 
@@ -191,32 +199,85 @@ def simulate(
     )
     _check_start(made, given)
     speed = _initial_speed(made, given, rate, arc_rate, grid[0])
-    parameters = [*stops.values(), *_sides(made, given, speed, grid[0])]
+    count = len(given)
+    turns = np.zeros(count)
+    sides = _sides(made, given, speed, grid[0])
+    integrator = made.integrator
     started = time.perf_counter()
-    made.integrator.start([*given, speed, 0.0], float(grid[0]), parameters)
-    states, ended, steps = made.integrator.run(grid, max_steps)
-    seconds = time.perf_counter() - started
-    events = tuple(
-        Passage(made.events[each.event], each.time, each.sense)
-        for each in made.integrator.seen
+    integrator.start(
+        np.array([*given, speed, 0.0]),
+        float(grid[0]),
+        np.array([*turns, *stops.values(), *sides]),
     )
-    if ended.startswith("event "):
-        ended = f"{events[-1].name} at t = {events[-1].time:.9g} s"
-    count = len(mechanism.variable_names)
+    period = _periods(made)
+    rows: list[Floats] = [np.array([[*given, speed, 0.0]])]
+    windings: list[Floats] = [turns[None]]
+    done, steps = 1, 0
+    end = End.STEPS if len(grid) > 1 else End.TIME
+    while end is End.STEPS and steps < max_steps:
+        turns = turns + _reduce(integrator, count, period)
+        stretch = min(STRETCH, max_steps - steps)
+        states, end, taken = integrator.run(grid[done:], stretch)
+        rows.append(states)
+        windings.append(np.broadcast_to(turns, (len(states), count)))
+        done, steps = done + len(states), steps + taken
+    seconds = time.perf_counter() - started
+    states, wound = np.concatenate(rows), np.concatenate(windings)
+    events = tuple(
+        Passage(made.events[each.event], each.time, each.sense) for each in integrator.seen
+    )
     return Simulation(
         made,
-        grid[: len(states)],
+        grid[:done],
         states[:, :count],
+        wound,
         states[:, count],
         states[:, count + 1],
         events,
-        ended,
-        float(made.integrator.adaptive.time),
-        np.array(made.integrator.adaptive.state[:count]),
+        _reason(end, events, integrator.time, max_steps),
+        integrator.time,
+        np.array(integrator.state[:count]) + FULL_TURN * turns,
         steps,
         seconds,
         made.seconds,
     )
+
+
+STRETCH = 50
+"""Steps after which angles are reduced by whole turns; long runs need it for accuracy."""
+
+_FULL_TURN_REST = 2.4492935982947064e-16
+"""2 pi less its nearest float64."""
+
+
+def _periods(made: Dynamics) -> Floats:
+    """Return 1 for variables that may be reduced by whole turns, 0 for contacts."""
+    mechanism = made.structure.mechanism
+    kinds = [mechanism.pairs[owner].type for owner in mechanism.variable_owners]
+    return np.array([1.0 if kind == "R" else 0.0 for kind in kinds])
+
+
+def _reduce(integrator: Integrator, count: int, period: Floats) -> Floats:
+    """Take whole turns off the angles of the state, and return how many."""
+    values = integrator.state[:count]
+    turns: Floats = np.round(values / FULL_TURN) * period
+    values -= turns * FULL_TURN
+    values -= turns * _FULL_TURN_REST
+    known = integrator.parameters[:count]
+    known += turns[: len(known)]
+    return turns
+
+
+def _reason(end: End, events: Sequence[Passage], time: float, max_steps: int) -> str:
+    if end is End.TIME:
+        return ""
+    if end is End.EVENT:
+        if events[-1].name.startswith("switch"):
+            return f"{events[-1].name} chatters, last at t = {time:.9g} s"
+        return f"{events[-1].name} at t = {time:.9g} s"
+    if end is End.NOT_FINITE:
+        return f"the state is no longer finite after t = {time:.9g} s"
+    return f"{max_steps} steps were not enough; they reached t = {time:.9g} s"
 
 
 def _check_times(mechanism: Mechanism, grid: Floats) -> None:
@@ -239,8 +300,8 @@ def _check_start(made: Dynamics, given: Floats) -> None:
     gap = closure.residual(*closure.place(given[None]))
     if gap.size and np.max(np.abs(gap)) > CLOSED:
         raise EngineError(
-            f"{mechanism.name}: the loops stay open by {np.max(np.abs(gap)):.3g} rad at the "
-            "start; take a configuration of a motion (spherekit.trace)"
+            f"{mechanism.name}: the loops stay open by {np.max(np.abs(gap)):.3g} rad at "
+            "the start; take a configuration of a motion (spherekit.trace)"
         )
 
 
@@ -251,7 +312,7 @@ def _initial_speed(
     wanted = [each for each in (rate, arc_rate) if each is not None]
     if len(wanted) != 1 or not np.isfinite(wanted[0]):
         raise EngineError(f"{name}: give one finite initial rate, of the input or the arc")
-    at = np.concatenate([given, [0.0, time]])[:, None]
+    at = _observed_at(given, 0.0, time)
     tau_q, size = made.observe(at)[len(given) + 4 : len(given) + 6, 0]
     if not size > 0.0:
         raise EngineError(
@@ -274,7 +335,11 @@ def _sides(made: Dynamics, given: Floats, speed: float, time: float) -> list[flo
     """
     if made.conditions is None:
         return []
-    at = np.concatenate([given, [speed, time]])[:, None]
+    at = _observed_at(given, speed, time)
     both = np.asarray(made.conditions(at))[:, 0].reshape(2, -1)
     signs = np.where(both[0] != 0.0, np.sign(both[0]), np.sign(both[1]))
     return [float(each) if each else 1.0 for each in signs]
+
+
+def _observed_at(given: Floats, speed: float, time: float) -> Floats:
+    return np.concatenate([given, [speed, time], np.zeros(len(given))])[:, None]

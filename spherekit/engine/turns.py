@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 
 from spherekit.errors import EngineError
-from spherekit.model.geometry import Contact, Joint, Revolute, geometry_of
+from spherekit.model.geometry import Joint, Revolute, geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.rotation import Floats, frame_from, transpose
