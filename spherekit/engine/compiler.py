@@ -83,13 +83,11 @@ def choose(condition: Expr, positive: Expr, otherwise: Expr) -> Expr:
 class Function:
     """A compiled function of arrays (inputs, n) with values (outputs, n).
 
-    `seconds` is what compiling took; `size` counts its elementary operations.
+    `seconds` is what compiling took.
     """
 
     call: Callable[..., Any]
-    outputs: int
     seconds: float
-    size: int
 
     def __call__(self, inputs: NDArray[Any], out: NDArray[Any] | None = None) -> Any:
         """Return the values (outputs, n) at inputs (inputs, n), written to `out`."""
@@ -111,8 +109,7 @@ def compile_function(
         compact_mode=compact,
         fp_type=number,
     )
-    size = len(made.dc) - len(inputs) - len(outputs)
-    return Function(made, len(outputs), time.perf_counter() - started, size)
+    return Function(made, time.perf_counter() - started)
 
 
 @final
@@ -154,21 +151,22 @@ class End(Enum):
 class Integrator:
     """A compiled Taylor integrator of given equations, with its events.
 
-    `seen` collects what occurs in a run. `seconds` is what compiling took; `size`
-    counts elementary operations.
+    It computes with the type `number` and returns float64.
+
+    `seen` collects what occurs in a run. `seconds` is what compiling took.
     """
 
     adaptive: Any
+    number: type[Any]
     events: tuple[Event, ...]
     terminal: tuple[int, ...]
     seen: list[Noted]
     seconds: float
-    size: int
 
     def start(self, state: Floats, time: float, parameters: Floats) -> None:
         """Set the state, the time and the parameters before a run."""
         self.adaptive.state[:] = state
-        self.adaptive.time = time
+        self.adaptive.time = self.number(time)
         # heyoka keeps parameters up to the last one that occurs.
         self.adaptive.pars[:] = parameters[: len(self.adaptive.pars)]
         if self.terminal:
@@ -196,7 +194,8 @@ class Integrator:
         Returns the states at the times reached, why the run ended, and the steps taken.
         The event that ends a run is the last one seen.
         """
-        grid = np.concatenate([[self.time], times])
+        grid = np.empty(len(times) + 1, dtype=self.number)
+        grid[0], grid[1:] = self.adaptive.time, times
         outcome, _, _, taken, _, states = self.adaptive.propagate_grid(
             grid, max_steps=steps
         )
@@ -210,7 +209,7 @@ class Integrator:
             which = self.terminal[-code - 1]
             if self.events[which].switch is None:
                 self.seen.append(Noted(which, self.time, 0))
-        return states[1:], known.get(code, End.EVENT), taken
+        return states[1:].astype(float), known.get(code, End.EVENT), taken
 
 
 def compile_integrator(
@@ -261,11 +260,11 @@ def compile_integrator(
     )
     return Integrator(
         made,
+        number,
         tuple(events),
         tuple(terminal),
         seen,
         time.perf_counter() - started,
-        len(made.decomposition),
     )
 
 

@@ -10,7 +10,8 @@ is integrated along, so that the energy balance measures the error.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from functools import cached_property
+from typing import Any, final
 
 import numpy as np
 
@@ -42,10 +43,9 @@ class Dynamics:
 
     The parameters of the integrator are the whole turns by which each variable is
     reduced, the values of the stops, and the sides of the switches; `events` names its
-    events. `observe` gives, from reduced variables, speed dp/dt, time and whole turns:
-    the rates of all variables by time, d2q/dt2, B and dB/dq, the kinetic energy, dq/dp,
-    |tau|, and each load's power. `conditions` gives what the switches depend on and its
-    rate by time. `seconds` is what compiling took.
+    events. `size` gives dq/dp and |tau| from reduced variables. `inputs` are those
+    variables, the speed dp/dt, the time and the whole turns; `outputs` what `observe`
+    gives from them, and `conditions` what the switches depend on and its rate by time.
     """
 
     structure: Structure
@@ -53,9 +53,24 @@ class Dynamics:
     stops: tuple[str, ...]
     integrator: Integrator
     events: tuple[str, ...]
-    observe: Function
+    size: Function
     conditions: Function | None
-    seconds: float
+    inputs: tuple[Expr, ...]
+    outputs: tuple[Expr, ...]
+
+    @cached_property
+    def observe(self) -> Function:
+        """Rates of all variables by time, d2q/dt2, B, dB/dq, energy, powers of loads.
+
+        Compiled when first read.
+        """
+        return compile_function(self.outputs, self.inputs, compact=True)
+
+    @property
+    def seconds(self) -> float:
+        """What compiling took that a run needs."""
+        parts = (self.integrator, self.size, self.conditions)
+        return sum(each.seconds for each in parts if each)
 
 
 def dynamics(
@@ -66,6 +81,7 @@ def dynamics(
     stops: Sequence[str] = (),
     tolerance: float = 1e-13,
     compact: bool = True,
+    number: type[Any] = float,
 ) -> Dynamics:
     """Return the compiled equations; from the cache where they were compiled before.
 
@@ -83,6 +99,9 @@ def dynamics(
         that is below one.
     compact
         heyoka's compact mode: compiles faster, runs slower.
+    number
+        The type the integrator computes with: float, or heyoka's ``real128`` where the
+        machine has it, for reference solutions.
 
     Raises
     ------
@@ -98,13 +117,21 @@ def dynamics(
             tuple(stops),
             tolerance,
             compact,
+            number.__name__,
         )
     )
     return cached(
         mechanism,
         request,
         lambda: _compile(
-            mechanism, input_pair, loads, dead_centres, stops, tolerance, compact
+            mechanism,
+            input_pair,
+            loads,
+            dead_centres,
+            stops,
+            tolerance,
+            compact,
+            number,
         ),
     )
 
@@ -117,6 +144,7 @@ def _compile(
     stops: Sequence[str],
     tolerance: float,
     compact: bool,
+    number: type[Any],
 ) -> Dynamics:
     masses = tensors(mechanism)
     if not any(np.any(tensor) for link, tensor in masses.items() if link):
@@ -152,6 +180,7 @@ def _compile(
         tolerance,
         compact,
         events,
+        number,
     )
     signs = Switches()
     turns = symbols([f"turns_{name}" for name in names])
@@ -165,11 +194,9 @@ def _compile(
         whole.value * share * share,
         (whole.rate - 2.0 * whole.value * tau_q_rate * share) * share * share * share,
         0.5 * whole.value * speed * speed,
-        tau_q,
-        flow.speed,
         *(force * speed for force in forces),
     ]
-    observe = compile_function(outputs, inputs, compact=True)
+    size = compile_function([tau_q, flow.speed], variables)
     conditions = None
     if signs.conditions:
         flowing = [*rates, gained, 1.0, *([0.0] * count)]
@@ -187,9 +214,10 @@ def _compile(
         tuple(stops),
         integrator,
         tuple(labels),
-        observe,
+        size,
         conditions,
-        sum(each.seconds for each in (integrator, observe, conditions) if each),
+        tuple(inputs),
+        tuple(outputs),
     )
 
 

@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,6 +66,10 @@ class Simulation:
         inputs = np.vstack([self.reduced.T, self.speed, self.t, self.turns.T])
         return np.asarray(self.made.observe(np.ascontiguousarray(inputs)))
 
+    @cached_property
+    def _size(self) -> Floats:
+        return np.asarray(self.made.size(np.ascontiguousarray(self.reduced.T)))
+
     def _row(self, number: int) -> Floats:
         return np.asarray(self._seen[self.reduced.shape[1] + number])
 
@@ -112,18 +116,18 @@ class Simulation:
     @property
     def arc_speed(self) -> Floats:
         """(m,) speed along the curve of all variables (rad/s)."""
-        return np.asarray(self._row(5) * self.speed)
+        return np.asarray(self._size[1] * self.speed)
 
     @property
     def powers(self) -> Mapping[str, Floats]:
         """(m,) power of each load by name (W)."""
-        return {name: self._row(6 + k) for k, name in enumerate(self.made.loads)}
+        return {name: self._row(4 + k) for k, name in enumerate(self.made.loads)}
 
     @property
     def forces(self) -> Mapping[str, Floats]:
         """(m,) generalised force Q of each load for the input (N m)."""
-        share = 1.0 / (self._row(4) * self.speed)
-        return {name: power * share for name, power in self.powers.items()}
+        dq = self.dq
+        return {name: power / dq for name, power in self.powers.items()}
 
     @property
     def imbalance(self) -> Floats:
@@ -152,6 +156,7 @@ def simulate(
     stops: Mapping[str, float] | None = None,
     tolerance: float = 1e-13,
     compact: bool = True,
+    number: type[Any] = float,
     max_steps: int = MAX_STEPS,
 ) -> Simulation:
     """Return the motion of a mechanism under loads from an initial state.
@@ -172,7 +177,7 @@ def simulate(
     dead_centres, stops
         Variables whose dead centres are noted, and values (rad) at which variables end
         the motion.
-    tolerance, compact
+    tolerance, compact, number
         See `spherekit.engine.dynamics.dynamics`.
     max_steps
         The run ends after this many steps, and keeps what it has.
@@ -195,10 +200,17 @@ def simulate(
                 f"{listing(mechanism.variable_names)}"
             )
     made = dynamics(
-        mechanism, input_pair, loads, dead_centres, tuple(stops), tolerance, compact
+        mechanism,
+        input_pair,
+        loads,
+        dead_centres,
+        tuple(stops),
+        tolerance,
+        compact,
+        number,
     )
     _check_start(made, given)
-    speed = _initial_speed(made, given, rate, arc_rate, grid[0])
+    speed = _initial_speed(made, given, rate, arc_rate)
     count = len(given)
     turns = np.zeros(count)
     sides = _sides(made, given, speed, grid[0])
@@ -236,7 +248,7 @@ def simulate(
         events,
         _reason(end, events, integrator.time, max_steps),
         integrator.time,
-        np.array(integrator.state[:count]) + FULL_TURN * turns,
+        integrator.state[:count].astype(float) + FULL_TURN * turns,
         steps,
         seconds,
         made.seconds,
@@ -260,7 +272,7 @@ def _periods(made: Dynamics) -> Floats:
 def _reduce(integrator: Integrator, count: int, period: Floats) -> Floats:
     """Take whole turns off the angles of the state, and return how many."""
     values = integrator.state[:count]
-    turns: Floats = np.round(values / FULL_TURN) * period
+    turns: Floats = np.round(values.astype(float) / FULL_TURN) * period
     values -= turns * FULL_TURN
     values -= turns * _FULL_TURN_REST
     known = integrator.parameters[:count]
@@ -306,14 +318,13 @@ def _check_start(made: Dynamics, given: Floats) -> None:
 
 
 def _initial_speed(
-    made: Dynamics, given: Floats, rate: float | None, arc_rate: float | None, time: float
+    made: Dynamics, given: Floats, rate: float | None, arc_rate: float | None
 ) -> float:
     name = made.structure.mechanism.name
     wanted = [each for each in (rate, arc_rate) if each is not None]
     if len(wanted) != 1 or not np.isfinite(wanted[0]):
         raise EngineError(f"{name}: give one finite initial rate, of the input or the arc")
-    at = _observed_at(given, 0.0, time)
-    tau_q, size = made.observe(at)[len(given) + 4 : len(given) + 6, 0]
+    tau_q, size = made.size(given[:, None])[:, 0]
     if not size > 0.0:
         raise EngineError(
             f"{name}: at the start the mechanism has more than one motion; start elsewhere"
@@ -335,11 +346,7 @@ def _sides(made: Dynamics, given: Floats, speed: float, time: float) -> list[flo
     """
     if made.conditions is None:
         return []
-    at = _observed_at(given, speed, time)
+    at = np.concatenate([given, [speed, time], np.zeros(len(given))])[:, None]
     both = np.asarray(made.conditions(at))[:, 0].reshape(2, -1)
     signs = np.where(both[0] != 0.0, np.sign(both[0]), np.sign(both[1]))
     return [float(each) if each else 1.0 for each in signs]
-
-
-def _observed_at(given: Floats, speed: float, time: float) -> Floats:
-    return np.concatenate([given, [speed, time], np.zeros(len(given))])[:, None]
