@@ -172,9 +172,9 @@ def _compile(
     rates = [tau * speed for tau in flow.tau]
     equations = [*zip(variables, rates, strict=True), (speed, change)]
     events, labels = _events(flow, variables, dead_centres, stops)
-    for number, condition in enumerate(switches.conditions):
-        events.append(Event(condition, switch=count + len(stops) + number))
-        labels.append(f"switch {number + 1} of the loads")
+    for which, condition in enumerate(switches.conditions):
+        events.append(Event(condition, switch=count + len(stops) + which))
+        labels.append(f"switch {which + 1} of the loads")
     integrator = compile_integrator(
         [*equations, (work, sum(forces) * speed)],
         tolerance,
