@@ -35,6 +35,13 @@ from spherekit.engine.pose import place_by_variables
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 
+SCALES = ("speed", "work")
+"""Units of dp/dt and of the work of the loads in the integrator's state.
+
+Its tolerance is relative to the largest element of the state; the minors of a mechanism
+with short arcs are tiny, and would make dp/dt that element.
+"""
+
 
 @final
 @dataclass(frozen=True)
@@ -42,8 +49,10 @@ class Dynamics:
     """The compiled equations of motion of a mechanism under given loads.
 
     The parameters of the integrator are the whole turns by which each variable is
-    reduced, the values of the stops, and the sides of the switches; `events` names its
-    events. `size` gives dq/dp and |tau| from reduced variables. `inputs` are those
+    reduced, the `SCALES`, the values of the stops, and the sides of the switches;
+    `events` names its events. Its state is the reduced variables, the speed dp/dt and
+    the work of the loads, both over their scales. `size` gives dq/dp, |tau| and B by p
+    from reduced variables. `inputs` are those
     variables, the speed dp/dt, the time and the whole turns; `outputs` what `observe`
     gives from them, and `conditions` what the switches depend on and its rate by time.
     """
@@ -159,32 +168,33 @@ def _compile(
     whole = inertia(flow, masses)
 
     def under_loads(
-        time: Expr, turns: Sequence[Expr], switches: Switches
+        pace: Expr, time: Expr, turns: Sequence[Expr], switches: Switches
     ) -> tuple[list[Expr], Expr]:
-        moving = Moving(flow, variables, turns, speed, time, switches)
+        moving = Moving(flow, variables, turns, pace, time, switches)
         forces = [load.force(moving) for load in loads]
-        return forces, (sum(forces) - 0.5 * whole.rate * speed * speed) / whole.value
+        return forces, (sum(forces) - 0.5 * whole.rate * pace * pace) / whole.value
 
     count = len(names)
-    switches = Switches(count + len(stops))
+    first_stop = count + len(SCALES)
+    switches = Switches(first_stop + len(stops))
     turns = [parameter(k) for k in range(count)]
-    forces, change = under_loads(time_symbol(), turns, switches)
-    rates = [tau * speed for tau in flow.tau]
-    equations = [*zip(variables, rates, strict=True), (speed, change)]
-    events, labels = _events(flow, variables, dead_centres, stops)
+    pace_scale, work_scale = (parameter(count + k) for k in range(len(SCALES)))
+    pace = pace_scale * speed
+    forces, change = under_loads(pace, time_symbol(), turns, switches)
+    equations = [
+        *((name, tau * pace) for name, tau in zip(variables, flow.tau, strict=True)),
+        (speed, change / pace_scale),
+        (work, sum(forces) * pace / work_scale),
+    ]
+    events, labels = _events(flow, variables, dead_centres, stops, first_stop)
     for which, condition in enumerate(switches.conditions):
-        events.append(Event(condition, switch=count + len(stops) + which))
+        events.append(Event(condition, switch=first_stop + len(stops) + which))
         labels.append(f"switch {which + 1} of the loads")
-    integrator = compile_integrator(
-        [*equations, (work, sum(forces) * speed)],
-        tolerance,
-        compact,
-        events,
-        number,
-    )
+    integrator = compile_integrator(equations, tolerance, compact, events, number)
     signs = Switches()
     turns = symbols([f"turns_{name}" for name in names])
-    forces, gained = under_loads(moment, turns, signs)
+    forces, gained = under_loads(speed, moment, turns, signs)
+    rates = [tau * speed for tau in flow.tau]
     inputs = [*variables, speed, moment, *turns]
     tau_q, tau_q_rate = flow.input_rate, flow.tau_rate[structure.driven]
     share = 1.0 / tau_q
@@ -196,7 +206,7 @@ def _compile(
         0.5 * whole.value * speed * speed,
         *(force * speed for force in forces),
     ]
-    size = compile_function([tau_q, flow.speed], variables)
+    size = compile_function([tau_q, flow.speed, whole.value], variables)
     conditions = None
     if signs.conditions:
         flowing = [*rates, gained, 1.0, *([0.0] * count)]
@@ -222,7 +232,11 @@ def _compile(
 
 
 def _events(
-    flow: Flow, variables: Sequence[Expr], dead_centres: Sequence[str], stops: Sequence[str]
+    flow: Flow,
+    variables: Sequence[Expr],
+    dead_centres: Sequence[str],
+    stops: Sequence[str],
+    first_stop: int,
 ) -> tuple[list[Event], list[str]]:
     names = flow.structure.mechanism.variable_names
     events, labels = [], []
@@ -232,7 +246,7 @@ def _events(
     for number, name in enumerate(stops):
         place = names.index(name)
         value = variables[place] + FULL_TURN * parameter(place)
-        reached = value - parameter(len(names) + number)
+        reached = value - parameter(first_stop + number)
         events.append(Event(reached, stops=True))
         labels.append(f"stop of {name}")
     return events, labels

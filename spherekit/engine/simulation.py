@@ -215,14 +215,14 @@ def simulate(
     turns = np.zeros(count)
     sides = _sides(made, given, speed, grid[0])
     integrator = made.integrator
+    _, length, inertia = made.size(given[:, None])[:, 0]
+    scales = np.array([1.0 / length, inertia / length**2])
+    first = np.array([*given, speed / scales[0], 0.0])
     started = time.perf_counter()
-    integrator.start(
-        np.array([*given, speed, 0.0]),
-        float(grid[0]),
-        np.array([*turns, *stops.values(), *sides]),
-    )
+    parameters = np.array([*turns, *scales, *stops.values(), *sides])
+    integrator.start(first, float(grid[0]), parameters)
     period = _periods(made)
-    rows: list[Floats] = [np.array([[*given, speed, 0.0]])]
+    rows: list[Floats] = [first[None]]
     windings: list[Floats] = [turns[None]]
     done, steps = 1, 0
     end = End.STEPS if len(grid) > 1 else End.TIME
@@ -243,8 +243,8 @@ def simulate(
         grid[:done],
         states[:, :count],
         wound,
-        states[:, count],
-        states[:, count + 1],
+        states[:, count] * scales[0],
+        states[:, count + 1] * scales[1],
         events,
         _reason(end, events, integrator.time, max_steps),
         integrator.time,
@@ -324,7 +324,7 @@ def _initial_speed(
     wanted = [each for each in (rate, arc_rate) if each is not None]
     if len(wanted) != 1 or not np.isfinite(wanted[0]):
         raise EngineError(f"{name}: give one finite initial rate, of the input or the arc")
-    tau_q, size = made.size(given[:, None])[:, 0]
+    tau_q, size, _ = made.size(given[:, None])[:, 0]
     if not size > 0.0:
         raise EngineError(
             f"{name}: at the start the mechanism has more than one motion; start elsewhere"
