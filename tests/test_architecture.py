@@ -19,6 +19,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
+    ("engine",),
     ("analysis",),
     ("view",),
     ("cli",),
@@ -40,6 +41,7 @@ HOME_OF = {
     "pyarrow": {"analysis/frames.py", "view"},
     "networkx": {"model/graph.py"},
     "jsonschema": {"files/check.py"},
+    "heyoka": {"engine/compiler.py"},
 }
 
 

@@ -73,7 +73,7 @@ class Dynamics:
 
         Compiled when first read.
         """
-        return compile_function(self.outputs, self.inputs, compact=True)
+        return compile_function(self.outputs, self.inputs)
 
     @property
     def seconds(self) -> float:
@@ -217,7 +217,7 @@ def _compile(
             )
             for condition in signs.conditions
         ]
-        conditions = compile_function([*signs.conditions, *changes], inputs, compact=True)
+        conditions = compile_function([*signs.conditions, *changes], inputs)
     return Dynamics(
         structure,
         tuple(load.name for load in loads),

@@ -94,7 +94,7 @@ def kernel(
     source: Source = "variables",
     derivatives: bool = True,
     with_inertia: bool = False,
-    compact: bool | None = None,
+    compact: bool = False,
     number: type[Any] = float,
 ) -> Kernel:
     """Return a kernel; from the cache where it was compiled before.
@@ -113,7 +113,7 @@ def kernel(
     with_inertia
         Whether B is wanted.
     compact
-        heyoka's compact mode; by default for large kernels, which compile long without.
+        heyoka's compact mode: for very large kernels, which compile long without.
     number
         The type computed with: float, or heyoka's ``real128`` where the machine has it.
 
@@ -141,15 +141,10 @@ def kernel(
         structure = Structure.of(mechanism, input_pair)
         inputs, flow = _flow(structure, source)
         columns, outputs = _outputs(flow, chosen, derivatives, with_inertia)
-        small = compact if compact is not None else len(outputs) > LARGE
-        made = compile_function(outputs, inputs, small, number)
+        made = compile_function(outputs, inputs, compact, number)
         return Kernel(columns, chosen, derivatives, with_inertia, made)
 
     return cached(mechanism, request, make)
-
-
-LARGE = 60
-"""Kernels with more outputs are compiled in compact mode."""
 
 
 def _flow(structure: Structure, source: Source) -> tuple[list[Expr], Flow]:

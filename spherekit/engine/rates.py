@@ -25,6 +25,9 @@ from spherekit.sphere.rotation import Floats
 LARGEST = 6
 """Most equations of a group that are solved together by determinants."""
 
+COINCIDENT = 1e-9
+"""Axes of one link whose angle has a smaller sine are one axis."""
+
 
 @final
 @dataclass(frozen=True)
@@ -218,9 +221,19 @@ class HomogeneousRates:
             found[variable] = -1.0 * determinant(swapped)
         for loop, (columns, known) in zip(rows.elimination.loops, loops, strict=True):
             if loop.private:
+                self._check_span(*loop.private)
                 self._private(loop.private, columns, known, scale, found)
         self.rates = {v: rate * scale for v, rate in self.rates.items()} | found
         self.closed += group.pairs
+
+    def _check_span(self, a: int, b: int) -> None:
+        square = self.span(a, b)
+        if square is not None and square < COINCIDENT**2:
+            names = [self.mechanism.variable_names[v] for v in (a, b)]
+            raise EngineError(
+                f"{self.mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "
+                "a link, so these two cannot be told apart; use the NumPy engine"
+            )
 
     def _directions(
         self, rows: GroupRows, loops: Sequence[tuple[dict[int, Exprs], Exprs]]
