@@ -118,13 +118,15 @@ class Event:
     """A zero of an expression during an integration.
 
     With `switch`, a parameter's number, that parameter becomes the expression's new
-    sign, and the integration restarts from there. Otherwise, where it `stops`, the
-    integration ends; else it is noted.
+    sign, and the integration restarts from there, unless `sticks`, called with the
+    state, the time and the parameters, says that it would turn back at once. Otherwise,
+    where it `stops`, the integration ends; else it is noted.
     """
 
     expression: Expr
     stops: bool = False
     switch: int | None = None
+    sticks: Callable[[Floats, float, Floats], bool] | None = None
 
 
 @final
@@ -227,12 +229,15 @@ def compile_integrator(
     def note(which: int) -> Callable[[Any, Any, int], None]:
         return lambda _, when, sense: seen.append(Noted(which, float(when), sense))
 
-    def flip(which: int, switch: int) -> Callable[[Any, int], bool]:
+    def flip(event: Event, which: int) -> Callable[[Any, int], bool]:
         def turn(running: Any, sense: int) -> bool:
-            seen.append(Noted(which, float(running.time), sense))
+            now = float(running.time)
+            seen.append(Noted(which, now, sense))
             if sense:
-                running.pars[switch] = number(sense)
-            return len(seen) < MOST_SWITCHES
+                running.pars[event.switch] = number(sense)
+            state, constants = running.state.astype(float), running.pars.astype(float)
+            stuck = event.sticks is not None and event.sticks(state, now, constants)
+            return not stuck and len(seen) < MOST_SWITCHES
 
         return turn
 
@@ -240,7 +245,7 @@ def compile_integrator(
     for which, event in enumerate(events):
         expression = module.expression(event.expression)
         if event.switch is not None:
-            action = flip(which, event.switch)
+            action = flip(event, which)
             ending.append(module.t_event(expression, callback=action, fp_type=number))
             terminal.append(which)
         elif event.stops:

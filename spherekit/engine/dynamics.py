@@ -8,7 +8,7 @@ where the form in the input's angle is singular, are ordinary points. The work o
 is integrated along, so that the energy balance measures the error.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final
@@ -30,10 +30,11 @@ from spherekit.engine.compiler import (
 )
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import Flow, Structure
-from spherekit.engine.loads import FULL_TURN, AppliedLoad, Moving, Switches
+from spherekit.engine.loads import FULL_TURN, AppliedLoad, Moving, Switches, sign_of
 from spherekit.engine.pose import place_by_variables
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
 
 SCALES = ("speed", "work")
 """Units of dp/dt and of the work of the loads in the integrator's state.
@@ -54,7 +55,8 @@ class Dynamics:
     the work of the loads, both over their scales. `size` gives dq/dp, |tau| and B by p
     from reduced variables. `inputs` are those
     variables, the speed dp/dt, the time and the whole turns; `outputs` what `observe`
-    gives from them, and `conditions` what the switches depend on and its rate by time.
+    gives from them. `conditions` gives what the switches depend on, then its rates by
+    time, from the same inputs and the sides of the switches.
     """
 
     structure: Structure
@@ -176,7 +178,8 @@ def _compile(
 
     count = len(names)
     first_stop = count + len(SCALES)
-    switches = Switches(first_stop + len(stops))
+    first_switch = first_stop + len(stops)
+    switches = Switches(lambda k: parameter(first_switch + k))
     turns = [parameter(k) for k in range(count)]
     pace_scale, work_scale = (parameter(count + k) for k in range(len(SCALES)))
     pace = pace_scale * speed
@@ -187,14 +190,26 @@ def _compile(
         (work, sum(forces) * pace / work_scale),
     ]
     events, labels = _events(flow, variables, dead_centres, stops, first_stop)
+    turns = symbols([f"turns_{name}" for name in names])
+    rates = [tau * speed for tau in flow.tau]
+    sided = Switches(lambda k: symbols([f"side_{k}"])[0])
+    _, gained = under_loads(speed, moment, turns, sided)
+    conditions = None
+    if sided.conditions:
+        sides = [sided.factor(k) for k in range(len(sided.conditions))]
+        conditions = _conditions(
+            sided.conditions,
+            [*zip(variables, rates, strict=True), (speed, gained), (moment, 1.0)],
+            [*turns, *sides],
+        )
     for which, condition in enumerate(switches.conditions):
-        events.append(Event(condition, switch=first_stop + len(stops) + which))
+        assert conditions is not None
+        stuck = _sticking(conditions, which, count, first_switch)
+        events.append(Event(condition, switch=first_switch + which, sticks=stuck))
         labels.append(f"switch {which + 1} of the loads")
     integrator = compile_integrator(equations, tolerance, compact, events, number)
-    signs = Switches()
-    turns = symbols([f"turns_{name}" for name in names])
-    forces, gained = under_loads(speed, moment, turns, signs)
-    rates = [tau * speed for tau in flow.tau]
+    plain = Switches(lambda k: sign_of(plain.conditions[k]))
+    forces, gained = under_loads(speed, moment, turns, plain)
     inputs = [*variables, speed, moment, *turns]
     tau_q, tau_q_rate = flow.input_rate, flow.tau_rate[structure.driven]
     share = 1.0 / tau_q
@@ -207,17 +222,6 @@ def _compile(
         *(force * speed for force in forces),
     ]
     size = compile_function([tau_q, flow.speed, whole.value], variables)
-    conditions = None
-    if signs.conditions:
-        flowing = [*rates, gained, 1.0, *([0.0] * count)]
-        changes = [
-            sum(
-                derivative(condition, item) * rate
-                for item, rate in zip(inputs, flowing, strict=True)
-            )
-            for condition in signs.conditions
-        ]
-        conditions = compile_function([*signs.conditions, *changes], inputs)
     return Dynamics(
         structure,
         tuple(load.name for load in loads),
@@ -229,6 +233,35 @@ def _compile(
         tuple(inputs),
         tuple(outputs),
     )
+
+
+def _conditions(
+    conditions: Sequence[Expr],
+    flowing: Sequence[tuple[Expr, Expr]],
+    constants: Sequence[Expr],
+) -> Function:
+    """Return a function of all inputs with the conditions, then their rates by time."""
+    changes = [
+        sum(derivative(condition, item) * rate for item, rate in flowing)
+        for condition in conditions
+    ]
+    inputs = [*(item for item, _ in flowing), *constants]
+    return compile_function([*conditions, *changes], inputs)
+
+
+def _sticking(
+    conditions: Function, which: int, count: int, first_switch: int
+) -> Callable[[Floats, float, Floats], bool]:
+    """Return whether a condition, now of its new sign, goes back at once."""
+
+    def stuck(state: Floats, time: float, constants: Floats) -> bool:
+        speed = state[count] * constants[count]
+        turns, sides = constants[:count], constants[first_switch:]
+        row = np.concatenate([state[:count], [speed, time], turns, sides])[:, None]
+        changes = np.asarray(conditions(row))[len(sides) :, 0]
+        return bool(changes[which] * sides[which] < 0.0)
+
+    return stuck
 
 
 def _events(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
-from spherekit.engine.compiler import Expr, choose, function, parameter, power
+from spherekit.engine.compiler import Expr, choose, function, power
 from spherekit.engine.kinematics import Flow
 from spherekit.errors import EngineError
 from spherekit.model.expression import Call, Name, Node, Number, load_names, parse
@@ -75,23 +75,22 @@ class Moving:
 
 @final
 class Switches:
-    """The conditions that loads switch on, each with its factor.
+    """The conditions that loads switch on; `factor(k)` stands for the sign of the k-th."""
 
-    With `first`, the factors are parameters of an integrator from that number on, which
-    its events set. Without, they are the signs of the conditions, 0 at zero.
-    """
-
-    def __init__(self, first: int | None = None) -> None:
-        self.first = first
+    def __init__(self, factor: Callable[[int], Expr]) -> None:
+        self.factor = factor
         self.conditions: list[Expr] = []
 
     def __call__(self, condition: Expr) -> Expr:
-        """Return the factor that is the sign of a condition."""
+        """Return the factor of a condition."""
         if condition not in self.conditions:
             self.conditions.append(condition)
-        if self.first is not None:
-            return parameter(self.first + self.conditions.index(condition))
-        return choose(condition, 1.0, choose(-1.0 * condition, -1.0, 0.0))
+        return self.factor(self.conditions.index(condition))
+
+
+def sign_of(condition: Expr) -> Expr:
+    """Return the sign of a condition where it stands for itself: 1, -1, 0 at zero."""
+    return choose(condition, 1.0, choose(-1.0 * condition, -1.0, 0.0))
 
 
 @final

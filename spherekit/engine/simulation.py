@@ -285,7 +285,7 @@ def _reason(end: End, events: Sequence[Passage], time: float, max_steps: int) ->
         return ""
     if end is End.EVENT:
         if events[-1].name.startswith("switch"):
-            return f"{events[-1].name} chatters, last at t = {time:.9g} s"
+            return f"{events[-1].name} would turn back at once at t = {time:.9g} s"
         return f"{events[-1].name} at t = {time:.9g} s"
     if end is End.NOT_FINITE:
         return f"the state is no longer finite after t = {time:.9g} s"
@@ -339,14 +339,18 @@ def _initial_speed(
     return float(rate / tau_q) if rate else 0.0
 
 
-def _sides(made: Dynamics, given: Floats, speed: float, time: float) -> list[float]:
+def _sides(made: Dynamics, given: Floats, speed: float, time: float) -> Floats:
     """Return the signs of the loads' conditions at the start.
 
     Where a condition is zero, that towards which it goes; positive if it stays.
     """
     if made.conditions is None:
-        return []
-    at = np.concatenate([given, [speed, time], np.zeros(len(given))])[:, None]
-    both = np.asarray(made.conditions(at))[:, 0].reshape(2, -1)
-    signs = np.where(both[0] != 0.0, np.sign(both[0]), np.sign(both[1]))
-    return [float(each) if each else 1.0 for each in signs]
+        return np.zeros(0)
+    known = np.concatenate([given, [speed, time], np.zeros(len(given))])
+    count = len(made.events) - sum(not each.startswith("switch") for each in made.events)
+    sides = np.zeros(count)
+    for k in range(count):
+        row = np.concatenate([known, sides])[:, None]
+        both = np.asarray(made.conditions(row))[:, 0].reshape(2, count)[:, k]
+        sides[k] = np.sign(both[0]) or np.sign(both[1]) or 1.0
+    return sides
