@@ -118,6 +118,43 @@ def test_closed_form_positions_equal_the_numpy_route(name):
 
 
 @compiled
+def test_rates_by_arc_length_are_those_by_the_input_times_its_rate():
+    made = with_masses(load("stephenson"))
+    pair = made.inputs[0].pair
+    tracer = Tracer(made, search=False)
+    rows = tracer.at(np.linspace(0.1, 6.0, 24)).values.T
+    by_input = kernel(made, pair, with_inertia=True, with_tangent=True).values(rows)
+    found = kernel(
+        made, pair, coordinate="arc", with_inertia=True, with_tangent=True
+    ).values(rows)
+    length = np.linalg.norm(by_input.tangent, axis=1)
+    assert np.max(np.abs(np.linalg.norm(found.tangent, axis=1) - 1.0)) < 1e-15
+    sense = np.sign(found.tangent[:, made.variable_names.index(f"theta_{pair}")])
+    gap = found.tangent * (sense * length)[:, None] - by_input.tangent
+    assert np.max(np.abs(gap)) < 1e-14
+    assert np.max(np.abs(found.inertia * length**2 / by_input.inertia - 1.0)) < 1e-14
+    # d(B / |dv/dq|^2)/ds, with d|dv/dq|^2/dq from the derivatives of the pairs' rates.
+    own = [(pole, rate) for pole, rate in by_input.rate.items() if pole in ends_of(made)]
+    slope = sum(rate * by_input.rate_dq[pole] for pole, rate in own) / length**2
+    expected = by_input.inertia_dq - 2.0 * by_input.inertia * slope
+    assert np.max(np.abs(found.inertia_dq * sense * length**3 - expected)) < 1e-11
+
+
+def ends_of(mechanism):
+    return {tuple(sorted(ends)) for ends in mechanism.ends}
+
+
+@compiled
+def test_rates_by_arc_length_are_finite_at_a_dead_centre():
+    made = rocker()
+    at = dead_centre(made)[:, None]
+    found = kernel(made, "21", coordinate="arc", with_inertia=True).values(at)
+    assert abs(found.rate[0, 1][0]) < 1e-13
+    assert np.isfinite(found.inertia_dq[0])
+    assert found.inertia[0] > 0.0
+
+
+@compiled
 def test_positions_beyond_reach_are_nan():
     made = rocker()
     found = kernel(made, "21", source="input", derivatives=False)

@@ -26,6 +26,7 @@ from spherekit.planning.poles import Pole, all_poles, pole_of
 from spherekit.sphere.rotation import Floats
 
 Source = Literal["variables", "input"]
+Coordinate = Literal["input", "arc"]
 
 
 @final
@@ -33,8 +34,9 @@ Source = Literal["variables", "input"]
 class Values:
     """What a kernel found at n configurations; see `Kernel`.
 
-    `direction[pole]` (n, 3), `rate[pole]` (n,), `rate_dq[pole]` (n,), `inertia` (n,) and
-    `inertia_dq` (n,); what was not asked for is missing or None.
+    `direction[pole]` (n, 3), `rate[pole]` (n,), `rate_dq[pole]` (n,), `inertia` (n,),
+    `inertia_dq` (n,) and `tangent` (n, variables); what was not asked for is missing or
+    None. Rates and derivatives are by the kernel's coordinate.
     """
 
     direction: Mapping[Pole, Floats]
@@ -42,6 +44,7 @@ class Values:
     rate_dq: Mapping[Pole, Floats]
     inertia: Floats | None
     inertia_dq: Floats | None
+    tangent: Floats | None
 
 
 @final
@@ -54,15 +57,17 @@ class Kernel:
     the angular velocity of the pole's second link relative to its first per unit rate of
     the input, in ground axes. The direction of an R pair's pole is its axis. That of
     another pole is a unit vector along the angular velocity; it reverses where that
-    passes through zero, and is NaN there. At a dead centre of the input rates are not
-    finite. Configurations that do not close give NaN (input) or are not noticed
-    (variables).
+    passes through zero, and is NaN there. At a dead centre of the input rates by it are
+    not finite; by the arc length of the curve of all variables they are, and its sense is
+    that of the minors (`spherekit.engine.kinematics`). Configurations that do not close
+    give NaN (input) or are not noticed (variables).
     """
 
     columns: tuple[str, ...]
     poles: tuple[Pole, ...]
     derivatives: bool
     with_inertia: bool
+    with_tangent: bool
     compiled: Function
 
     def __call__(self, inputs: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
@@ -77,12 +82,14 @@ class Kernel:
         at = {pole: width * k for k, pole in enumerate(self.poles)}
         last = width * len(self.poles)
         here, change = self.with_inertia, self.with_inertia and self.derivatives
+        tangent = last + int(here) + int(change)
         return Values(
             {pole: rows[k : k + 3].T for pole, k in at.items()},
             {pole: rows[k + 3] for pole, k in at.items()},
             {pole: rows[k + 4] for pole, k in at.items()} if self.derivatives else {},
             rows[last] if here else None,
             rows[last + 1] if change else None,
+            rows[tangent:].T if self.with_tangent else None,
         )
 
 
@@ -92,8 +99,10 @@ def kernel(
     poles: Iterable[Pole] | None = None,
     *,
     source: Source = "variables",
+    coordinate: Coordinate = "input",
     derivatives: bool = True,
     with_inertia: bool = False,
+    with_tangent: bool = False,
     compact: bool = False,
     number: type[Any] = float,
 ) -> Kernel:
@@ -108,10 +117,13 @@ def kernel(
     source
         What the inputs are: all pair variables, or, for mechanisms whose groups are all
         dyads, q and the sign of each dyad in solving order (closed form).
+    coordinate
+        What rates, derivatives and B are by: the input's angle, or the arc length of the
+        curve of all variables, which is regular at dead centres of the input.
     derivatives
-        Whether the derivatives of rates and of B by q are wanted.
-    with_inertia
-        Whether B is wanted.
+        Whether the derivatives of rates and of B are wanted.
+    with_inertia, with_tangent
+        Whether B and the rates of all variables are wanted.
     compact
         heyoka's compact mode: for very large kernels, which compile long without.
     number
@@ -130,8 +142,10 @@ def kernel(
             input_pair,
             chosen,
             source,
+            coordinate,
             derivatives,
             with_inertia,
+            with_tangent,
             compact,
             number.__name__,
         )
@@ -140,9 +154,13 @@ def kernel(
     def make() -> Kernel:
         structure = Structure.of(mechanism, input_pair)
         inputs, flow = _flow(structure, source)
-        columns, outputs = _outputs(flow, chosen, derivatives, with_inertia)
+        scale = _scale(flow, coordinate, derivatives)
+        columns, outputs = _outputs(flow, scale, chosen, derivatives, with_inertia)
+        if with_tangent:
+            columns += [f"rate_{name}" for name in mechanism.variable_names]
+            outputs += [tau * scale.share for tau in flow.tau]
         made = compile_function(outputs, inputs, compact, number)
-        return Kernel(columns, chosen, derivatives, with_inertia, made)
+        return Kernel(tuple(columns), chosen, derivatives, with_inertia, with_tangent, made)
 
     return cached(mechanism, request, make)
 
@@ -162,34 +180,65 @@ def _flow(structure: Structure, source: Source) -> tuple[list[Expr], Flow]:
     return inputs, Flow(structure, place_by_input(structure, inputs[0], inputs[1:]))
 
 
+@final
+@dataclass(frozen=True)
+class _Scale:
+    """dp by a coordinate, and the derivative of its reciprocal by p over itself."""
+
+    share: Expr
+    bend: Expr
+
+    def derivative(self, value: Expr, rate: Expr, order: int) -> Expr:
+        """Return d(value share^order) by the coordinate, `rate` being d(value)/dp."""
+        power = self.share
+        for _ in range(order):
+            power = power * self.share
+        return (rate - float(order) * (value * self.bend)) * power
+
+
+def _scale(flow: Flow, coordinate: Coordinate, derivatives: bool) -> _Scale:
+    if coordinate == "input":
+        share = 1.0 / flow.input_rate
+        bent = flow.tau_rate[flow.structure.driven] if derivatives else 0.0
+        return _Scale(share, bent * share)
+    if coordinate != "arc":
+        raise EngineError(
+            f'{flow.structure.mechanism.name}: coordinate "{coordinate}" is not known; it '
+            "is input or arc"
+        )
+    share = 1.0 / flow.speed
+    bent = 0.0
+    for tau, change in zip(flow.tau, flow.tau_rate if derivatives else (), strict=False):
+        bent = bent + tau * change
+    return _Scale(share, bent * (share * share))
+
+
 def _outputs(
-    flow: Flow, poles: Sequence[Pole], derivatives: bool, with_inertia: bool
-) -> tuple[tuple[str, ...], list[Expr]]:
+    flow: Flow,
+    scale: _Scale,
+    poles: Sequence[Pole],
+    derivatives: bool,
+    with_inertia: bool,
+) -> tuple[list[str], list[Expr]]:
     mechanism = flow.structure.mechanism
-    share = 1.0 / flow.input_rate
     columns: list[str] = []
     outputs: list[Expr] = []
     for pole in poles:
         direction, size, change = _pole(flow, pole, derivatives)
         label = "_".join(mechanism.links[k] for k in pole)
         columns += [f"{part}_{label}" for part in ("ux", "uy", "uz", "rate")]
-        outputs += [*direction, size * share]
+        outputs += [*direction, size * scale.share]
         if derivatives:
             columns.append(f"rate_dq_{label}")
-            bent = flow.tau_rate[flow.structure.driven]
-            outputs.append((change - size * share * bent) * share * share)
+            outputs.append(scale.derivative(size, change, 1))
     if with_inertia:
         whole = inertia(flow, tensors(mechanism))
         columns.append("B")
-        square = share * share
-        outputs.append(whole.value * square)
+        outputs.append(whole.value * scale.share * scale.share)
         if derivatives:
             columns.append("dB_dq")
-            bent = flow.tau_rate[flow.structure.driven]
-            outputs.append(
-                (whole.rate - 2.0 * (whole.value * (bent * share))) * (share * square)
-            )
-    return tuple(columns), outputs
+            outputs.append(scale.derivative(whole.value, whole.rate, 2))
+    return columns, outputs
 
 
 def _pole(flow: Flow, pole: Pole, derivatives: bool) -> tuple[Exprs, Expr, Expr]:

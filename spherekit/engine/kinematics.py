@@ -24,6 +24,7 @@ from spherekit.engine.compiler import Expr, function
 from spherekit.engine.pose import Placement, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import Spin, TurningPairs, turning_pairs
+from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer
@@ -59,7 +60,13 @@ class Structure:
         def vectors() -> Floats:
             tracer = Tracer(mechanism, input_pair, search=False)
             motion = tracer.at(np.linspace(tracer.low, tracer.high, 9))
-            first = int(np.flatnonzero(~motion.failed)[0])
+            closed = np.flatnonzero(~motion.failed)
+            if not len(closed):
+                raise EngineError(
+                    f"{mechanism.name}: no configuration was found at which to choose "
+                    "independent equations; give a range of the input where it closes"
+                )
+            first = int(closed[0])
             return np.asarray(motion.vectors[first])
 
         groups = group_rows(mechanism, assembly, vectors)
