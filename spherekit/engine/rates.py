@@ -25,6 +25,9 @@ from spherekit.sphere.rotation import Floats
 LARGEST = 6
 """Most equations of a group that are solved together by determinants."""
 
+INDEPENDENT = 1e-6
+"""Equations of unit size nearer than this to being combinations of others repeat them."""
+
 COINCIDENT = 1e-9
 """Axes of one link whose angle has a smaller sine are one axis."""
 
@@ -109,12 +112,14 @@ def _independent(
     }
     chosen: list[tuple[int, int]] = []
     while len(chosen) < len(plain.unknowns):
-        best = max(left, key=lambda key: float(np.linalg.norm(left[key])))
-        size = float(np.linalg.norm(left[best]))
-        if size < 1e-6:
+        sizes = {key: float(np.linalg.norm(row)) for key, row in left.items()}
+        best = max(sizes, key=lambda key: sizes[key], default=(0, 0))
+        size = sizes.get(best, 0.0)
+        if size < INDEPENDENT:
             raise EngineError(
-                f"{mechanism.name}: the rates cannot be solved at the pose given; use "
-                "another pose or the NumPy engine"
+                f"{mechanism.name}: its equations leave more than one motion at the "
+                "configuration they were chosen at; change the range of the input, or use "
+                "the NumPy engine"
             )
         unit = left.pop(best) / size
         left = {key: row - (row @ unit) * unit for key, row in left.items()}
