@@ -39,3 +39,11 @@ class PluginError(SpherekitError):
 
 class OutputError(SpherekitError):
     """Results cannot be written: folder, disk, or live viewer not available."""
+
+
+class EngineError(SpherekitError):
+    """The compiled engine cannot be used for this; NumPy gives the same results."""
+
+
+class EngineMissing(EngineError):
+    """heyoka is not installed, so nothing can be compiled."""

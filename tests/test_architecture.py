@@ -20,6 +20,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
+    ("engine",),
     ("dynamics",),
     ("analysis",),
     ("view",),
@@ -43,6 +44,7 @@ HOME_OF = {
     "pyarrow": {"analysis/frames.py", "view"},
     "networkx": {"model/graph.py"},
     "jsonschema": {"files/check.py"},
+    "heyoka": {"engine/compiler.py"},
 }
 
 

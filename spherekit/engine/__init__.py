@@ -1,0 +1,1 @@
+"""The compiled engine: kinematics and dynamics as expressions that heyoka compiles."""

@@ -1,0 +1,283 @@
+"""heyoka, the compiler behind the engine; imported here only, and only when called."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from importlib.util import find_spec
+from types import ModuleType
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.errors import EngineMissing
+from spherekit.sphere.rotation import Floats
+
+Expr = Any
+"""A number, or an expression that heyoka can compile."""
+
+MOST_SWITCHES = 100_000
+"""A run in which more events than this occur ends: its switches chatter."""
+
+
+def available() -> bool:
+    """Return whether heyoka is installed."""
+    return find_spec("heyoka") is not None
+
+
+def heyoka() -> ModuleType:
+    """Return the module.
+
+    Raises
+    ------
+    EngineMissing
+        If it is not installed.
+    """
+    try:
+        import heyoka as found
+    except ImportError as problem:
+        raise EngineMissing(
+            f"the compiled engine needs heyoka, which does not import ({problem}); "
+            'install it with pip install "spherekit[compiled]" (Linux) or from '
+            "conda-forge, or use the NumPy engine, which gives the same results"
+        ) from None
+    module: ModuleType = found
+    return module
+
+
+def symbols(names: Sequence[str]) -> list[Expr]:
+    """Return one variable for each name."""
+    module = heyoka()
+    return [module.expression(name) for name in names]
+
+
+def function(name: str, *arguments: Expr) -> Expr:
+    """Return heyoka's function of this name applied to expressions or numbers."""
+    module = heyoka()
+    return getattr(module, name)(*map(module.expression, arguments))
+
+
+def power(base: Expr, exponent: Expr) -> Expr:
+    """Return base ** exponent."""
+    module = heyoka()
+    return module.expression(base) ** module.expression(exponent)
+
+
+def derivative(expression: Expr, variable: Expr) -> Expr:
+    """Return the partial derivative by a variable."""
+    module = heyoka()
+    return module.diff(module.expression(expression), variable)
+
+
+def choose(condition: Expr, positive: Expr, otherwise: Expr) -> Expr:
+    """Return `positive` where a condition is greater than zero, else `otherwise`."""
+    module = heyoka()
+    each = map(module.expression, (condition, positive, otherwise))
+    where, one, other = each
+    return module.select(module.gt(where, module.expression(0.0)), one, other)
+
+
+@final
+@dataclass(frozen=True)
+class Function:
+    """A compiled function of arrays (inputs, n) with values (outputs, n).
+
+    `seconds` is what compiling took.
+    """
+
+    call: Callable[..., Any]
+    seconds: float
+
+    def __call__(self, inputs: NDArray[Any], out: NDArray[Any] | None = None) -> Any:
+        """Return the values (outputs, n) at inputs (inputs, n), written to `out`."""
+        return self.call(inputs) if out is None else self.call(inputs, outputs=out)
+
+
+def compile_function(
+    outputs: Sequence[Expr],
+    inputs: Sequence[Expr],
+    compact: bool = False,
+    number: type[Any] = float,
+) -> Function:
+    """Compile expressions; `number` is the type computed with (float, real128)."""
+    module = heyoka()
+    started = time.perf_counter()
+    made = module.cfunc(
+        [module.expression(each) for each in outputs],
+        list(inputs),
+        compact_mode=compact,
+        fp_type=number,
+    )
+    return Function(made, time.perf_counter() - started)
+
+
+@final
+@dataclass(frozen=True)
+class Event:
+    """A zero of an expression during an integration.
+
+    With `switch`, a parameter's number, that parameter becomes the expression's new
+    sign, and the integration restarts from there, unless `sticks`, called with the
+    state, the time and the parameters, says that it would turn back at once. Otherwise,
+    where it `stops`, the integration ends; else it is noted.
+    """
+
+    expression: Expr
+    stops: bool = False
+    switch: int | None = None
+    sticks: Callable[[Floats, float, Floats], bool] | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Noted:
+    """An event that occurred: its number, the time, and the sense of the passage."""
+
+    event: int
+    time: float
+    sense: int
+
+
+class End(Enum):
+    """Why a run of an integrator ended."""
+
+    TIME = "the last time was reached"
+    STEPS = "all steps were taken"
+    NOT_FINITE = "the state is not finite"
+    EVENT = "an event ended it"
+
+
+@final
+@dataclass(frozen=True)
+class Integrator:
+    """A compiled Taylor integrator of given equations, with its events.
+
+    It computes with the type `number` and returns float64.
+
+    `seen` collects what occurs in a run. `seconds` is what compiling took.
+    """
+
+    adaptive: Any
+    number: type[Any]
+    events: tuple[Event, ...]
+    terminal: tuple[int, ...]
+    seen: list[Noted]
+    seconds: float
+
+    def start(self, state: Floats, time: float, parameters: Floats) -> None:
+        """Set the state, the time and the parameters before a run."""
+        self.adaptive.state[:] = state
+        self.adaptive.time = self.number(time)
+        # heyoka keeps parameters up to the last one that occurs.
+        self.adaptive.pars[:] = parameters[: len(self.adaptive.pars)]
+        if self.terminal:
+            self.adaptive.reset_cooldowns()
+        self.seen.clear()
+
+    @property
+    def time(self) -> float:
+        """The time reached."""
+        return float(self.adaptive.time)
+
+    @property
+    def state(self) -> Any:
+        """The state reached; it may be changed between runs."""
+        return self.adaptive.state
+
+    @property
+    def parameters(self) -> Any:
+        """The parameters up to the last one used; they may be changed between runs."""
+        return self.adaptive.pars
+
+    def run(self, times: Floats, steps: int) -> tuple[Floats, End, int]:
+        """Run to the last of `times`, at most some steps.
+
+        Returns the states at the times reached, why the run ended, and the steps taken.
+        The event that ends a run is the last one seen.
+        """
+        grid = np.empty(len(times) + 1, dtype=self.number)
+        grid[0], grid[1:] = self.adaptive.time, times
+        outcome, _, _, taken, _, states = self.adaptive.propagate_grid(
+            grid, max_steps=steps
+        )
+        code, ends = int(outcome), heyoka().taylor_outcome
+        known = {
+            int(ends.time_limit): End.TIME,
+            int(ends.step_limit): End.STEPS,
+            int(ends.err_nf_state): End.NOT_FINITE,
+        }
+        if code not in known:
+            which = self.terminal[-code - 1]
+            if self.events[which].switch is None:
+                self.seen.append(Noted(which, self.time, 0))
+        return states[1:].astype(float), known.get(code, End.EVENT), taken
+
+
+def compile_integrator(
+    equations: Sequence[tuple[Expr, Expr]],
+    tolerance: float,
+    compact: bool,
+    events: Sequence[Event] = (),
+    number: type[Any] = float,
+) -> Integrator:
+    """Compile the equations (variable, its rate by time) for one tolerance."""
+    module = heyoka()
+    started = time.perf_counter()
+    seen: list[Noted] = []
+
+    def note(which: int) -> Callable[[Any, Any, int], None]:
+        return lambda _, when, sense: seen.append(Noted(which, float(when), sense))
+
+    def flip(event: Event, which: int) -> Callable[[Any, int], bool]:
+        def turn(running: Any, sense: int) -> bool:
+            now = float(running.time)
+            seen.append(Noted(which, now, sense))
+            if sense:
+                running.pars[event.switch] = number(sense)
+            state, constants = running.state.astype(float), running.pars.astype(float)
+            stuck = event.sticks is not None and event.sticks(state, now, constants)
+            return not stuck and len(seen) < MOST_SWITCHES
+
+        return turn
+
+    passing, ending, terminal = [], [], []
+    for which, event in enumerate(events):
+        expression = module.expression(event.expression)
+        if event.switch is not None:
+            action = flip(event, which)
+            ending.append(module.t_event(expression, callback=action, fp_type=number))
+            terminal.append(which)
+        elif event.stops:
+            ending.append(module.t_event(expression, fp_type=number))
+            terminal.append(which)
+        else:
+            passing.append(module.nt_event(expression, note(which), fp_type=number))
+    system = [(name, module.expression(rate)) for name, rate in equations]
+    made = module.taylor_adaptive(
+        system,
+        np.zeros(len(system), dtype=number),
+        tol=number(tolerance),
+        compact_mode=compact,
+        t_events=ending,
+        nt_events=passing,
+        fp_type=number,
+    )
+    return Integrator(
+        made,
+        number,
+        tuple(events),
+        tuple(terminal),
+        seen,
+        time.perf_counter() - started,
+    )
+
+
+def time_symbol() -> Expr:
+    """Return the time as it stands in the equations of an integrator."""
+    return heyoka().time
+
+
+def parameter(number: int) -> Expr:
+    """Return a constant whose value is set before each run."""
+    return heyoka().par[number]

@@ -1,0 +1,119 @@
+"""Orientations of links as expressions of the pair variables."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.engine.algebra import Exprs, constants, vector
+from spherekit.engine.compiler import Expr, function
+from spherekit.engine.turns import Chain, Turn, TurningPairs
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.loops import LoopTree
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class Placement:
+    """The orientation of a link: R = basis @ within, from link axes to ground axes.
+
+    `basis` (3, 3) holds expressions, `within` (3, 3) numbers; the basis need not be
+    orthonormal, and `metric` is its Gram matrix. `depth` counts what had to be placed
+    before: directions are cheapest in the least deep of the links that hold them.
+    """
+
+    basis: Exprs
+    within: Floats
+    metric: Floats
+    depth: int
+
+    def direction(self, axis: Floats) -> Exprs:
+        """Return a vector (3,) fixed in the link, in ground axes."""
+        return np.asarray(self.basis @ constants(self.within @ axis))
+
+    def fixed(self, axis: Floats) -> Exprs:
+        """Return what `seen` gives for a vector fixed in the link: numbers."""
+        return constants(self.metric @ (self.within @ axis))
+
+    def seen(self, given: Exprs) -> Exprs:
+        """Return the components (3,) of a vector in ground axes along the basis."""
+        return np.asarray(self.basis.T @ given)
+
+    def tensor(self, inertia: Floats) -> Exprs:
+        """Return M (3, 3) with w . I w = y . M y for y = `seen(w)`, I in link axes."""
+        return constants(self.within @ inertia @ self.within.T)
+
+
+def ground_placement() -> Placement:
+    """Return the placement of the ground in its own axes."""
+    return Placement(constants(np.eye(3)), np.eye(3), np.eye(3), 0)
+
+
+@final
+@dataclass(frozen=True)
+class Angles:
+    """Sine and cosine of each turn, formed once."""
+
+    variables: Sequence[Expr]
+
+    def of(self, turn: Turn) -> tuple[Expr, Expr]:
+        """Return the cosine and the sine of a turn."""
+        angle = self.variables[turn.variable]
+        sense = 1.0 if turn.scale > 0.0 else -1.0
+        scale, offset = abs(turn.scale), sense * turn.offset
+        if scale != 1.0:
+            angle = scale * angle
+        if offset != 0.0:
+            angle = angle + offset
+        return function("cos", angle), sense * function("sin", angle)
+
+
+def placed_by(chain: Chain, start: Placement, angles: Angles) -> Placement:
+    """Return the placement of a link that a chain of turns joins to a placed one."""
+    basis, within = start.basis, start.within
+    for constant, turn in zip(chain.constants, chain.turns, strict=False):
+        basis = basis @ constants(within @ constant)
+        cosine, sine = angles.of(turn)
+        basis = np.stack(
+            [
+                basis[:, 0] * cosine + basis[:, 1] * sine,
+                basis[:, 1] * cosine - basis[:, 0] * sine,
+                basis[:, 2],
+            ],
+            axis=1,
+        )
+        within = np.eye(3)
+    return Placement(basis, chain.constants[-1], np.eye(3), start.depth + 1)
+
+
+def place_by_variables(
+    mechanism: Mechanism, pairs: TurningPairs, variables: Sequence[Expr]
+) -> list[Placement]:
+    """Return the placements of all links along the shortest ways from the ground."""
+    tree = LoopTree.of(mechanism)
+    angles = Angles(variables)
+    placed = [ground_placement()] * len(mechanism.links)
+    for pair, parent, child in tree.branches:
+        chain = pairs.chains[pair]
+        ahead = tree.ends[pair][0] == parent
+        placed[child] = placed_by(
+            chain if ahead else chain.reversed(), placed[parent], angles
+        )
+    return placed
+
+
+def spin_vectors(
+    pairs: TurningPairs, placed: Sequence[Placement], variable: int
+) -> tuple[tuple[float, int, Exprs], ...]:
+    """Return the parts of a variable's vector: size, the link that carries it, axis."""
+    spins = pairs.spins[variable]
+    if variable in pairs.twin:
+        other = pairs.twin[variable]
+        if placed[other.link].depth < placed[spins[0].link].depth:
+            spins = (other,)
+    return tuple(
+        (each.size, each.link, vector(list(placed[each.link].direction(each.axis))))
+        for each in spins
+    )

@@ -1,0 +1,284 @@
+"""The rates of all variables along the motion, without a division by their own.
+
+The velocity equations of a single-freedom mechanism with m variables have m - 1
+independent rows; their maximal minors, with alternating signs, are proportional to the
+rates. The vector of these minors is a polynomial in the directions of the axes. It is
+regular at the dead centres of every pair and vanishes only where the rank drops. Here it
+is found group by group: a group's variables by Cramer's rule, and everything found before
+multiplied by the group's determinant.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.engine.algebra import Exprs, cross, determinant, dot, vector
+from spherekit.engine.compiler import Expr
+from spherekit.engine.elimination import Elimination, Loop, eliminate
+from spherekit.errors import EngineError
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.assembly import Assembly, Group
+from spherekit.sphere.rotation import Floats
+
+LARGEST = 6
+"""Most equations of a group that are solved together by determinants."""
+
+INDEPENDENT = 1e-6
+"""Equations of unit size nearer than this to being combinations of others repeat them."""
+
+COINCIDENT = 1e-9
+"""Axes of one link whose angle has a smaller sine are one axis."""
+
+
+@final
+@dataclass(frozen=True)
+class GroupRows:
+    """A group with its elimination, or the rows to use where equations repeat.
+
+    `chosen` lists (loop, variable): the loop's equation along the vector of a variable.
+    """
+
+    group: Group
+    elimination: Elimination
+    chosen: tuple[tuple[int, int], ...] | None = None
+
+
+def group_rows(
+    mechanism: Mechanism,
+    assembly: Assembly,
+    pose_vectors: Callable[[], Floats],
+) -> tuple[GroupRows, ...]:
+    """Return how each group is solved.
+
+    `pose_vectors()` gives the variables' vectors (variables, 3) at one configuration; it
+    is called only where equations repeat, to choose independent ones.
+
+    Raises
+    ------
+    EngineError
+        If a group has more equations to solve together than is sensible.
+    """
+    owned = [mechanism.variables_of(pair) for pair in range(len(mechanism.pairs))]
+    made = []
+    for group in assembly.groups:
+        if not group.redundant:
+            rows = GroupRows(group, eliminate(group, owned))
+        else:
+            loops = eliminate(group, owned).loops
+            plain = Elimination(
+                tuple(Loop(each.passes, ()) for each in loops),
+                tuple(v for pair in group.pairs for v in owned[pair]),
+            )
+            rows = GroupRows(
+                group,
+                plain,
+                _independent(mechanism, assembly, group, plain, pose_vectors()),
+            )
+        count = len(rows.elimination.unknowns)
+        if count > LARGEST:
+            raise EngineError(
+                f"{mechanism.name}: a {group.kind} leaves {count} equations to be solved "
+                f"together, the compiled engine takes at most {LARGEST}; use the NumPy "
+                "engine for this mechanism"
+            )
+        made.append(rows)
+    return tuple(made)
+
+
+def _independent(
+    mechanism: Mechanism,
+    assembly: Assembly,
+    group: Group,
+    plain: Elimination,
+    vectors: Floats,
+) -> tuple[tuple[int, int], ...]:
+    """Choose rows by Gram-Schmidt with pivoting, as many as there are unknowns."""
+    owners = mechanism.variable_owners
+    (driven,) = mechanism.variables_of(assembly.input)
+    candidates: dict[tuple[int, int], Floats] = {}
+    for number, loop in enumerate(plain.loops):
+        sense = {group.pairs[pair]: sign for pair, sign in loop.passes}
+        for pair, sign in _through_input(mechanism, assembly, group, loop):
+            sense[pair] = sign
+        weights = np.array([float(sense.get(owner, 0)) for owner in owners])
+        columns = weights[:, None] * vectors
+        for variable in np.flatnonzero(weights):
+            candidates[number, int(variable)] = columns @ vectors[variable]
+    left = {
+        key: np.delete(row, driven) / max(float(np.linalg.norm(row)), 1e-300)
+        for key, row in candidates.items()
+    }
+    chosen: list[tuple[int, int]] = []
+    while len(chosen) < len(plain.unknowns):
+        sizes = {key: float(np.linalg.norm(row)) for key, row in left.items()}
+        best = max(sizes, key=lambda key: sizes[key], default=(0, 0))
+        size = sizes.get(best, 0.0)
+        if size < INDEPENDENT:
+            raise EngineError(
+                f"{mechanism.name}: its equations leave more than one motion at the "
+                "configuration they were chosen at; change the range of the input, or use "
+                "the NumPy engine"
+            )
+        unit = left.pop(best) / size
+        left = {key: row - (row @ unit) * unit for key, row in left.items()}
+        chosen.append(best)
+    return tuple(chosen)
+
+
+def _through_input(
+    mechanism: Mechanism, assembly: Assembly, group: Group, loop: Loop
+) -> list[tuple[int, int]]:
+    """Return the input pair with its sense if a loop of a group passes through it."""
+    a, b = mechanism.ends[assembly.input]
+    total = 0
+    for (pair, sign), (after, onward) in zip(
+        loop.passes, (*loop.passes[1:], loop.passes[0]), strict=True
+    ):
+        enters = mechanism.ends[group.pairs[pair]][1 if sign > 0 else 0]
+        leaves = mechanism.ends[group.pairs[after]][0 if onward > 0 else 1]
+        total += {(a, b): 1, (b, a): -1}.get((enters, leaves), 0)
+    return [(assembly.input, total)] if total else []
+
+
+@final
+class HomogeneousRates:
+    """The rates of variables found so far, from the vectors (3,) of all variables.
+
+    `span(a, b)` is the constant |A x B|^2 of two variables' vectors, or None where it is
+    not constant.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        driven: int,
+        vectors: Sequence[Exprs],
+        span: Callable[[int, int], float | None],
+    ) -> None:
+        self.mechanism = mechanism
+        self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
+        self.vectors = vectors
+        self.span = span
+        (first,) = self.owned[driven]
+        self.rates: dict[int, Expr] = {first: 1.0}
+        self.closed = [driven]
+
+    def _between(self, start: int, end: int) -> Exprs | None:
+        """Return w_end - w_start of two links of one body, None if they are the same."""
+        if start == end:
+            return None
+        ways: dict[int, tuple[tuple[int, int], ...]] = {start: ()}
+        queue = [start]
+        while queue and end not in ways:
+            link = queue.pop(0)
+            for pair in self.closed:
+                a, b = self.mechanism.ends[pair]
+                if link in (a, b):
+                    other, sense = (b, 1) if link == a else (a, -1)
+                    if other not in ways:
+                        ways[other] = (*ways[link], (pair, sense))
+                        queue.append(other)
+        total: Exprs | None = None
+        for pair, sense in ways[end]:
+            for variable in self.owned[pair]:
+                part = self.vectors[variable] * self.rates[variable] * float(sense)
+                total = part if total is None else total + part
+        return total
+
+    def _loop(self, group: Group, loop: Loop) -> tuple[dict[int, Exprs], Exprs]:
+        """Return the columns of a loop's equation by variable, and what is known of it."""
+        columns: dict[int, Exprs] = {}
+        known: Exprs = vector([0.0, 0.0, 0.0])
+        onward = (*loop.passes[1:], loop.passes[0])
+        for (pair, sense), (after, next_sense) in zip(loop.passes, onward, strict=True):
+            number = group.pairs[pair]
+            for variable in self.owned[number]:
+                columns[variable] = self.vectors[variable] * float(sense)
+            enters = self.mechanism.ends[number][1 if sense > 0 else 0]
+            leaves = self.mechanism.ends[group.pairs[after]][0 if next_sense > 0 else 1]
+            part = self._between(enters, leaves)
+            if part is not None:
+                known = known + part
+        return columns, known
+
+    def close(self, rows: GroupRows) -> None:
+        """Find the rates of a group's variables; those found before are scaled."""
+        group, unknowns = rows.group, rows.elimination.unknowns
+        loops = [self._loop(group, loop) for loop in rows.elimination.loops]
+        matrix: list[list[Expr]] = []
+        right: list[Expr] = []
+        for number, directions in self._directions(rows, loops):
+            columns, known = loops[number]
+            for direction in directions:
+                matrix.append(
+                    [dot(direction, columns[v]) if v in columns else 0.0 for v in unknowns]
+                )
+                right.append(dot(direction, known))
+        scale = determinant(matrix)
+        found: dict[int, Expr] = {}
+        for k, variable in enumerate(unknowns):
+            swapped = [
+                [*row[:k], item, *row[k + 1 :]]
+                for row, item in zip(matrix, right, strict=True)
+            ]
+            found[variable] = -1.0 * determinant(swapped)
+        for loop, (columns, known) in zip(rows.elimination.loops, loops, strict=True):
+            if loop.private:
+                self._check_span(*loop.private)
+                self._private(loop.private, columns, known, scale, found)
+        self.rates = {v: rate * scale for v, rate in self.rates.items()} | found
+        self.closed += group.pairs
+
+    def _check_span(self, a: int, b: int) -> None:
+        square = self.span(a, b)
+        if square is not None and square < COINCIDENT**2:
+            names = [self.mechanism.variable_names[v] for v in (a, b)]
+            raise EngineError(
+                f"{self.mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "
+                "a link, so these two cannot be told apart; use the NumPy engine"
+            )
+
+    def _directions(
+        self, rows: GroupRows, loops: Sequence[tuple[dict[int, Exprs], Exprs]]
+    ) -> list[tuple[int, list[Exprs]]]:
+        """Return for each loop the vectors along which its equation is used."""
+        if rows.chosen is not None:
+            return [(number, [self.vectors[v]]) for number, v in rows.chosen]
+        made = []
+        for number, loop in enumerate(rows.elimination.loops):
+            columns, _ = loops[number]
+            if loop.private:
+                a, b = loop.private
+                made.append((number, [cross(columns[a], columns[b])]))
+            else:
+                axes = [vector(list(map(float, row))) for row in np.eye(3)]
+                made.append((number, axes))
+        return made
+
+    def _private(
+        self,
+        private: tuple[int, ...],
+        columns: dict[int, Exprs],
+        known: Exprs,
+        scale: Expr,
+        found: dict[int, Expr],
+    ) -> None:
+        """Find the two variables that were eliminated from a loop: S + x A + y B = 0."""
+        a, b = private
+        others = [v for v in columns if v not in private]
+        if len(found) == 1 and len(others) == 1:
+            # The bac-cab rule: no division, and no cancellation of S.
+            turned = cross(known, columns[others[0]])
+            found[a] = dot(columns[b], turned)
+            found[b] = -1.0 * dot(columns[a], turned)
+            return
+        rest = known * scale
+        for variable in others:
+            rest = rest + columns[variable] * found[variable]
+        normal = cross(columns[a], columns[b])
+        square = self.span(a, b)
+        share = 1.0 / (dot(normal, normal) if square is None else square)
+        found[a] = dot(cross(columns[b], rest), normal) * share
+        found[b] = dot(cross(rest, columns[a]), normal) * share

@@ -1,0 +1,135 @@
+"""Pairs as chains of turns about axes fixed in links.
+
+An R pair is one turn. A profile that is a circle is run along by turning about its
+centre, so a contact of two circles is two turns. The variables of such pairs move links
+about axes that are fixed in one link each, and their rates need no curvature.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.errors import EngineError
+from spherekit.model.geometry import Joint, Revolute, geometry_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.profile import Curve
+from spherekit.sphere.rotation import Floats, frame_from, transpose
+
+ROUND = ("circle", "great_circle")
+
+
+@final
+@dataclass(frozen=True)
+class Turn:
+    """A turn about z by scale * variable + offset (rad)."""
+
+    variable: int
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class Chain:
+    """R_second = R_first C_0 Z_1 C_1 ... Z_k C_k: constant rotations between turns."""
+
+    constants: tuple[Floats, ...]
+    turns: tuple[Turn, ...]
+
+    def reversed(self) -> "Chain":
+        """Return the chain from the second link to the first."""
+        back = [Turn(t.variable, -t.scale, -t.offset) for t in self.turns]
+        return Chain(
+            tuple(transpose(each) for each in reversed(self.constants)),
+            tuple(reversed(back)),
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Spin:
+    """A part of a variable's vector: `size` times an axis (3,) fixed in a link."""
+
+    size: float
+    link: int
+    axis: Floats
+
+
+@final
+@dataclass(frozen=True)
+class TurningPairs:
+    """The pairs of a mechanism: `chains[pair]`, and `spins[variable]`.
+
+    The vector of a variable, the angular velocity of its pair's second link relative to
+    the first per unit rate, is the sum of its spins. An R pair's single spin may be
+    taken in either link; `twin[variable]` is that in the second.
+    """
+
+    joints: tuple[Joint, ...]
+    chains: tuple[Chain, ...]
+    spins: tuple[tuple[Spin, ...], ...]
+    twin: dict[int, Spin]
+
+
+def turning_pairs(mechanism: Mechanism) -> TurningPairs:
+    """Return the pairs of a mechanism as turns.
+
+    Raises
+    ------
+    EngineError
+        If a profile is neither a circle nor a great circle.
+    """
+    joints = geometry_of(mechanism).joints
+    chains: list[Chain] = []
+    spins: list[tuple[Spin, ...]] = []
+    twin: dict[int, Spin] = {}
+    for number, joint in enumerate(joints):
+        a, b = mechanism.ends[number]
+        at = len(spins)
+        if isinstance(joint, Revolute):
+            chains.append(Chain((joint.first, transpose(joint.second)), (Turn(at),)))
+            spins.append((Spin(1.0, a, joint.first[:, 2]),))
+            twin[at] = Spin(1.0, b, joint.second[:, 2])
+            continue
+        _need_circles(mechanism, number)
+        (one, pace), (other, far_pace) = map(_circle, (joint.first, joint.second))
+        last = at if joint.rolling else at + 1
+        start = joint.start if joint.rolling else (0.0, 0.0)
+        turns = (
+            Turn(at, pace, pace * start[0]),
+            Turn(last, -far_pace, -far_pace * start[1]),
+        )
+        middle = transpose(_about(joint.first)) @ _about(joint.second)
+        chains.append(Chain((one, middle, transpose(other)), turns))
+        parts = Spin(pace, a, one[:, 2]), Spin(-far_pace, b, other[:, 2])
+        spins += [parts] if joint.rolling else [(parts[0],), (parts[1],)]
+    return TurningPairs(joints, tuple(chains), tuple(spins), twin)
+
+
+def _need_circles(mechanism: Mechanism, number: int) -> None:
+    pair = mechanism.pairs[number]
+    for link, profile in zip(pair.links, pair.profiles or (), strict=False):
+        if profile.kind not in ROUND:
+            raise EngineError(
+                f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: the compiled engine "
+                f'knows circles and great circles, not "{profile.kind}"; use the NumPy '
+                "engine for this mechanism"
+            )
+
+
+def _about(curve: Curve) -> Floats:
+    """Return, in the axes of a circle's moving frame, a frame about its centre."""
+    k = float(curve.at(np.zeros(1)).curvature[0])
+    centre = np.array([0.0, 1.0, k]) / np.hypot(1.0, k)
+    return frame_from(centre, np.array([1.0, 0.0, 0.0]))
+
+
+def _circle(curve: Curve) -> tuple[Floats, float]:
+    """Return the frame at s = 0 about a circle's centre, and its angle per arc length.
+
+    The moving frame A of a curve of constant curvature k turns about n + k p, which is
+    fixed (from its derivative): A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T.
+    """
+    start = curve.at(np.zeros(1))
+    return start.frame[0] @ _about(curve), float(np.hypot(1.0, start.curvature[0]))
