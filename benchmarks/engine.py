@@ -80,7 +80,7 @@ def _kernel_row(
         derivatives=derivatives,
         with_inertia=bool(made.masses),
     )
-    q = tracer.inputs(BLOCK)
+    q = np.linspace(*tracer.range, BLOCK)
     motion = tracer.at(q)
     branch = motion.branches[0]
     rows = motion.values[:BLOCK].T

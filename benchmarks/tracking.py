@@ -58,7 +58,7 @@ def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell,
     closure, driven = tracer.solver.closure, tracer.solver.driven[0]
 
     def job() -> object:
-        return follow(closure, driven, middle, tracer.low, tracer.high)
+        return follow(closure, driven, middle, *tracer.range)
 
     with counted() as cost:
         found = job()

@@ -39,7 +39,7 @@ def of_pose(made, **options):
 def closed_near(made, guess):
     """Return the curve through the configuration at a guessed one's input."""
     closure = Closure.of(made, geometry_of(made).joints)
-    return follow_arc(closure, closure.solve(np.array([guess]), held=0).values[0])
+    return follow_arc(closure, closure.solve(np.array([guess]), held=[0]).values[0])
 
 
 GUESSES = {
@@ -56,16 +56,16 @@ def shipped(name):
     if name in GUESSES:
         return closed_near(sk.load(name), GUESSES[name])
     tracer = Tracer(sk.load(name), search=False)
-    there = tracer.solver.evaluate(tracer.branches[0], np.array([tracer.low + 0.5]))
+    there = tracer.solver.evaluate(tracer.branches[0], np.array([[tracer.range[0] + 0.5]]))
     return follow_arc(tracer.solver.closure, there.values[0])
 
 
 def configurations(made, inputs):
     """Return the closed configurations of a mechanism of one dyad at some inputs."""
-    solver = Solver(made, plan_assembly(made, "21"))
+    solver = Solver(made, plan_assembly(made))
     found = []
     for sign in (1, -1):
-        there = solver.evaluate(Branch(0, (sign,)), inputs)
+        there = solver.evaluate(Branch(0, (sign,)), inputs[:, None])
         found.append(there.values[there.status == Status.OK])
     return solver.closure, np.concatenate(found)
 
@@ -345,11 +345,11 @@ def test_shipped_mechanisms_close_after_one_lap(name, winding):
 def test_samples_at_inputs_are_those_of_the_branches(name):
     curve = shipped(name)
     tracer = Tracer(sk.load(name), search=False)
-    for q in tracer.low + np.linspace(0.1, 0.9, 5) * (tracer.high - tracer.low):
-        there = tracer.solver.evaluate(tracer.branches[0], np.array([q]))
+    for q in tracer.range[0] + np.linspace(0.1, 0.9, 5) * np.ptp(tracer.range):
+        there = tracer.solver.evaluate(tracer.branches[0], np.array([[q]]))
         if there.status[0] != Status.OK:
             continue
-        places = curve.at_input(tracer.solver.driven, q).places
+        places = curve.at_input(tracer.solver.single, q).places
         gaps = np.abs(curve.wrapped(curve.at(places).values - there.values))
         assert np.min(np.max(gaps, axis=1)) < 1e-12
 
@@ -375,7 +375,7 @@ def test_a_gear_train_runs_at_constant_rates():
 
 def test_cones_without_a_common_length_never_close():
     tracer = Tracer(sk.load("rolling_cones"), search=False)
-    there = tracer.solver.evaluate(tracer.branches[0], np.array([0.5])).values[0]
+    there = tracer.solver.evaluate(tracer.branches[0], np.array([[0.5]])).values[0]
     curve = follow_arc(tracer.solver.closure, there, longest=20.0)
     assert not curve.closed
     assert curve.ends == (Status.OK, Status.OK)
@@ -466,7 +466,7 @@ def test_starts_that_cannot_be_followed(no_crank):
 
 def test_modes_that_meet_at_dead_points_are_one_curve():
     tracer = Tracer(four_bar(NO_CRANK))
-    (found,) = configuration_curves(tracer.solver, tracer.branches, tracer.low, tracer.high)
+    (found,) = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
     numbers = [piece.branch for piece in found.pieces]
     assert set(numbers) == {0, 1}
     curve = found.curve
@@ -477,9 +477,9 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
         values = curve.at(s).values
         q = np.mod(values[:, 0], 2 * np.pi)
         (branch,) = (b for b in tracer.branches if b.number == piece.branch)
-        there = tracer.solver.evaluate(branch, q).values
+        there = tracer.solver.evaluate(branch, q[:, None]).values
         assert np.max(np.abs(curve.wrapped(there - values))) < 1e-9
-    inside = tracer.solver.evaluate(tracer.branches[1], np.linspace(0.0, 6.28, 40))
+    inside = tracer.solver.evaluate(tracer.branches[1], np.linspace(0.0, 6.28, 40)[:, None])
     values = inside.values[inside.status == Status.OK]
     again = curve.at(curve.find(values)).values
     assert np.max(np.abs(curve.wrapped(again - values))) < 1e-12
@@ -488,7 +488,7 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
 @pytest.mark.slow
 def test_two_modes_of_the_double_butterfly_are_one_closed_curve():
     tracer = Tracer(sk.load("double_butterfly"))
-    found = configuration_curves(tracer.solver, tracer.branches, tracer.low, tracer.high)
+    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
     assert sorted(p.branch for c in found for p in c.pieces) == list(range(8))
     assert all(c.curve.closed for c in found)
     assert sorted(len(c.pieces) for c in found) == [1, 1, 1, 1, 1, 1, 2]

@@ -98,7 +98,7 @@ def agree(values, field, inertia, change, tolerance):
 def test_kernels_equal_the_numpy_route(name):
     made = with_masses(load(name))
     tracer = Tracer(made, search=False)
-    motion = tracer.at(np.linspace(tracer.low + 0.1, tracer.high - 0.2, 24))
+    motion = tracer.at(np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24))
     assert not np.any(motion.failed)
     found = kernel(made, made.inputs[0].pair, with_inertia=True)
     agree(found.values(motion.values.T), *reference(made, motion), 2e-14)
@@ -109,7 +109,7 @@ def test_kernels_equal_the_numpy_route(name):
 def test_closed_form_positions_equal_the_numpy_route(name):
     made = with_masses(load(name))
     tracer = Tracer(made)
-    q = np.linspace(tracer.low + 0.1, tracer.high - 0.2, 24)
+    q = np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24)
     found = kernel(made, made.inputs[0].pair, source="input", with_inertia=True)
     for branch in tracer.branches:
         motion = Tracer(made, branch=branch.number).at(q)

@@ -65,7 +65,9 @@ def by_differences(problem: Problem, step: float) -> Simulation:
             after += (step**2 * force - 0.5 * change * (q - before) ** 2) / inertia_q
         guess = values + tangent / along * (after - q)
         guess[driven] = after
-        closed = closure.solve(guess[None], driven) if np.all(np.isfinite(guess)) else None
+        closed = (
+            closure.solve(guess[None], [driven]) if np.all(np.isfinite(guess)) else None
+        )
         if closed is None or not closed.residual[0] < 1e-12 or abs(along) < STANDSTILL:
             end = End(
                 "singularity", t, "the input is at a dead centre, where q' is endless"

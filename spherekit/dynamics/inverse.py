@@ -136,15 +136,15 @@ def inverse_dynamics(
     for number, pair in enumerate(tracer.mechanism.variable_owners):
         if isinstance(motion.joints[pair], Revolute):
             values[:, number] = continued_angles(values[:, number], motion.samples)
-    values[:, tracer.solver.driven] = np.tile(q, count)
+    values[:, tracer.solver.single] = np.tile(q, count)
     arc = by_arc_length(tracer.solver.closure, values)
-    found = arc.by_variable(tracer.solver.driven)
+    found = arc.by_variable(tracer.solver.single)
     t, q, dq, ddq = (np.tile(x, count) for x in (t, q, dq, ddq))
     masses = inertia(mechanism, found)
     forces = loads.parts(found, dq, t)
     tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
     status = motion.status.copy()
-    flat = np.abs(arc.rates[:, tracer.solver.driven]) < DEAD_CENTRE
+    flat = np.abs(arc.rates[:, tracer.solver.single]) < DEAD_CENTRE
     status[(status == Status.OK) & (flat | ~np.isfinite(tau))] = Status.AT_SINGULARITY
     bad = status != Status.OK
     rows = (masses.B_parts, masses.dB_parts, forces, tau, values, found.rates)

@@ -17,7 +17,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
-from spherekit.planning.poles import default_input
+from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 
 DRIVE = "driving_torque"
@@ -82,10 +82,12 @@ def prepare(
     if not np.isfinite(rate):
         raise SolveError(f"{name}: the rate at the start is {rate}, give a finite number")
     need_inertia(mechanism)
-    mechanism = mechanism.with_input(input_pair or default_input(mechanism))
-    driven = variable_of(mechanism, mechanism.inputs[0].pair)
+    if input_pair is None:
+        input_pair = mechanism.pairs[driven_pairs(mechanism)[0]].name
+    mechanism = mechanism.with_inputs(input_pair)
+    driven = variable_of(mechanism, input_pair)
     if torque is not None:
-        drive = PairTorque(DRIVE, mechanism.inputs[0].pair, torque)
+        drive = PairTorque(DRIVE, input_pair, torque)
         mechanism = replace(mechanism, loads=(*mechanism.loads, drive))
     times = sorted({float(t) for t in switches} | set(_knots(mechanism, until)))
     if not all(np.isfinite(times)):
@@ -133,7 +135,7 @@ def _closed(closure: Closure, name: str, values: Sequence[float]) -> Floats:
             f"{name}: values at the start must be {count} finite numbers, one for each "
             "variable"
         )
-    found = closure.solve(given[None], None)
+    found = closure.solve(given[None])
     moved = float(np.max(np.abs(found.values[0] - given)))
     if not (found.residual[0] < 1e-12 and moved < NEAR):
         raise SolveError(
@@ -163,22 +165,18 @@ def _configuration(tracer: Tracer, q: float, branch: int) -> Floats:
             f"({status.name}): {STATUS_MEANING[status]}"
         )
     values: Floats = motion.values[row].copy()
-    values[tracer.solver.driven] = q
+    values[tracer.solver.single] = q
     return values
 
 
 def into_range(tracer: Tracer, q: Floats) -> Floats:
     """Return inputs moved by whole turns into the input's range, if that is a turn."""
     turn = 2.0 * np.pi
-    if tracer.high - tracer.low < turn * (1.0 - 1e-12):
+    low, high = tracer.range
+    if high - low < turn * (1.0 - 1e-12):
         return q
-    return np.asarray(
-        np.where(
-            (q >= tracer.low) & (q <= tracer.high),
-            q,
-            tracer.low + np.mod(q - tracer.low, turn),
-        )
-    )
+    inside = (q >= low) & (q <= high)
+    return np.asarray(np.where(inside, q, low + np.mod(q - low, turn)))
 
 
 def _check_stops(mechanism: Mechanism, values: Floats) -> None:

@@ -54,12 +54,12 @@ class Structure:
         PlanError
             If the mechanism does not have exactly one freedom.
         """
-        assembly = plan_assembly(mechanism, input_pair)
+        assembly = plan_assembly(mechanism.with_inputs(input_pair))
         pairs = turning_pairs(mechanism)
 
         def vectors() -> Floats:
             tracer = Tracer(mechanism, input_pair, search=False)
-            motion = tracer.at(np.linspace(tracer.low, tracer.high, 9))
+            motion = tracer.at(np.linspace(*tracer.range, 9))
             closed = np.flatnonzero(~motion.failed)
             if not len(closed):
                 raise EngineError(

@@ -13,8 +13,9 @@ from typing import final
 from spherekit.engine.compiler import Expr, choose, function, power
 from spherekit.engine.kinematics import Flow
 from spherekit.errors import EngineError
+from spherekit.model.dynamics import Load, PairTorque
 from spherekit.model.expression import Call, Name, Node, Number, load_names, parse
-from spherekit.model.mechanism import Load, Mechanism
+from spherekit.model.mechanism import Mechanism
 
 FULL_TURN = 6.283185307179586
 
@@ -139,6 +140,11 @@ def declared_loads(mechanism: Mechanism) -> tuple[AppliedLoad, ...]:
 
 
 def _declared(mechanism: Mechanism, load: Load) -> AppliedLoad:
+    if not isinstance(load, PairTorque):
+        raise EngineError(
+            f"{mechanism.name}: loads.{load.name}: the compiled engine takes torques at "
+            f"pairs, not a {type(load).__name__}; simulate with NumPy"
+        )
     return pair_torque(mechanism, load.name, load.pair, load.torque)
 
 

@@ -76,6 +76,12 @@ class Solver:
             number for pair in assembly.inputs for number in mechanism.variables_of(pair)
         )
 
+    @property
+    def single(self) -> int:
+        """The number of the only input's variable; `PlanError` if there are several."""
+        (number,) = self.mechanism.variables_of(self.assembly.input)
+        return number
+
     def start(self, q: Floats) -> State:
         """Return the state in which only the inputs have values q (n, inputs)."""
         return State.start(self.mechanism, self.joints, self.assembly, q)

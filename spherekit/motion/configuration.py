@@ -70,7 +70,7 @@ def configuration_curves(
     curves: list[ArcCurve] = []
     inputs = np.linspace(low, high, PROBED)
     for branch in branches:
-        there = solver.evaluate(branch, inputs)
+        there = solver.evaluate(branch, inputs[:, None])
         todo = there.values[there.status == Status.OK]
         for curve in curves:
             todo = _elsewhere(curve, todo)
@@ -95,7 +95,7 @@ def _elsewhere(curve: ArcCurve, values: Floats) -> Floats:
 def _pieces(
     solver: Solver, branches: Sequence[Branch], curve: ArcCurve, low: float, high: float
 ) -> tuple[Piece, ...]:
-    driven = solver.driven
+    driven = solver.single
     cuts = np.unique(
         np.concatenate(
             [
@@ -128,7 +128,7 @@ def _branches_at(
     """Return the branch that has each configuration (n, variables) at its input (n,)."""
     numbers: NDArray[np.object_] = np.full(len(q), None, dtype=object)
     for branch in branches:
-        there = solver.evaluate(branch, q).values
+        there = solver.evaluate(branch, q[:, None]).values
         gap = np.max(np.abs(curve.wrapped(there - values)), axis=1)
         numbers[gap < SAME_CONFIGURATION] = branch.number
     return list(numbers)

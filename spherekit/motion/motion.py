@@ -12,8 +12,8 @@ from spherekit.conventions import Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.branches import Branch, Solver
 from spherekit.motion import lattice as lattices
+from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.lattice import Lattice, given_path
 from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
 from spherekit.motion.pairs import (
@@ -176,10 +176,10 @@ class Tracer:
         self.lattice = _lattice(self.mechanism, samples, grid, path)
         self.by_rank = False
         try:
-            self._assemble(search)
+            self.branches = self._assembled(search)
         except CountError as counted:
             self.by_rank = True
-            self._assemble_against(counted, search)
+            self.branches = self._assembled_against(counted, search)
         if branch is not None:
             chosen = [item for item in self.branches if item.number == branch]
             if not chosen:
@@ -190,16 +190,16 @@ class Tracer:
                 )
             self.branches = tuple(chosen)
 
-    def _assemble(self, search: bool) -> None:
-        """Find the branches; `PlanError` unless there is a freedom for each input."""
+    def _assembled(self, search: bool) -> tuple[Branch, ...]:
+        """Return the branches; `PlanError` unless there is a freedom for each input."""
         self.assembly = plan_assembly(self.mechanism, self.by_rank)
         self.solver = Solver(self.mechanism, self.assembly)
-        self.branches = find_branches(self.solver, self.lattice, search)
+        return find_branches(self.solver, self.lattice, search)
 
-    def _assemble_against(self, counted: CountError, search: bool) -> None:
-        """Find the branches of a mechanism that by counting does not move."""
+    def _assembled_against(self, counted: CountError, search: bool) -> tuple[Branch, ...]:
+        """Return the branches of a mechanism that by counting does not move."""
         try:
-            self._assemble(search)
+            return self._assembled(search)
         except SpherekitError:
             raise counted from None
 
@@ -207,6 +207,18 @@ class Tracer:
     def inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs."""
         return tuple(item.pair for item in self.mechanism.inputs)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the greatest sampled value of the only input (rad).
+
+        Raises
+        ------
+        PlanError
+            If there are several inputs.
+        """
+        column = self.lattice.q[:, self.assembly.inputs.index(self.assembly.input)]
+        return float(np.min(column)), float(np.max(column))
 
     @property
     def search(self) -> str:

@@ -9,6 +9,7 @@ input between two floating links needs no special treatment.
 from dataclasses import dataclass
 from typing import final
 
+from spherekit.errors import PlanError
 from spherekit.model.mechanism import CONSTRAINTS, Mechanism
 from spherekit.planning.inputs import driven_pairs, merged
 from spherekit.planning.rigidity import Pebbles, counted_freedom
@@ -66,6 +67,16 @@ class Assembly:
     inputs: tuple[int, ...]
     bodies: tuple[int, ...]
     groups: tuple[Group, ...]
+
+    @property
+    def input(self) -> int:
+        """The number of the only driven pair; `PlanError` if there are several."""
+        if len(self.inputs) != 1:
+            raise PlanError(
+                f"this works for mechanisms with one input, not with {len(self.inputs)}; "
+                "lock the others by merging the links of their pairs"
+            )
+        return self.inputs[0]
 
     @property
     def has_closed_form(self) -> bool:
