@@ -8,8 +8,7 @@ import numpy as np
 
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
-from spherekit.planning.inputs import driven_pairs
-from spherekit.planning.rigidity import counted_freedom
+from spherekit.planning.assembly import plan_assembly
 
 EIGHT_BARS = (
     "1-2 1-4 1-5 2-3 2-6 3-4 3-7 4-8 5-6 7-8",
@@ -65,9 +64,9 @@ def random_axes(random, count):
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
-def random_chain(random, links):
-    """Return a random simple-jointed chain with one freedom and no rigid part."""
-    edges_wanted = (3 * links - 4) // 2
+def random_chain(random, links, freedoms=1):
+    """Return a random simple-jointed chain with so many freedoms and no rigid part."""
+    edges_wanted = (3 * (links - 1) - freedoms) // 2
     while True:
         every = [(a, b) for a in range(1, links + 1) for b in range(a + 1, links + 1)]
         chosen = random.choice(len(every), edges_wanted, replace=False)
@@ -78,8 +77,22 @@ def random_chain(random, links):
         if not nx.is_biconnected(graph):
             continue
         candidate = mechanism(edges, random_axes(random, edges_wanted))
-        try:
-            counted_freedom(candidate, driven_pairs(candidate))
-        except PlanError:
+        if any_inputs(random, candidate, freedoms) is None:
             continue
         return edges
+
+
+def any_inputs(random, made, freedoms):
+    """Return the mechanism with that many random R pairs as inputs, None if none do."""
+    turning = [pair.name for pair in made.pairs if pair.type == "R"]
+    for _ in range(12):
+        if len(turning) < freedoms:
+            return None
+        names = random.choice(turning, freedoms, replace=False)
+        chosen = made.with_inputs(*map(str, names))
+        try:
+            plan_assembly(chosen)
+        except PlanError:
+            continue
+        return chosen
+    return None

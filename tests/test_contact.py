@@ -6,8 +6,8 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
-from chains import random_axes, random_chain
-from oracles import off_axis
+from chains import any_inputs, random_axes, random_chain
+from oracles import locked_rates, off_axis
 from test_poles import field_of
 
 import spherekit as sk
@@ -24,6 +24,7 @@ from spherekit.model.mechanism import (
 )
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles, plan
+from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 DEGREE = np.pi / 180
@@ -212,10 +213,10 @@ def null_space_with_contact(made, motion, row):
     return w, values[3 * count - 5] / values[0]
 
 
-def random_mixed(random, links):
+def random_mixed(random, links, freedoms=1):
     """Return a random chain whose pairs and binary links became contacts."""
     while True:
-        edges = random_chain(random, links)
+        edges = random_chain(random, links, freedoms)
         degree = {k: sum(k in e for e in edges) for k in range(1, links + 1)}
         kinds = dict.fromkeys(edges, "R")
         gone = set()
@@ -233,18 +234,14 @@ def random_mixed(random, links):
         for e in list(kinds):
             if kinds[e] == "R" and random.random() < 0.2 and 1 not in e:
                 kinds[e] = "Cr"
-        first = next((e for e in kinds if 1 in e and kinds[e] == "R"), None)
-        if first is None or len(kinds) < 3:
+        if len(kinds) < 3:
             continue
-        made = touching(random, kinds, first)
-        try:
-            plan(made)
-        except PlanError:
-            continue
-        return made
+        made = any_inputs(random, touching(random, kinds), freedoms)
+        if made is not None:
+            return made
 
 
-def touching(random, kinds, driven):
+def touching(random, kinds):
     """Return a mechanism whose circles touch at random points of a reference pose."""
     pairs, axes = [], {}
     for (a, b), kind in kinds.items():
@@ -269,40 +266,53 @@ def touching(random, kinds, driven):
         links,
         tuple(pairs),
         PoseGeometry(axes),
-        inputs=(Input(f"p{driven[0]}_{driven[1]}", -1e-3, 1e-3),),
     )
 
 
 @pytest.mark.slow
 def test_random_mixed_mechanisms_against_the_null_space(capsys):
-    """R, Cr and Cs in single-freedom chains of 4 to 12 links: all poles to 1e-9."""
+    """R, Cr and Cs with one to three freedoms, 6 to 12 links: all poles to 1e-9.
+
+    Each input of 1000 mechanisms moves alone; the velocity equations with the others
+    locked are the reference. Prints which methods were enough.
+    """
     random = np.random.default_rng(2025)
-    judged = blocks = cases = 0
-    for number in range(400):
-        made = random_mixed(random, [6, 8, 10, 12][number % 4])
-        planned = plan(made)
-        blocks += bool(planned.blocks)
-        cases += any(getattr(step, "contacts", ()) for step in planned.steps)
-        motion, field = field_of(made, samples=3, search=False)
-        if motion.status[1] != Status.OK:
+    sizes = {1: (6, 8, 10, 12), 2: (7, 9, 11), 3: (6, 8, 10, 12)}
+    count = dict.fromkeys(("plans", "passes", "contact", "block", "equations", "judged"), 0)
+    poles = worst = 0
+    for number in range(1000):
+        freedoms = 1 + number % 3
+        own = sizes[freedoms]
+        made = random_mixed(random, own[number // 3 % len(own)], freedoms)
+        tracer = Tracer(made, search=False, path=np.zeros((1, freedoms)))
+        motion = tracer.motion()
+        if motion.status[0] != Status.OK:
             continue
-        w, gap = null_space_with_contact(made, motion, 1)
-        if gap < 1e-6:
-            continue
-        a, b = made.ends[motion.assembly.inputs[0]]
-        driven = (w[b] - w[a]) @ motion.axes[1, motion.assembly.inputs[0]]
-        judged += 1
-        for i, j in all_poles(len(made.links)):
-            vector = w[j] - w[i]
-            size = np.linalg.norm(vector)
-            if size > 1e-4:
-                assert off_axis(field.direction[i, j][1], vector) < 1e-9
-            if abs(driven) > 1e-3 and size > 1e-4:
-                ours = field.rate[i, j][1] * field.direction[i, j][1]
-                scale = max(1.0, np.linalg.norm(w / driven))
-                assert np.linalg.norm(ours - vector / driven) / scale < 1e-9
-    print(f"{judged} judged, {blocks} with irreducible parts, {cases} with contact lines")
-    assert judged > 380
+        every = all_poles(len(made.links))
+        for driven in motion.assembly.inputs:
+            asked = request(tracer.mechanism, made.pairs[driven].name, every, every)
+            field = evaluate(motion, asked)
+            count["plans"] += 1
+            by_contact = any(getattr(step, "contacts", ()) for step in asked.plan.steps)
+            way = "block" if asked.plan.blocks else "contact" if by_contact else "passes"
+            count["equations" if field.by_equations[0] else way] += 1
+            w, gap = locked_rates(motion, 0, driven)
+            if gap < 1e-6:
+                continue
+            count["judged"] += 1
+            scale = max(1.0, np.max(np.linalg.norm(w, axis=1)))
+            for i, j in every:
+                vector = w[j] - w[i]
+                size = np.linalg.norm(vector)
+                if size > 1e-4 * scale:
+                    error = off_axis(field.direction[i, j][0], vector)
+                    worst = max(worst, float(error))
+                    assert error < 1e-9
+                ours = field.rate[i, j][0] * np.nan_to_num(field.direction[i, j][0])
+                assert np.linalg.norm(ours - vector) / scale < 1e-9
+                poles += 1
+    print(f"{count}; {poles} poles, largest error of a direction {worst:.1e}")
+    assert count["judged"] > 1900
 
 
 def test_derivatives_of_mixed_mechanisms_by_taylor_remainder():

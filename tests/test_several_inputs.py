@@ -386,7 +386,7 @@ BAD = {
     "an input that is no freedom once another is given": (
         lambda: sk.trace(two_four_bars().with_inputs("p1_2", "p1_4")),
         PlanError,
-        ["with input", "locked", "[1, 2, 3, 4]", "choose other inputs"],
+        ["inputs p1_2, p1_4 are no independent", "with p1_4 locked", "choose other"],
     ),
     "a contact pair as input": (
         lambda: sk.trace(

@@ -100,7 +100,7 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     merged_links = merged(mechanism, inputs)
     body_of = list(merged_links)
     open_pairs = {n: ends for n, ends in enumerate(mechanism.ends) if n not in inputs}
-    if counted is None:
+    if counted.game is None:
         whole = _whole(mechanism, body_of, list(open_pairs))
         return Assembly(inputs, merged_links, (whole,))
     taken = [CONSTRAINTS[pair.type] for pair in mechanism.pairs]

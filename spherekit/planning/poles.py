@@ -18,7 +18,7 @@ from spherekit.conventions import nearest
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.coaxial import coaxial_links
-from spherekit.planning.inputs import driven_pairs, merged
+from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.rigidity import Pebbles, counted_freedom
 
 Pole = tuple[int, int]
@@ -96,20 +96,17 @@ Step = PrimaryPole | CoaxialPole | LinePole | BlockPoles
 class Plan:
     """Ordered steps that give every requested pole while one input moves.
 
-    With several inputs the others are `locked`, and links joined by locked pairs are one
-    body: poles are those of bodies, each called by its link with the smallest number.
+    With several inputs the others are `locked`, and links that cannot move relative to
+    each other then are one body: poles are those of bodies, each called by its link with
+    the smallest number, which `body` has for every link.
     """
 
     mechanism: Mechanism
     input: int
     locked: tuple[int, ...]
+    body: tuple[int, ...]
     requested: tuple[Pole, ...]
     steps: tuple[Step, ...]
-
-    @cached_property
-    def body(self) -> tuple[int, ...]:
-        """For each link the link that its body is called by."""
-        return merged(self.mechanism, self.locked)
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
@@ -118,7 +115,7 @@ class Plan:
 
     @cached_property
     def ends(self) -> tuple[tuple[int, int], ...]:
-        """The two bodies of every pair; the same one twice for a locked pair."""
+        """The two bodies of every pair; the same one twice within a body."""
         return tuple((self.body[a], self.body[b]) for a, b in self.mechanism.ends)
 
     def pole(self, i: int, j: int) -> Pole | None:
@@ -221,10 +218,10 @@ def plan(
     driven = driven_pairs(mechanism)
     moved = driven[0] if input_pair is None else mechanism.pair_number[input_pair]
     locked = tuple(pair for pair in driven if pair != moved)
-    game = counted_freedom(mechanism, driven, locked, by_rank)
-    empty = Plan(mechanism, moved, locked, (), ())
+    freedom = counted_freedom(mechanism, driven, locked, by_rank)
+    empty = Plan(mechanism, moved, locked, freedom.body, (), ())
     every = tuple(combinations(empty.bodies, 2))
-    whole = replace(empty, requested=every, steps=tuple(_steps(empty, game)))
+    whole = replace(empty, requested=every, steps=tuple(_steps(empty, freedom.game)))
     if poles is None:
         return whole
     wanted = []
@@ -261,7 +258,7 @@ def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
     steps: list[Step] = []
     contacts: dict[Pole, list[int]] = {}
     for number, (pair, (a, b)) in enumerate(zip(mechanism.pairs, chain.ends, strict=True)):
-        if number in chain.locked:
+        if a == b:
             continue
         pole = pole_of(a, b)
         if pair.type == "Cs":
@@ -409,7 +406,7 @@ def _smallest_block(
         pairs=tuple(
             n
             for n, (a, b) in enumerate(chain.ends)
-            if a in inside and b in inside and n not in chain.locked
+            if a != b and a in inside and b in inside
         ),
         poles=tuple(p for p in unknown if p[0] in inside and p[1] in inside),
         round=round_number,

@@ -7,6 +7,8 @@ them, and constraints point from the link whose pebble they hold to the other li
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import final
 
 from spherekit.conventions import listing
 from spherekit.errors import CountError, PlanError
@@ -107,12 +109,26 @@ def graph_mobility(mechanism: Mechanism) -> int:
     return FREEDOMS * (len(mechanism.links) - 1) - taken
 
 
+@final
+@dataclass(frozen=True)
+class Freedom:
+    """What counting says about a chain in which one input moves and others are locked.
+
+    `body[link]` is the smallest link of the rigid body that a link belongs to. `game` is
+    the played game on those bodies, for questions about parts of the chain; None where
+    the rank at a configuration decides instead.
+    """
+
+    body: tuple[int, ...]
+    game: Pebbles | None
+
+
 def counted_freedom(
     mechanism: Mechanism,
     driven: Sequence[int],
     locked: Sequence[int] = (),
     by_rank: bool = False,
-) -> Pebbles | None:
+) -> Freedom:
     """Check by counting that a mechanism is one piece with a freedom for each input.
 
     Parameters
@@ -122,17 +138,16 @@ def counted_freedom(
     driven
         Numbers of all driven pairs.
     locked
-        Those of them that are locked; the game is played with their links merged.
+        Those of them that are locked. Parts that only they move become one body.
     by_rank
         Whether the rank at a configuration is known to say otherwise than the count.
 
-    Returns
-    -------
-    Pebbles or None
-        The played game, for questions about parts of the chain. None where the count
-        leaves too few freedoms but the rank decides: if that is known, and for rolling
-        pairs, which may make constraints redundant as in every bevel pair whose axes are
-        held apart. Too many freedoms by counting are too many by rank.
+    Notes
+    -----
+    Counting does not decide where it leaves too few freedoms but the rank is known to
+    leave enough, nor for rolling pairs, which may make constraints redundant as in every
+    bevel pair whose axes are held apart. Too many freedoms by counting are too many by
+    rank.
 
     Raises
     ------
@@ -146,11 +161,13 @@ def counted_freedom(
     try:
         game = _play(mechanism)
         _check_mobility(mechanism, driven)
-        return _play(mechanism, locked) if locked else game
+        if locked:
+            return _locked(mechanism, driven, locked)
+        return Freedom(tuple(range(len(mechanism.links))), game)
     except CountError:
         rolls = any(pair.type == "Cr" for pair in mechanism.pairs)
         if (by_rank or rolls) and graph_mobility(mechanism) <= len(driven):
-            return None
+            return Freedom(merged(mechanism, locked), None)
         raise
 
 
@@ -181,47 +198,60 @@ def inputs_to_declare(mobility: int) -> str:
     return f"declare {pairs} as inputs, or add or remove pairs"
 
 
-def _play(mechanism: Mechanism, locked: Sequence[int] = ()) -> Pebbles:
-    """Play the game with some driven pairs locked; no part may be rigid."""
-    where = mechanism.name
+def _play(mechanism: Mechanism) -> Pebbles:
+    """Play the game on all links; no part may be rigid."""
     names = mechanism.links
     game = Pebbles(len(names))
-    body = merged(mechanism, locked)
-    joined = [
-        (pair, body[a], body[b])
-        for number, (pair, (a, b)) in enumerate(
-            zip(mechanism.pairs, mechanism.ends, strict=True)
-        )
-        if number not in locked
-    ]
-    inputs = listing(mechanism.pairs[number].name for number in locked)
-    given = f" with input {inputs} locked" if locked else ""
-
-    def links(bodies: Iterable[int]) -> str:
-        inside = set(bodies)
-        return ", ".join(
-            name for name, own in zip(names, body, strict=True) if own in inside
-        )
-
-    for pair, a, b in joined:
+    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
         for _ in range(CONSTRAINTS[pair.type]):
-            if a == b or not game.insert(a, b):
+            if not game.insert(a, b):
+                stuck = sorted(game.reach([a, b]))
                 raise CountError(
-                    f"{where}: over-constrained{given}: links "
-                    f"[{links(game.reach([a, b]))}] cannot move relative to each other "
-                    f'already without pair "{pair.name}"; '
-                    + ("choose other inputs" if locked else "remove a pair or add a link")
+                    f"{mechanism.name}: over-constrained: links "
+                    f"[{', '.join(names[i] for i in stuck)}] cannot move relative to "
+                    f'each other already without pair "{pair.name}"; remove a pair or '
+                    "add a link"
                 )
-    for pair, a, b in joined:
+    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
         rigid = game.rigid_part(a, b)
         if rigid is not None:
             raise CountError(
-                f"{where}: rigid{given}: links [{links(rigid)}] cannot move relative to "
-                f'each other (pair "{pair.name}" is locked); '
-                + (
-                    "choose other inputs"
-                    if locked
-                    else "remove a pair or merge these links into one"
-                )
+                f"{mechanism.name}: rigid: links "
+                f"[{', '.join(names[i] for i in sorted(rigid))}] cannot move relative to "
+                f'each other (pair "{pair.name}" is locked); remove a pair or merge these '
+                "links into one"
             )
     return game
+
+
+def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) -> Freedom:
+    """Play the game with inputs locked, and make one body of each part that is rigid."""
+    body = merged(mechanism, locked)
+    game = Pebbles(len(body))
+    left = [k for k in range(len(mechanism.pairs)) if k not in locked]
+    independent = True
+    for number in left:
+        a, b = (body[link] for link in mechanism.ends[number])
+        for _ in range(CONSTRAINTS[mechanism.pairs[number].type]):
+            independent = independent and a != b and game.insert(a, b)
+    for number in left:
+        a, b = (body[link] for link in mechanism.ends[number])
+        part = game.rigid_part(a, b) if a != b else None
+        if part is not None:
+            into = min(part)
+            game.gather(into, FREEDOMS)
+            game.merge(part, into)
+            body = tuple(into if own in part else own for own in body)
+    moved = [pair for pair in driven if pair not in locked]
+    for number in moved:
+        a, b = (body[link] for link in mechanism.ends[number])
+        independent = independent and a != b
+    if not independent:
+        names = [mechanism.pairs[pair].name for pair in driven]
+        others = listing(mechanism.pairs[pair].name for pair in locked)
+        raise CountError(
+            f"{mechanism.name}: the inputs {listing(names)} are no independent freedoms: "
+            f"with {others} locked, {listing(mechanism.pairs[k].name for k in moved)} "
+            "cannot move; choose other inputs"
+        )
+    return Freedom(body, game)
