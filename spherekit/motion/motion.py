@@ -12,8 +12,8 @@ from spherekit.conventions import Status, listing
 from spherekit.errors import PlanError, SolveError
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.branches import Branch, Solver
 from spherekit.motion import lattice as lattices
+from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.lattice import Lattice, given_path
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
