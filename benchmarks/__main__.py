@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmarks.machine import describe
 from benchmarks.report import markdown
 
-NAMES = ("planning", "motion", "startup", "accuracy", "tracking")
+NAMES = ("planning", "motion", "configurations", "startup", "accuracy", "tracking")
 """Modules of this package with a function `run(quick)` that returns sections."""
 
 INTRODUCTION = """\
