@@ -153,7 +153,9 @@ class Poles(AbstractAnalysis):
         primary = _primary(mechanism)
         driven = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
         unit = _short(mechanism, driven)
-        alone = f" by {unit}" if several else ""
+        alone = f" by {pair}" if several else ""
+        title = f"{pair} moves: " if several else ""
+        body = batch.plans[moved].body
         shown = self.shown(mechanism)
         wanted = self.poles(mechanism)
         many = len(wanted) > MANY
@@ -172,13 +174,13 @@ class Poles(AbstractAnalysis):
                         first or pole in primary,
                     )
                 )
-            if pole == driven:
+            if pole == driven or body[pole[0]] == body[pole[1]]:
                 continue
             for order, letter, values in (
                 ("velocity", f"ω{short}/ω{unit}", batch.rate(*pole, moved)),
                 ("acceleration", f"(ω{short}/ω{unit})′", batch.rate_dq(*pole, moved)),
             ):
-                group = f"{order} coefficients{alone}"
+                group = f"{title}{order} coefficients"
                 if many:
                     group += " to ground" if pole[0] == 0 else " between links"
                 where = f"plots/{order}/{home}{high}_{low}"

@@ -26,10 +26,10 @@ def run(quick: bool) -> list[Section]:
     poles: list[tuple[Cell, ...]] = []
     for samples in (1, 361) if quick else (1, 361, 100_000):
         tracers = {name: Tracer(load(name), samples=samples) for name in NAMES}
-        times = _times(tracers, 3 if samples > 1000 or quick else 7)
+        times = times_of(tracers, 3 if samples > 1000 or quick else 7)
         for name in NAMES:
-            motion.append(_row(tracers, name, samples, times, "motion"))
-            row = _row(tracers, name, samples, times, "poles")
+            motion.append(row_of(tracers, name, samples, times, "motion"))
+            row = row_of(tracers, name, samples, times, "poles")
             count = len(all_poles(len(tracers[name].mechanism.links)))
             poles.append((*row, count, float(row[4] or 0) / count))
     columns = (
@@ -61,12 +61,13 @@ def run(quick: bool) -> list[Section]:
     ]
 
 
-def _times(tracers: dict[str, Tracer], repeats: int) -> Times:
+def times_of(tracers: dict[str, Tracer], repeats: int) -> Times:
+    """Return the times of the motion of tracers, and of all poles for each input."""
     jobs: dict[str, Callable[[], object]] = {}
     for name, tracer in tracers.items():
         made = tracer.mechanism
         every = all_poles(len(made.links))
-        wanted = request(made, made.inputs[0].pair, every, every)
+        wanted = [request(made, item.pair, every, every) for item in made.inputs]
         blocks = list(tracer.blocks())
         jobs[f"{name} motion"] = lambda each=tracer: _consume(each)
         jobs[f"{name} poles"] = lambda each=blocks, what=wanted: _poles(each, what)
@@ -78,15 +79,17 @@ def _consume(tracer: Tracer) -> None:
         pass
 
 
-def _poles(blocks: list[Motion], wanted: Request) -> None:
-    memory = SignMemory()
-    for block in blocks:
-        evaluate(block, wanted, memory)
+def _poles(blocks: list[Motion], wanted: list[Request]) -> None:
+    for each in wanted:
+        memory = SignMemory()
+        for block in blocks:
+            evaluate(block, each, memory)
 
 
-def _row(
+def row_of(
     tracers: dict[str, Tracer], name: str, samples: int, times: Times, what: str
 ) -> tuple[Cell, ...]:
+    """Return names, counts, times and the ratio of one mechanism."""
     branches = len(tracers[name].branches)
     share = len(tracers["four_bar"].branches) / branches
     seconds = median(times, f"{name} {what}")

@@ -5,18 +5,37 @@ from pathlib import Path
 
 import numpy as np
 
-from spherekit.model.mechanism import Mechanism
+from spherekit.errors import PlanError
+from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry, Profile
+from spherekit.planning.assembly import plan_assembly
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from chains import EIGHT_BARS, mechanism, random_axes
 from oracles import null_space, off_axis
 
-__all__ = ["EIGHT_BARS", "grown", "mechanism", "null_space", "off_axis", "random_axes"]
+__all__ = [
+    "EIGHT_BARS",
+    "grown",
+    "mechanism",
+    "null_space",
+    "off_axis",
+    "random_axes",
+    "with_contacts",
+]
+
+
+Edge = tuple[int, int]
 
 
 def grown(random: np.random.Generator, links: int, triads: bool) -> Mechanism:
-    """Return a four-bar with dyads, or dyads and triads, added at random links.
+    """Return a four-bar with dyads, or dyads and triads, added at random links."""
+    edges = _grown_edges(random, links, triads)
+    return mechanism(edges, random_axes(random, len(edges)))
+
+
+def _grown_edges(random: np.random.Generator, links: int, triads: bool) -> list[Edge]:
+    """Return the joined links of a grown chain.
 
     A dyad adds two links between two others, a triad four links between three; both
     keep the one freedom. What hangs on a triad has poles that no two lines give.
@@ -34,4 +53,69 @@ def grown(random: np.random.Generator, links: int, triads: bool) -> Mechanism:
             one, other = (random.choice(count, 2, replace=False) + 1).tolist()
             edges += [(one, count + 1), (count + 1, count + 2), (other, count + 2)]
             count += 2
-    return mechanism(edges, random_axes(random, len(edges)))
+    return edges
+
+
+def with_contacts(
+    random: np.random.Generator, links: int, rolling: int, sliding: int
+) -> Mechanism:
+    """Return a chain of dyads in which some pairs are contacts of circles.
+
+    A binary link and its two R pairs take the freedoms that one Cs pair takes, an R pair
+    those that a Cr pair takes. So the chain is grown with `sliding` links more, which then
+    become Cs pairs, and `rolling` of its R pairs become Cr pairs; it keeps one freedom and
+    has as many links as asked for.
+    """
+    while True:
+        kinds = dict.fromkeys(_grown_edges(random, links + sliding, False), "R")
+        for link in random.permutation(np.arange(3, links + sliding + 1)).tolist():
+            near = [edge for edge in kinds if link in edge]
+            ends = tuple(sorted(sum(edge) - link for edge in near))
+            if (
+                list(kinds.values()).count("Cs") < sliding
+                and len(near) == 2
+                and all(kinds[edge] == "R" for edge in near)
+                and ends not in kinds
+            ):
+                for edge in near:
+                    del kinds[edge]
+                kinds[ends[0], ends[1]] = "Cs"
+        able = [edge for edge, kind in kinds.items() if kind == "R" and 1 not in edge]
+        random.shuffle(able)
+        kinds |= dict.fromkeys(able[:rolling], "Cr")
+        if sorted(kinds.values()).count("Cs") < sliding or len(able) < rolling:
+            continue
+        made = _touching(random, kinds)
+        try:
+            groups = plan_assembly(made).groups
+        except PlanError:
+            continue
+        if not any(group.redundant for group in groups):
+            return made
+
+
+def _touching(random: np.random.Generator, kinds: dict[Edge, str]) -> Mechanism:
+    """Return a chain with random axes, and circles that touch at random points."""
+    axes, pairs = {}, []
+    for (a, b), kind in kinds.items():
+        name, ends = f"p{a}_{b}", (str(a), str(b))
+        point, other = random_axes(random, 2)
+        if kind == "R":
+            axes[name] = tuple(map(float, point))
+            pairs.append(Pair(name, "R", ends))
+            continue
+        across = np.cross(point, other)
+        across /= np.linalg.norm(across)
+        first, second = random.uniform(0.3, 1.0, 2)
+        circles = (
+            Profile("circle", _tilted(point, across, first), first),
+            Profile("circle", _tilted(point, across, -second), second),
+        )
+        pairs.append(Pair(name, kind, ends, circles))
+    links = tuple(str(k) for k in sorted({link for edge in kinds for link in edge}))
+    drives = Input("p1_2", -1e-3, 1e-3)
+    return Mechanism("chain", "1", links, tuple(pairs), PoseGeometry(axes), (drives,))
+
+
+def _tilted(point: np.ndarray, across: np.ndarray, angle: float) -> tuple[float, ...]:
+    return tuple(map(float, np.cos(angle) * point + np.sin(angle) * across))

@@ -5,7 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from benchmarks import configurations
+from benchmarks.samples import with_contacts
+from spherekit.model.graph import pieces
+from spherekit.planning.rigidity import graph_mobility
 
 ROOT = Path(__file__).parent.parent
 
@@ -33,6 +39,23 @@ def test_quick_benchmarks_write_markdown_and_json(tmp_path):
     for section in content["benchmarks"]["planning"]:
         links = [row[0] for row in section["rows"]]
         assert links == [4, 8, 16, 32]
+
+
+@pytest.mark.slow
+def test_quick_benchmark_of_configurations():
+    """Over the four-bar the four-bar is 1, and contact pairs are as many as asked for."""
+    shipped, links, contacts = configurations.run(quick=True)
+    ratios = {row[0]: row for row in shipped.rows}
+    assert ratios["four_bar"][-1] == ratios["four_bar"][-4] == 1.0
+    assert ratios["five_bar"][1] == 2
+    assert [row[0] for row in links.rows] == [4, 12]
+    assert [row[:2] for row in contacts.rows] == [(0, 0), (1, 0), (0, 2)]
+    for rolling, sliding in ((0, 0), (3, 0), (1, 2)):
+        made = with_contacts(np.random.default_rng(1), 8, rolling, sliding)
+        kinds = [pair.type for pair in made.pairs]
+        assert (kinds.count("Cr"), kinds.count("Cs")) == (rolling, sliding)
+        assert len(made.links) == 8 and len(pieces(made)) == 1
+        assert graph_mobility(made) == 1
 
 
 def test_an_unknown_benchmark_is_refused():

@@ -215,3 +215,9 @@ def test_serve_streams_and_stops_on_interrupt():
     assert "branch 1 (-): 20 OK" in out
     assert process.returncode == 0
     assert "Traceback" not in err
+
+
+def test_one_input_of_two_freedoms_is_refused_by_rank(capsys):
+    status, _, told = run(capsys, "run", "bevel_differential", "--input", "left_axle")
+    assert status == 1
+    assert "mobility 2 by rank with 0 by the graph" in told and "declare 2 R pairs" in told

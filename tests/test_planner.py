@@ -9,7 +9,7 @@ from chains import EIGHT_BARS, FOUR_BAR, joints, mechanism, random_axes, random_
 
 import spherekit as sk
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry
+from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry, Profile
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import LinePole, all_poles, plan
 from spherekit.planning.table import as_dict, as_markdown, as_text, cells, describe
@@ -233,3 +233,41 @@ def test_mechanism_with_contact_pairs_uses_contact_lines():
 def test_four_bar_mobility_words():
     made = mechanism(FOUR_BAR, random_axes(np.random.default_rng(0), 4))
     assert plan(made).input == 0
+
+
+def test_pruned_plans_do_not_take_one_circle_twice():
+    """A second planet: its great circles through the coaxial gears are all the same one."""
+    up, down, first, second = (0, 0, 1.0), (0, 0, -1.0), (1.0, 0, 0), (0, 1.0, 0)
+    side = np.arctan(2.0)
+
+    def mesh(name, gear, axis, planet, at):
+        circles = (
+            Profile("circle", axis, side),
+            Profile("circle", at, np.pi / 2 - side),
+        )
+        return Pair(name, "Cr", (gear, planet), circles)
+
+    axles = {"left": up, "right": up, "carrier": up, "extra": up}
+    made = Mechanism(
+        "train",
+        "frame",
+        ("frame", *axles, "one", "two"),
+        (
+            *(Pair(f"a_{link}", "R", ("frame", link)) for link in axles),
+            Pair("a_one", "R", ("carrier", "one")),
+            Pair("a_two", "R", ("carrier", "two")),
+            mesh("m1", "left", up, "one", first),
+            mesh("m2", "right", down, "one", first),
+            mesh("m3", "left", up, "two", second),
+            mesh("m4", "extra", down, "two", second),
+        ),
+        PoseGeometry(
+            {f"a_{link}": axis for link, axis in axles.items()}
+            | {"a_one": first, "a_two": second}
+        ),
+        inputs=(Input("a_left", 0.1, 1.0), Input("a_right", 0.1, 0.5)),
+    )
+    for text in ("two/frame", "one/extra"):
+        frame = sk.run(made, f"poles:only={text}", samples=3).frame()
+        assert (frame["status"] == "OK").all()
+        assert frame["conditioning"].min() > 0.1

@@ -12,6 +12,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis.frames import read_parquet
+from spherekit.analysis.stage import link_shapes
 from spherekit.errors import OutputError
 from spherekit.planning.poles import all_poles
 
@@ -153,8 +154,11 @@ class Listener:
     def __init__(self):
         self.rows, self.paths, self.when = {}, set(), []
 
-    def start(self, scenes, inputs, *, branches=None, properties=None, focus=None):
+    def start(
+        self, scenes, inputs, *, branches=None, properties=None, focus=None, row=None
+    ):
         self.inputs, self.branches, self.focus = inputs, branches, focus
+        self.row = row
         self.still = [p.path for scene in scenes for p in scene.primitives]
 
     def log(self, scene, samples, inputs=None):
@@ -182,6 +186,16 @@ def test_scenes_come_block_by_block_while_the_run_goes_on():
     for rows in listener.rows.values():
         assert rows == list(range(25))
     assert np.linalg.norm(listener.focus) == pytest.approx(1.0)
+
+
+def test_several_inputs_are_told_apart_on_the_stage():
+    listener = Listener()
+    sk.run(sk.load("five_bar"), "poles", samples=(3, 4), branch=0, recorder=listener)
+    assert listener.inputs is None and listener.row == 4
+    plots = {path for path in listener.paths if path.startswith("plots/velocity/")}
+    assert "plots/velocity/21/4_1" in plots and "plots/velocity/51/4_1" in plots
+    # links that a locked input joins have no coefficient to show
+    assert "plots/velocity/21/5_1" not in plots and "plots/velocity/51/2_1" not in plots
 
 
 def test_only_what_was_asked_for_is_logged():
@@ -231,3 +245,8 @@ def test_interrupted_write_names_the_reason_on_the_command_line(tmp_path):
     assert run.stderr.startswith("spherekit: ")
     assert "Traceback" not in run.stderr
     assert "file" in run.stderr
+
+
+def test_axes_that_coincide_are_drawn_once():
+    for shape in link_shapes(sk.load("bevel_differential")):
+        assert all(np.isfinite(curve).all() for curve in shape.curves)

@@ -386,6 +386,17 @@ def test_flags_given_override_the_study(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_samples_given_replace_the_values_of_a_study(tmp_path, capsys):
+    path = tmp_path / "path.study.toml"
+    path.write_text(
+        'format = 1\nmechanism = "five_bar"\nangle_unit = "deg"\n'
+        "[inputs.21]\nvalues = [60.0, 70.0]\n[inputs.51]\nvalues = [60.0, 65.0]\n"
+    )
+    for flags, count in (([], "2"), (["--samples", "3"], "3"), (["--samples", "2x3"], "6")):
+        assert main(["run", str(path), "-a", "poles:only=31", "--json", *flags]) == 0
+        assert f'"samples": {count},' in capsys.readouterr().out
+
+
 def test_the_command_line_reports_a_faulty_study(tmp_path, capsys):
     path = write(tmp_path, STUDY.replace("only =", "onyl ="))
     for command in ("run", "explain", "validate"):

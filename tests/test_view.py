@@ -297,6 +297,8 @@ def test_shapes() -> None:
         assert np.linalg.norm(np.diff(line, axis=0), axis=1).max() < np.radians(3.1)
     assert path_on_sphere(np.tile([0.0, 0.0, 1.0], (5, 1))) == []
     assert path_on_sphere(np.full((3, 3), np.nan)) == []
+    grid = np.roll(np.tile(arc[:4], (2, 1)), 2, axis=0)
+    assert [len(path_on_sphere(grid, row)) for row in (None, 4)] == [1, 2]
 
 
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:

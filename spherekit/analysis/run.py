@@ -63,10 +63,12 @@ class Recorder(Protocol):
         branches: Mapping[int, str] | None = None,
         properties: Mapping[str, str] | None = None,
         focus: Floats | None = None,
+        row: int | None = None,
     ) -> None:
         """Take what does not move, all inputs (samples,) rad, the branches' names.
 
-        `focus` (3,) is the unit vector to the middle of the mechanism.
+        `focus` (3,) is the unit vector to the middle of the mechanism. Samples of a grid
+        come in rows of `row` neighbours.
         """
 
     def log(self, scene: Scene, samples: Any, inputs: Floats | None = None) -> None:
@@ -180,6 +182,7 @@ def run(
                 "analyses": ", ".join(analysis.name for analysis in chosen),
             },
             focus=_middle(tracer),
+            row=None if tracer.lattice.is_path else tracer.lattice.shape[-1],
         )
 
     def attempt(

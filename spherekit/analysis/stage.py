@@ -18,6 +18,8 @@ from spherekit.sphere.rotation import Floats, arc
 
 CURVE_STEP = np.radians(2.0)
 PROFILE_POINTS = 181
+SAME_PLACE = 1e-6
+"""Arc (rad) below which two places on a link are drawn as one."""
 
 
 @final
@@ -91,13 +93,14 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
             foot = points[int(np.argmax(points @ joints[0]))]
             if profile.centre is not None and profile.kind != "great_circle":
                 foot = np.array(profile.centre)
-            if arc(joints[0], foot) > 1e-6:
+            if arc(joints[0], foot) > SAME_PLACE:
                 found.append(great_arc(joints[0], foot))
     return found
 
 
 def link_curves(joints: Floats) -> list[Floats]:
     """Return the great-circle arcs (k, 3) that draw a link: its sides, in convex order."""
+    joints = _apart(joints)
     if len(joints) < 2:
         return []
     if len(joints) == 2:
@@ -114,6 +117,15 @@ def link_curves(joints: Floats) -> list[Floats]:
         great_arc(joints[a], joints[b])
         for a, b in zip(order, np.roll(order, -1), strict=True)
     ]
+
+
+def _apart(joints: Floats) -> Floats:
+    """Return joints (j, 3) without those on an axis that an earlier one has."""
+    kept: list[int] = []
+    for number, joint in enumerate(joints):
+        if all(arc(joints[other], joint) > SAME_PLACE for other in kept):
+            kept.append(number)
+    return joints[kept]
 
 
 def great_arc(a: Floats, b: Floats) -> Floats:

@@ -124,9 +124,9 @@ def sample_counts(text: str) -> int | tuple[int, ...]:
 
 def overridden(study: "Study", options: argparse.Namespace) -> "Study":
     """Return a study in which the flags given explicitly replace what the file says."""
-    if options.input is not None:
-        study = replace(study, mechanism=study.mechanism.with_inputs(*options.input))
+    mechanism = study.mechanism
     given = {
+        "mechanism": mechanism.with_inputs(*options.input) if options.input else None,
         "samples": options.samples,
         "branch": options.branch,
         "folder": None if options.output is None else Path(options.output),
@@ -135,6 +135,8 @@ def overridden(study: "Study", options: argparse.Namespace) -> "Study":
         "degrees": True if options.deg else None,
     }
     changes = {key: value for key, value in given.items() if value is not None}
+    if {"samples", "mechanism"} & set(changes):
+        changes["path"] = None
     study = replace(study, **changes)
     if options.view and study.recording is None:
         folder = study.folder or Path(tempfile.mkdtemp(prefix="spherekit-"))

@@ -120,7 +120,7 @@ def safe_step(at: Nodes, longest: Floats) -> Floats:
     slope = np.max(np.abs(at.slope), axis=1)
     step = np.minimum(np.minimum(longest, LARGEST_STEP), np.sqrt(2 * BEND / bend))
     step = np.minimum(step, NEARER * slope / bend)
-    return np.asarray(np.maximum(step, SMALLEST_STEP))
+    return np.asarray(np.fmax(step, SMALLEST_STEP))
 
 
 def advance(
@@ -130,10 +130,12 @@ def advance(
     h = step[:, None]
     guess = at.values + h * at.slope + 0.5 * h * h * at.bend
     guess[:, list(driven)] = q
+    known = np.all(np.isfinite(guess), axis=1)  # a slope may be endless
+    guess = np.where(known[:, None], guess, at.values)
     moved = np.max(np.abs(guess - at.values), axis=1)
     result = closure.solve(guess, driven, iterations=6)
     correction = result.first_step
-    holds = result.residual < CLOSURE_TOLERANCE
+    holds = known & (result.residual < CLOSURE_TOLERANCE)
     holds &= correction <= np.minimum(0.05, 0.1 * moved) + 1e-9
     holds &= (correction <= 1e-6) | (result.ratio <= 0.1)
     new = nodes_at(closure, driven, result.values, at.direction)

@@ -118,6 +118,14 @@ class Plan:
         """The two bodies of every pair; the same one twice within a body."""
         return tuple((self.body[a], self.body[b]) for a, b in self.mechanism.ends)
 
+    @cached_property
+    def coaxial(self) -> tuple[tuple[int, int], ...]:
+        """For each common axis its bodies, as bits of a number, and an R pair about it."""
+        return tuple(
+            (_mask(self.body[link] for link in each.links), each.pair)
+            for each in coaxial_links(self.mechanism)
+        )
+
     def pole(self, i: int, j: int) -> Pole | None:
         """Return the pole of the bodies of two links, None if they are one body."""
         a, b = self.body[i], self.body[j]
@@ -266,10 +274,6 @@ def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
         else:
             steps.append(PrimaryPole(pole, number))
             _mark(known, [pole])
-    coaxial = [
-        (_mask(chain.body[link] for link in each.links), each.pair)
-        for each in coaxial_links(mechanism)
-    ]
     every = combinations(chain.bodies, 2)
     unknown = [p for p in every if not known[p[0]] >> p[1] & 1]
     parts: dict[Pole, set[int]] = {}
@@ -278,13 +282,13 @@ def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
         round_number += 1
         found: list[Step] = []
         for pole in unknown:
-            shared = next((n for mask, n in coaxial if _holds(mask, *pole)), None)
+            shared = next((n for mask, n in chain.coaxial if _holds(mask, *pole)), None)
             if shared is not None:
                 found.append(CoaxialPole(pole, round_number, shared))
                 continue
             common = known[pole[0]] & known[pole[1]]
             touching = tuple(contacts.get(pole, ()))
-            if _circles(common, pole, coaxial) + len(touching) >= 2:
+            if len(_circles(common, pole, chain.coaxial)) + len(touching) >= 2:
                 found.append(LinePole(pole, round_number, _bits(common), touching))
         if not found:
             found = [_smallest_block(chain, game, parts, unknown, round_number)]
@@ -295,14 +299,17 @@ def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
     return steps
 
 
-def _circles(common: int, pole: Pole, coaxial: Sequence[tuple[int, int]]) -> int:
-    """Return the number of different great circles through pairs of known poles.
+def _circles(
+    common: int, pole: Pole, coaxial: Sequence[tuple[int, int]]
+) -> list[tuple[int, ...]]:
+    """Return the third links of each different great circle through pairs of known poles.
 
     Third links that turn about one axis with a link of the pole give the same circle.
     """
     if not coaxial:
-        return common.bit_count()
-    left, count = common, 0
+        return [(third,) for third in _bits(common)]
+    left = common
+    circles = []
     while left:
         third = left & -left
         same, grown = third, 0
@@ -312,8 +319,8 @@ def _circles(common: int, pole: Pole, coaxial: Sequence[tuple[int, int]]) -> int
                 if mask & same and any(mask >> link & 1 for link in pole):
                     same |= mask & common
         left &= ~same
-        count += 1
-    return count
+        circles.append(_bits(same))
+    return circles
 
 
 def _holds(mask: int, i: int, j: int) -> bool:
@@ -337,7 +344,7 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
                 maker[pole], cost[pole] = step, frozenset([pole])
         else:
             maker[step.pole] = step
-            cheapest[step.pole], needed = _cheapest_lines(step, cost)
+            cheapest[step.pole], needed = _cheapest_lines(step, cost, whole.coaxial)
             cost[step.pole] = needed | {step.pole}
     kept: set[Pole] = set()
     stack = list(wanted)
@@ -367,12 +374,17 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
 
 
 def _cheapest_lines(
-    step: LinePole, cost: dict[Pole, frozenset[Pole]]
+    step: LinePole,
+    cost: dict[Pole, frozenset[Pole]],
+    coaxial: Sequence[tuple[int, int]],
 ) -> tuple[tuple[int, ...], frozenset[Pole]]:
+    """Return third links of different great circles that suffice, and what they need."""
     i, j = step.pole
     needs = {k: cost[pole_of(i, k)] | cost[pole_of(j, k)] for k in step.via}
     lines = max(2 - len(step.contacts), 0)
-    first = sorted(needs, key=lambda k: (len(needs[k]), k))[:12]
+    circles = _circles(_mask(step.via), step.pole, coaxial)
+    each = (min(links, key=lambda k: (len(needs[k]), k)) for links in circles)
+    first = sorted(each, key=lambda k: (len(needs[k]), k))[:12]
     if lines == 0:
         return (), frozenset()
     if lines == 1:

@@ -105,6 +105,7 @@ class Recorder:
         self._seen: set[str] = set()
         self._labelled: dict[int | None, set[str]] = {None: set()}
         self._paths: dict[str, tuple[bool, list[Floats]]] = {}
+        self._row: int | None = None
         self._rows = 0
         self._finished = False
 
@@ -166,6 +167,7 @@ class Recorder:
         branches: Mapping[int, str] | None = None,
         properties: Mapping[str, str] | None = None,
         focus: Floats | None = None,
+        row: int | None = None,
     ) -> None:
         """Begin the recording with all that does not move.
 
@@ -183,6 +185,9 @@ class Recorder:
             Words about the run that the recording carries: versions, hashes.
         focus : array (3,), optional
             Unit vector to the middle of the mechanism, which the eye faces at first.
+        row : int, optional
+            Number of successive samples that are neighbours, in a grid of inputs; the
+            paths of poles are cut after each such row. All samples by default.
 
         """
         if inputs is not None and len(inputs) > 0:
@@ -194,6 +199,7 @@ class Recorder:
             layout = Layout(self.root, SAMPLE, 1, None)
             words = ""
         self._layout = layout
+        self._row = row
         layout.focus = focus
         layout.branches.update(branches or {})
         for output in self._outputs:
@@ -261,7 +267,8 @@ class Recorder:
             return
         self._finished = True
         for path, (primary, blocks) in self._paths.items():
-            lines = shapes.path_on_sphere(np.concatenate(blocks)) if blocks else []
+            whole = np.concatenate(blocks) if blocks else np.zeros((0, 3))
+            lines = shapes.path_on_sphere(whole, self._row)
             if lines:
                 self._still(f"{path}/path", entities.path_lines(lines, primary))
         self._each(lambda output: output.complete(self._rows))

@@ -62,15 +62,18 @@ def graticule(step_deg: int = 30) -> list[Floats]:
     return lines
 
 
-def path_on_sphere(directions: Floats) -> list[Floats]:
+def path_on_sphere(directions: Floats, row: int | None = None) -> list[Floats]:
     """Return the path of a direction (n, 3) as polylines, without its NaN rows.
 
-    A path is cut where a row is NaN, and where it jumps by more than a right angle
-    from one sample to the next. A direction that does not move has no path.
+    A path is cut where a row is NaN, where it jumps by more than a right angle from one
+    sample to the next, and after every `row` samples if that is given. A direction that
+    does not move has no path.
     """
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(directions).all(axis=1))
     joined = finite[1:] & finite[:-1]
     joined &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
+    if row is not None:
+        joined[row - 1 :: row] = False
     pieces = np.split(directions, np.flatnonzero(~joined) + 1)
     lines = [_even_steps(piece) for piece in pieces if len(piece) > 1]
     return [line for line in lines if len(line) > 1]
