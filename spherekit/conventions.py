@@ -23,8 +23,9 @@ class Status(IntEnum):
 
 STATUS_MEANING = {
     Status.OK: "closed, on its branch, with finite rates",
-    Status.OUT_OF_REACH: "the arcs cannot close at this input; the branch ends at a "
-    "dead centre of the input before it; narrow the range or change the arcs",
+    Status.OUT_OF_REACH: "the arcs cannot close at this input, the branch ends at a "
+    "dead centre before it, or with several inputs no verified way led here from a "
+    "neighbouring sample; narrow the range, sample more finely or change the arcs",
     Status.AT_SINGULARITY: "the links close, but the input rate does not determine "
     "the motion here; choose another input pair or step around it",
     Status.BRANCH_LOST: "a solution was found, but not on this branch; ask for more "

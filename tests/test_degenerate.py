@@ -96,8 +96,9 @@ def test_a_crank_of_no_length_moves_nothing(crank):
     still = frame[(frame["link"] == "3") & (frame["relative_to"] == "1")]
     assert (still["rate"].abs() < 1e-8).all()
     if crank == 0.0:
-        assert (still["status"] == "NO_POLE").all()
-        assert still["ux"].isna().all()
+        # pairs 21 and 32 are coaxial: their axis is the pole of any motion there could be
+        assert (still["status"] == "OK").all()
+        assert (still["rate"] == 0.0).all()
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e-5, 1e-7])

@@ -40,8 +40,11 @@ def execute(options: argparse.Namespace) -> int:
 
 def check(name: str) -> dict[str, Any]:
     """Return what a mechanism or study file holds, having planned and assembled it."""
+    import numpy as np
+
     from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
+    from spherekit.motion.loops import rank_mobility
     from spherekit.motion.motion import Tracer
     from spherekit.planning.poles import plans
     from spherekit.planning.rigidity import graph_mobility
@@ -61,9 +64,22 @@ def check(name: str) -> dict[str, Any]:
     planned = plans(mechanism, tracer.by_rank)
     facts["irreducible_parts"] = sum(len(plan.blocks) for plan in planned)
     facts["inputs"] = list(tracer.inputs)
+    coarse = tracer.sparse(9)
+    held = coarse.rows(~coarse.failed)
+    if len(held):
+        tree = tracer.solver.closure.tree
+        facts["rank_mobility"] = int(np.min(rank_mobility(tree, held.vectors)))
     facts["groups"] = [group.kind for group in tracer.assembly.groups]
     facts["branches"] = len(tracer.branches)
     return facts
+
+
+def _mobility(facts: dict[str, Any]) -> str:
+    """Return the mobility by the graph, and that by rank where it differs."""
+    rank = facts.get("rank_mobility", facts["mobility"])
+    if rank == facts["mobility"]:
+        return str(rank)
+    return f"{facts['mobility']} by the graph and {rank} by rank"
 
 
 def line(facts: dict[str, Any]) -> str:
@@ -73,7 +89,7 @@ def line(facts: dict[str, Any]) -> str:
         text = f"{facts['study']}: ok, study of {facts['name']}"
     text += (
         f", {facts['links']} links, {facts['pairs']} pairs, mobility "
-        f"{facts['mobility']}, {'inputs' if len(facts['inputs']) > 1 else 'input'} "
+        f"{_mobility(facts)}, {'inputs' if len(facts['inputs']) > 1 else 'input'} "
         f"{', '.join(facts['inputs'])}"
     )
     if "groups" in facts:

@@ -130,7 +130,7 @@ def _curve(profile: Profile) -> Curve:
     return fourier(centre, np.array(profile.cosines), np.array(profile.sines))
 
 
-GRID = 720
+GRID = 360
 TOUCHING = 1e-6
 """Profiles must meet in the reference pose to this (rad); then they are made to exactly."""
 
@@ -141,9 +141,8 @@ def touching(
     """Return the arc lengths (rad) at which two profiles touch with links aligned."""
     grids = [np.linspace(0.0, curve.length, GRID) for curve in curves]
     frames = [curve.at(grid).frame for curve, grid in zip(curves, grids, strict=True)]
-    gap = np.arccos(np.clip(np.einsum("ik,jk->ij", *(f[:, :, 2] for f in frames)), -1, 1))
-    turn = np.arccos(np.clip(np.einsum("ik,jk->ij", *(f[:, :, 0] for f in frames)), -1, 1))
-    a, b = np.unravel_index(int(np.argmin(gap + 0.2 * turn)), gap.shape)
+    near, along = (frames[0][:, :, c] @ frames[1][:, :, c].T for c in (2, 0))
+    a, b = np.unravel_index(int(np.argmax(near + 0.04 * along)), near.shape)
     s = np.array([grids[0][a], grids[1][b]])
     for _ in range(50):
         one, other = (curve.at(x[None]) for curve, x in zip(curves, s, strict=True))

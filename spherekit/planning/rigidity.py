@@ -161,14 +161,14 @@ def counted_freedom(
     try:
         game = _play(mechanism)
         _check_mobility(mechanism, driven)
-        if locked:
-            return _locked(mechanism, driven, locked)
-        return Freedom(tuple(range(len(mechanism.links))), game)
     except CountError:
         rolls = any(pair.type == "Cr" for pair in mechanism.pairs)
         if (by_rank or rolls) and graph_mobility(mechanism) <= len(driven):
             return Freedom(merged(mechanism, locked), None)
         raise
+    if locked:
+        return _locked(mechanism, driven, locked)
+    return Freedom(tuple(range(len(mechanism.links))), game)
 
 
 def _check_connected(mechanism: Mechanism) -> None:
