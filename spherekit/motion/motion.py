@@ -12,11 +12,11 @@ from spherekit.conventions import Status, listing
 from spherekit.errors import PlanError, SolveError
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.branches import Branch, Solver
 from spherekit.motion import lattice as lattices
+from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.lattice import Lattice, given_path
 from spherekit.motion.loops import rank_mobility
-from spherekit.motion.modes import MOST_BRANCHES, PROBED_INPUTS, find_branches
+from spherekit.motion.modes import MOST_BRANCHES, find_branches
 from spherekit.motion.pairs import (
     PairRates,
     PairStates,
@@ -178,7 +178,10 @@ class Tracer:
         self.assembly = plan_assembly(self.mechanism)
         self.lattice = _lattice(self.mechanism, samples, grid, path)
         self.solver = Solver(self.mechanism, self.assembly)
-        self.branches = find_branches(self.solver, self.lattice, search)
+        found = find_branches(self.solver, self.lattice, search)
+        self.branches = found.branches
+        self.methods = found.methods
+        self._probes = found.probes
         if any(group.redundant for group in self.assembly.groups):
             self._check_rank()
         if branch is not None:
@@ -214,9 +217,19 @@ class Tracer:
         """How the assembly modes were found, and what that says of their number."""
         if len(self.branches) >= MOST_BRANCHES:
             return f"stopped at {MOST_BRANCHES} modes; there may be more"
+        if not self._probes:
+            return "the mode of the reference pose; no others were looked for"
         if self.assembly.has_closed_form:
-            return f"all modes of dyads that close at one of {PROBED_INPUTS} inputs"
-        return "modes of irreducible groups searched from random starts; some may be missed"
+            return f"all modes of dyads that close at one of {self._probes} inputs"
+        used = [
+            f"{group.kind}: {method}"
+            for group, method in zip(self.assembly.groups, self.methods, strict=True)
+            if method is not None
+        ]
+        complete = all(method is None or method.is_complete for method in self.methods)
+        what = "all modes that close" if complete else "modes found, some may be missed,"
+        inputs = "1 input" if self._probes == 1 else f"one of {self._probes} inputs"
+        return f"{what} at {inputs}; " + "; ".join(dict.fromkeys(used))
 
     def at(self, q: Floats, first_sample: int = 0) -> Motion:
         """Return all branches at inputs q (k,) or (k, inputs) rad, any order.

@@ -161,7 +161,8 @@ def _check_mobility(mechanism: Mechanism, driven: Sequence[int]) -> None:
         names = listing(mechanism.pairs[pair].name for pair in driven)
         raise PlanError(
             f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = {mobility}, "
-            f"but the number of inputs is {len(driven)} ({names}); {inputs_to_declare(mobility)}"
+            f"but the number of inputs is {len(driven)} ({names}); "
+            f"{inputs_to_declare(mobility)}"
         )
 
 

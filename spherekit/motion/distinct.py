@@ -1,0 +1,75 @@
+"""Telling closed configurations apart."""
+
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import EPS
+from spherekit.model.geometry import Contact
+from spherekit.motion.branches import penetrates
+from spherekit.motion.closure import Closure
+from spherekit.sphere.rotation import Floats
+
+SAME_MODE = 1e-6
+"""Closed configurations whose rotation matrices differ by less are one."""
+SAME_DEAD_CENTRE = 1e-4
+"""The same where rounding is felt most: solutions that are multiple."""
+ROUNDING = 64 * EPS
+"""Closure errors that Newton's method does not see."""
+
+
+def are_far(one: Floats, other: Floats, tolerance: float = SAME_MODE) -> bool:
+    """Return whether two sets of orientations (bodies, 3, 3) differ."""
+    return bool(np.max(np.abs(one - other)) > tolerance)
+
+
+@final
+class Distinct:
+    """Closed configurations of one group at one sample that are pairwise different.
+
+    `values` are the variables of each. Where the loops close to second order only, at a
+    dead centre, rounding hides how far a solution is off; it is then one with others
+    within that distance. Configurations that differ by whole turns of rolling wheels are
+    one as well.
+    """
+
+    def __init__(self, closure: Closure) -> None:
+        self.closure = closure
+        self.values: list[Floats] = []
+        self._poses: list[Floats] = []
+        self._rolling = [
+            (variable, joint)
+            for variable, pair in enumerate(closure.tree.owners)
+            if isinstance(joint := closure.joints[pair], Contact) and joint.rolling
+        ]
+
+    def add(self, values: Floats) -> None:
+        """Add those of closed configurations (n, variables) that are new.
+
+        Those that have rolled least come first; those whose contacts do not exist are
+        left out.
+        """
+        placed, states = self.closure.place(values)
+        exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
+        jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
+        least = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
+        tolerance = np.clip(ROUNDING / np.maximum(least, EPS), SAME_MODE, SAME_DEAD_CENTRE)
+        rolled = [variable for variable, _ in self._rolling]
+        order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
+        for row in order[exists[order]]:
+            if any(self._meshes_again(values[row], mode) for mode in self.values):
+                continue
+            if all(are_far(placed[row], pose, tolerance[row]) for pose in self._poses):
+                self.values.append(values[row])
+                self._poses.append(placed[row])
+
+    def _meshes_again(self, one: Floats, other: Floats) -> bool:
+        """Return whether two configurations differ by whole turns of rolling wheels."""
+        shifted = False
+        for variable, joint in self._rolling:
+            way = one[variable] - other[variable]
+            turns = [way / curve.length for curve in (joint.first, joint.second)]
+            if min(abs(turn - round(turn)) for turn in turns) > SAME_MODE:
+                return False
+            shifted |= abs(way) > SAME_MODE
+        return shifted

@@ -1,0 +1,218 @@
+"""All closed configurations of triads and of groups of seven bodies, by elimination.
+
+Bars are taken out until what is left is two bodies (a triad) or a tree of four bodies;
+the arc of each bar is one equation. For two bodies the equations are quadrics in the
+quaternion of their rotation; for a tree they are linear in the cosine and sine of each
+of its three angles. No structure is known by name: what matters is which bars there are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+from typing import final
+
+import numpy as np
+
+from spherekit.motion.bars import Bar, Frames, bars_of
+from spherekit.motion.closure import Closure
+from spherekit.planning.assembly import Group
+from spherekit.sphere.quadrics import (
+    COMMON_POINTS,
+    arc_quadric,
+    common_points,
+    nearest_real,
+)
+from spherekit.sphere.rotation import Floats, about_z, from_quaternion
+from spherekit.sphere.trigonometric import Bools, common_angles, eliminated_degree
+
+ISOLATED = 1e-10
+"""Relative singular value of the Macaulay matrix below which points form a curve."""
+NEARLY_REAL = 0.03
+"""Roots with a smaller imaginary part are tried: double ones have some by rounding."""
+MOST_ORDERS = 6
+"""Orders of elimination tried until one is certain to have lost nothing."""
+
+
+@final
+@dataclass(frozen=True)
+class Candidates:
+    """Nearly closed configurations of a group of R pairs.
+
+    `values` (k, pairs) rad: the angles. `roots`: the number of complex solutions counted
+    with multiplicity. `problem` says why a real solution may be missing; empty if none
+    can be.
+    """
+
+    values: Floats
+    roots: int
+    problem: str = ""
+
+
+def candidates(group: Group, closure: Closure) -> Candidates | None:
+    """Return all solutions of a group at one sample, None if there is no elimination.
+
+    `closure` is the group's own, with a single sample.
+    """
+    if not group.revolute or len(group.bodies) not in (5, 7):
+        return None
+    bars = bars_of(group)
+    frames = Frames.of(group, closure)
+    spinning = [bar for bar in bars if frames.is_pointlike(bar)]
+    found = _triad(group, frames, bars) or _tree(group, frames, bars)
+    if found is not None and spinning:
+        links = len(spinning)
+        return Candidates(
+            found.values[:0], found.roots, f"{links} of its links have arc 0 or 180 deg"
+        )
+    return found
+
+
+def _triad(group: Group, frames: Frames, bars: Sequence[Bar]) -> Candidates | None:
+    """Return the solutions of two bodies joined by three bars."""
+    if len(bars) != 3 or len({frozenset(bar.bodies) for bar in bars}) != 1:
+        return None
+    base, platform = bars[0].bodies
+    quadrics = []
+    for bar in bars:
+        axes = dict(zip(bar.bodies, frames.outer_axes(bar), strict=True))
+        cosine = np.array(frames.cosine(bar))
+        quadrics.append(arc_quadric(axes[base], axes[platform], cosine))
+    points, gap = common_points(np.stack(quadrics)[None])
+    if not gap[0] > ISOLATED:
+        problem = "the equations have infinitely many complex solutions"
+        return Candidates(np.empty((0, len(group.pairs))), COMMON_POINTS, problem)
+    quaternions, distance = nearest_real(points[0])
+    turns = from_quaternion(quaternions[distance < NEARLY_REAL])
+    placed = np.empty((len(turns), len(group.bodies), 3, 3))
+    placed[:, base], placed[:, platform] = np.eye(3), turns
+    return Candidates(_angles(frames, placed, bars), COMMON_POINTS)
+
+
+def _angles(frames: Frames, placed: Floats, bars: Sequence[Bar]) -> Floats:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        frames.place_bars(placed, bars)
+    angles = frames.angles(placed)
+    return angles[np.all(np.isfinite(angles), axis=1)]
+
+
+@final
+@dataclass(frozen=True)
+class _Order:
+    """A tree left by three bars, in an order in which its angles can be eliminated.
+
+    `bodies` and `pairs` are those of the tree, the pair of the remaining angle first;
+    `bars` are those of the equations, `ways` the pairs that each of them spans.
+    """
+
+    bodies: tuple[int, ...]
+    pairs: tuple[int, ...]
+    bars: tuple[Bar, ...]
+    ways: tuple[tuple[int, ...], ...]
+
+    @property
+    def involves(self) -> Bools:
+        """(3, 3) which equation has which angle in it."""
+        return np.array([[pair in way for pair in self.pairs] for way in self.ways])
+
+    @property
+    def degree(self) -> int:
+        """Degree of the eliminant in the remaining angle, 0 if there is none."""
+        return eliminated_degree(self.involves)
+
+
+def _orders(group: Group, bars: Sequence[Bar]) -> list[_Order]:
+    """Return the orders of lowest degree, the same ones every time."""
+    orders = []
+    for taken in combinations(bars, 3):
+        out = {bar.body for bar in taken}
+        left = tuple(body for body in range(len(group.bodies)) if body not in out)
+        pairs = [k for k, ends in enumerate(group.ends) if not out & set(ends)]
+        if len(pairs) != 3 or any(out & set(bar.bodies) for bar in taken):
+            continue
+        ways = {bar: _way(group, pairs, *bar.bodies) for bar in taken}
+        for sequence in permutations(pairs):
+            for first, second, third in permutations(taken):
+                three = (first, second, third)
+                order = _Order(left, sequence, three, tuple(ways[bar] for bar in three))
+                if order.degree and taken.index(second) < taken.index(third):
+                    orders.append(order)
+    least = min((order.degree for order in orders), default=0)
+    return [order for order in orders if order.degree == least]
+
+
+def _way(group: Group, pairs: Sequence[int], start: int, goal: int) -> tuple[int, ...]:
+    """Return the pairs from one body of a tree to another, in order."""
+    ways: dict[int, tuple[int, ...]] = {start: ()}
+    waiting = [start]
+    while waiting and goal not in ways:
+        body = waiting.pop(0)
+        for pair in pairs:
+            if body in group.ends[pair]:
+                further = sum(group.ends[pair]) - body
+                if further not in ways:
+                    ways[further] = (*ways[body], pair)
+                    waiting.append(further)
+    return ways.get(goal, ())
+
+
+def _tree(group: Group, frames: Frames, bars: Sequence[Bar]) -> Candidates | None:
+    """Return the solutions of four bodies in a tree joined by three bars."""
+    orders = _orders(group, bars)
+    if not orders:
+        return None
+    values = []
+    for order in orders[:MOST_ORDERS]:
+        equations = np.stack([_equation(frames, order, k) for k in range(3)])
+        with np.errstate(all="ignore"):
+            found = common_angles(equations, order.involves)
+        real = np.max(np.abs(found.angles.imag), axis=1, initial=0.0) < NEARLY_REAL
+        placed = _placed(group, frames, order, found.angles[real].real)
+        values.append(_angles(frames, placed, order.bars))
+        if not found.problem:
+            break
+    return Candidates(np.concatenate(values), 2 * order.degree, found.problem)
+
+
+_TURN = np.zeros((3, 3, 3))
+_TURN[0, 2, 2] = _TURN[1, 0, 0] = _TURN[1, 1, 1] = _TURN[2, 1, 0] = 1.0
+_TURN[2, 0, 1] = -1.0
+"""A rotation about z is this (3, 3, 3) times its point (1, cos, sin)."""
+
+
+def _equation(frames: Frames, order: _Order, number: int) -> Floats:
+    """Return the equation (3, 3, 3) of one bar in the tree's three angles."""
+    bar, way = order.bars[number], order.ways[number]
+    fixed, moving = frames.outer_axes(bar)
+    body = bar.bodies[0]
+    spread = fixed
+    for pair in way:
+        ahead = frames.ends[pair][0] == body
+        further = sum(frames.ends[pair]) - body
+        turn = _TURN if ahead else np.swapaxes(_TURN, 1, 2)
+        one, other = frames.of_pair(pair, body), frames.of_pair(pair, further)
+        spread = np.einsum("...i,jik->...jk", spread, one @ turn @ other.T)
+        body = further
+    spread = spread @ moving
+    within = [angle for angle in range(3) if order.pairs[angle] in way]
+    spread = np.transpose(spread, [way.index(order.pairs[angle]) for angle in within])
+    equation = np.zeros((3, 3, 3))
+    equation[tuple(slice(None) if a in within else 0 for a in range(3))] = spread
+    equation[0, 0, 0] -= frames.cosine(bar)
+    return equation
+
+
+def _placed(group: Group, frames: Frames, order: _Order, angles: Floats) -> Floats:
+    """Return orientations (n, bodies, 3, 3) with the tree placed at angles (n, 3)."""
+    placed = np.full((len(angles), len(group.bodies), 3, 3), np.nan)
+    placed[:, order.bodies[0]] = np.eye(3)
+    known = {order.bodies[0]}
+    while len(known) < len(order.bodies):
+        for pair, angle in zip(order.pairs, angles.T, strict=True):
+            for body, further in (group.ends[pair], group.ends[pair][::-1]):
+                if body in known and further not in known:
+                    sense = 1.0 if group.ends[pair][0] == body else -1.0
+                    turn = about_z(sense * angle)
+                    one, other = frames.of_pair(pair, body), frames.of_pair(pair, further)
+                    placed[:, further] = placed[:, body] @ one @ turn @ other.T
+                    known.add(further)
+    return placed
