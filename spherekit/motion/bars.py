@@ -39,59 +39,61 @@ def bars_of(group: Group) -> tuple[Bar, ...]:
 @final
 @dataclass(frozen=True)
 class Frames:
-    """The pair frames of a group's bodies: (pairs, 3, 3) in the first and second body.
+    """The pair frames (2, pairs, 3, 3) of a group's bodies: in the first, in the second.
 
     R_second = R_first first Z(angle) second^T, R from body axes to those of body 0.
     """
 
     ends: tuple[tuple[int, int], ...]
-    first: Floats
-    second: Floats
+    sides: Floats
 
     @staticmethod
     def of(group: Group, closure: Closure) -> "Frames":
         """Return the frames of a group of R pairs at the closure's only sample."""
         _, unturned = closure.place(np.zeros((1, len(group.pairs))))
-        return Frames(group.ends, unturned.first[0], unturned.second[0])
+        return Frames(group.ends, np.stack([unturned.first[0], unturned.second[0]]))
 
     def of_pair(self, pair: int, body: int) -> Floats:
         """Return the frame (3, 3) of a pair in one of its bodies."""
-        return np.asarray((self.first if self.ends[pair][0] == body else self.second)[pair])
+        return np.asarray(self.sides[self.ends[pair].index(body), pair])
 
-    def axis(self, pair: int, body: int) -> Floats:
-        """Return the unit axis (3,) of a pair in one of its bodies."""
-        return self.of_pair(pair, body)[:, 2]
-
-    def outer_axes(self, bar: Bar) -> tuple[Floats, Floats]:
-        """Return the axes (3,) of a bar's pairs in the two bodies that it joins."""
-        one, other = bar.pairs
-        return self.axis(one, bar.bodies[0]), self.axis(other, bar.bodies[1])
-
-    def cosine(self, bar: Bar) -> float:
-        """Return the cosine of a bar's arc."""
-        one, other = bar.pairs
-        return float(self.axis(one, bar.body) @ self.axis(other, bar.body))
-
-    def is_pointlike(self, bar: Bar, least: float = 1e-9) -> bool:
-        """Return whether a bar's axes lie on one line, so that it can spin about it."""
-        one, other = bar.pairs
-        sine = cross(self.axis(one, bar.body), self.axis(other, bar.body))
-        return bool(np.linalg.norm(sine) < least)
-
-    def place_bars(self, placed: Floats, bars: Sequence[Bar]) -> None:
-        """Set the orientations of bars in `placed` (n, bodies, 3, 3)."""
-        for bar in bars:
-            one, other = bar.pairs
-            own = frame_toward(self.axis(one, bar.body), self.axis(other, bar.body))
-            ends = [
-                placed[:, body] @ axis
-                for body, axis in zip(bar.bodies, self.outer_axes(bar), strict=True)
-            ]
-            placed[:, bar.body] = frame_toward(*ends) @ own.T
+    def arcs(self, bars: Sequence[Bar]) -> "Arcs":
+        """Return the axes of bars."""
+        pairs = [bar.pairs for bar in bars]
+        inner = [[self.ends[k].index(bar.body) for k in bar.pairs] for bar in bars]
+        axes = self.sides[..., 2]
+        return Arcs(axes[inner, pairs], axes[1 - np.array(inner), pairs])
 
     def angles(self, placed: Floats) -> Floats:
         """Return the angles (n, pairs) rad of pairs between placed bodies."""
-        one = placed[:, [a for a, _ in self.ends]] @ self.first
-        other = placed[:, [b for _, b in self.ends]] @ self.second
+        one = placed[:, [a for a, _ in self.ends]] @ self.sides[0]
+        other = placed[:, [b for _, b in self.ends]] @ self.sides[1]
         turn = transpose(one) @ other
         return np.asarray(np.arctan2(turn[..., 1, 0], turn[..., 0, 0]))
+
+
+@final
+@dataclass(frozen=True)
+class Arcs:
+    """The unit axes (bars, 2, 3) of bars' pairs: in the bars, in the bodies they join."""
+
+    own: Floats
+    outer: Floats
+
+    @property
+    def cosines(self) -> Floats:
+        """(bars,) of the arcs between a bar's two axes."""
+        return np.asarray(np.sum(self.own[:, 0] * self.own[:, 1], axis=1))
+
+    @property
+    def sines(self) -> Floats:
+        """(bars,) the same; at 0 the bar can spin between its neighbours."""
+        return np.asarray(np.linalg.norm(cross(self.own[:, 0], self.own[:, 1]), axis=1))
+
+    def place(self, placed: Floats, bars: Sequence[Bar]) -> None:
+        """Set the orientations of the bars in `placed` (n, bodies, 3, 3)."""
+        joined = placed[:, [bar.bodies for bar in bars]]
+        ends = (joined @ self.outer[..., None])[..., 0]
+        own = frame_toward(self.own[:, 0], self.own[:, 1])
+        turned = frame_toward(ends[:, :, 0], ends[:, :, 1])
+        placed[:, [bar.body for bar in bars]] = turned @ transpose(own)

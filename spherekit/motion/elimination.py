@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.motion.bars import Bar, Frames, bars_of
+from spherekit.motion.bars import Arcs, Bar, Frames, bars_of
 from spherekit.motion.closure import Closure
 from spherekit.planning.assembly import Group
 from spherekit.sphere.quadrics import (
@@ -25,11 +25,9 @@ from spherekit.sphere.quadrics import (
 from spherekit.sphere.rotation import Floats, about_z, from_quaternion
 from spherekit.sphere.trigonometric import Bools, common_angles, eliminated_degree
 
-ISOLATED = 1e-10
-"""Relative singular value of the Macaulay matrix below which points form a curve."""
 NEARLY_REAL = 0.03
 """Roots with a smaller imaginary part are tried: double ones have some by rounding."""
-MOST_ORDERS = 6
+MOST_ORDERS = 8
 """Orders of elimination tried until one is certain to have lost nothing."""
 
 
@@ -57,14 +55,7 @@ def candidates(group: Group, closure: Closure) -> Candidates | None:
         return None
     bars = bars_of(group)
     frames = Frames.of(group, closure)
-    spinning = [bar for bar in bars if frames.is_pointlike(bar)]
-    found = _triad(group, frames, bars) or _tree(group, frames, bars)
-    if found is not None and spinning:
-        links = len(spinning)
-        return Candidates(
-            found.values[:0], found.roots, f"{links} of its links have arc 0 or 180 deg"
-        )
-    return found
+    return _triad(group, frames, bars) or _tree(group, frames, bars)
 
 
 def _triad(group: Group, frames: Frames, bars: Sequence[Bar]) -> Candidates | None:
@@ -72,27 +63,37 @@ def _triad(group: Group, frames: Frames, bars: Sequence[Bar]) -> Candidates | No
     if len(bars) != 3 or len({frozenset(bar.bodies) for bar in bars}) != 1:
         return None
     base, platform = bars[0].bodies
-    quadrics = []
-    for bar in bars:
-        axes = dict(zip(bar.bodies, frames.outer_axes(bar), strict=True))
-        cosine = np.array(frames.cosine(bar))
-        quadrics.append(arc_quadric(axes[base], axes[platform], cosine))
-    points, gap = common_points(np.stack(quadrics)[None])
-    if not gap[0] > ISOLATED:
-        problem = "the equations have infinitely many complex solutions"
-        return Candidates(np.empty((0, len(group.pairs))), COMMON_POINTS, problem)
-    quaternions, distance = nearest_real(points[0])
+    arcs = frames.arcs(bars)
+    places = np.arange(3)
+    fixed = arcs.outer[places, [bar.bodies.index(base) for bar in bars]]
+    moving = arcs.outer[places, [bar.bodies.index(platform) for bar in bars]]
+    points = common_points(arc_quadric(fixed, moving, arcs.cosines)[None])[0]
+    if np.any(np.isnan(points)):
+        nothing = np.empty((0, len(group.pairs)))
+        return Candidates(nothing, COMMON_POINTS, "infinitely many complex roots")
+    quaternions, distance = nearest_real(points)
     turns = from_quaternion(quaternions[distance < NEARLY_REAL])
     placed = np.empty((len(turns), len(group.bodies), 3, 3))
     placed[:, base], placed[:, platform] = np.eye(3), turns
-    return Candidates(_angles(frames, placed, bars), COMMON_POINTS)
+    return _closed(frames, placed, bars, arcs, COMMON_POINTS, "")
 
 
-def _angles(frames: Frames, placed: Floats, bars: Sequence[Bar]) -> Floats:
+def _closed(
+    frames: Frames,
+    placed: Floats,
+    bars: Sequence[Bar],
+    arcs: Arcs,
+    roots: int,
+    problem: str,
+) -> Candidates:
+    """Return the angles of configurations in which all but the bars are placed."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        frames.place_bars(placed, bars)
+        arcs.place(placed, bars)
     angles = frames.angles(placed)
-    return angles[np.all(np.isfinite(angles), axis=1)]
+    finite = np.all(np.isfinite(angles), axis=1)
+    if not np.all(finite):
+        problem = problem or "a link of arc 0 or 180 deg can spin"
+    return Candidates(angles[finite], roots, problem)
 
 
 @final
@@ -162,15 +163,17 @@ def _tree(group: Group, frames: Frames, bars: Sequence[Bar]) -> Candidates | Non
         return None
     values = []
     for order in orders[:MOST_ORDERS]:
-        equations = np.stack([_equation(frames, order, k) for k in range(3)])
+        arcs = frames.arcs(order.bars)
+        equations = np.stack([_equation(frames, order, arcs, k) for k in range(3)])
         with np.errstate(all="ignore"):
             found = common_angles(equations, order.involves)
         real = np.max(np.abs(found.angles.imag), axis=1, initial=0.0) < NEARLY_REAL
         placed = _placed(group, frames, order, found.angles[real].real)
-        values.append(_angles(frames, placed, order.bars))
-        if not found.problem:
+        here = _closed(frames, placed, order.bars, arcs, 2 * order.degree, found.problem)
+        values.append(here.values)
+        if not here.problem:
             break
-    return Candidates(np.concatenate(values), 2 * order.degree, found.problem)
+    return Candidates(np.concatenate(values), here.roots, here.problem)
 
 
 _TURN = np.zeros((3, 3, 3))
@@ -179,11 +182,10 @@ _TURN[2, 0, 1] = -1.0
 """A rotation about z is this (3, 3, 3) times its point (1, cos, sin)."""
 
 
-def _equation(frames: Frames, order: _Order, number: int) -> Floats:
+def _equation(frames: Frames, order: _Order, arcs: Arcs, number: int) -> Floats:
     """Return the equation (3, 3, 3) of one bar in the tree's three angles."""
-    bar, way = order.bars[number], order.ways[number]
-    fixed, moving = frames.outer_axes(bar)
-    body = bar.bodies[0]
+    way, body = order.ways[number], order.bars[number].bodies[0]
+    fixed, moving = arcs.outer[number]
     spread = fixed
     for pair in way:
         ahead = frames.ends[pair][0] == body
@@ -197,7 +199,7 @@ def _equation(frames: Frames, order: _Order, number: int) -> Floats:
     spread = np.transpose(spread, [way.index(order.pairs[angle]) for angle in within])
     equation = np.zeros((3, 3, 3))
     equation[tuple(slice(None) if a in within else 0 for a in range(3))] = spread
-    equation[0, 0, 0] -= frames.cosine(bar)
+    equation[0, 0, 0] -= arcs.cosines[number]
     return equation
 
 

@@ -8,7 +8,6 @@ matrix (D. Cox, J. Little and D. O'Shea, Using Algebraic Geometry, 2005, chapter
 """
 
 from itertools import combinations_with_replacement
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +18,11 @@ COMMON_POINTS = 8
 """Complex points that three quadrics have in common, counted with multiplicity."""
 
 
-class CommonPoints(NamedTuple):
-    """The common points of n triples of quadrics.
+ISOLATED = 1e-10
+"""Least relative singular value of the Macaulay matrix, of those that must not be 0.
 
-    `points` (n, 8, 4) complex, of norm 1, any phase. `gap` (n,) is the smallest singular
-    value of the Macaulay matrix that has to be nonzero over the largest: near rounding
-    the quadrics meet in a curve or surface, and the points mean nothing.
-    """
-
-    points: NDArray[np.complex128]
-    gap: Floats
+Below, rounding cannot tell isolated points from a curve or surface of them.
+"""
 
 
 def arc_quadric(fixed: Floats, moving: Floats, cosine: Floats) -> Floats:
@@ -74,7 +68,7 @@ _FORMS = np.array([[0.61, -0.47, 0.53, 0.36], [-0.29, 0.58, 0.66, -0.38]])
 _RANK = len(_QUARTIC) - COMMON_POINTS
 
 
-def common_points(quadrics: Floats) -> CommonPoints:
+def common_points(quadrics: Floats) -> NDArray[np.complex128]:
     """Return the eight complex points that three quadrics have in common.
 
     Parameters
@@ -84,9 +78,10 @@ def common_points(quadrics: Floats) -> CommonPoints:
 
     Returns
     -------
-    CommonPoints
-        Points and the gap that says whether they are isolated. A point of multiplicity
-        m comes m times, accurate to the m-th root of rounding.
+    points
+        (n, 8, 4) complex, of norm 1 and any phase; a point of multiplicity m comes m
+        times, accurate to the m-th root of rounding. NaN where the quadrics have a
+        curve or surface in common.
     """
     n = len(quadrics)
     multiples = len(_QUADRATIC)
@@ -94,18 +89,22 @@ def common_points(quadrics: Floats) -> CommonPoints:
     coefficients = _WEIGHTS * quadrics[..., _ROWS, _COLUMNS]
     macaulay[:, :, np.arange(multiples)[:, None], _PRODUCTS] = coefficients[:, :, None]
     _, values, right = np.linalg.svd(macaulay.reshape(n, 3 * multiples, -1))
-    gap = values[:, _RANK - 1] / values[:, 0]
-    kernel = np.swapaxes(right[:, _RANK:], 1, 2)
+    isolated = values[:, _RANK - 1] > ISOLATED * values[:, 0]
+    points = np.full((n, COMMON_POINTS, 4), np.nan, dtype=complex)
+    points[isolated] = _points(np.swapaxes(right[isolated, _RANK:], 1, 2))
+    return points
+
+
+def _points(kernel: Floats) -> NDArray[np.complex128]:
+    """Return the points (n, 8, 4) whose quartic monomials span kernels (n, 35, 8)."""
     shifted = kernel[:, _SHIFTED]
     one, other = np.moveaxis(np.einsum("hx,nxmk->nhmk", _FORMS, shifted), 1, 0)
     basis, triangle = np.linalg.qr(other)
-    multiplication = np.linalg.pinv(triangle) @ np.swapaxes(basis, 1, 2) @ one
-    _, vectors = np.linalg.eig(multiplication)
-    multiple = np.einsum("nxmk,nkp->npmx", shifted, vectors)
-    best = np.argmax(np.sum(np.abs(multiple) ** 2, axis=3), axis=2)
-    points = np.take_along_axis(multiple, best[:, :, None, None], axis=2)[:, :, 0]
-    length = np.linalg.norm(points, axis=2, keepdims=True)
-    return CommonPoints(points / length, gap)
+    _, vectors = np.linalg.eig(np.linalg.solve(triangle, np.swapaxes(basis, 1, 2) @ one))
+    multiples = np.einsum("nxmk,nkp->npmx", shifted, vectors)
+    best = np.argmax(np.sum(np.abs(multiples) ** 2, axis=3), axis=2)
+    points = np.take_along_axis(multiples, best[:, :, None, None], axis=2)[:, :, 0]
+    return np.asarray(points / np.linalg.norm(points, axis=2, keepdims=True))
 
 
 def nearest_real(points: NDArray[np.complex128]) -> tuple[Floats, Floats]:
