@@ -8,6 +8,7 @@ of its three angles. No structure is known by name: what matters is which bars t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations, permutations
 from typing import final
 
@@ -53,13 +54,13 @@ def candidates(group: Group, closure: Closure) -> Candidates | None:
     """
     if not group.revolute or len(group.bodies) not in (5, 7):
         return None
-    bars = bars_of(group)
     frames = Frames.of(group, closure)
-    return _triad(group, frames, bars) or _tree(group, frames, bars)
+    return _triad(group, frames) or _tree(group, frames)
 
 
-def _triad(group: Group, frames: Frames, bars: Sequence[Bar]) -> Candidates | None:
+def _triad(group: Group, frames: Frames) -> Candidates | None:
     """Return the solutions of two bodies joined by three bars."""
+    bars = bars_of(group)
     if len(bars) != 3 or len({frozenset(bar.bodies) for bar in bars}) != 1:
         return None
     base, platform = bars[0].bodies
@@ -121,9 +122,11 @@ class _Order:
         return eliminated_degree(self.involves)
 
 
-def _orders(group: Group, bars: Sequence[Bar]) -> list[_Order]:
+@lru_cache
+def _orders(group: Group) -> tuple[_Order, ...]:
     """Return the orders of lowest degree, the same ones every time."""
     orders = []
+    bars = bars_of(group)
     for taken in combinations(bars, 3):
         out = {bar.body for bar in taken}
         left = tuple(body for body in range(len(group.bodies)) if body not in out)
@@ -138,7 +141,7 @@ def _orders(group: Group, bars: Sequence[Bar]) -> list[_Order]:
                 if order.degree and taken.index(second) < taken.index(third):
                     orders.append(order)
     least = min((order.degree for order in orders), default=0)
-    return [order for order in orders if order.degree == least]
+    return tuple(order for order in orders if order.degree == least)
 
 
 def _way(group: Group, pairs: Sequence[int], start: int, goal: int) -> tuple[int, ...]:
@@ -156,9 +159,9 @@ def _way(group: Group, pairs: Sequence[int], start: int, goal: int) -> tuple[int
     return ways.get(goal, ())
 
 
-def _tree(group: Group, frames: Frames, bars: Sequence[Bar]) -> Candidates | None:
+def _tree(group: Group, frames: Frames) -> Candidates | None:
     """Return the solutions of four bodies in a tree joined by three bars."""
-    orders = _orders(group, bars)
+    orders = _orders(group)
     if not orders:
         return None
     values = []

@@ -88,7 +88,7 @@ def common_points(quadrics: Floats) -> NDArray[np.complex128]:
     macaulay = np.zeros((n, 3, multiples, len(_QUARTIC)))
     coefficients = _WEIGHTS * quadrics[..., _ROWS, _COLUMNS]
     macaulay[:, :, np.arange(multiples)[:, None], _PRODUCTS] = coefficients[:, :, None]
-    _, values, right = np.linalg.svd(macaulay.reshape(n, 3 * multiples, -1))
+    _, values, right = np.linalg.svd(macaulay.reshape(n, 3 * multiples, len(_QUARTIC)))
     isolated = values[:, _RANK - 1] > ISOLATED * values[:, 0]
     points = np.full((n, COMMON_POINTS, 4), np.nan, dtype=complex)
     points[isolated] = _points(np.swapaxes(right[isolated, _RANK:], 1, 2))

@@ -41,6 +41,8 @@ MOVED = 1e-3
 CLOSED = 1e-10
 """Largest relative residual of a solution."""
 NEWTON_STEPS = 10
+STILL = 1e-9
+"""Newton's method ends when no angle changed by more than this (rad)."""
 
 
 @final
@@ -207,26 +209,27 @@ def _solutions(equations: Floats, first: Complexes) -> tuple[Complexes, int]:
 
 def _polished(equations: Floats, angles: Complexes) -> tuple[Complexes, Floats]:
     """Return angles (n, 3) after Newton's method, and their relative residual (n,)."""
+    largest = np.inf
     for step in range(NEWTON_STEPS + 1):
         points = np.moveaxis(point(angles), 1, 0)
-        rates = np.moveaxis(_point_rate(angles), 1, 0)
         values = _values(equations, points)
-        if step == NEWTON_STEPS:
+        if step == NEWTON_STEPS or largest < STILL:
             break
-        columns = [
-            _values(
-                equations, np.concatenate([points[:v], rates[v : v + 1], points[v + 1 :]])
-            )
-            for v in range(3)
-        ]
-        jacobian = np.stack(columns, axis=2)
+        rates = np.moveaxis(_point_rate(angles), 1, 0)
+        jacobian = np.stack(
+            [
+                _values(equations, np.where(turned[:, None, None], rates, points))
+                for turned in np.eye(3, dtype=bool)
+            ],
+            axis=2,
+        )
         regular = np.abs(np.linalg.det(jacobian)) > 0.0
+        right = -values[regular][..., None]
         change = np.zeros_like(angles)
-        change[regular] = np.linalg.solve(jacobian[regular], -values[regular][..., None])[
-            ..., 0
-        ]
+        change[regular] = np.linalg.solve(jacobian[regular], right)[..., 0]
         length = np.max(np.abs(change), axis=1, initial=0.0, keepdims=True)
         angles = angles + change * np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))
+        largest = np.max(length, initial=0.0)
     size = np.prod(np.linalg.norm(points, axis=2), axis=0)
     return angles, np.max(np.abs(values), axis=1, initial=0.0) / size
 
