@@ -12,10 +12,10 @@ from spherekit.sphere.rotation import Floats
 
 SAME_MODE = 1e-6
 """Closed configurations whose rotation matrices differ by less are one."""
-SAME_DEAD_CENTRE = 1e-4
+SAME_DEAD_CENTRE = 1e-3
 """The same where rounding is felt most: solutions that are multiple."""
-ROUNDING = 64 * EPS
-"""Closure errors that Newton's method does not see."""
+SPREAD = 8.0
+"""Copies of one solution differ by less than this times their first-order error."""
 
 
 def are_far(one: Floats, other: Floats, tolerance: float = SAME_MODE) -> bool:
@@ -28,15 +28,15 @@ class Distinct:
     """Closed configurations of one group at one sample that are pairwise different.
 
     `values` are the variables of each. Where the loops close to second order only, at a
-    dead centre, rounding hides how far a solution is off; it is then one with others
-    within that distance. Configurations that differ by whole turns of rolling wheels are
-    one as well.
+    dead centre, a small gap is far from the solution: what is left of the gap and the
+    smallest singular value say how far, and others within that distance are the same.
+    So are configurations that differ by whole turns of rolling wheels.
     """
 
     def __init__(self, closure: Closure) -> None:
         self.closure = closure
         self.values: list[Floats] = []
-        self._poses: list[Floats] = []
+        self._poses: list[tuple[Floats, float]] = []
         self._rolling = [
             (variable, joint)
             for variable, pair in enumerate(closure.tree.owners)
@@ -53,15 +53,20 @@ class Distinct:
         exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
         jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
         least = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
-        tolerance = np.clip(ROUNDING / np.maximum(least, EPS), SAME_MODE, SAME_DEAD_CENTRE)
+        gap = np.max(np.abs(self.closure.residual(placed, states)), axis=1)
+        error = np.maximum(gap, EPS) / np.maximum(least, EPS)
+        tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled = [variable for variable, _ in self._rolling]
         order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
         for row in order[exists[order]]:
             if any(self._meshes_again(values[row], mode) for mode in self.values):
                 continue
-            if all(are_far(placed[row], pose, tolerance[row]) for pose in self._poses):
+            if all(
+                are_far(placed[row], pose, max(tolerance[row], other))
+                for pose, other in self._poses
+            ):
                 self.values.append(values[row])
-                self._poses.append(placed[row])
+                self._poses.append((placed[row], tolerance[row]))
 
     def _meshes_again(self, one: Floats, other: Floats) -> bool:
         """Return whether two configurations differ by whole turns of rolling wheels."""

@@ -28,6 +28,10 @@ from spherekit.sphere.trigonometric import Bools, common_angles, eliminated_degr
 
 NEARLY_REAL = 0.03
 """Roots with a smaller imaginary part are tried: double ones have some by rounding."""
+REAL = 1e-7
+"""Roots with a smaller imaginary part are taken for real."""
+POINTLIKE = 1e-5
+"""A bar of smaller arc (its sine) is not well described by the cosine of its arc."""
 MOST_ORDERS = 8
 """Orders of elimination tried until one is certain to have lost nothing."""
 
@@ -37,12 +41,14 @@ MOST_ORDERS = 8
 class Candidates:
     """Nearly closed configurations of a group of R pairs.
 
-    `values` (k, pairs) rad: the angles. `roots`: the number of complex solutions counted
-    with multiplicity. `problem` says why a real solution may be missing; empty if none
-    can be.
+    `values` (k, pairs) rad: the angles. `real` (k,): whether they are real as far as
+    rounding tells, so that a closed configuration must be next to them. `roots`: the
+    number of complex solutions counted with multiplicity. `problem` says why a real
+    solution may be missing; empty if none can be.
     """
 
     values: Floats
+    real: Bools
     roots: int
     problem: str = ""
 
@@ -65,36 +71,37 @@ def _triad(group: Group, frames: Frames) -> Candidates | None:
         return None
     base, platform = bars[0].bodies
     arcs = frames.arcs(bars)
+    if np.min(arcs.sines) < POINTLIKE:
+        return _none(group, COMMON_POINTS, "a link has an arc of about 0 or 180 deg")
     places = np.arange(3)
     fixed = arcs.outer[places, [bar.bodies.index(base) for bar in bars]]
     moving = arcs.outer[places, [bar.bodies.index(platform) for bar in bars]]
     points = common_points(arc_quadric(fixed, moving, arcs.cosines)[None])[0]
     if np.any(np.isnan(points)):
-        nothing = np.empty((0, len(group.pairs)))
-        return Candidates(nothing, COMMON_POINTS, "infinitely many complex roots")
-    quaternions, distance = nearest_real(points)
-    turns = from_quaternion(quaternions[distance < NEARLY_REAL])
-    placed = np.empty((len(turns), len(group.bodies), 3, 3))
-    placed[:, base], placed[:, platform] = np.eye(3), turns
-    return _closed(frames, placed, bars, arcs, COMMON_POINTS, "")
-
-
-def _closed(
-    frames: Frames,
-    placed: Floats,
-    bars: Sequence[Bar],
-    arcs: Arcs,
-    roots: int,
-    problem: str,
-) -> Candidates:
-    """Return the angles of configurations in which all but the bars are placed."""
+        return _none(group, COMMON_POINTS, "there are infinitely many complex solutions")
+    quaternions, imaginary = nearest_real(points)
+    tried = imaginary < NEARLY_REAL
+    placed = np.empty((int(np.sum(tried)), len(group.bodies), 3, 3))
+    placed[:, base], placed[:, platform] = np.eye(3), from_quaternion(quaternions[tried])
     with np.errstate(invalid="ignore", divide="ignore"):
         arcs.place(placed, bars)
+    return _placed_bodies(frames, placed, imaginary[tried] < REAL, COMMON_POINTS, "")
+
+
+def _none(group: Group, roots: int, problem: str) -> Candidates:
+    nothing = np.empty((0, len(group.pairs)))
+    return Candidates(nothing, np.empty(0, dtype=bool), roots, problem)
+
+
+def _placed_bodies(
+    frames: Frames, placed: Floats, real: Bools, roots: int, problem: str
+) -> Candidates:
+    """Return the candidates of bodies placed (n, bodies, 3, 3), where they could be."""
     angles = frames.angles(placed)
     finite = np.all(np.isfinite(angles), axis=1)
     if not np.all(finite):
-        problem = problem or "a link of arc 0 or 180 deg can spin"
-    return Candidates(angles[finite], roots, problem)
+        problem = problem or "the neighbours of a link have axes on one line"
+    return Candidates(angles[finite], real[finite], roots, problem)
 
 
 @final
@@ -164,19 +171,29 @@ def _tree(group: Group, frames: Frames) -> Candidates | None:
     orders = _orders(group)
     if not orders:
         return None
-    values = []
+    parts = []
     for order in orders[:MOST_ORDERS]:
+        roots = 2 * order.degree
         arcs = frames.arcs(order.bars)
+        if np.min(arcs.sines) < POINTLIKE:
+            problem = "a link has an arc of about 0 or 180 deg"
+            parts.append(_none(group, roots, problem))
+            continue
         equations = np.stack([_equation(frames, order, arcs, k) for k in range(3)])
         with np.errstate(all="ignore"):
             found = common_angles(equations, order.involves)
-        real = np.max(np.abs(found.angles.imag), axis=1, initial=0.0) < NEARLY_REAL
-        placed = _placed(group, frames, order, found.angles[real].real)
-        here = _closed(frames, placed, order.bars, arcs, 2 * order.degree, found.problem)
-        values.append(here.values)
-        if not here.problem:
-            break
-    return Candidates(np.concatenate(values), here.roots, here.problem)
+        imaginary = np.max(np.abs(found.angles.imag), axis=1, initial=0.0)
+        tried = imaginary < NEARLY_REAL
+        placed = _placed(group, frames, order, found.angles[tried].real)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            arcs.place(placed, order.bars)
+        real = imaginary[tried] < REAL
+        parts.append(_placed_bodies(frames, placed, real, roots, found.problem))
+        if not parts[-1].problem:
+            return parts[-1]
+    values = np.concatenate([part.values for part in parts])
+    real = np.concatenate([part.real for part in parts])
+    return Candidates(values, real, parts[-1].roots, parts[-1].problem)
 
 
 _TURN = np.zeros((3, 3, 3))

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import final
 
+import numpy as np
+
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.branches import wrap
 from spherekit.motion.closure import Closure
@@ -12,6 +14,8 @@ from spherekit.motion.search import search
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 
+MOVED = 1e-2
+"""Farthest (rad) that an angle of a real root moves until the group is closed."""
 POLISHING_STEPS = 30
 """Newton steps given to a candidate; a double solution halves its error in each."""
 
@@ -54,14 +58,18 @@ def solutions(group: Group, closure: Closure) -> tuple[list[Floats], Method]:
     The order is that of the angles and the same every time.
     """
     found = Distinct(closure)
+    method = Method(0)
     eliminated = candidates(group, closure)
-    if eliminated is not None and len(eliminated.values):
+    if eliminated is not None:
+        problem = eliminated.problem
         result = closure.solve(eliminated.values, iterations=POLISHING_STEPS)
-        found.add(result.values[result.residual < CLOSURE_TOLERANCE])
-    if eliminated is None:
-        method = Method(0)
-    else:
-        method = Method(0 if eliminated.problem else eliminated.roots, eliminated.problem)
+        closed = result.residual < CLOSURE_TOLERANCE
+        moved = np.abs(wrap(result.values - eliminated.values))
+        kept = closed & (np.max(moved, axis=1, initial=0.0) < MOVED)
+        if np.any(eliminated.real & ~kept):
+            problem = problem or "a real root led to no closed configuration"
+        found.add(result.values[closed])
+        method = Method(0 if problem else eliminated.roots, problem)
     if not method.is_complete:
         search(closure, found)
     values = found.values

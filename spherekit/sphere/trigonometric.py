@@ -34,12 +34,16 @@ NEAR_CIRCLE = 0.3
 """Every root with an imaginary part (rad) up to this must lead to a solution."""
 POLISHED = 2.0
 """Roots with a larger imaginary part (rad) are counted, but not made solutions."""
-CONSISTENT = 1e-3
-"""Relative residual below which an eliminated angle is tried with a root."""
-MOVED = 1e-3
-"""Farthest (rad) that a root moves when it is made a solution."""
+CLUSTER = 3e-3
+"""Roots and solutions nearer than this (rad) belong together: rounding of multiple ones."""
 CLOSED = 1e-10
 """Largest relative residual of a solution."""
+SAME = 1e-6
+"""Solutions whose angles differ by less (rad) are one."""
+FLAT = 1e-5
+"""Relative determinant below which a solution may be multiple."""
+UNDETERMINED = 1e-5
+"""An equation whose part that holds an angle is smaller does not determine it."""
 NEWTON_STEPS = 10
 STILL = 1e-9
 """Newton's method ends when no angle changed by more than this (rad)."""
@@ -50,10 +54,10 @@ STILL = 1e-9
 class Solutions:
     """What the elimination of two of three angles found.
 
-    `angles` (k, 3) complex, rad: solutions whose first angle is near the real axis, those
-    of multiple roots more than once. `roots` (2 degree,) complex: all values of e^(ix)
-    of the first angle x. `excess`: the coefficients beyond the degree, relative. `problem`
-    says why real solutions may be missing; empty if none can be.
+    `angles` (k, 3) complex, rad: solutions whose first angle is near the real axis.
+    `roots` (2 degree,) complex: all values of e^(ix) of the first angle x. `excess`: the
+    coefficients beyond the degree, relative. `problem` says why real solutions may be
+    missing; empty if none can be.
     """
 
     angles: Complexes
@@ -97,7 +101,8 @@ def common_angles(equations: Floats, involves: Bools) -> Solutions:
     places = OFFSET + 2 * np.pi * np.arange(count) / count
     steps = _Steps.at(equations, point(places))
     samples = np.prod(steps.resultants, axis=1) * steps.weight**power
-    if not np.all(np.isfinite(samples)):
+    held = np.max(np.abs(steps.weight)) > UNDETERMINED**2 * np.sum(equations[0] ** 2)
+    if not held or not np.all(np.isfinite(samples)):
         return _nothing("an equation of the elimination does not hold its angle")
     scales = np.abs(steps.weight) ** power * np.prod(steps.scales, axis=1)
     if not np.max(np.abs(samples)) > VANISHING * np.max(scales):
@@ -107,12 +112,12 @@ def common_angles(equations: Floats, involves: Bools) -> Solutions:
     excess = float(np.max(np.abs(spectrum[degree + 1 : count - degree])) / largest)
     powers = np.concatenate([spectrum[degree::-1], spectrum[: -degree - 1 : -1]])
     roots = np.roots(powers) * np.exp(1j * OFFSET)
-    angles, unmatched = _solutions(equations, -1j * np.log(roots[roots != 0.0]))
+    angles, unmatched = _solutions(equations, roots)
     problem = ""
     if not excess < EXCESS:
         problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
     elif unmatched:
-        problem = f"{unmatched} roots of the eliminant led to no solution"
+        problem = f"{unmatched} roots of the eliminant lost solutions"
     return Solutions(angles, roots, excess, problem)
 
 
@@ -154,10 +159,12 @@ def _zeros(form: Complexes) -> tuple[Complexes, Complexes]:
 class _Steps:
     """The elimination at n values of the first angle, along its last axis but one.
 
-    `seconds` (n, 2, 3) points of the second angle, `forms` (n, 2, 2, 3) of both other
+    `known` (n, 3) is the first equation's form in the second angle, `seconds` (n, 2, 3)
+    its zeros as points of the second angle, `forms` (n, 2, 2, 3) of both other
     equations in the third, `resultants` and `scales` (n, 2), `weight` (n,).
     """
 
+    known: Complexes
     seconds: Complexes
     forms: Complexes
     resultants: Complexes
@@ -172,49 +179,61 @@ class _Steps:
         normal = np.cross(forms[:, :, 0], forms[:, :, 1])
         resultants = normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
         scales = np.prod(np.sum(np.abs(forms) ** 2, axis=3), axis=2)
-        return _Steps(seconds, forms, resultants, scales, weight)
+        return _Steps(known[:, 0, :, 0], seconds, forms, resultants, scales, weight)
 
 
-def _solutions(equations: Floats, first: Complexes) -> tuple[Complexes, int]:
-    """Return the solutions (k, 3) near first angles (n,), and how many lead to none."""
-    near = np.abs(first.imag) < POLISHED
-    first = first[near]
+def _solutions(equations: Floats, roots: Complexes) -> tuple[Complexes, int]:
+    """Return solutions (k, 3) that roots (n,) lead to, and how many roots lost some."""
+    first = -1j * np.log(roots[roots != 0.0])
+    first = first[np.abs(first.imag) < POLISHED]
     steps = _Steps.at(equations, point(first))
-    weights = np.sum(np.abs(steps.forms[..., 1:]) ** 2, axis=3)
-    better = np.argmax(weights, axis=2)[..., None, None]
-    form = np.take_along_axis(steps.forms, better, axis=2)[:, :, 0]
-    other = np.take_along_axis(steps.forms, 1 - better, axis=2)[:, :, 0]
-    thirds, _ = _zeros(form)
-    misses = np.abs(np.einsum("nstz,nsz->nst", thirds, other))
-    size = np.linalg.norm(other, axis=2)[..., None] * np.linalg.norm(thirds, axis=3)
-    misses = np.where(np.isfinite(misses), misses / size, np.inf).reshape(len(first), 4)
-    least = np.min(misses, axis=1, keepdims=True, initial=np.inf)
-    root, place = np.nonzero(misses <= np.maximum(least, CONSISTENT))
-    start = np.stack(
+    sizes = np.linalg.norm(steps.forms[..., 1:], axis=3)
+    better = np.argmax(sizes, axis=2)[..., None, None]
+    thirds, _ = _zeros(np.take_along_axis(steps.forms, better, axis=2)[:, :, 0])
+    seconds = np.broadcast_to(steps.seconds[:, :, None], thirds.shape)
+    every = [np.broadcast_to(first[:, None, None], thirds.shape[:3])]
+    every += [_angle(seconds), _angle(thirds)]
+    start = np.stack(every, axis=3).reshape(-1, 3)
+    held = np.all(np.isfinite(start), axis=1)
+    found = _polished(equations, start[held])
+    good = found.residual < CLOSED
+    good &= np.abs(found.angles[:, 0] - start[held, 0]) < CLUSTER
+    angles, flat = found.angles[good], found.flat[good]
+    turns = np.exp(1j * angles)
+    new = np.array(
         [
-            first[root],
-            _angle(steps.seconds[root, place // 2]),
-            _angle(thirds[root, place // 2, place % 2]),
+            not np.any(np.all(np.abs(turn / turns[:k] - 1.0) < SAME, axis=1))
+            for k, turn in enumerate(turns)
         ],
-        axis=1,
+        dtype=bool,
     )
-    angles, residual = _polished(equations, start)
-    moved = np.abs(angles[:, 0] - start[:, 0])
-    good = (residual < CLOSED) & (moved < MOVED)
-    led = np.zeros(len(first), dtype=bool)
-    led[root[good]] = True
-    lost = ~led & (np.abs(first.imag) < NEAR_CIRCLE)
-    return angles[good], int(np.sum(lost))
+    angles, flat = angles[new], flat[new]
+    turned = np.exp(1j * first)[:, None]
+    with_roots = np.sum(np.abs(turned / turned.T - 1.0) < CLUSTER, axis=1)
+    near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
+    short = (np.sum(near, axis=1) < with_roots) & ~np.any(near & flat, axis=1)
+    size = np.linalg.norm(steps.known, axis=1) / np.linalg.norm(equations[0])
+    vague = size < UNDETERMINED
+    lost = ~np.any(near, axis=1) | short | vague
+    return angles, int(np.sum(lost & (np.abs(first.imag) < NEAR_CIRCLE)))
 
 
-def _polished(equations: Floats, angles: Complexes) -> tuple[Complexes, Floats]:
-    """Return angles (n, 3) after Newton's method, and their relative residual (n,)."""
+@final
+@dataclass(frozen=True)
+class _Polished:
+    """Angles (n, 3), their relative residual (n,), whether the equations are flat (n,)."""
+
+    angles: Complexes
+    residual: Floats
+    flat: Bools
+
+
+def _polished(equations: Floats, angles: Complexes) -> _Polished:
+    """Return what Newton's method makes of angles (n, 3)."""
     largest = np.inf
     for step in range(NEWTON_STEPS + 1):
         points = np.moveaxis(point(angles), 1, 0)
         values = _values(equations, points)
-        if step == NEWTON_STEPS or largest < STILL:
-            break
         rates = np.moveaxis(_point_rate(angles), 1, 0)
         jacobian = np.stack(
             [
@@ -223,7 +242,10 @@ def _polished(equations: Floats, angles: Complexes) -> tuple[Complexes, Floats]:
             ],
             axis=2,
         )
-        regular = np.abs(np.linalg.det(jacobian)) > 0.0
+        determinant = np.abs(np.linalg.det(jacobian))
+        if step == NEWTON_STEPS or largest < STILL:
+            break
+        regular = determinant > 0.0
         right = -values[regular][..., None]
         change = np.zeros_like(angles)
         change[regular] = np.linalg.solve(jacobian[regular], right)[..., 0]
@@ -231,7 +253,9 @@ def _polished(equations: Floats, angles: Complexes) -> tuple[Complexes, Floats]:
         angles = angles + change * np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))
         largest = np.max(length, initial=0.0)
     size = np.prod(np.linalg.norm(points, axis=2), axis=0)
-    return angles, np.max(np.abs(values), axis=1, initial=0.0) / size
+    residual = np.max(np.abs(values), axis=1, initial=0.0) / size
+    reach = np.prod(np.linalg.norm(jacobian, axis=1), axis=1)
+    return _Polished(angles, residual, determinant < FLAT * reach)
 
 
 def _values(equations: Floats, points: Numbers) -> Complexes:
