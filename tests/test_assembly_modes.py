@@ -69,34 +69,29 @@ def multi_start(edges, driven, axes, random, starts, steps=26):
     locked.add_nodes_from(link for edge in edges for link in edge)
     bodies = sorted(nx.connected_components(locked), key=min)
     body = {link: k for k, links in enumerate(bodies) for link in links}
-    open_pairs = [
-        (body[a], body[b], u)
-        for (a, b), name, u in zip(edges, names, axes, strict=True)
-        if name not in driven
-    ]
+    left = [k for k, name in enumerate(names) if name not in driven]
+    first, second = np.array([[body[link] for link in edges[k]] for k in left]).T
+    u, row = axes[left, :, None], np.arange(len(left))
     count = len(bodies)
     turns = Rotation.random(starts * count, rng=random).as_matrix()
     turns = turns.reshape(starts, count, 3, 3)
     turns[:, 0] = np.eye(3)
 
     def skew(v):
-        zero = np.zeros(len(v))
-        x, y, z = v.T
-        rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-        return np.moveaxis(np.array(rows), 2, 0)
+        x, y, z = np.moveaxis(v, 2, 0)
+        rows = [[0 * x, -z, y], [z, 0 * x, -x], [-y, x, 0 * x]]
+        return np.transpose(rows, (3, 2, 0, 1))
 
     for step in range(steps + 1):
-        gaps = np.empty((starts, len(open_pairs), 3))
-        jacobian = np.zeros((starts, len(open_pairs), 3, count, 3))
-        for k, (a, b, u) in enumerate(open_pairs):
-            one, other = turns[:, a] @ u, turns[:, b] @ u
-            gaps[:, k] = one - other
-            jacobian[:, k, :, a] -= skew(one)
-            jacobian[:, k, :, b] += skew(other)
+        one, other = (turns[:, ends] @ u for ends in (first, second))
+        gaps = (one - other)[..., 0]
+        jacobian = np.zeros((starts, len(left), 3, count, 3))
+        jacobian[:, row, :, first] -= skew(one[..., 0])
+        jacobian[:, row, :, second] += skew(other[..., 0])
         worst = np.max(np.abs(gaps), axis=(1, 2))
         if step == steps:
             break
-        rows = jacobian[:, :, :, 1:].reshape(starts, 3 * len(open_pairs), -1)
+        rows = jacobian[:, :, :, 1:].reshape(starts, 3 * len(left), -1)
         square = np.swapaxes(rows, 1, 2) @ rows + 1e-13 * np.eye(rows.shape[2])
         right = np.swapaxes(rows, 1, 2) @ gaps.reshape(starts, -1, 1)
         change = -np.linalg.solve(square, right)[..., 0].reshape(starts, count - 1, 3)
@@ -390,6 +385,18 @@ def test_a_platform_with_two_coincident_axes_is_two_dyads():
                 here = placed[:, 7] @ axes[6]
                 assert np.sum(np.max(np.abs(here - common), axis=1) < 1e-9) == 2
         assert len(placed) == closed
+
+
+def test_triads_with_coaxial_sliders_have_four_finite_roots_each():
+    """Two coincident axes send four of the eight common points to |q|^2 = 0."""
+    solver, found = solved(sk.load("two_dof_spm"), np.radians([18.3473, 35.3131]))
+    words = "elimination: all 8 complex roots"
+    assert [str(method) for method in found.methods] == [words, words]
+    placed, gaps = poses(solver, found)
+    assert 0 < len(placed) <= 4 * 4
+    assert np.max(np.abs(gaps)) < 1e-13
+    apart = np.max(np.abs(placed[:, None] - placed[None]), axis=(2, 3, 4))
+    assert np.min(apart + np.eye(len(placed))) > 1e-6
 
 
 def test_a_double_root_is_one_mode():
