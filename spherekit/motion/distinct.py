@@ -14,6 +14,8 @@ SAME_MODE = 1e-6
 """Closed configurations whose rotation matrices differ by less are one."""
 SAME_DEAD_CENTRE = 1e-3
 """The same where rounding is felt most: solutions that are multiple."""
+MOST_MODES = 64
+"""Configurations of one group that are kept; where it can move there is no end of them."""
 SPREAD = 8.0
 """Copies of one solution differ by less than this times their first-order error."""
 
@@ -30,7 +32,8 @@ class Distinct:
     `values` are the variables of each. Where the loops close to second order only, at a
     dead centre, a small gap is far from the solution: what is left of the gap and the
     smallest singular value say how far, and others within that distance are the same.
-    So are configurations that differ by whole turns of rolling wheels.
+    So are configurations that differ by whole turns of rolling wheels. The first 64 are
+    kept.
     """
 
     def __init__(self, closure: Closure) -> None:
@@ -59,6 +62,8 @@ class Distinct:
         rolled = [variable for variable, _ in self._rolling]
         order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
         for row in order[exists[order]]:
+            if len(self.values) == MOST_MODES:
+                return
             if any(self._meshes_again(values[row], mode) for mode in self.values):
                 continue
             if all(

@@ -5,7 +5,7 @@ import numpy as np
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.model.geometry import Revolute
 from spherekit.motion.closure import Closure
-from spherekit.motion.distinct import Distinct
+from spherekit.motion.distinct import MOST_MODES, Distinct
 from spherekit.sphere.rotation import Floats
 
 STARTS = 192
@@ -27,7 +27,7 @@ def search(closure: Closure, found: Distinct) -> None:
         known = len(found.values)
         found.add(result.values[result.residual < CLOSURE_TOLERANCE])
         dry = dry + 1 if len(found.values) == known else 0
-        if dry == 2:
+        if dry == 2 or len(found.values) == MOST_MODES:
             break
 
 
