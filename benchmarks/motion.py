@@ -116,8 +116,8 @@ def _search(repeats: int) -> Section:
     return Section(
         "Search for branches",
         "Done once before any sample: dyads in closed form over the range; irreducible "
-        "groups by Newton's method from random starts at several inputs, and by "
-        "following each mode found.",
+        "groups at several inputs, by elimination or from random starts, and by following "
+        "each mode found.",
         ("mechanism", "groups", "branches", "search, ms", "over four_bar"),
         rows,
     )

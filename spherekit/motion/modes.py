@@ -1,18 +1,21 @@
 """Finding the assembly modes of a mechanism over the ranges of its inputs.
 
-All modes of dyads are enumerated; those of irreducible groups are searched for from many
-random starts at several inputs, and each new one is followed as far as it goes.
+All modes of dyads are enumerated. Those of irreducible groups are found at several
+inputs, all of them by elimination or some by a search, and each new one is followed as
+far as it goes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
-from spherekit.model.geometry import Contact, Revolute
-from spherekit.motion.branches import Branch, Solver, determinant_signs, penetrates, wrap
-from spherekit.motion.closure import Closure
+from spherekit.model.geometry import Contact
+from spherekit.motion.branches import Branch, Solver, determinant_signs
+from spherekit.motion.distinct import are_far
 from spherekit.motion.follow import Curve, follow
 from spherekit.motion.groups import (
     State,
@@ -24,6 +27,7 @@ from spherekit.motion.groups import (
 from spherekit.motion.lattice import Lattice
 from spherekit.motion.pairs import pair_axes
 from spherekit.motion.sheet import Sheet, spread
+from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solutions
 from spherekit.motion.steps import walk
 from spherekit.planning.assembly import Group
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
@@ -34,25 +38,32 @@ MOST_BRANCHES = 64
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
 PROBES = 5
-"""Inputs at which all modes of irreducible groups are searched for."""
-STARTS = 192
-"""Random starts of one round of that search; it ends after two rounds without news."""
-MOST_ROUNDS = 12
+"""Inputs at which all modes of irreducible groups are looked for."""
 NEAREST = 8
 """Samples nearest to a reference pose that straight ways are tried to."""
-SAME_MODE = 1e-6
-"""Closed configurations whose rotation matrices differ by less are one."""
 
 
-def find_branches(
-    solver: Solver, lattice: Lattice, search: bool = True
-) -> tuple[Branch, ...]:
+@final
+@dataclass(frozen=True)
+class Found:
+    """The branches of a mechanism, and how they were found.
+
+    `probes` is the number of inputs at which modes were looked for, 0 if a reference
+    pose was enough; `methods[g]` the least complete way in which those of group g were
+    found at any of them, None if at none.
+    """
+
+    branches: tuple[Branch, ...]
+    probes: int
+    methods: tuple[Method | None, ...]
+
+
+def find_branches(solver: Solver, lattice: Lattice, search: bool = True) -> Found:
     """Return the branches that have at least one configuration at the inputs given.
 
-    The mode of a given reference pose comes first. All modes of dyads are found; those
-    of irreducible groups by a search at several inputs, which may miss some. For one
-    input the range between the first and the last sample is what counts; for several the
-    samples of the lattice.
+    The mode of a given reference pose comes first. Modes are looked for at many inputs
+    if all groups are dyads, else at several. For one input the range between the first
+    and the last sample is what counts; for several the samples of the lattice.
 
     Raises
     ------
@@ -63,15 +74,15 @@ def find_branches(
         freedoms than there are inputs.
     """
     if solver.assembly.has_closed_form:
-        branches = _dyad_branches(solver, lattice, search)
+        found = _dyad_branches(solver, lattice, search)
     else:
-        branches = _guided_branches(solver, lattice, search)
-    if not branches:
+        found = _guided_branches(solver, lattice, search)
+    if not found.branches:
         raise SolveError(_why_nothing_closes(solver, lattice))
-    return tuple(branches)
+    return found
 
 
-def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Branch]:
+def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     ends = solver.mechanism.ends
     groups = solver.assembly.groups
     found: list[tuple[int, ...]] = []
@@ -91,12 +102,16 @@ def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Branc
     own: tuple[int, ...] | None = None
     if reference is not None:
         own = _signs_at(solver, reference)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        if search or own is None:
-            extend(solver.start(_probed(lattice)), ())
+    probes, methods = 0, tuple[Method | None, ...]([None] * len(groups))
+    if search or own is None:
+        probed = _probed(lattice)
+        probes, methods = len(probed), (CLOSED_FORM,) * len(groups)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            extend(solver.start(probed), ())
     if own is not None:
         found = [own, *(signs for signs in found if signs != own)][:MOST_BRANCHES]
-    return [Branch(number, signs) for number, signs in enumerate(found)]
+    branches = tuple(Branch(number, signs) for number, signs in enumerate(found))
+    return Found(branches, probes, methods)
 
 
 def _probed(lattice: Lattice) -> Floats:
@@ -125,7 +140,7 @@ def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
     return tuple(signs)
 
 
-def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Branch]:
+def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     driven = list(solver.driven)
     branches: list[Branch] = []
     freedoms: list[int] = []
@@ -151,12 +166,19 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Bra
         outside = np.abs(reference[driven] - middle) > half
         values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
         add(values)
+    probes = 0
+    methods: list[Method | None] = [None] * len(solver.assembly.groups)
     if search or not branches:
         rolls = any(isinstance(j, Contact) and j.rolling for j in solver.joints)
         for q in _probes(solver, lattice):
             if rolls and branches:
                 break
-            for _, values in assemblies(solver, q):
+            here = assemblies(solver, q)
+            probes += 1
+            methods = [
+                least_complete(*both) for both in zip(methods, here.methods, strict=True)
+            ]
+            for _, values in here.modes:
                 if len(branches) < MOST_BRANCHES and not _is_known(
                     solver, lattice, branches, values
                 ):
@@ -167,7 +189,7 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> list[Bra
             f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
             f"{len(driven)}; {inputs_to_declare(min(freedoms))}"
         )
-    return branches
+    return Found(tuple(branches), probes, tuple(methods))
 
 
 def _guide(solver: Solver, lattice: Lattice, values: Floats) -> Curve | Sheet | None:
@@ -191,7 +213,7 @@ def _guide(solver: Solver, lattice: Lattice, values: Floats) -> Curve | Sheet | 
 
 
 def _probes(solver: Solver, lattice: Lattice) -> Floats:
-    """Return the inputs (k, inputs) at which modes are searched for.
+    """Return the inputs (k, inputs) at which modes are looked for.
 
     Wheels mesh again after every turn, in another position of the train: those positions
     are one motion, so a mechanism with rolling pairs is assembled at the first of these
@@ -248,7 +270,7 @@ def _is_known(
             continue
         there = solver.evaluate(branch, q, row)
         placed, _ = solver.closure.place(values[None])
-        if there.status[0] in (Status.OK, Status.AT_SINGULARITY) and not _far(
+        if there.status[0] in (Status.OK, Status.AT_SINGULARITY) and not are_far(
             there.rotations[0], placed[0]
         ):
             return True
@@ -283,108 +305,58 @@ def _why_nothing_closes(solver: Solver, lattice: Lattice) -> str:
     )
 
 
-def assemblies(solver: Solver, q: Floats) -> list[tuple[tuple[int, ...], Floats]]:
-    """Return every mode found at inputs q (inputs,): dyad signs and variables.
+@final
+@dataclass(frozen=True)
+class Assemblies:
+    """The modes at one choice of the inputs.
 
-    Complete for dyads; for irreducible groups a search from random starts.
+    `modes` are dyad signs and variables of each, `methods[g]` says how the modes of
+    group g were found: the least complete way, None if none of the groups before closes.
     """
+
+    modes: tuple[tuple[tuple[int, ...], Floats], ...]
+    methods: tuple[Method | None, ...]
+
+
+def assemblies(solver: Solver, q: Floats) -> Assemblies:
+    """Return every mode found at inputs q (inputs,), and how."""
+    groups = solver.assembly.groups
     found: list[tuple[tuple[int, ...], Floats]] = []
+    methods: list[Method | None] = [None] * len(groups)
 
     def extend(state: State, signs: tuple[int, ...]) -> None:
         if len(found) >= 4 * MOST_BRANCHES:
             return
-        if len(signs) == len(solver.assembly.groups):
+        number = len(signs)
+        if number == len(groups):
             found.append((signs, state.values[0].copy()))
             return
-        for sign, grown in _grow(solver, state, solver.assembly.groups[len(signs)]):
-            extend(grown, (*signs, sign))
+        grown, method = _grown(solver, state, groups[number])
+        methods[number] = least_complete(methods[number], method)
+        for sign, further in grown:
+            extend(further, (*signs, sign))
 
     with np.errstate(invalid="ignore", divide="ignore"):
         extend(solver.start(q[None]), ())
-    return found
+    return Assemblies(tuple(found), tuple(methods))
 
 
-def _grow(solver: Solver, state: State, group: Group) -> Iterator[tuple[int, State]]:
+def _grown(
+    solver: Solver, state: State, group: Group
+) -> tuple[list[tuple[int, State]], Method]:
+    """Return the states in which a group is placed, with dyad signs, and the method."""
+    ends = solver.mechanism.ends
+    grown = []
     if group.is_dyad:
         for sign in (1, -1):
-            grown = state.copy()
-            place_dyad(grown, group, solver.mechanism.ends, sign)
-            if not grown.lost[0]:
-                yield sign, grown
-        return
-    for values in _search(solver, state, group):
-        grown = state.copy()
-        place_group(grown, group, solver.mechanism.ends, values[None])
-        yield 0, grown
-
-
-def _search(solver: Solver, state: State, group: Group) -> list[Floats]:
-    random = np.random.default_rng(20240616)
-    single = group_closure(state, group, solver.mechanism.ends)
-    low, high = _starting_range(single)
-    rolling = [variable for variable, _ in _rolling(single)]
-    modes: list[Floats] = []
-    poses: list[Floats] = []
-    dry = 0
-    for _ in range(MOST_ROUNDS):
-        starts = random.uniform(low, high, (STARTS, len(low)))
-        result = single.solve(starts, iterations=40)
-        known = len(modes)
-        good = result.values[result.residual < CLOSURE_TOLERANCE]
-        placed, states = single.place(good)
-        inside = np.all(states.inside, axis=1) & ~penetrates(single.joints, states)
-        order = np.argsort(np.sum(np.abs(good[:, rolling]), axis=1), kind="stable")
-        for row in order[inside[order]]:
-            values, pose = good[row], placed[row]
-            if any(_meshes_again(single, values, mode) for mode in modes):
-                continue
-            if all(_far(pose, other) for other in poses):
-                modes.append(values)
-                poses.append(pose)
-            if len(modes) == MOST_BRANCHES:
-                break
-        dry = dry + 1 if len(modes) == known else 0
-        if dry == 2 or len(modes) == MOST_BRANCHES:
-            break
-    return sorted(modes, key=lambda mode: [round(float(value), 6) for value in wrap(mode)])
-
-
-def _starting_range(closure: Closure) -> tuple[Floats, Floats]:
-    """Return the limits (variables,) between which random starts are drawn."""
-    low: list[float] = []
-    high: list[float] = []
-    for joint in closure.joints:
-        if isinstance(joint, Revolute):
-            low, high = [*low, -np.pi], [*high, np.pi]
-        elif joint.rolling:
-            half = 0.5 * max(joint.first.length, joint.second.length)
-            low, high = [*low, -half], [*high, half]
-        else:
-            low, high = [*low, 0.0, 0.0], [*high, joint.first.length, joint.second.length]
-    return np.array(low), np.array(high)
-
-
-def _rolling(closure: Closure) -> list[tuple[int, Contact]]:
-    """Return the variable and joint of every rolling pair."""
-    return [
-        (variable, joint)
-        for variable, pair in enumerate(closure.tree.owners)
-        if isinstance(joint := closure.joints[pair], Contact) and joint.rolling
-    ]
-
-
-def _meshes_again(closure: Closure, one: Floats, other: Floats) -> bool:
-    """Return whether two modes (variables,) differ by whole turns of rolling wheels."""
-    shifted = False
-    for variable, joint in _rolling(closure):
-        way = one[variable] - other[variable]
-        turns = [way / curve.length for curve in (joint.first, joint.second)]
-        if min(abs(turn - round(turn)) for turn in turns) > SAME_MODE:
-            return False
-        shifted |= abs(way) > SAME_MODE
-    return shifted
-
-
-def _far(one: Floats, other: Floats) -> bool:
-    """Return whether two sets of orientations (bodies, 3, 3) differ."""
-    return bool(np.max(np.abs(one - other)) > SAME_MODE)
+            further = state.copy()
+            place_dyad(further, group, ends, sign)
+            if not further.lost[0]:
+                grown.append((sign, further))
+        return grown, CLOSED_FORM
+    found, method = solutions(group, group_closure(state, group, ends))
+    for values in found:
+        further = state.copy()
+        place_group(further, group, ends, values[None])
+        grown.append((0, further))
+    return grown, method

@@ -37,6 +37,16 @@ def frame_from(axis: Floats, tangent: Floats) -> Floats:
     return np.stack([tangent, cross(axis, tangent), axis], axis=-1)
 
 
+def frame_toward(axis: Floats, other: Floats) -> Floats:
+    """Return frames (..., 3, 3) with the third column `axis`, the first toward `other`.
+
+    `axis` and `other` are unit vectors (..., 3); NaN where they lie on one line.
+    """
+    side = cross(axis, other)
+    side = side / np.linalg.norm(side, axis=-1, keepdims=True)
+    return frame_from(axis, cross(side, axis))
+
+
 def perpendicular(axis: Floats) -> Floats:
     """Return one unit vector (3,) at right angles to the unit vector `axis` (3,)."""
     helper = np.zeros(3)
@@ -107,6 +117,17 @@ def quaternion(matrix: Floats) -> Floats:
     best = np.argmax(np.where(np.isnan(four), -1.0, four), axis=1)
     chosen = rows[np.arange(len(r)), best]
     return np.asarray(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))
+
+
+def from_quaternion(quaternions: Floats) -> Floats:
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) xyzw."""
+    vector, scalar = quaternions[..., :3], quaternions[..., 3, None, None]
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    out = 2 * vector[..., :, None] * vector[..., None, :]
+    out += (2 * scalar * scalar - 1) * np.eye(3)
+    zero = np.zeros_like(x)
+    skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
+    return np.asarray(out + 2 * scalar * skew.reshape(out.shape))
 
 
 def arc(a: Floats, b: Floats) -> Floats:

@@ -1,0 +1,85 @@
+"""Telling closed configurations apart."""
+
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import EPS
+from spherekit.model.geometry import Contact
+from spherekit.motion.branches import penetrates
+from spherekit.motion.closure import Closure
+from spherekit.sphere.rotation import Floats
+
+SAME_MODE = 1e-6
+"""Closed configurations whose rotation matrices differ by less are one."""
+SAME_DEAD_CENTRE = 1e-3
+"""The same where rounding is felt most: solutions that are multiple."""
+MOST_MODES = 64
+"""Configurations of one group that are kept; where it can move there is no end of them."""
+SPREAD = 8.0
+"""Copies of one solution differ by less than this times their first-order error."""
+
+
+def are_far(one: Floats, other: Floats, tolerance: float = SAME_MODE) -> bool:
+    """Return whether two sets of orientations (bodies, 3, 3) differ."""
+    return bool(np.max(np.abs(one - other)) > tolerance)
+
+
+@final
+class Distinct:
+    """Closed configurations of one group at one sample that are pairwise different.
+
+    `values` are the variables of each. Where the loops close to second order only, at a
+    dead centre, a small gap is far from the solution: what is left of the gap and the
+    smallest singular value say how far, and others within that distance are the same.
+    So are configurations that differ by whole turns of rolling wheels. The first 64 are
+    kept.
+    """
+
+    def __init__(self, closure: Closure) -> None:
+        self.closure = closure
+        self.values: list[Floats] = []
+        self._poses: list[tuple[Floats, float]] = []
+        self._rolling = [
+            (variable, joint)
+            for variable, pair in enumerate(closure.tree.owners)
+            if isinstance(joint := closure.joints[pair], Contact) and joint.rolling
+        ]
+
+    def add(self, values: Floats) -> None:
+        """Add those of closed configurations (n, variables) that are new.
+
+        Those that have rolled least come first; those whose contacts do not exist are
+        left out.
+        """
+        placed, states = self.closure.place(values)
+        exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
+        jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
+        least = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
+        gap = np.max(np.abs(self.closure.residual(placed, states)), axis=1)
+        error = np.maximum(gap, EPS) / np.maximum(least, EPS)
+        tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
+        rolled = [variable for variable, _ in self._rolling]
+        order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
+        for row in order[exists[order]]:
+            if len(self.values) == MOST_MODES:
+                return
+            if any(self._meshes_again(values[row], mode) for mode in self.values):
+                continue
+            if all(
+                are_far(placed[row], pose, max(tolerance[row], other))
+                for pose, other in self._poses
+            ):
+                self.values.append(values[row])
+                self._poses.append((placed[row], tolerance[row]))
+
+    def _meshes_again(self, one: Floats, other: Floats) -> bool:
+        """Return whether two configurations differ by whole turns of rolling wheels."""
+        shifted = False
+        for variable, joint in self._rolling:
+            way = one[variable] - other[variable]
+            turns = [way / curve.length for curve in (joint.first, joint.second)]
+            if min(abs(turn - round(turn)) for turn in turns) > SAME_MODE:
+                return False
+            shifted |= abs(way) > SAME_MODE
+        return shifted

@@ -1,0 +1,473 @@
+"""All assembly modes of irreducible groups, against searches that share no equation.
+
+In a pose geometry with the driven angles at 0 the links of one body keep the axes of the
+reference pose, so the axes are all that the independent searches need to know.
+"""
+
+import networkx as nx
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, STEPHENSON, joints, mechanism, random_axes
+from scipy.spatial.transform import Rotation
+
+import spherekit as sk
+from spherekit.motion.branches import Solver
+from spherekit.motion.elimination import candidates
+from spherekit.motion.groups import group_closure
+from spherekit.motion.modes import assemblies
+from spherekit.motion.motion import Tracer
+from spherekit.motion.solutions import solutions
+from spherekit.planning.assembly import plan_assembly
+from spherekit.sphere.quadrics import arc_quadric, common_points, nearest_real
+from spherekit.sphere.rotation import from_quaternion
+from spherekit.sphere.trigonometric import common_angles, eliminated_degree
+
+THREE_RRR = "1-2 1-3 1-4 2-5 3-6 4-7 5-8 6-8 7-8"
+TRIAD = (STEPHENSON, ("p5_6",))
+PLATFORM = (THREE_RRR, ("p1_2", "p1_3", "p1_4"))
+BUTTERFLY, FLIER = EIGHT_BARS[8], EIGHT_BARS[5]
+
+
+def made_of(chain, driven, axes):
+    return mechanism(chain, axes).with_inputs(*driven)
+
+
+def solved(made, q=None):
+    """Return the solver, its group closure and all assemblies at inputs q, 0 by default."""
+    solver = Solver(made, plan_assembly(made))
+    q = np.zeros(len(solver.driven)) if q is None else np.asarray(q, dtype=float)
+    return solver, assemblies(solver, q)
+
+
+def alone(made):
+    """Return the only group of a mechanism and its closure with the inputs at 0."""
+    solver = Solver(made, plan_assembly(made))
+    (group,) = solver.assembly.groups
+    return group, group_closure(
+        solver.start(np.zeros((1, len(solver.driven)))), group, made.ends
+    )
+
+
+def poses(solver, found):
+    """Return orientations (modes, links, 3, 3) and closure gaps of assemblies."""
+    values = np.array([values for _, values in found.modes])
+    values = values.reshape(len(found.modes), len(solver.mechanism.variable_owners))
+    placed, states = solver.closure.place(values)
+    return placed, solver.closure.residual(placed, states)
+
+
+def multi_start(edges, driven, axes, random, starts, steps=26):
+    """Return the distinct orientations (k, bodies, 3, 3) that close the pairs.
+
+    Gauss-Newton steps from random orientations of all bodies; the equations say that
+    every axis has one direction in space. Bodies are the links joined by driven pairs.
+    """
+    names = [f"p{a}_{b}" for a, b in edges]
+    locked = nx.Graph(
+        [edge for edge, name in zip(edges, names, strict=True) if name in driven]
+    )
+    locked.add_nodes_from(link for edge in edges for link in edge)
+    bodies = sorted(nx.connected_components(locked), key=min)
+    body = {link: k for k, links in enumerate(bodies) for link in links}
+    left = [k for k, name in enumerate(names) if name not in driven]
+    first, second = np.array([[body[link] for link in edges[k]] for k in left]).T
+    u, row = axes[left, :, None], np.arange(len(left))
+    count = len(bodies)
+    turns = Rotation.random(starts * count, rng=random).as_matrix()
+    turns = turns.reshape(starts, count, 3, 3)
+    turns[:, 0] = np.eye(3)
+
+    def skew(v):
+        x, y, z = np.moveaxis(v, 2, 0)
+        rows = [[0 * x, -z, y], [z, 0 * x, -x], [-y, x, 0 * x]]
+        return np.transpose(rows, (3, 2, 0, 1))
+
+    for step in range(steps + 1):
+        one, other = (turns[:, ends] @ u for ends in (first, second))
+        gaps = (one - other)[..., 0]
+        jacobian = np.zeros((starts, len(left), 3, count, 3))
+        jacobian[:, row, :, first] -= skew(one[..., 0])
+        jacobian[:, row, :, second] += skew(other[..., 0])
+        worst = np.max(np.abs(gaps), axis=(1, 2))
+        if step == steps:
+            break
+        rows = jacobian[:, :, :, 1:].reshape(starts, 3 * len(left), -1)
+        square = np.swapaxes(rows, 1, 2) @ rows + 1e-13 * np.eye(rows.shape[2])
+        right = np.swapaxes(rows, 1, 2) @ gaps.reshape(starts, -1, 1)
+        change = -np.linalg.solve(square, right)[..., 0].reshape(starts, count - 1, 3)
+        length = np.max(np.linalg.norm(change, axis=2), axis=1)[:, None, None]
+        change *= np.minimum(1.0, 0.7 / np.maximum(length, 1e-300))
+        moved = Rotation.from_rotvec(change.reshape(-1, 3)).as_matrix()
+        turns[:, 1:] = moved.reshape(starts, count - 1, 3, 3) @ turns[:, 1:]
+    distinct = []
+    for turn in turns[worst < 1e-11]:
+        if all(np.max(np.abs(turn - other)) > 1e-5 for other in distinct):
+            distinct.append(turn)
+    return np.array(distinct).reshape(-1, count, 3, 3), [min(links) - 1 for links in bodies]
+
+
+def check_complete(chain, driven, axes, random, starts):
+    """Compare the assemblies with a search; return how many modes both have."""
+    made = made_of(chain, driven, axes)
+    solver, found = solved(made)
+    assert all(method.is_complete for method in found.methods)
+    placed, gaps = poses(solver, found)
+    assert np.max(np.abs(gaps)) < 1e-13
+    searched, links = multi_start(joints(chain), driven, axes, random, starts)
+    apart = np.max(np.abs(placed[:, None, links] - placed[None, :, links]), axis=(2, 3, 4))
+    assert np.all(apart + np.eye(len(placed)) > 1e-6)
+    for turn in searched:
+        assert np.min(np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))) < 1e-5
+    return len(placed), len(searched)
+
+
+def random_equations(random, ways):
+    """Return equations (3, 3, 3, 3) of bars across trees with random axes.
+
+    `ways[k]` are the angles that bar k spans, in order.
+    """
+    turn = np.zeros((3, 3, 3))
+    turn[0, 2, 2] = turn[1, 0, 0] = turn[1, 1, 1] = turn[2, 1, 0] = 1.0
+    turn[2, 0, 1] = -1.0
+    links = Rotation.random(6, rng=random).as_matrix().reshape(3, 2, 3, 3)
+    equations = np.zeros((3, 3, 3, 3))
+    for k, way in enumerate(ways):
+        fixed, moving = random_axes(random, 2)
+        form = fixed
+        for angle, sense in way:
+            one, other = links[angle][::sense]
+            step = turn if sense > 0 else np.swapaxes(turn, 1, 2)
+            form = np.einsum("...i,jik->...jk", form, one @ step @ other.T)
+        order = np.argsort([angle for angle, _ in way])
+        form = np.transpose(form @ moving, order)
+        held = [angle for angle, _ in way]
+        equations[k][tuple(slice(None) if a in held else 0 for a in range(3))] = form
+        equations[k, 0, 0, 0] -= random.uniform(-0.9, 0.9)
+    involves = np.array(
+        [[a in [angle for angle, _ in way] for a in range(3)] for way in ways]
+    )
+    return equations, involves
+
+
+HUB = (((0, -1), (1, 1)), ((0, -1), (2, 1)), ((1, -1), (2, 1)))
+ROW = (((0, 1), (1, 1)), ((0, -1), (2, 1)), ((1, -1), (0, -1), (2, 1)))
+CHAIN = (((0, 1), (1, 1)), ((0, 1), (1, 1), (2, 1)), ((0, 1), (1, 1), (2, 1)))
+
+
+def test_a_quadric_is_the_arc_that_a_rotation_leaves_between_two_axes():
+    random = np.random.default_rng(1)
+    fixed, moving = random_axes(random, 20), random_axes(random, 20)
+    cosine = random.uniform(-1.0, 1.0, 20)
+    turns = Rotation.random(20, rng=random)
+    q = 1.7 * turns.as_quat()
+    value = np.einsum("ni,nij,nj->n", q, arc_quadric(fixed, moving, cosine), q)
+    true = 1.7**2 * (np.sum(fixed * turns.apply(moving), axis=1) - cosine)
+    assert np.max(np.abs(value - true)) < 1e-14
+    assert np.max(np.abs(from_quaternion(turns.as_quat()) - turns.as_matrix())) < 1e-14
+
+
+def test_three_quadrics_have_eight_points():
+    random = np.random.default_rng(2)
+    axes = random_axes(random, 600).reshape(2, 100, 3, 3)
+    quadrics = arc_quadric(axes[0], axes[1], random.uniform(-1.0, 1.0, (100, 3)))
+    points = common_points(quadrics)
+    assert points.shape == (100, 8, 4)
+    values = np.einsum("npi,nkij,npj->npk", points, quadrics, points)
+    assert np.max(np.abs(values)) < 1e-11
+    phases = np.abs(np.einsum("npi,nqi->npq", points.conj(), points))
+    assert np.max(phases - np.eye(8)) < 1.0 - 1e-9
+
+
+def test_points_at_known_places_are_found():
+    """Quadrics x^2 - y^2, y^2 - z^2, z^2 - w^2: the eight sign patterns."""
+    squares = np.diag([1.0, -1.0, 0.0, 0.0]), np.diag([0.0, 1.0, -1.0, 0.0])
+    quadrics = np.array([*squares, np.diag([0.0, 0.0, 1.0, -1.0])])
+    real, imaginary = nearest_real(common_points(quadrics[None])[0])
+    assert np.max(imaginary) < 1e-13
+    assert np.max(np.abs(np.abs(real) - 0.5)) < 1e-13
+    assert len({tuple(np.sign(point / point[0])) for point in real}) == 8
+
+
+def test_quadrics_with_a_common_curve_have_no_points():
+    random = np.random.default_rng(3)
+    fixed, moving = random_axes(random, 3), random_axes(random, 3)
+    fixed[1], moving[1] = fixed[0], moving[0]
+    quadrics = arc_quadric(fixed, moving, np.array([0.3, 0.3, 0.1]))
+    assert np.all(np.isnan(common_points(quadrics[None])))
+
+
+@pytest.mark.parametrize(("ways", "count"), [(HUB, 16), (ROW, 24), (CHAIN, 32)])
+def test_eliminants_have_the_known_number_of_roots(ways, count):
+    random = np.random.default_rng(count)
+    for _ in range(20):
+        equations, involves = random_equations(random, ways)
+        assert 2 * eliminated_degree(involves) == count
+        found = common_angles(equations, involves)
+        assert not found.problem
+        assert found.excess < 1e-12
+        assert len(found.roots) == count
+        near = np.abs(np.log(np.abs(found.roots))) < 1.5
+        assert np.sum(np.abs(found.angles[:, 0].imag) < 1.5) == np.sum(near)
+        c, s = np.cos(found.angles), np.sin(found.angles)
+        x, y, z = np.moveaxis(np.stack([np.ones_like(c), c, s], axis=2), 1, 0)
+        values = np.einsum("kxyz,nx,ny,nz->nk", equations, x, y, z)
+        size = np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)
+        size *= np.linalg.norm(z, axis=1)
+        assert np.max(np.abs(values) / size[:, None]) < 1e-10
+
+
+def test_all_seven_body_groups_of_eight_bars_are_eliminated():
+    """The counts for each joint: 32 groups in 160 choices of chain and joint."""
+    random = np.random.default_rng(4)
+    roots = {}
+    for chain in EIGHT_BARS:
+        axes = random_axes(random, 10)
+        for a, b in joints(chain):
+            made = made_of(chain, (f"p{a}_{b}",), axes)
+            assembly = plan_assembly(made)
+            if len(assembly.groups[0].bodies) == 7:
+                group, closure = alone(made)
+                found = candidates(group, closure)
+                assert not found.problem
+                roots[chain, a, b] = found.roots
+    assert len(roots) == 32
+    butterfly = {joint: roots[BUTTERFLY, *joint] for joint in joints(BUTTERFLY)}
+    assert {joint for joint, count in butterfly.items() if count == 32} == {(1, 2), (4, 7)}
+    assert sorted(butterfly.values()) == [24] * 8 + [32] * 2
+    flier = {joint: roots.get((FLIER, *joint)) for joint in joints(FLIER)}
+    assert flier == {
+        (1, 2): None,
+        (1, 4): None,
+        (2, 3): None,
+        (3, 4): None,
+        (2, 7): 16,
+        (6, 7): 16,
+        (1, 5): 24,
+        (3, 8): 24,
+        (5, 6): 24,
+        (6, 8): 24,
+    }
+
+
+def test_a_search_finds_no_mode_of_a_triad_that_is_missing():
+    random = np.random.default_rng(5)
+    modes = searched = 0
+    for chain, driven in [TRIAD] * 60 + [PLATFORM] * 40:
+        axes = random_axes(random, len(joints(chain)))
+        here, there = check_complete(chain, driven, axes, random, 24)
+        modes, searched = modes + here, searched + there
+    assert searched > 0.9 * modes > 180
+
+
+@pytest.mark.parametrize(
+    ("chain", "driven", "roots"),
+    [
+        (BUTTERFLY, "p1_2", 32),
+        (BUTTERFLY, "p1_5", 24),
+        (FLIER, "p2_7", 16),
+        (FLIER, "p5_6", 24),
+    ],
+)
+def test_a_search_finds_no_mode_of_seven_bodies_that_is_missing(chain, driven, roots):
+    random = np.random.default_rng(roots)
+    modes = searched = 0
+    for _ in range(4):
+        axes = random_axes(random, 10)
+        made = made_of(chain, (driven,), axes)
+        assert str(solved(made)[1].methods[0]) == f"elimination: all {roots} complex roots"
+        here, there = check_complete(chain, (driven,), axes, random, 96)
+        modes, searched = modes + here, searched + there
+    assert searched > 0.9 * modes >= 8
+
+
+def test_dyads_before_a_triad_are_combined_with_all_its_modes():
+    random = np.random.default_rng(6)
+    axes = random_axes(random, 10)
+    _, found = solved(made_of(FLIER, ("p1_2",), axes))
+    assert [str(method) for method in found.methods] == [
+        "closed form",
+        "elimination: all 8 complex roots",
+    ]
+    here, there = check_complete(FLIER, ("p1_2",), axes, random, 256)
+    assert here == there
+
+
+@pytest.mark.parametrize(
+    ("chain", "driven"), [TRIAD, (BUTTERFLY, ("p1_5",)), (FLIER, ("p2_7",))]
+)
+def test_names_and_order_of_links_do_not_matter(chain, driven):
+    """Renumbered links, another ground, pairs in another order and turned round."""
+    random = np.random.default_rng(7)
+    edges = joints(chain)
+    axes = random_axes(random, len(edges))
+    count = len({link for edge in edges for link in edge})
+    solver, found = solved(made_of(chain, driven, axes))
+    placed, _ = poses(solver, found)
+    relative = np.swapaxes(placed[:, :1], 2, 3) @ placed
+    for _ in range(4):
+        number = dict(zip(range(1, count + 1), 1 + random.permutation(count), strict=True))
+        order = random.permutation(len(edges))
+        renamed = [tuple(int(number[link]) for link in edges[k]) for k in order]
+        renamed = [edge[:: random.choice([-1, 1])] for edge in renamed]
+        names = [f"p{a}_{b}" for a, b in edges]
+        again = [f"p{a}_{b}" for a, b in renamed]
+        driven_again = [again[list(order).index(names.index(name))] for name in driven]
+        other, same = solved(made_of(renamed, driven_again, axes[order]))
+        assert same.methods == found.methods
+        turned, _ = poses(other, same)
+        turned = turned[:, [number[link] - 1 for link in range(1, count + 1)]]
+        turned = np.swapaxes(turned[:, :1], 2, 3) @ turned
+        gaps = np.max(np.abs(turned[:, None] - relative[None]), axis=(2, 3, 4))
+        assert gaps.shape == (len(relative), len(relative))
+        assert np.max(np.min(gaps, axis=1)) < 1e-9
+
+
+def test_a_platform_on_three_legs_can_have_eight_real_modes():
+    """C. Gosselin, J. Sefrioui and M. J. Richard (1994): the bound of eight is reached."""
+    random = np.random.default_rng(8)
+    most = 0
+    for _ in range(1500):
+        axes = random_axes(random, 9)
+        group, closure = alone(made_of(*PLATFORM, axes))
+        values = candidates(group, closure).values
+        if len(values) == 8:
+            here, _ = check_complete(*PLATFORM, axes, random, 256)
+            most = max(most, here)
+            if most == 8:
+                break
+    assert most == 8
+
+
+def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
+    """Platform axes along base axes, whatever the inputs (I. Bonev et al., 2006)."""
+    solver, found = solved(sk.load("agile_eye"), np.radians([23.0, 11.0, 37.0]))
+    assert str(found.methods[0]) == "elimination: all 8 complex roots"
+    placed, gaps = poses(solver, found)
+    assert len(placed) == 8
+    assert np.max(np.abs(gaps)) < 1e-13
+    names = [pair.name for pair in solver.mechanism.pairs]
+    frames = solver.closure.frames(
+        *solver.closure.place(np.array([v for _, v in found.modes]))
+    )
+    axes = frames[..., 2]
+    along = [
+        np.abs(
+            np.sum(axes[:, names.index(f"a{k}")] * axes[:, names.index(f"c{k}")], axis=1)
+        )
+        for k in (1, 2, 3)
+    ]
+    assert np.sum(np.all(np.array(along) > 1.0 - 1e-12, axis=0)) == 4
+
+
+def test_a_platform_with_two_coincident_axes_is_two_dyads():
+    """Its common axis is one of two points; the third leg leaves two turns about it."""
+    random = np.random.default_rng(9)
+    for _ in range(10):
+        axes = random_axes(random, 9)
+        axes[7] = axes[6]
+        solver, found = solved(made_of(*PLATFORM, axes))
+        assert str(found.methods[0]) == "elimination: all 8 complex roots"
+        placed, _ = poses(solver, found)
+        a = axes[3:6]
+        cosines = np.sum(a * axes[6:9], axis=1)
+        closed = 0
+        mix = np.linalg.solve([[1.0, a[0] @ a[1]], [a[0] @ a[1], 1.0]], cosines[:2])
+        middle = mix @ a[:2]
+        normal = np.cross(a[0], a[1])
+        height = np.sqrt((1.0 - middle @ middle) / (normal @ normal))
+        across = axes[6] @ axes[8]
+        for sign in (1.0, -1.0):
+            common = middle + sign * height * normal
+            assert abs(np.linalg.norm(common) - 1.0) < 1e-12
+            reach = np.sqrt((1 - (common @ a[2]) ** 2) * (1 - across**2))
+            if abs(cosines[2] - across * (common @ a[2])) < reach:
+                closed += 2
+                here = placed[:, 7] @ axes[6]
+                assert np.sum(np.max(np.abs(here - common), axis=1) < 1e-9) == 2
+        assert len(placed) == closed
+
+
+def test_triads_with_coaxial_sliders_have_four_finite_roots_each():
+    """Two coincident axes send four of the eight common points to |q|^2 = 0."""
+    solver, found = solved(sk.load("two_dof_spm"), np.radians([18.3473, 35.3131]))
+    words = "elimination: all 8 complex roots"
+    assert [str(method) for method in found.methods] == [words, words]
+    placed, gaps = poses(solver, found)
+    assert 0 < len(placed) <= 4 * 4
+    assert np.max(np.abs(gaps)) < 1e-13
+    apart = np.max(np.abs(placed[:, None] - placed[None]), axis=(2, 3, 4))
+    assert np.min(apart + np.eye(len(placed))) > 1e-6
+
+
+def test_a_double_root_is_one_mode():
+    """The planes of the three bars share a line: the platform has a free velocity."""
+    random = np.random.default_rng(10)
+    for _ in range(10):
+        axes = random_axes(random, 9)
+        line = random_axes(random, 1)[0]
+        weights = random.uniform(0.3, 1.0, (3, 2))
+        axes[6:] = weights[:, :1] * axes[3:6] + weights[:, 1:] * line
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        solver, found = solved(made_of(*PLATFORM, axes))
+        assert found.methods[0].is_complete
+        placed, _ = poses(solver, found)
+        off = np.max(np.abs(placed[:, 7] - np.eye(3)), axis=(1, 2))
+        assert np.sum(off < 1e-3) == 1
+        assert np.min(off) < 1e-5
+        assert len(placed) % 2 == 1
+
+
+def test_a_platform_that_can_move_is_searched_and_said_to_be(monkeypatch):
+    """Two legs on the same axes are one condition: a curve of configurations."""
+    axes = random_axes(np.random.default_rng(11), 9)
+    axes[4], axes[7] = axes[3], axes[6]
+    group, closure = alone(made_of(*PLATFORM, axes))
+    found = candidates(group, closure)
+    assert "infinitely many" in found.problem
+    assert not len(found.values)
+    started = []
+    monkeypatch.setattr("spherekit.motion.solutions.search", lambda *a: started.append(a))
+    _, method = solutions(group, closure)
+    assert len(started) == 1
+    assert str(method) == "search (there are infinitely many complex solutions)"
+
+
+def test_a_bar_without_arc_is_searched_and_said_to_be():
+    axes = random_axes(np.random.default_rng(12), 9)
+    axes[6] = axes[3]
+    group, closure = alone(made_of(*PLATFORM, axes))
+    assert "arc" in candidates(group, closure).problem
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "eight_bar_07",
+            "all modes that close at one of 5 inputs; dyad: closed form; "
+            "triad: elimination: all 8 complex roots",
+        ),
+        (
+            "bevel_pair",
+            "modes found, some may be missed, at 1 input; "
+            "over-constrained group of 2 bodies: search",
+        ),
+        ("watt", "all modes of dyads that close at one of 721 inputs"),
+    ],
+)
+def test_the_summary_tells_the_method(name, words):
+    assert Tracer(sk.load(name)).search == words
+
+
+def test_no_search_is_told_too():
+    made = mechanism(STEPHENSON, random_axes(np.random.default_rng(13), 7), "p1_6")
+    words = "the mode of the reference pose; no others were looked for"
+    assert Tracer(made, search=False).search == words
+
+
+def test_modes_come_in_the_same_order_every_time():
+    made = made_of(BUTTERFLY, ("p1_5",), random_axes(np.random.default_rng(14), 10))
+    first, again = solved(made)[1], solved(made)[1]
+    assert len(first.modes) > 1
+    for (_, one), (_, other) in zip(first.modes, again.modes, strict=True):
+        assert np.array_equal(one, other)
