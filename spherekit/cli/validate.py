@@ -40,7 +40,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def check(name: str) -> dict[str, Any]:
     """Return what a mechanism or study file holds, having planned and assembled it."""
-    from spherekit.analysis.study import analyses_of
+    from spherekit.analysis.study import analyses_of, check_time
     from spherekit.files.study import load_study
     from spherekit.motion.motion import Tracer
     from spherekit.planning.poles import plans
@@ -55,6 +55,7 @@ def check(name: str) -> dict[str, Any]:
         "mobility": graph_mobility(mechanism),
     }
     if study.document is not None:
+        check_time(study)
         facts["study"] = study.name
         facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
     tracer = Tracer(mechanism)
