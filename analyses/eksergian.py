@@ -1,5 +1,6 @@
 """Eksergian's equation: equivalent inertia, generalised forces, driving torque."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
-from spherekit.analysis.scene import Primitive, Scene, Series
+from spherekit.analysis.scene import Portrait, Primitive, Scene, Series
 from spherekit.analysis.tables import (
     BRANCH,
     INPUT,
@@ -178,31 +179,59 @@ class Eksergian(AbstractAnalysis):
         return Torque(masses, forces, tau)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of the inertia with its parts, and of the torque with its parts."""
+        """Return plots of inertia, its derivative and torque, each with its parts.
+
+        With the phase portrait, where the samples are times.
+        """
         found = self.torque(batch)
+        masses = found.inertia
         names = [mass.link for mass in batch.mechanism.masses]
         loads = [load.name for load in batch.mechanism.loads]
-        swing = 0.5 * found.inertia.dB * batch.dq**2
-        curves = [("inertia", "B", found.inertia.B), ("torque", "tau", found.tau)]
+        swing = 0.5 * masses.dB * batch.dq**2
+        curves = [("inertia", "B", masses.B), ("torque", "tau", found.tau)]
+        curves.append(("derivative", "dB/dq", masses.dB))
         for k, link in enumerate(names):
-            curves.append(("inertia", f"link {link}", found.inertia.B_parts[:, k]))
+            curves.append(("inertia", f"link {link}", masses.B_parts[:, k]))
+            curves.append(("derivative", f"link {link}", masses.dB_parts[:, k]))
+        if batch.timed:
+            curves.append(("torque", "acceleration", masses.B * batch.ddq))
         curves.append(("torque", "inertia", swing))
         for k, load in enumerate(loads):
             curves.append(("torque", f"against {load}", -found.forces[:, k]))
-        titles = {"inertia": "equivalent inertia, kg m2", "torque": "driving torque, N m"}
+        titles = {
+            "inertia": "equivalent inertia, kg m2",
+            "derivative": "its derivative by q, kg m2/rad",
+            "torque": "driving torque, N m",
+        }
         scenes = []
         for number, rows in batch.branch_rows().items():
             parts: list[Primitive] = [
                 Series(
-                    f"plots/{group}/{label.replace(' ', '_')}",
+                    f"plots/{group}/{re.sub(r'[ /]', '_', label)}",
                     label,
                     titles[group],
                     values[rows],
                 )
                 for group, label, values in curves
             ]
+            if batch.timed:
+                parts.append(_phase_portrait(batch, rows))
             scenes.append(Scene(number, tuple(parts)))
         return tuple(scenes)
+
+
+def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
+    q, dq = batch.q[rows], batch.dq[rows]
+    return Portrait(
+        "plots/phase_portrait",
+        "phase portrait",
+        q,
+        dq,
+        "q, rad",
+        "dq, rad/s",
+        (float(np.min(q)), float(np.max(q))),
+        (float(np.min(dq)), float(np.max(dq))),
+    )
 
 
 def _repeated(columns: dict[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:

@@ -153,11 +153,13 @@ class Listener:
     def __init__(self):
         self.rows, self.paths, self.when = {}, set(), []
 
-    def start(self, scenes, inputs, *, branches=None, properties=None, focus=None):
+    def start(
+        self, scenes, inputs, *, branches=None, properties=None, focus=None, times=None
+    ):
         self.inputs, self.branches, self.focus = inputs, branches, focus
         self.still = [p.path for scene in scenes for p in scene.primitives]
 
-    def log(self, scene, samples, inputs=None):
+    def log(self, scene, samples, inputs=None, times=None):
         self.when.append(len(samples))
         for primitive in scene.primitives:
             self.paths.add(primitive.path)

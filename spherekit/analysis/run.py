@@ -255,7 +255,9 @@ def run(
             if item.poles
         )
         if recorder is not None:
-            _log(recorder, motion_scenes(motion, shapes), motion, course.timed)
+            _log(
+                recorder, motion_scenes(motion, shapes, course.timed), motion, course.timed
+            )
         for analysis, what in zip(chosen, own, strict=True):
             attempt(analysis, what, motion, found)
         motions.append(motion)

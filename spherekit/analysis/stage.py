@@ -6,7 +6,7 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.analysis.scene import Body, Graph, Scene, Text
+from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
 from spherekit.conventions import listing
 from spherekit.model.geometry import Contact, geometry_of, link_axes
 from spherekit.model.graph import layout
@@ -48,8 +48,13 @@ def static_scene(plans: Sequence[Plan], shapes: list[Shape]) -> Scene:
     return Scene(None, (ground, _graph(mechanism), _text(plans)))
 
 
-def motion_scenes(motion: Motion, shapes: list[Shape]) -> tuple[Scene, ...]:
-    """Return the turning links of every branch of a block."""
+def motion_scenes(
+    motion: Motion, shapes: list[Shape], timed: bool = False
+) -> tuple[Scene, ...]:
+    """Return the turning links of every branch of a block.
+
+    With plots of the pairs' variables over time if the samples are times.
+    """
     mechanism = motion.mechanism
     turns = {k: motion.quaternions(k) for k in range(1, len(mechanism.links))}
     scenes = []
@@ -58,8 +63,18 @@ def motion_scenes(motion: Motion, shapes: list[Shape]) -> tuple[Scene, ...]:
         bodies = [
             _body(mechanism, shapes, link, turn[rows]) for link, turn in turns.items()
         ]
-        scenes.append(Scene(branch.number, tuple(bodies)))
+        plots = _variables(motion, rows) if timed else []
+        scenes.append(Scene(branch.number, (*bodies, *plots)))
     return tuple(scenes)
+
+
+def _variables(motion: Motion, rows: slice) -> list[Series]:
+    return [
+        Series(f"plots/variable/{name}", name, "pair variables, rad", values[rows])
+        for name, values in zip(
+            motion.mechanism.variable_names, motion.values.T, strict=True
+        )
+    ]
 
 
 def _body(

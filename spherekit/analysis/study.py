@@ -4,7 +4,7 @@ import os
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import MISSING
+from dataclasses import MISSING, replace
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -15,9 +15,11 @@ from spherekit.analysis.registry import load
 from spherekit.analysis.result import RunResult
 from spherekit.analysis.run import DEFAULT_TOLERANCE, Progress, Recorder, run
 from spherekit.conventions import listing, nearest
-from spherekit.errors import PluginError, SpherekitError
+from spherekit.dynamics.start import DRIVE
+from spherekit.errors import ModelError, PluginError, SpherekitError
 from spherekit.files.check import mismatch, shown
 from spherekit.files.study import Study, load_study
+from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import time_fault
 from spherekit.motion.motion import DEFAULT_SAMPLES
 from spherekit.planning.inputs import driven_pairs
@@ -91,6 +93,12 @@ def check_time(study: Study) -> None:
     fault = time_fault(inputs, study.laws, study.duration, study.start, study.torque)
     if fault is not None:
         raise study.fault(*fault)
+    if study.torque is not None:
+        drive = PairTorque(DRIVE, inputs[0], study.torque)
+        try:
+            replace(study.mechanism, loads=(*study.mechanism.loads, drive))
+        except ModelError as problem:
+            raise study.fault(("start", "torque"), str(problem)) from None
     if study.duration is None:
         return
     if study.path is not None:

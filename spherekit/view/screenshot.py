@@ -11,9 +11,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Literal
 
+import numpy as np
+
 from spherekit.errors import OutputError
 from spherekit.view.sdk import RrdReader, ViewerClient
-from spherekit.view.timelines import SAMPLE, input_scale
+from spherekit.view.timelines import SAMPLE, TIME, input_scale
 
 START_TIMEOUT = 30.0
 LOAD_TIMEOUT = 60.0
@@ -61,7 +63,11 @@ def screenshot(
         client.open(str(recording.resolve()))
         timelines = _loaded(client, recording)
         timeline, tick = _cursor(timelines, sample, input_deg, recording)
-        client.set_time(timeline, sequence=tick, play_state="paused")
+        if timeline == TIME:
+            when = np.timedelta64(tick, "ns")
+            client.set_time(timeline, duration=when, play_state="paused")
+        else:
+            client.set_time(timeline, sequence=tick, play_state="paused")
         state = client.get_state()
         troubles = [report.summary for each in state.views for report in each.reports]
         if troubles:
@@ -105,7 +111,7 @@ def _cursor(
     input_deg: float | None,
     recording: Path,
 ) -> tuple[str, int]:
-    """Return the timeline and the time on it that were asked for."""
+    """Return the timeline and the time on it that were asked for, in ns on `TIME`."""
     scales = {name: input_scale(name) for name in timelines}
     inputs = [(name, scale) for name, scale in scales.items() if scale is not None]
     if sample is None and input_deg is not None:
@@ -115,6 +121,9 @@ def _cursor(
         return name, round(input_deg * scale)
     if SAMPLE not in timelines:
         raise OutputError(f"{recording} has no timeline named {SAMPLE}")
+    if TIME in timelines:
+        at_first = timelines[TIME]
+        return TIME, at_first if sample is None else _tick(recording, TIME, sample)
     if not inputs:
         return SAMPLE, timelines[SAMPLE] if sample is None else sample
     name = inputs[0][0]
@@ -122,7 +131,7 @@ def _cursor(
 
 
 def _tick(recording: Path, timeline: str, sample: int) -> int:
-    """Return the time on the input timeline, by which plots are laid out, at a sample."""
+    """Return the time at a sample on the timeline by which plots are laid out."""
     samples: set[int] = set()
     for chunk in RrdReader(str(recording)).stream():
         if chunk.is_static:
@@ -132,7 +141,7 @@ def _tick(recording: Path, timeline: str, sample: int) -> int:
             continue
         numbers = batch.column(SAMPLE).to_pylist()
         if sample in numbers:
-            return int(batch.column(timeline).to_pylist()[numbers.index(sample)])
+            return int(batch.column(timeline).cast("int64")[numbers.index(sample)].as_py())
         samples.update(numbers)
     known = f"{min(samples)} to {max(samples)}" if samples else "none"
     raise OutputError(f"{recording} has no sample {sample}; its samples: {known}")
