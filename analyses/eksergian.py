@@ -188,26 +188,26 @@ class Eksergian(AbstractAnalysis):
         names = [mass.link for mass in batch.mechanism.masses]
         loads = [load.name for load in batch.mechanism.loads]
         swing = 0.5 * masses.dB * batch.dq**2
-        curves = [("inertia", "B", masses.B), ("torque", "tau", found.tau)]
-        curves.append(("derivative", "dB/dq", masses.dB))
+        curves = [("inertia", "B", masses.B), ("derivative", "dB/dq", masses.dB)]
         for k, link in enumerate(names):
             curves.append(("inertia", f"link {link}", masses.B_parts[:, k]))
             curves.append(("derivative", f"link {link}", masses.dB_parts[:, k]))
+        curves.append(("torque", "tau", found.tau))
         if batch.timed:
-            curves.append(("torque", "acceleration", masses.B * batch.ddq))
-        curves.append(("torque", "inertia", swing))
+            curves.append(("torque", "B ddq", masses.B * batch.ddq))
+        curves.append(("torque", "dB/dq dq²/2", swing))
         for k, load in enumerate(loads):
             curves.append(("torque", f"against {load}", -found.forces[:, k]))
         titles = {
             "inertia": "equivalent inertia, kg m2",
-            "derivative": "its derivative by q, kg m2/rad",
+            "derivative": "dB/dq, kg m2/rad",
             "torque": "driving torque, N m",
         }
         scenes = []
         for number, rows in batch.branch_rows().items():
             parts: list[Primitive] = [
                 Series(
-                    f"plots/{group}/{re.sub(r'[ /]', '_', label)}",
+                    f"plots/{group}/{re.sub(r'[^A-Za-z0-9]+', '_', label)}",
                     label,
                     titles[group],
                     values[rows],

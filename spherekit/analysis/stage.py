@@ -69,12 +69,15 @@ def motion_scenes(
 
 
 def _variables(motion: Motion, rows: slice) -> list[Series]:
-    return [
-        Series(f"plots/variable/{name}", name, "pair variables, rad", values[rows])
-        for name, values in zip(
-            motion.mechanism.variable_names, motion.values.T, strict=True
-        )
-    ]
+    """Return plots of the variables, with a gap where an angle passes a whole turn."""
+    plots = []
+    for name, values in zip(
+        motion.mechanism.variable_names, motion.values[rows].T, strict=True
+    ):
+        jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
+        shown = np.where(jumps, np.nan, values)
+        plots.append(Series(f"plots/variable/{name}", name, "pair variables, rad", shown))
+    return plots
 
 
 def _body(

@@ -19,6 +19,9 @@ TURN_SECONDS = 12.0
 TRAIL = 24
 """Recent samples shown as dots behind a pole."""
 
+LEGEND_SHARE = 0.4
+"""Where modes are compared, the long legends stand beside the curves: so much of them."""
+
 EYE_DISTANCE = 3.0
 EYE_ASIDE = 0.3
 """Tangent of the angle between the eye's direction and the middle of the mechanism."""
@@ -190,17 +193,18 @@ class Layout:
             origin=self.root,
             contents=[f"+ {entry.path}" for entry in series],
             name=group,
-            axis_x=self._axis(),
+            axis_x=self._axis(LEGEND_SHARE if mixed else 0.0),
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
             background=rrb.archetypes.PlotBackground(color=colours.BACKGROUND),
             overrides=overrides,
         )
 
-    def _axis(self) -> rrb.TimeAxis | None:
+    def _axis(self, beyond: float) -> rrb.TimeAxis | None:
+        """Return the axis over the whole span, and a share of it beyond its end."""
         if self.span is None:
             return None
         first, last = self.span
-        last = max(last, first + (self.step or 1))
+        last = max(last, first + (self.step or 1)) + beyond * (last - first)
         view_range = rr.TimeRange(
             start=rr.TimeRangeBoundary.absolute(**self._ticks(self.timeline, first)),
             end=rr.TimeRangeBoundary.absolute(**self._ticks(self.timeline, last)),

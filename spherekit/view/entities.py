@@ -281,12 +281,12 @@ def _still_portrait(portrait: Portrait) -> Iterator[Still]:
         ),
     )
     words = {
-        (0.0, -0.05): f"{left:.4g}",
-        (0.5, -0.05): portrait.x_label,
-        (1.0, -0.05): f"{right:.4g}",
-        (-0.07, 0.0): f"{low:.4g}",
-        (-0.07, 0.5): portrait.y_label,
-        (-0.07, 1.0): f"{high:.4g}",
+        (0.05, -0.07): f"{left:.4g}",
+        (0.5, -0.07): portrait.x_label,
+        (1.0, -0.07): f"{right:.4g}",
+        (-0.09, 0.04): f"{low:.4g}",
+        (-0.12, 0.5): portrait.y_label,
+        (-0.09, 1.0): f"{high:.4g}",
     }
     yield (
         "words",

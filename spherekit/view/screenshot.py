@@ -5,7 +5,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import IO, Literal
 
 import numpy as np
 
+from spherekit.conventions import listing, nearest
 from spherekit.errors import OutputError
 from spherekit.view.sdk import RrdReader, ViewerClient
 from spherekit.view.timelines import SAMPLE, TIME, input_scale
@@ -37,6 +38,7 @@ def screenshot(
     input_deg: float | None = None,
     view: Literal["all", "3D"] = "all",
     size: tuple[int, int] = (1600, 1000),
+    front: Sequence[str] = (),
 ) -> Path:
     """Write a PNG of a recording at one sample, or at one input angle.
 
@@ -52,6 +54,8 @@ def screenshot(
         The whole window, or only the 3D view of the page in front.
     size : (width, height)
         Size of the window in points; the picture may have two pixels to a point.
+    front : sequence of str, optional
+        Titles of pages and tabs to bring to the front, such as ``Compare``.
 
     """
     recording, picture = Path(recording), Path(picture)
@@ -62,6 +66,8 @@ def screenshot(
     with _viewer(size) as client:
         client.open(str(recording.resolve()))
         timelines = _loaded(client, recording)
+        if front:
+            _bring_forward(client, recording, front)
         timeline, tick = _cursor(timelines, sample, input_deg, recording)
         if timeline == TIME:
             when = np.timedelta64(tick, "ns")
@@ -80,6 +86,35 @@ def screenshot(
     except OSError as error:
         raise OutputError(f"cannot write {picture}: {error.strerror}") from error
     return picture
+
+
+def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str]) -> None:
+    """Make the pages and tabs of these titles the active ones."""
+    parts = client.get_blueprint().blueprint
+    named: dict[str, list[str]] = {}
+    for path, fields in parts.items():
+        for values in fields.values():
+            if "display_name" in values:
+                named.setdefault(values["display_name"], []).append(path.strip("/"))
+    tabs = [
+        fields["ContainerBlueprint"]
+        for fields in parts.values()
+        if fields.get("ContainerBlueprint", {}).get("container_kind") == "Tabs"
+    ]
+    hidden = {path for tab in tabs for path in tab["contents"]}
+    for title in titles:
+        wanted = hidden.intersection(named.get(title, ()))
+        if not wanted:
+            known = [name for name, paths in named.items() if hidden.intersection(paths)]
+            raise OutputError(
+                f'{recording} has no tab "{title}"{nearest(title, known) or ";"} Tabs: '
+                f"{listing(map(repr, sorted(known)))}"
+            )
+        for tab in tabs:
+            tab["active_tab"] = next(
+                (path for path in tab["contents"] if path in wanted), tab["active_tab"]
+            )
+    client.set_blueprint(parts, "recording")
 
 
 def _settled(client: ViewerClient, view_id: str | None) -> bytes:
