@@ -19,7 +19,7 @@ TURN_SECONDS = 12.0
 TRAIL = 24
 """Recent samples shown as dots behind a pole."""
 
-LEGEND_SHARE = 0.4
+LEGEND_SHARE = 0.5
 """Where modes are compared, the long legends stand beside the curves: so much of them."""
 
 EYE_DISTANCE = 3.0
