@@ -309,7 +309,8 @@ def _continuous_signs(
     grid of inputs it points to that side throughout.
 
     At a dead centre of the input w, which is per unit rate of the input, reverses through
-    infinity, and only w times the sense of the input is continuous.
+    infinity, and only w times the sense of the input is continuous. Where w is not finite
+    the direction follows its neighbour.
     """
     single = motion.inputs.shape[1] == 1
     way = motion.q if single else motion.sample.astype(float)
@@ -317,12 +318,13 @@ def _continuous_signs(
     signs = np.ones(unit.shape[1])
     for number, branch in enumerate(motion.branches):
         rows = slice(number * motion.samples, (number + 1) * motion.samples)
-        u = unit[:, rows]
-        good = np.flatnonzero(np.all(np.isfinite(u), axis=0))
+        known = np.all(np.isfinite(unit[:, rows]), axis=0)
+        moved = known if w is None else known & np.all(np.isfinite(w[:, rows]), axis=0)
+        good = np.flatnonzero(moved)
         if not len(good):
             continue
         t = way[rows][good]
-        u = u[:, good]
+        u = unit[:, rows][:, good]
         if w is not None and dw is not None:
             here = sense[rows][good]
             along = np.where(rate[rows][good] * here < 0.0, -1.0, 1.0)
@@ -353,6 +355,10 @@ def _continuous_signs(
             chain = np.cumprod(np.append(side, _flips(t, here, v, dv)))
         signs[rows.start + good] = chain * along
         memory.last[key] = _Last(t[-1:], here[-1:], v[:, -1:], dv[:, -1:], float(chain[-1]))
+        for row in np.flatnonzero(known & ~moved):
+            near = rows.start + good[np.argmin(np.abs(good - row))]
+            beside = signs[near] * unit[:, near] @ unit[:, rows.start + row]
+            signs[rows.start + row] = -1.0 if beside < 0.0 else 1.0
     return signs
 
 
