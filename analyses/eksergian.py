@@ -1,5 +1,6 @@
 """Eksergian's equation: equivalent inertia, generalised forces, driving torque."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
@@ -8,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
-from spherekit.analysis.scene import Primitive, Scene, Series
+from spherekit.analysis.scene import Portrait, Primitive, Scene, Series
 from spherekit.analysis.tables import (
     BRANCH,
     INPUT,
     RESIDUAL,
     SAMPLE,
     STATUS,
+    TIME,
     Column,
     Table,
     TableData,
@@ -28,17 +30,12 @@ from spherekit.model.mechanism import Mechanism
 
 Floats = NDArray[np.float64]
 
-TIME = Column("t", "s", "time, from 0 at the end of the range where the motion starts")
-
 
 @final
 @dataclass(frozen=True)
 class Torque:
     """The inverse problem at n rows: inertia, loads and the torque `tau` (n,), N m."""
 
-    t: Floats
-    dq: Floats
-    ddq: Floats
     inertia: Inertia
     forces: Floats
     tau: Floats
@@ -47,10 +44,10 @@ class Torque:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Eksergian(AbstractAnalysis):
-    """Driving torque of an input that turns at a constant `speed` (rad/s).
+    """Torque that drives the input as it moves: by its law, or else at 1 rad/s.
 
-    A negative speed runs through the range from its end. `at` is the pair where the
-    torque acts that drives the mechanism; by default the input.
+    For a motion that follows from its loads, the torque that acts at the input beside
+    them. `at` is the pair where the torque acts; by default the input.
     """
 
     name: ClassVar[str] = "eksergian"
@@ -107,15 +104,10 @@ class Eksergian(AbstractAnalysis):
         ),
     )
 
-    speed: float = 1.0
     at: str = ""
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return rates of the links with mass, and what the loads depend on."""
-        if not (np.isfinite(self.speed) and self.speed != 0.0):
-            raise AnalysisError(
-                f"eksergian: speed is {self.speed} rad/s; give a finite one other than 0"
-            )
         need_terms(mechanism)
         links = frozenset(mass.link for mass in mechanism.masses)
         links |= used_links(mechanism, mechanism.loads)
@@ -125,6 +117,7 @@ class Eksergian(AbstractAnalysis):
                 f"eksergian: at: pair {self.at} is a contact, not an R pair"
             )
         return Needs(
+            time=True,
             derivatives=True,
             link_rates=links,
             rotations=links,
@@ -142,10 +135,10 @@ class Eksergian(AbstractAnalysis):
         return {
             "eksergian": {
                 **common,
-                "t": found.t,
+                "t": batch.t,
                 "q": batch.q,
-                "dq": found.dq,
-                "ddq": found.ddq,
+                "dq": batch.dq,
+                "ddq": batch.ddq,
                 "B": found.inertia.B,
                 "dB_dq": found.inertia.dB,
                 "Q": np.sum(found.forces, axis=1),
@@ -161,10 +154,10 @@ class Eksergian(AbstractAnalysis):
                 "status": np.repeat(batch.status, len(links)),
             },
             "loads": {
-                **_repeated({**common, "t": found.t, "q": batch.q}, len(loads)),
+                **_repeated({**common, "t": batch.t, "q": batch.q}, len(loads)),
                 "load": np.tile(np.array(loads, dtype=str), len(batch)),
                 "Q": found.forces.ravel(),
-                "power": (found.forces * found.dq[:, None]).ravel(),
+                "power": (found.forces * batch.dq[:, None]).ravel(),
                 "status": np.repeat(batch.status, len(loads)),
             },
         }
@@ -172,47 +165,73 @@ class Eksergian(AbstractAnalysis):
     def torque(self, batch: Batch) -> Torque:
         """Return inertia, generalised forces and driving torque of a batch."""
         mechanism = batch.mechanism
-        driven = mechanism.inputs[0]
-        t = (batch.q - (driven.start if self.speed > 0.0 else driven.stop)) / self.speed
-        dq, ddq = np.full(len(batch), self.speed), np.zeros(len(batch))
         motion = _motion(batch)
         masses = inertia(mechanism, motion)
-        forces = Loads(mechanism).parts(motion, dq, t)
-        tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
+        forces = Loads(mechanism).parts(motion, batch.dq, batch.t)
+        Q = np.sum(forces, axis=1)
+        tau = driving_torque(masses.B, masses.dB, Q, batch.dq, batch.ddq)
         failed = batch.status != 0
         for array in (masses.B_parts, masses.dB_parts, forces, tau):
             array[failed] = np.nan
         if self.at:
             with np.errstate(divide="ignore", invalid="ignore"):
                 tau = tau / batch.pair_rate(self.at)
-        return Torque(t, dq, ddq, masses, forces, tau)
+        return Torque(masses, forces, tau)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of the inertia with its parts, and of the torque with its parts."""
+        """Return plots of inertia, its derivative and torque, each with its parts.
+
+        With the phase portrait, where the samples are times.
+        """
         found = self.torque(batch)
+        masses = found.inertia
         names = [mass.link for mass in batch.mechanism.masses]
         loads = [load.name for load in batch.mechanism.loads]
-        swing = 0.5 * found.inertia.dB * found.dq**2
-        curves = [("inertia", "B", found.inertia.B), ("torque", "tau", found.tau)]
+        swing = 0.5 * masses.dB * batch.dq**2
+        curves = [("inertia", "B", masses.B), ("derivative", "dB/dq", masses.dB)]
         for k, link in enumerate(names):
-            curves.append(("inertia", f"link {link}", found.inertia.B_parts[:, k]))
-        curves.append(("torque", "inertia", swing))
+            curves.append(("inertia", f"link {link}", masses.B_parts[:, k]))
+            curves.append(("derivative", f"link {link}", masses.dB_parts[:, k]))
+        curves.append(("torque", "tau", found.tau))
+        if batch.timed:
+            curves.append(("torque", "B ddq", masses.B * batch.ddq))
+        curves.append(("torque", "dB/dq dq²/2", swing))
         for k, load in enumerate(loads):
             curves.append(("torque", f"against {load}", -found.forces[:, k]))
-        titles = {"inertia": "equivalent inertia, kg m2", "torque": "driving torque, N m"}
+        titles = {
+            "inertia": "equivalent inertia, kg m2",
+            "derivative": "dB/dq, kg m2/rad",
+            "torque": "driving torque, N m",
+        }
         scenes = []
         for number, rows in batch.branch_rows().items():
             parts: list[Primitive] = [
                 Series(
-                    f"plots/{group}/{label.replace(' ', '_')}",
+                    f"plots/{group}/{re.sub(r'[^A-Za-z0-9]+', '_', label)}",
                     label,
                     titles[group],
                     values[rows],
                 )
                 for group, label, values in curves
             ]
+            if batch.timed:
+                parts.append(_phase_portrait(batch, rows))
             scenes.append(Scene(number, tuple(parts)))
         return tuple(scenes)
+
+
+def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
+    q, dq = batch.q[rows], batch.dq[rows]
+    return Portrait(
+        "plots/phase_portrait",
+        "phase portrait",
+        q,
+        dq,
+        "q, rad",
+        "dq, rad/s",
+        (float(np.min(q)), float(np.max(q))),
+        (float(np.min(dq)), float(np.max(dq))),
+    )
 
 
 def _repeated(columns: dict[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:
@@ -228,8 +247,10 @@ def _motion(batch: Batch) -> CoordinateMotion:
     samples = n // max(len(batch.branch_rows()), 1)
     for pair in needs.pair_values:
         (number,) = mechanism.variables_of(mechanism.pair_number[pair])
-        angle = batch.pair_value(pair)
-        values[:, number] = continued_angles(angle, samples)
+        if pair == batch.moved_pairs[0]:
+            values[:, number] = batch.q
+        else:
+            values[:, number] = continued_angles(batch.pair_value(pair), samples)
         rates[:, number] = batch.pair_rate(pair)
     turns = np.full((n, links, 3, 3), np.nan)
     w, dw = np.full((n, links, 3), np.nan), np.full((n, links, 3), np.nan)

@@ -166,7 +166,7 @@ def test_plugin_tutorial_has_a_scene(folder):
         def start(self, scenes, inputs, **words):
             pass
 
-        def log(self, scene, samples, inputs=None):
+        def log(self, scene, samples, inputs=None, times=None):
             seen.extend((item.path, len(samples)) for item in scene.primitives)
 
     sk.run(sk.load("four_bar"), cls(link="4"), samples=5, recorder=Listener())

@@ -19,7 +19,7 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.reduced import reduced
 from spherekit.dynamics.start import PoseStart, prepare
-from spherekit.errors import AnalysisError, ModelError, SolveError, SpherekitError
+from spherekit.errors import ModelError, SolveError, SpherekitError
 from spherekit.model.dynamics import (
     Damper,
     Friction,
@@ -655,9 +655,6 @@ def test_bad_input_is_refused_before_anything_is_integrated(four_bar):
     for times in ([0.0, 1.0, 0.5], [0.0, np.nan]):
         with pytest.raises(SolveError, match="increase"):
             inverse_dynamics(four_bar, ConstantSpeed(1.0), times)
-    for speed in (0.0, np.nan):
-        with pytest.raises(AnalysisError, match="speed"):
-            sk.run(four_bar, Eksergian(speed=speed), samples=3)
 
 
 def test_samples_at_a_dead_centre_of_the_input_have_a_status_not_a_value(four_bar):

@@ -155,13 +155,21 @@ class Listener:
         self.rows, self.paths, self.when = {}, set(), []
 
     def start(
-        self, scenes, inputs, *, branches=None, properties=None, focus=None, row=None
+        self,
+        scenes,
+        inputs,
+        *,
+        branches=None,
+        properties=None,
+        focus=None,
+        row=None,
+        times=None,
     ):
         self.inputs, self.branches, self.focus = inputs, branches, focus
         self.row = row
         self.still = [p.path for scene in scenes for p in scene.primitives]
 
-    def log(self, scene, samples, inputs=None):
+    def log(self, scene, samples, inputs=None, times=None):
         self.when.append(len(samples))
         for primitive in scene.primitives:
             self.paths.add(primitive.path)

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import Table, TableData
 from spherekit.conventions import Status
-from spherekit.errors import UndeclaredNeed
+from spherekit.errors import SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
+from spherekit.motion.timing import Timing
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.field import PoleField
 from spherekit.sphere.rotation import Floats
@@ -39,7 +40,8 @@ class Needs:
     `planes`: poles whose two great circles are wanted. `link_rates`: links whose angular
     velocity per unit rate of the input is wanted, `pair_rates`: pairs whose variable's
     rate is; with `derivatives`, also the derivative of the former. `pair_values`,
-    `rotations`: pairs and links. All four by name.
+    `rotations`: pairs and links. All four by name. `time`: when the rows happen, with
+    the rates and accelerations of the inputs.
     """
 
     directions: frozenset[Pole] = frozenset()
@@ -50,6 +52,7 @@ class Needs:
     rotations: frozenset[str] = frozenset()
     link_rates: frozenset[str] = frozenset()
     pair_rates: frozenset[str] = frozenset()
+    time: bool = False
 
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together."""
@@ -62,6 +65,7 @@ class Needs:
             self.rotations | other.rotations,
             self.link_rates | other.link_rates,
             self.pair_rates | other.pair_rates,
+            self.time or other.time,
         )
 
 
@@ -73,6 +77,8 @@ class Batch:
     Rows run branch after branch, in each the samples in order; failed rows hold NaN.
     `plans` has one plan for each input, which moves alone with the others locked; where
     a method takes `moved`, it is the position of that input, the first by default.
+    `timed` says that the samples are times, by a law or from a start; without it an
+    input that turns at 1 rad/s gives them their time.
     """
 
     mechanism: Mechanism
@@ -80,6 +86,7 @@ class Batch:
     needs: Needs
     _motion: Motion
     _fields: tuple[PoleField, ...] = field(repr=False)
+    timed: bool = False
 
     def __len__(self) -> int:
         return len(self._motion)
@@ -108,6 +115,31 @@ class Batch:
     def inputs(self) -> Floats:
         """(n, inputs) variables of the driven pairs, rad."""
         return self._motion.inputs
+
+    @property
+    def t(self) -> Floats:
+        """(n,) time, s."""
+        return self._timing.t
+
+    @property
+    def dq(self) -> Floats:
+        """(n,) rate of the driven pair, rad/s; `SolveError` with several inputs."""
+        return self._single(self._timing.dq)
+
+    @property
+    def ddq(self) -> Floats:
+        """(n,) its acceleration, rad/s2; `SolveError` with several inputs."""
+        return self._single(self._timing.ddq)
+
+    @property
+    def input_rates(self) -> Floats:
+        """(n, inputs) rates of the driven pairs, rad/s."""
+        return self._timing.dq
+
+    @property
+    def input_accelerations(self) -> Floats:
+        """(n, inputs) accelerations of the driven pairs, rad/s2."""
+        return self._timing.ddq
 
     @property
     def residual(self) -> Floats:
@@ -209,6 +241,20 @@ class Batch:
                 "Needs(link_rates=...)"
             )
         return values[self.mechanism.link_number[link]]
+
+    @property
+    def _timing(self) -> Timing:
+        if not self.needs.time or self._motion.timing is None:
+            raise UndeclaredNeed("time was read; declare Needs(time=True)")
+        return self._motion.timing
+
+    def _single(self, columns: Floats) -> Floats:
+        if columns.shape[1] != 1:
+            raise SolveError(
+                f"{self.mechanism.name} has {columns.shape[1]} inputs; read input_rates "
+                "or input_accelerations"
+            )
+        return columns[:, 0]
 
     def _found(self, moved: int) -> PoleField:
         if not self._fields:

@@ -1,18 +1,17 @@
 """Finding analyses: entry points are listed without importing, loaded on request."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import MISSING, dataclass, fields
+from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, final, get_args, get_origin, get_type_hints
+from typing import Any, final
 
+from spherekit.analysis.arguments import given_in
 from spherekit.analysis.contract import CONTRACT, AbstractAnalysis
 from spherekit.conventions import NAME_PATTERN, listing, nearest
 from spherekit.errors import AnalysisError, PluginError
 
 GROUP = "spherekit.analyses"
-_SWITCHES = {"true": True, "1": True, "false": False, "0": False}
 
 
 @final
@@ -130,22 +129,6 @@ def _check(name: str, origin: str, cls: Any) -> None:
         refuse(f"methods missing: {listing(sorted(cls.__abstractmethods__))}")
 
 
-def parameters(cls: type[AbstractAnalysis]) -> dict[str, tuple[str, Any]]:
-    """Return each parameter's type as text and default (`MISSING` if it has none)."""
-    hints = get_type_hints(cls)
-    found: dict[str, tuple[str, Any]] = {}
-    for item in fields(cls):  # type: ignore[arg-type]
-        hint = hints[item.name]
-        shown = (
-            getattr(hint, "__name__", str(hint)) if get_origin(hint) is None else str(hint)
-        )
-        default = item.default
-        if item.default_factory is not MISSING:
-            default = item.default_factory()
-        found[item.name] = (shown, default)
-    return found
-
-
 def create(request: str) -> AbstractAnalysis:
     """Return an analysis from ``NAME`` or ``NAME:key=value,key=value``.
 
@@ -154,56 +137,4 @@ def create(request: str) -> AbstractAnalysis:
     """
     name, _, text = request.partition(":")
     cls = load(name)
-    allowed = parameters(cls)
-    hints = get_type_hints(cls)
-    given: dict[str, Any] = {}
-    for part in filter(None, text.split(",")):
-        key, equals, value = part.partition("=")
-        if key not in allowed or not equals:
-            hint = nearest(key, allowed) or ";"
-            raise AnalysisError(
-                f'{name}: "{part}" is no parameter{hint} Allowed: '
-                + (listing(f"{k}={shown}" for k, (shown, _) in allowed.items()) or "none")
-            )
-        given[key] = _convert(name, key, value, hints[key])
-    missing = [
-        k for k, (_, default) in allowed.items() if default is MISSING and k not in given
-    ]
-    if missing:
-        raise AnalysisError(f"{name}: parameters missing: {listing(missing)}")
-    return cls(**given)
-
-
-def _convert(name: str, key: str, text: str, hint: Any) -> Any:
-    try:
-        return _read(text, hint)
-    except ValueError:
-        raise AnalysisError(
-            f'{name}: parameter {key}: "{text}" is not a value of type '
-            f"{getattr(hint, '__name__', hint)}"
-        ) from None
-
-
-def _read(text: str, hint: Any) -> Any:
-    """Return text as a value of a parameter's type, or raise `ValueError`."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if hint is bool and text.lower() in _SWITCHES:
-        return _SWITCHES[text.lower()]
-    if hint in (int, float, str):
-        return hint(text)
-    if hint is NoneType and text.lower() == "none":
-        return None
-    if origin is Literal:
-        for value in inner:
-            if str(value) == text:
-                return value
-    if origin is tuple:
-        parts = text.split("+")
-        kinds = inner[:1] * len(parts) if inner[1:] == (...,) else inner
-        if len(kinds) == len(parts):
-            return tuple(_read(part, kind) for part, kind in zip(parts, kinds, strict=True))
-    if origin in (Union, UnionType):
-        for kind in inner:
-            with suppress(ValueError):
-                return _read(text, kind)
-    raise ValueError(text)
+    return cls(**given_in(text, cls, name))

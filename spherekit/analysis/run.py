@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs, run_status
+from spherekit.analysis.course import EVENTS, Course, course_of
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
 from spherekit.analysis.scene import Scene
@@ -26,21 +27,22 @@ from spherekit.analysis.tables import (
     RESIDUAL,
     SAMPLE,
     STATUS,
+    TIME,
     Column,
     Table,
     TableData,
     concatenate,
 )
 from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
-from spherekit.errors import SpherekitError
+from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.files.write import canonical_text
+from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import (
     BLOCK,
     DEFAULT_SAMPLES,
     Motion,
-    Tracer,
     status_counts,
 )
 from spherekit.planning.inputs import driven_pairs
@@ -64,18 +66,29 @@ class Recorder(Protocol):
         properties: Mapping[str, str] | None = None,
         focus: Floats | None = None,
         row: int | None = None,
+        times: Floats | None = None,
     ) -> None:
         """Take what does not move, all inputs (samples,) rad, the branches' names.
 
         `focus` (3,) is the unit vector to the middle of the mechanism. Samples of a grid
-        come in rows of `row` neighbours.
+        come in rows of `row` neighbours; `times` (samples,) s are given instead of inputs
+        where the samples are times.
         """
 
-    def log(self, scene: Scene, samples: Any, inputs: Floats | None = None) -> None:
-        """Take one block of one branch: sample numbers (k,), inputs (k,) rad."""
+    def log(
+        self,
+        scene: Scene,
+        samples: Any,
+        inputs: Floats | None = None,
+        times: Floats | None = None,
+    ) -> None:
+        """Take one block of one branch: sample numbers (k,), inputs (k,) rad, times s."""
 
 
 Progress = Callable[[int, int], None]
+
+DEFAULT_TOLERANCE = 1e-9
+"""Error tolerated in each step of a simulation, for pair variables (rad)."""
 
 
 def needs_of(mechanism: Mechanism, analyses: Sequence[AbstractAnalysis]) -> Needs:
@@ -120,6 +133,11 @@ def run(
     search: bool = True,
     grid: bool = False,
     path: Floats | None = None,
+    laws: Mapping[str, Law] | None = None,
+    duration: float | None = None,
+    start: Start | None = None,
+    torque: str | None = None,
+    tolerance: float = DEFAULT_TOLERANCE,
     recorder: Recorder | None = None,
     progress: Progress | None = None,
     block: int = BLOCK,
@@ -134,6 +152,13 @@ def run(
         Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects.
     samples, input_pair, branch, search, grid, path
         Which inputs and assembly modes; see `spherekit.motion.motion.Tracer`.
+    laws, duration
+        Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
+        both ends included. With a duration alone the only input turns at 1 rad/s.
+    start, torque, tolerance
+        State of the only input at t = 0: the motion over `duration` then follows from the
+        loads and the `torque` at the input, as `spherekit.dynamics.forward.simulate` finds
+        it from the `branch` (default 0) among all that there are.
     recorder
         Receives the scenes block by block while the run goes on.
     progress
@@ -148,16 +173,32 @@ def run(
 
     Raises
     ------
-    AnalysisError, PlanError, SolveError
-        Before any sample is computed, for unknown names or impossible mechanisms.
+    AnalysisError, ModelError, PlanError, SolveError
+        Before any sample is computed, for unknown names, impossible mechanisms, or times
+        that do not fit together.
     """
     started = time.perf_counter()
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
     chosen = [create(item) if isinstance(item, str) else item for item in analyses]
-    tracer = Tracer(mechanism, input_pair, branch, search, samples, grid, path)
+    course = course_of(
+        mechanism,
+        samples=samples,
+        input_pair=input_pair,
+        branch=branch,
+        search=search,
+        grid=grid,
+        path=path,
+        laws=laws or {},
+        duration=duration,
+        start=start,
+        torque=torque,
+        tolerance=tolerance,
+    )
+    tracer = course.tracer
     mechanism = tracer.mechanism
     own = [analysis.needs(mechanism) for analysis in chosen]
+    _need_times(course, chosen, own)
     needs = needs_of(mechanism, chosen)
     wanted = requests_for(mechanism, needs, tracer.by_rank)
     plans = tuple(item.plan for item in wanted)
@@ -167,22 +208,23 @@ def run(
     motions: list[Motion] = []
     fields: list[tuple[PoleField, ...]] = []
     memories = [SignMemory() for _ in wanted]
-    inputs = tracer.lattice.q
-    total = len(inputs)
+    inputs, times = course.inputs, course.t
+    total = len(course)
     shapes: list[Shape] = []
     if recorder is not None:
         shapes = link_shapes(mechanism)
         recorder.start(
             [static_scene(plans, shapes)],
-            inputs[:, 0] if inputs.shape[1] == 1 else None,
-            branches=_titles(tracer),
+            inputs[:, 0] if inputs.shape[1] == 1 and times is None else None,
+            branches=course.titles,
             properties={
                 "spherekit": __version__,
                 "mechanism_hash": mechanism_hash(mechanism),
                 "analyses": ", ".join(analysis.name for analysis in chosen),
             },
-            focus=_middle(tracer),
-            row=None if tracer.lattice.is_path else tracer.lattice.shape[-1],
+            focus=course.middle,
+            row=course.shape[-1] if len(course.shape) > 1 else None,
+            times=times,
         )
 
     def attempt(
@@ -193,14 +235,14 @@ def run(
     ) -> None:
         if analysis.name in failures:
             return
-        batch = Batch(mechanism, plans, what, motion, found)
+        batch = Batch(mechanism, plans, what, motion, found, course.timed)
         try:
             tables = dict(analysis.compute(batch))
             for table in analysis.tables:
                 table.check(tables[table.name], analysis.name)
             collected[analysis.name].append(tables)
             if recorder is not None:
-                _log(recorder, analysis.scene(batch), motion)
+                _log(recorder, analysis.scene(batch), motion, course.timed)
         except SpherekitError as problem:
             failures[analysis.name] = str(problem)
         except Exception:  # a plugin's own fault must not lose the others' results
@@ -209,14 +251,16 @@ def run(
     done = 0
     if not all(analysis.rowwise for analysis in chosen):
         block = total
-    for motion in tracer.blocks(block):
+    for motion in course.blocks(block):
         found = tuple(
             evaluate(motion, item, memory)
             for item, memory in zip(wanted, memories, strict=True)
             if item.poles
         )
         if recorder is not None:
-            _log(recorder, motion_scenes(motion, shapes), motion)
+            _log(
+                recorder, motion_scenes(motion, shapes, course.timed), motion, course.timed
+            )
         for analysis, what in zip(chosen, own, strict=True):
             attempt(analysis, what, motion, found)
         motions.append(motion)
@@ -224,12 +268,12 @@ def run(
         done += motion.samples
         if progress is not None:
             progress(done, total)
-    results = {MOTION: _motion_result(mechanism, motions, fields)}
+    results = {MOTION: _motion_result(course, motions, fields)}
     for analysis in chosen:
         if analysis.name not in failures and collected[analysis.name]:
             results[analysis.name] = _gather(analysis, collected[analysis.name])
     finished = time.perf_counter()
-    summary = _summary(mechanism, tracer, plans, chosen, motions, fields, failures)
+    summary = _summary(mechanism, course, plans, chosen, motions, fields, failures)
     summary["seconds"] = {
         "plan_and_branches": planned - started,
         "evaluate": finished - planned,
@@ -237,31 +281,23 @@ def run(
     return RunResult(results, failures, summary)
 
 
-def _titles(tracer: Tracer) -> dict[int, str]:
-    """Return a page title for each branch; the signs of dyads if there are any."""
-    signed = any(set(branch.label) != {"~"} for branch in tracer.branches)
-    return {
-        branch.number: f"Mode {branch.number} ({branch.label})"
-        if signed
-        else f"Mode {branch.number}"
-        for branch in tracer.branches
-    }
+def _need_times(
+    course: Course, chosen: Sequence[AbstractAnalysis], own: Sequence[Needs]
+) -> None:
+    for analysis, what in zip(chosen, own, strict=True):
+        if what.time and course.timing is None:
+            raise AnalysisError(
+                f"{analysis.name}: needs time, but with several inputs nothing says how "
+                "they move; give a law for every input, and a duration"
+            )
 
 
-def _middle(tracer: Tracer) -> Floats | None:
-    """Return the mean direction (3,) of axes and contacts of the first branch, if any."""
-    coarse = tracer.sparse(24)
-    own = ~coarse.failed & (coarse.branch == coarse.branch[0])
-    mean = np.sum(coarse.frames[own, :, :, 2], axis=(0, 1))
-    size = np.linalg.norm(mean)
-    return None if size < 1e-9 else np.asarray(mean / size)
-
-
-def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion) -> None:
+def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion, timed: bool) -> None:
     k = motion.samples
-    single = motion.inputs.shape[1] == 1
+    inputs = motion.q[:k] if motion.inputs.shape[1] == 1 and not timed else None
+    times = motion.timing.t[:k] if motion.timing is not None and timed else None
     for scene in scenes:
-        recorder.log(scene, motion.sample[:k], motion.q[:k] if single else None)
+        recorder.log(scene, motion.sample[:k], inputs, times)
 
 
 def _gather(
@@ -283,8 +319,9 @@ def _in_order(data: TableData) -> TableData:
 
 
 def _motion_result(
-    mechanism: Mechanism, motions: list[Motion], fields: list[tuple[PoleField, ...]]
+    course: Course, motions: list[Motion], fields: list[tuple[PoleField, ...]]
 ) -> AnalysisResult:
+    mechanism = course.tracer.mechanism
     inputs = [INPUT]
     if len(mechanism.inputs) > 1:
         inputs = [
@@ -300,11 +337,21 @@ def _motion_result(
     table = Table(
         MOTION,
         "the configurations: one row per sample and branch",
-        (SAMPLE, BRANCH, *inputs, *variables, RESIDUAL, STATUS),
+        (
+            SAMPLE,
+            BRANCH,
+            *([TIME] if course.timed else []),
+            *inputs,
+            *variables,
+            RESIDUAL,
+            STATUS,
+        ),
     )
     parts: list[TableData] = []
     for motion, found in zip(motions, fields, strict=True):
         part: dict[str, Any] = {"sample": motion.sample, "branch": motion.branch}
+        if course.timed and motion.timing is not None:
+            part["t"] = motion.timing.t
         for number, column in enumerate(inputs):
             part[column.name] = motion.inputs[:, number]
         for number, column in enumerate(variables):
@@ -313,7 +360,10 @@ def _motion_result(
         part["status"] = run_status(motion, found)
         parts.append(part)
     whole = _in_order(concatenate(parts))
-    return AnalysisResult(MOTION, (table,), {MOTION: whole})
+    if course.simulation is None:
+        return AnalysisResult(MOTION, (table,), {MOTION: whole})
+    data = {MOTION: whole, EVENTS.name: course.events()}
+    return AnalysisResult(MOTION, (table, EVENTS), data)
 
 
 def mechanism_hash(mechanism: Mechanism) -> str:
@@ -323,13 +373,14 @@ def mechanism_hash(mechanism: Mechanism) -> str:
 
 def _summary(
     mechanism: Mechanism,
-    tracer: Tracer,
+    course: Course,
     plans: tuple[Plan, ...],
     chosen: Sequence[AbstractAnalysis],
     motions: list[Motion],
     fields: list[tuple[PoleField, ...]],
     failures: dict[str, str],
 ) -> dict[str, Any]:
+    tracer = course.tracer
     status = np.concatenate(
         [run_status(motion, found) for motion, found in zip(motions, fields, strict=True)]
     )
@@ -363,9 +414,10 @@ def _summary(
         "mechanism_hash": mechanism_hash(mechanism),
         "inputs": {
             name: [float(np.min(column)), float(np.max(column))]
-            for name, column in zip(tracer.inputs, tracer.lattice.q.T, strict=True)
+            for name, column in zip(tracer.inputs, course.inputs.T, strict=True)
         },
-        "sampling": "x".join(map(str, tracer.lattice.shape)),
+        "sampling": "x".join(map(str, course.shape)),
+        **course.summary(),
         "samples": sum(motion.samples for motion in motions),
         "mobility": {"graph": graph_mobility(mechanism), "rank": rank},
         "redundant_constraints": repeated,

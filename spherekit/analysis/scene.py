@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+TINY = 1e-300
 
 
 @final
@@ -73,6 +74,31 @@ class Series:
 
 @final
 @dataclass(frozen=True)
+class Portrait:
+    """One quantity against another, as a curve in a plane with a mark that moves."""
+
+    path: str
+    label: str
+    x: Floats
+    """(n,)"""
+    y: Floats
+    """(n,)"""
+    x_label: str
+    y_label: str
+    x_range: tuple[float, float]
+    """Least and greatest x of all blocks, which the frame spans."""
+    y_range: tuple[float, float]
+
+    def placed(self) -> Floats:
+        """Return the points (n, 2) in a frame that runs from 0 to 1 both ways."""
+        ranges = (self.x, self.x_range), (self.y, self.y_range)
+        return np.stack(
+            [(v - low) / max(high - low, TINY) for v, (low, high) in ranges], axis=1
+        )
+
+
+@final
+@dataclass(frozen=True)
 class Graph:
     """A link/pair graph: links and pairs are nodes, edges say which pair joins which."""
 
@@ -94,7 +120,7 @@ class Text:
     markdown: str
 
 
-Primitive = Body | Arrow | GreatCircle | Series | Graph | Text
+Primitive = Body | Arrow | GreatCircle | Series | Portrait | Graph | Text
 
 
 @final

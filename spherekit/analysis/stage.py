@@ -6,7 +6,7 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.analysis.scene import Body, Graph, Scene, Text
+from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
 from spherekit.conventions import listing
 from spherekit.model.geometry import Contact, geometry_of, link_axes
 from spherekit.model.graph import layout
@@ -50,8 +50,13 @@ def static_scene(plans: Sequence[Plan], shapes: list[Shape]) -> Scene:
     return Scene(None, (ground, _graph(mechanism), _text(plans)))
 
 
-def motion_scenes(motion: Motion, shapes: list[Shape]) -> tuple[Scene, ...]:
-    """Return the turning links of every branch of a block."""
+def motion_scenes(
+    motion: Motion, shapes: list[Shape], timed: bool = False
+) -> tuple[Scene, ...]:
+    """Return the turning links of every branch of a block.
+
+    With plots of the pairs' variables over time if the samples are times.
+    """
     mechanism = motion.mechanism
     turns = {k: motion.quaternions(k) for k in range(1, len(mechanism.links))}
     scenes = []
@@ -60,8 +65,21 @@ def motion_scenes(motion: Motion, shapes: list[Shape]) -> tuple[Scene, ...]:
         bodies = [
             _body(mechanism, shapes, link, turn[rows]) for link, turn in turns.items()
         ]
-        scenes.append(Scene(branch.number, tuple(bodies)))
+        plots = _variables(motion, rows) if timed else []
+        scenes.append(Scene(branch.number, (*bodies, *plots)))
     return tuple(scenes)
+
+
+def _variables(motion: Motion, rows: slice) -> list[Series]:
+    """Return plots of the variables, with a gap where an angle passes a whole turn."""
+    plots = []
+    for name, values in zip(
+        motion.mechanism.variable_names, motion.values[rows].T, strict=True
+    ):
+        jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
+        shown = np.where(jumps, np.nan, values)
+        plots.append(Series(f"plots/variable/{name}", name, "pair variables, rad", shown))
+    return plots
 
 
 def _body(

@@ -4,20 +4,25 @@ import os
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import MISSING
+from dataclasses import MISSING, replace
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from spherekit.analysis.arguments import parameters
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.registry import load, parameters
+from spherekit.analysis.registry import load
 from spherekit.analysis.result import RunResult
-from spherekit.analysis.run import Progress, Recorder, run
+from spherekit.analysis.run import DEFAULT_TOLERANCE, Progress, Recorder, run
 from spherekit.conventions import listing, nearest
-from spherekit.errors import PluginError, SpherekitError
+from spherekit.dynamics.start import DRIVE
+from spherekit.errors import ModelError, PluginError, SpherekitError
 from spherekit.files.check import mismatch, shown
 from spherekit.files.study import Study, load_study
+from spherekit.model.dynamics import PairTorque
+from spherekit.model.laws import time_fault
 from spherekit.motion.motion import DEFAULT_SAMPLES
+from spherekit.planning.inputs import driven_pairs
 
 DEFAULT_ANALYSIS = "poles"
 _WORDS = {
@@ -57,6 +62,7 @@ def run_study(
     """
     if not isinstance(study, Study):
         study = load_study(study)
+    check_time(study)
     return run(
         study.mechanism,
         analyses or analyses_of(study),
@@ -64,9 +70,47 @@ def run_study(
         path=None if study.path is None else np.array(study.path),
         branch=study.branch,
         search=study.search,
+        laws=study.laws,
+        duration=study.duration,
+        start=study.start,
+        torque=study.torque,
+        tolerance=study.tolerance or DEFAULT_TOLERANCE,
         recorder=recorder,
         progress=progress,
     )
+
+
+def check_time(study: Study) -> None:
+    """Refuse a study in which laws, duration, start and samples do not fit together.
+
+    Raises
+    ------
+    FileError
+        With file and line of what does not fit.
+    """
+    pairs = study.mechanism.pairs
+    inputs = [pairs[pair].name for pair in driven_pairs(study.mechanism)]
+    fault = time_fault(inputs, study.laws, study.duration, study.start, study.torque)
+    if fault is not None:
+        raise study.fault(*fault)
+    if study.torque is not None:
+        drive = PairTorque(DRIVE, inputs[0], study.torque)
+        try:
+            replace(study.mechanism, loads=(*study.mechanism.loads, drive))
+        except ModelError as problem:
+            raise study.fault(("start", "torque"), str(problem)) from None
+    if study.duration is None:
+        return
+    if study.path is not None:
+        raise study.fault(
+            ("inputs", inputs[0], "values"),
+            "excluded by the duration: over time the samples are times",
+        )
+    if isinstance(study.samples, tuple):
+        raise study.fault(
+            ("samples",),
+            "over time the samples are times; give a single number of them",
+        )
 
 
 def analyses_of(study: Study) -> list[AbstractAnalysis]:

@@ -61,5 +61,6 @@ def concatenate(parts: "list[TableData]") -> TableData:
 SAMPLE = Column("sample", "", "number of the input value, from 0", "integer")
 BRANCH = Column("branch", "", "number of the assembly mode", "integer")
 INPUT = Column("q", "rad", "variable of the driven pair")
+TIME = Column("t", "s", "time")
 RESIDUAL = Column("residual", "rad", "largest rotation by which a loop fails to close")
 STATUS = Column("status", "", "OK, or why the row is empty", "status")

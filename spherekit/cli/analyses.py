@@ -44,7 +44,8 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _describe(options: argparse.Namespace) -> int:
-    from spherekit.analysis.registry import load, parameters
+    from spherekit.analysis.arguments import parameters
+    from spherekit.analysis.registry import load
 
     cls = load(options.name)
     allowed = parameters(cls)

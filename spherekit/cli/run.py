@@ -5,7 +5,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +15,11 @@ from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
     from spherekit.files.study import Study
+    from spherekit.model.laws import Law, Start
 
 BAR = 30
+LAW_WORDS = {"start": "from", "stop": "to"}
+"""What fields of laws are called in files and flags."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +47,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="PAIR",
         help="a driven pair, once for each freedom (default: the file's)",
+    )
+    parser.add_argument(
+        "--law",
+        action="append",
+        metavar="[PAIR=]KIND:key=value,...",
+        help="time law of an input: constant_speed:speed=,from= polynomial:"
+        "coefficients=a+b+c cycloidal:from=,to=,duration= table:times=a+b,angles=a+b,"
+        "rest_at_ends=; angles in rad, times in s",
+    )
+    parser.add_argument(
+        "--start",
+        metavar="q=Q[,dq=W]",
+        help="state of the input at t = 0 in rad and rad/s: the motion then follows from "
+        "the loads",
+    )
+    parser.add_argument(
+        "--torque", metavar="EXPR", help="driving torque at the input, N m, with --start"
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="T",
+        help="time in s that the samples divide, for --law and --start; with neither "
+        "the input turns at 1 rad/s",
+    )
+    parser.add_argument(
+        "--tol", type=float, metavar="T", help="tolerance of a simulation, default 1e-9"
     )
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
@@ -93,6 +123,13 @@ def execute(options: argparse.Namespace) -> int:
         else:
             print(report(result.summary))
         sys.stdout.flush()
+        ended = result.summary.get("simulation", {}).get("end", {"kind": "time"})
+        if ended["kind"] != "time":
+            print(
+                f"spherekit: the simulation ended at {ended['t']:.9g} s: "
+                f"{ended['reason']}; what was found until then is kept",
+                file=sys.stderr,
+            )
         for name, why in result.failures.items():
             print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
         if options.serve is not None:
@@ -124,9 +161,18 @@ def sample_counts(text: str) -> int | tuple[int, ...]:
 
 def overridden(study: "Study", options: argparse.Namespace) -> "Study":
     """Return a study in which the flags given explicitly replace what the file says."""
-    mechanism = study.mechanism
+    if options.input is not None:
+        study = replace(study, mechanism=study.mechanism.with_inputs(*options.input))
+    if options.law is not None:
+        laws = laws_of(options.law, study)
+        study = replace(study, laws=laws, start=None, torque=None)
+    if options.start is not None:
+        kept = study.laws if options.law is not None else {}
+        study = replace(study, start=start_of(options.start), laws=kept)
     given = {
-        "mechanism": mechanism.with_inputs(*options.input) if options.input else None,
+        "torque": options.torque,
+        "duration": options.duration,
+        "tolerance": options.tol,
         "samples": options.samples,
         "branch": options.branch,
         "folder": None if options.output is None else Path(options.output),
@@ -135,13 +181,51 @@ def overridden(study: "Study", options: argparse.Namespace) -> "Study":
         "degrees": True if options.deg else None,
     }
     changes = {key: value for key, value in given.items() if value is not None}
-    if {"samples", "mechanism"} & set(changes):
+    if options.samples is not None or options.input is not None:
         changes["path"] = None
     study = replace(study, **changes)
     if options.view and study.recording is None:
         folder = study.folder or Path(tempfile.mkdtemp(prefix="spherekit-"))
         study = replace(study, recording=folder / f"{study.mechanism.name}.rrd")
     return study
+
+
+def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
+    """Return the time laws that ``[PAIR=]KIND:key=value,...`` gives, by input."""
+    from spherekit.analysis.arguments import given_in
+    from spherekit.conventions import listing, nearest
+    from spherekit.errors import AnalysisError, ModelError
+    from spherekit.model.laws import KINDS
+    from spherekit.planning.inputs import driven_pairs
+
+    mechanism = study.mechanism
+    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    laws: dict[str, Law] = {}
+    for text in texts:
+        head, _, keys = text.partition(":")
+        pair, _, kind = head.rpartition("=")
+        if kind not in KINDS:
+            hint = nearest(kind, KINDS) or ";"
+            raise AnalysisError(f'--law: no law is "{kind}"{hint} Laws: {listing(KINDS)}')
+        fields = given_in(keys, KINDS[kind], f"--law {kind}", LAW_WORDS)
+        try:
+            law = KINDS[kind](**fields)
+        except ModelError as problem:
+            raise AnalysisError(f"--law {kind}: {problem}") from None
+        if not pair and len(inputs) > 1:
+            raise AnalysisError(
+                f"--law: there are several inputs ({listing(inputs)}); write PAIR={text}"
+            )
+        laws[pair or inputs[0]] = law
+    return laws
+
+
+def start_of(text: str) -> "Start":
+    """Return the state of the input that ``q=Q,dq=W`` gives."""
+    from spherekit.analysis.arguments import given_in
+    from spherekit.model.laws import Start
+
+    return Start(**given_in(text, Start, "--start"))
 
 
 def report(summary: Any) -> str:
@@ -171,6 +255,15 @@ def report(summary: Any) -> str:
     for name, meaning in summary["status_meaning"].items():
         if name != "OK":
             lines.append(f"  {name}: {meaning}")
+    if "simulation" in summary:
+        done = summary["simulation"]
+        lines.append(
+            f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
+            f"({done['end']['reason']}), {done['events']} events, engine {done['engine']}; "
+            f"error {done['achieved_error_rad']:.1e} rad at tolerance "
+            f"{done['tolerance']:.1e}, energy balanced to "
+            f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
+        )
     if errors["largest_closure_residual_rad"] is not None:
         lines.append(
             f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"

@@ -13,6 +13,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--png", metavar="FILE", help="write a picture, no display needed")
     parser.add_argument("--sample", type=int, metavar="N", help="sample to show")
     parser.add_argument(
+        "--front",
+        action="append",
+        default=[],
+        metavar="TITLE",
+        help="page or tab to bring to the front of the picture, may be repeated",
+    )
+    parser.add_argument(
         "--only-3d", action="store_true", help="only the mechanism in the picture"
     )
     parser.add_argument(
@@ -44,6 +51,7 @@ def execute(options: argparse.Namespace) -> int:
         sample=options.sample,
         size=(width, height),
         view="3D" if options.only_3d else "all",
+        front=options.front,
     )
     return 0
 

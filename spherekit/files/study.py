@@ -30,7 +30,8 @@ class Study:
     analyses exist and take them is for `spherekit.analysis.study` to say, with the
     lines of `document`. `folder` and `recording` are relative to the working folder.
     `laws` has the time law of each input that is given one, by pair, `duration` the time
-    (s) from t = 0 on, and `start` the input's state at t = 0 for forward dynamics.
+    (s) from t = 0 on, and `start` the input's state at t = 0 for forward dynamics, with
+    the `torque` (N m, an expression) that drives it and the `tolerance` of a step.
     """
 
     name: str
@@ -46,6 +47,8 @@ class Study:
     laws: Mapping[str, Law] = field(default_factory=dict)
     duration: float | None = None
     start: Start | None = None
+    torque: str | None = None
+    tolerance: float | None = None
     document: Document | None = field(default=None, repr=False, compare=False)
 
     def fault(self, path: KeyPath, message: str) -> SpherekitError:
@@ -86,6 +89,8 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
         laws=read_laws(document),
         duration=float(data["duration"]) if "duration" in data else None,
         start=read_start(document),
+        torque=data.get("start", {}).get("torque"),
+        tolerance=float(data["tolerance"]) if "tolerance" in data else None,
         document=document,
     )
 

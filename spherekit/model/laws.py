@@ -1,6 +1,7 @@
 """Time laws of an input: its variable, rate and acceleration at any time."""
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -172,6 +173,56 @@ class Start:
     def __post_init__(self) -> None:
         _need_finite("q", self.q)
         _need_finite("dq", self.dq)
+
+
+KINDS: Mapping[str, type[Law]] = {
+    "constant_speed": ConstantSpeed,
+    "polynomial": Polynomial,
+    "cycloidal": Cycloidal,
+    "table": Tabulated,
+}
+"""The time laws by the names that they have in files."""
+
+
+def time_fault(
+    inputs: Collection[str],
+    laws: Mapping[str, Law],
+    duration: float | None,
+    start: Start | None,
+    torque: str | None = None,
+) -> tuple[tuple[str, ...], str] | None:
+    """Return what is wrong with how time is given to these inputs, if anything.
+
+    As the keys of the study file that say it, and the fault in words.
+    """
+    names = ", ".join(inputs)
+    for pair in laws:
+        law = ("inputs", pair, "law")
+        if pair not in inputs:
+            return law, f"pair {pair} is no input; inputs: {names}"
+        if start is not None:
+            return law, (
+                "excluded by the start: there the motion follows from the loads; give a "
+                "law or a start"
+            )
+        if duration is None:
+            return law, "a time law needs a duration (s) of the study"
+    if start is not None:
+        if duration is None:
+            return ("start",), "a start needs a duration (s) of the study"
+        if len(inputs) > 1:
+            return ("start",), (
+                f"motion from loads is for mechanisms with one input, not {len(inputs)} "
+                f"({names})"
+            )
+    elif torque is not None:
+        return ("start",), "a driving torque needs a start"
+    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
+        return ("duration",), f"found {duration:g} s, needs a finite time above 0"
+    lacking = [name for name in inputs if name not in laws]
+    if duration is not None and start is None and lacking and len(inputs) > 1:
+        return ("inputs",), f"input {lacking[0]} has no law; give one for every input"
+    return None
 
 
 def need_increasing(key: str, times: tuple[float, ...]) -> None:

@@ -25,6 +25,7 @@ from spherekit.motion.pairs import (
     variable_vectors,
 )
 from spherekit.motion.sheet import Sheet
+from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats, quaternion
@@ -43,7 +44,10 @@ class Motion:
     `status`, `residual` (n,); `inputs` (n, inputs) rad; `values` (n, variables) rad;
     `rotations` (n, links, 3, 3), from link axes to ground axes. Rows with a status other
     than OK or AT_SINGULARITY hold NaN, except for sample, branch, inputs and status.
-    `is_path` says that successive samples are neighbours.
+    `is_path` says that successive samples are neighbours. `timing` says when the rows
+    happen, if that is known. `sense` (n,) is given where rows follow a mechanism through
+    dead centres of its input: +1, or -1 where the input moves back while the mechanism
+    moves on.
     """
 
     mechanism: Mechanism
@@ -59,6 +63,8 @@ class Motion:
     status: NDArray[np.int8]
     residual: Floats
     is_path: bool = True
+    timing: Timing | None = None
+    sense: Floats | None = None
 
     def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
         """Return some rows only, as a motion of one nameless branch."""
@@ -72,6 +78,8 @@ class Motion:
             rotations=self.rotations[chosen],
             status=self.status[chosen],
             residual=self.residual[chosen],
+            timing=None if self.timing is None else self.timing.rows(chosen),
+            sense=None if self.sense is None else self.sense[chosen],
         )
 
     def __len__(self) -> int:

@@ -67,6 +67,18 @@ class PoleField:
 
 
 @final
+@dataclass(frozen=True)
+class _Last:
+    """The last row of a pole: the way (1,), its sense (1,), w and dw (3, 1), the sign."""
+
+    way: Floats
+    sense: Floats
+    w: Floats
+    dw: Floats
+    sign: float
+
+
+@final
 class SignMemory:
     """What earlier blocks of a motion found, so that signs continue.
 
@@ -74,7 +86,7 @@ class SignMemory:
     """
 
     def __init__(self) -> None:
-        self.last: dict[tuple[int, Pole], tuple[Floats, Floats, Floats, float]] = {}
+        self.last: dict[tuple[int, Pole], _Last] = {}
         self.home: dict[int, Floats] = {}
 
 
@@ -295,22 +307,30 @@ def _continuous_signs(
     through zero; where it does is read off the Hermite path between two samples. At the
     first sample it points to the side where the sum of all axes and contacts lies. Over a
     grid of inputs it points to that side throughout.
+
+    At a dead centre of the input w, which is per unit rate of the input, reverses through
+    infinity, and only w times the sense of the input is continuous. Where w is not finite
+    the direction follows its neighbour.
     """
     single = motion.inputs.shape[1] == 1
     way = motion.q if single else motion.sample.astype(float)
+    sense = np.ones(unit.shape[1]) if motion.sense is None else motion.sense
     signs = np.ones(unit.shape[1])
     for number, branch in enumerate(motion.branches):
         rows = slice(number * motion.samples, (number + 1) * motion.samples)
-        u = unit[:, rows]
-        good = np.flatnonzero(np.all(np.isfinite(u), axis=0))
+        known = np.all(np.isfinite(unit[:, rows]), axis=0)
+        moved = known if w is None else known & np.all(np.isfinite(w[:, rows]), axis=0)
+        good = np.flatnonzero(moved)
         if not len(good):
             continue
         t = way[rows][good]
-        u = u[:, good]
+        u = unit[:, rows][:, good]
         if w is not None and dw is not None:
-            along = np.where(rate[rows][good] < 0.0, -1.0, 1.0)
-            v, dv = w[:, rows][:, good], dw[:, rows][:, good]
+            here = sense[rows][good]
+            along = np.where(rate[rows][good] * here < 0.0, -1.0, 1.0)
+            v, dv = here * w[:, rows][:, good], here * dw[:, rows][:, good]
         else:
+            here = np.ones(len(t))
             along, v, dv = np.ones(len(t)), u, np.zeros_like(u)
         if not single:
             dv = np.zeros_like(u)  # by the way of all inputs together it is not known
@@ -322,26 +342,36 @@ def _continuous_signs(
             continue
         key = (branch.number, pole)
         if key in memory.last:
-            t0, v0, dv0, s0 = memory.last[key]
+            last = memory.last[key]
             flips = _flips(
-                np.append(t0, t), np.column_stack([v0, v]), np.column_stack([dv0, dv])
+                np.append(last.way, t),
+                np.append(last.sense, here),
+                np.column_stack([last.w, v]),
+                np.column_stack([last.dw, dv]),
             )
-            chain = s0 * np.cumprod(flips)
+            chain = last.sign * np.cumprod(flips)
         else:
             side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
-            chain = np.cumprod(np.append(side, _flips(t, v, dv)))
+            chain = np.cumprod(np.append(side, _flips(t, here, v, dv)))
         signs[rows.start + good] = chain * along
-        memory.last[key] = (t[-1:], v[:, -1:], dv[:, -1:], float(chain[-1]))
+        memory.last[key] = _Last(t[-1:], here[-1:], v[:, -1:], dv[:, -1:], float(chain[-1]))
+        for row in np.flatnonzero(known & ~moved):
+            near = rows.start + good[np.argmin(np.abs(good - row))]
+            beside = signs[near] * unit[:, near] @ unit[:, rows.start + row]
+            signs[rows.start + row] = -1.0 if beside < 0.0 else 1.0
     return signs
 
 
-def _flips(q: Floats, v: Floats, dv: Floats) -> Floats:
-    """Return +1 or -1 for each gap (k - 1,): whether v (3, k) reverses in between."""
+def _flips(q: Floats, sense: Floats, v: Floats, dv: Floats) -> Floats:
+    """Return +1 or -1 for each gap (k - 1,): whether v (3, k) reverses in between.
+
+    On a Hermite path, or a straight one where the sense changes and slopes are useless.
+    """
     flips = np.ones(len(q) - 1)
     gap = np.flatnonzero(dot(v[:, 1:], v[:, :-1]) < 0.0)
     if not len(gap):
         return flips
-    h = (q[1:] - q[:-1])[gap]
+    h = np.where(sense[1:] == sense[:-1], q[1:] - q[:-1], 0.0)[gap]
     t = np.linspace(0.0, 1.0, SUBSTEPS + 1)[:, None]
     slope = np.nan_to_num(dv)
     path = (

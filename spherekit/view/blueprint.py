@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.view import colours, entities
 from spherekit.view.sdk import rr, rrb
-from spherekit.view.timelines import SAMPLE
+from spherekit.view.timelines import SAMPLE, TIME
 
 Floats = NDArray[np.float64]
 
@@ -18,6 +18,9 @@ TURN_SECONDS = 12.0
 
 TRAIL = 24
 """Recent samples shown as dots behind a pole."""
+
+LEGEND_SHARE = 0.5
+"""Where modes are compared, the long legends stand beside the curves: so much of them."""
 
 EYE_DISTANCE = 3.0
 EYE_ASIDE = 0.3
@@ -58,9 +61,9 @@ class Layout:
 
     root: str
     timeline: str
-    step: int
-    span: tuple[int, int] | None
-    """First and last time on the timeline, if known."""
+    step: float
+    span: tuple[float, float] | None
+    """First and last time on the timeline, if known; in s on the timeline of time."""
 
     branches: dict[int, str] = field(default_factory=dict)
     solids: list[tuple[int | None, str]] = field(default_factory=list)
@@ -68,6 +71,7 @@ class Layout:
     hidden: list[tuple[int | None, str]] = field(default_factory=list)
     focus: Floats | None = None
     groups: dict[str, list[SeriesEntry]] = field(default_factory=dict)
+    portraits: list[tuple[int | None, str, str]] = field(default_factory=list)
     panels: list[Panel] = field(default_factory=list)
 
     def blueprint(self) -> rrb.Blueprint:
@@ -96,10 +100,15 @@ class Layout:
         )
 
     def _page(self, branch: int | None, title: str) -> rrb.Container:
-        plots = [
+        plots: list[rrb.View] = [
             self._plot(group, _of(series, branch))
             for group, series in self.groups.items()
             if _of(series, branch)
+        ]
+        plots += [
+            self._portrait(path, label)
+            for owner, path, label in self.portraits
+            if owner in (None, branch)
         ]
         panels = [self._panel(panel) for panel in _of(self.panels, branch)]
         rows: list[rrb.View | rrb.Container] = [*plots[:1]]
@@ -152,12 +161,18 @@ class Layout:
             [
                 rr.VisibleTimeRange(
                     timeline,
-                    start=rr.TimeRangeBoundary.cursor_relative(seq=-TRAIL * step),
-                    end=rr.TimeRangeBoundary.cursor_relative(seq=0),
+                    start=rr.TimeRangeBoundary.cursor_relative(
+                        **self._ticks(timeline, -TRAIL * step)
+                    ),
+                    end=rr.TimeRangeBoundary.cursor_relative(**self._ticks(timeline, 0)),
                 )
                 for timeline, step in {SAMPLE: 1, self.timeline: self.step}.items()
             ]
         )
+
+    def _ticks(self, timeline: str, value: float) -> dict[str, Any]:
+        """Return a place on a timeline as the viewer takes it."""
+        return {"seconds": value} if timeline == TIME else {"seq": round(value)}
 
     def _plot(
         self, group: str, series: Sequence[SeriesEntry], mixed: bool = False
@@ -178,19 +193,21 @@ class Layout:
             origin=self.root,
             contents=[f"+ {entry.path}" for entry in series],
             name=group,
-            axis_x=self._axis(),
+            axis_x=self._axis(LEGEND_SHARE if mixed else 0.0),
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
             background=rrb.archetypes.PlotBackground(color=colours.BACKGROUND),
             overrides=overrides,
         )
 
-    def _axis(self) -> rrb.TimeAxis | None:
+    def _axis(self, beyond: float) -> rrb.TimeAxis | None:
+        """Return the axis over the whole span, and a share of it beyond its end."""
         if self.span is None:
             return None
         first, last = self.span
+        last = max(last, first + (self.step or 1)) + beyond * (last - first)
         view_range = rr.TimeRange(
-            start=rr.TimeRangeBoundary.absolute(seq=first),
-            end=rr.TimeRangeBoundary.absolute(seq=max(last, first + 1)),
+            start=rr.TimeRangeBoundary.absolute(**self._ticks(self.timeline, first)),
+            end=rr.TimeRangeBoundary.absolute(**self._ticks(self.timeline, last)),
         )
         return rrb.TimeAxis(view_range=view_range)
 
@@ -200,6 +217,17 @@ class Layout:
         ]
         columns = 1 if len(plots) < 3 else 2
         return rrb.Grid(*plots, grid_columns=columns, name="Compare")
+
+    def _portrait(self, path: str, label: str) -> rrb.View:
+        return rrb.Spatial2DView(
+            origin=path,
+            name=label,
+            background=colours.BACKGROUND,
+            visual_bounds=rrb.VisualBounds2D(
+                x_range=(-0.2 * entities.PORTRAIT[0], 1.1 * entities.PORTRAIT[0]),
+                y_range=(-1.1 * entities.PORTRAIT[1], 0.2 * entities.PORTRAIT[1]),
+            ),
+        )
 
     def _panel(self, panel: Panel) -> rrb.View:
         if panel.graph:

@@ -17,6 +17,7 @@ from spherekit.analysis.scene import (
     Floats,
     Graph,
     GreatCircle,
+    Portrait,
     Primitive,
     Series,
     Text,
@@ -40,6 +41,8 @@ LABEL_HEIGHT = 1.09
 LINK_LABEL_HEIGHT = 1.15
 POINT = 0.001
 GRAPH_SIZE = (420.0, 220.0)
+PORTRAIT = (1.6, 1.0)
+"""Width and height of the frame of a portrait."""
 HIDDEN = 1e-6
 
 
@@ -105,6 +108,8 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
             )
         case Series():
             yield "", rr.SeriesLines(names=primitive.label, widths=2.0)
+        case Portrait():
+            yield from _still_portrait(primitive)
         case Graph():
             yield from _still_graph(primitive)
         case Text():
@@ -134,6 +139,11 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
         case GreatCircle(normals=normals):
             good = present(normals)
             yield "", _turned(shapes.quaternions_to(normals), good)
+        case Portrait():
+            points = _in_plane(primitive.placed())
+            good = present(points)
+            columns = rr.Points2D.columns(positions=points[good])
+            yield "mark", columns.partition(good.astype(np.int64))
         case Series(values=values):
             yield "", rr.Scalars.columns(scalars=values)
         case _:
@@ -236,3 +246,56 @@ def _still_graph(graph: Graph) -> Iterator[Still]:
     )
     if graph.edges:
         yield "", rr.GraphEdges(list(graph.edges), graph_type="undirected")
+
+
+def portrait_lines(lines: list[Floats]) -> rr.LineStrips2D:
+    """Return the whole curve of a portrait from its placed points."""
+    return rr.LineStrips2D(
+        [_in_plane(line) for line in lines],
+        colors=colours.link_colour(1),
+        radii=rr.Radius.ui_points(1.0),
+    )
+
+
+def _in_plane(points: Floats) -> Floats:
+    """Return placed points (n, 2) where the viewer draws them: its y points down."""
+    return np.asarray(points * np.array(PORTRAIT) * np.array([1.0, -1.0]))
+
+
+def _still_portrait(portrait: Portrait) -> Iterator[Still]:
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
+    lines = [corners]
+    (left, right), (low, high) = portrait.x_range, portrait.y_range
+    if left < 0.0 < right:
+        zero = -left / (right - left)
+        lines.append(np.array([[zero, 0.0], [zero, 1.0]]))
+    if low < 0.0 < high:
+        zero = -low / (high - low)
+        lines.append(np.array([[0.0, zero], [1.0, zero]]))
+    yield (
+        "frame",
+        rr.LineStrips2D(
+            [_in_plane(line) for line in lines],
+            colors=colours.GRATICULE,
+            radii=rr.Radius.ui_points(0.6),
+        ),
+    )
+    words = {
+        (0.05, -0.07): f"{left:.4g}",
+        (0.5, -0.07): portrait.x_label,
+        (1.0, -0.07): f"{right:.4g}",
+        (-0.09, 0.04): f"{low:.4g}",
+        (-0.12, 0.5): portrait.y_label,
+        (-0.09, 1.0): f"{high:.4g}",
+    }
+    yield (
+        "words",
+        rr.Points2D(
+            _in_plane(np.array(list(words))),
+            labels=list(words.values()),
+            show_labels=True,
+            colors=colours.PALE,
+            radii=0.0,
+        ),
+    )
+    yield "mark", rr.Points2D.from_fields(colors=colours.GOLD, radii=rr.Radius.ui_points(5))

@@ -18,6 +18,7 @@ from spherekit.analysis.scene import (
     Floats,
     Graph,
     GreatCircle,
+    Portrait,
     Primitive,
     Scene,
     Series,
@@ -33,7 +34,7 @@ from spherekit.view.outputs import (
     ViewerOutput,
 )
 from spherekit.view.sdk import rr
-from spherekit.view.timelines import SAMPLE, InputTimeline, input_timeline
+from spherekit.view.timelines import SAMPLE, TIME, InputTimeline, input_timeline
 
 NOTES = """\
 # {name}
@@ -106,6 +107,7 @@ class Recorder:
         self._labelled: dict[int | None, set[str]] = {None: set()}
         self._paths: dict[str, tuple[bool, list[Floats]]] = {}
         self._row: int | None = None
+        self._drawn: dict[str, list[Floats]] = {}
         self._rows = 0
         self._finished = False
 
@@ -168,6 +170,7 @@ class Recorder:
         properties: Mapping[str, str] | None = None,
         focus: Floats | None = None,
         row: int | None = None,
+        times: Floats | None = None,
     ) -> None:
         """Begin the recording with all that does not move.
 
@@ -188,12 +191,19 @@ class Recorder:
         row : int, optional
             Number of successive samples that are neighbours, in a grid of inputs; the
             paths of poles are cut after each such row. All samples by default.
+        times : array (n,) s, optional
+            All times of the run, if its samples are times, instead of the inputs.
 
         """
-        if inputs is not None and len(inputs) > 0:
+        if times is not None and len(times) > 0:
+            span = float(times[0]), float(times[-1])
+            step = (span[1] - span[0]) / max(len(times) - 1, 1)
+            layout = Layout(self.root, TIME, step, span)
+            words = f"`{TIME}` is the time."
+        elif inputs is not None and len(inputs) > 0:
             self._input = line = input_timeline(inputs)
-            step = max(1, round((line.last - line.first) / max(len(inputs) - 1, 1)))
-            layout = Layout(self.root, line.name, step, (line.first, line.last))
+            ticks = max(1, round((line.last - line.first) / max(len(inputs) - 1, 1)))
+            layout = Layout(self.root, line.name, ticks, (line.first, line.last))
             words = line.describe()
         else:
             layout = Layout(self.root, SAMPLE, 1, None)
@@ -218,7 +228,11 @@ class Recorder:
             self._lay_out()
 
     def log(
-        self, scene: Scene, samples: NDArray[np.int64], inputs: Floats | None = None
+        self,
+        scene: Scene,
+        samples: NDArray[np.int64],
+        inputs: Floats | None = None,
+        times: Floats | None = None,
     ) -> None:
         """Record one block of samples of one branch.
 
@@ -230,33 +244,41 @@ class Recorder:
             Numbers of the samples.
         inputs : array (n,) rad, optional
             Input values; required if `start` got any.
+        times : array (n,) s, optional
+            Times; required if `start` got any.
 
         """
         layout = self._layout
         if layout is None or self._finished:
             raise ValueError("log is called after start and before the end")
-        times = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
+        lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
+        if layout.timeline == TIME:
+            if times is None or len(times) != len(samples):
+                raise ValueError("each sample needs its time")
+            lines.append(rr.TimeColumn(TIME, duration=times))
         if self._input is not None:
             if inputs is None or len(inputs) != len(samples):
                 raise ValueError("each sample needs its input value")
             ticks = self._input.ticks(inputs)
-            times.append(rr.TimeColumn(self._input.name, sequence=ticks))
+            lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
         fresh = [self._introduce(scene.branch, item) for item in scene.primitives]
         failed = np.zeros(len(samples), dtype=bool)
         for primitive in scene.primitives:
             path = self._path(scene.branch, primitive)
             _check_rows(primitive, len(samples))
             for suffix, columns in entities.moving(primitive):
-                self._columns(_below(path, suffix), times, columns, len(samples))
+                self._columns(_below(path, suffix), lines, columns, len(samples))
             if isinstance(primitive, Arrow):
                 self._paths[path][1].append(np.array(primitive.directions))
+            if isinstance(primitive, Portrait):
+                self._drawn[path].append(primitive.placed())
             if isinstance(primitive, Body) and primitive.quaternions is not None:
                 failed |= ~entities.present(primitive.quaternions)
         if any(isinstance(item, Body) for item in scene.primitives):
             where = f"{self._base(scene.branch)}/status"
             fresh.append(self._introduce_status(scene.branch, where))
             columns = entities.failure_columns(failed)
-            self._columns(where, times, columns, len(samples))
+            self._columns(where, lines, columns, len(samples))
         if any(fresh):
             self._lay_out()
         self._each(lambda output: output.flush())
@@ -271,6 +293,11 @@ class Recorder:
             lines = shapes.path_on_sphere(whole, self._row)
             if lines:
                 self._still(f"{path}/path", entities.path_lines(lines, primary))
+        for path, points in self._drawn.items():
+            line = np.concatenate(points)
+            parts = shapes.unbroken(line)
+            if parts:
+                self._still(f"{path}/curve", entities.portrait_lines(parts))
         self._each(lambda output: output.complete(self._rows))
 
     def serve_until_interrupted(self) -> None:
@@ -326,6 +353,9 @@ class Recorder:
                 self._paths[path] = (primary, [])
                 if shown and not primary:
                     layout.trails.append((branch, f"{path}/trail"))
+            case Portrait():
+                layout.portraits.append((branch, path, primitive.label))
+                self._drawn[path] = []
             case Series(group=group, label=label):
                 entry = SeriesEntry(branch, path, label)
                 layout.groups.setdefault(group, []).append(entry)
@@ -381,6 +411,8 @@ def _check_rows(primitive: Primitive, count: int) -> None:
         case Body(quaternions=rows) if rows is not None:
             found = len(rows)
         case Arrow(directions=rows) | GreatCircle(normals=rows) | Series(values=rows):
+            found = len(rows)
+        case Portrait(x=rows):
             found = len(rows)
         case _:
             return

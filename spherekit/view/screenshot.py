@@ -5,15 +5,18 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Literal
 
+import numpy as np
+
+from spherekit.conventions import listing, nearest
 from spherekit.errors import OutputError
 from spherekit.view.sdk import RrdReader, ViewerClient
-from spherekit.view.timelines import SAMPLE, input_scale
+from spherekit.view.timelines import SAMPLE, TIME, input_scale
 
 START_TIMEOUT = 30.0
 LOAD_TIMEOUT = 60.0
@@ -35,6 +38,7 @@ def screenshot(
     input_deg: float | None = None,
     view: Literal["all", "3D"] = "all",
     size: tuple[int, int] = (1600, 1000),
+    front: Sequence[str] = (),
 ) -> Path:
     """Write a PNG of a recording at one sample, or at one input angle.
 
@@ -50,6 +54,8 @@ def screenshot(
         The whole window, or only the 3D view of the page in front.
     size : (width, height)
         Size of the window in points; the picture may have two pixels to a point.
+    front : sequence of str, optional
+        Titles of pages and tabs to bring to the front, such as ``Compare``.
 
     """
     recording, picture = Path(recording), Path(picture)
@@ -60,8 +66,14 @@ def screenshot(
     with _viewer(size) as client:
         client.open(str(recording.resolve()))
         timelines = _loaded(client, recording)
+        if front:
+            _bring_forward(client, recording, front)
         timeline, tick = _cursor(timelines, sample, input_deg, recording)
-        client.set_time(timeline, sequence=tick, play_state="paused")
+        if timeline == TIME:
+            when = np.timedelta64(tick, "ns")
+            client.set_time(timeline, duration=when, play_state="paused")
+        else:
+            client.set_time(timeline, sequence=tick, play_state="paused")
         state = client.get_state()
         troubles = [report.summary for each in state.views for report in each.reports]
         if troubles:
@@ -74,6 +86,35 @@ def screenshot(
     except OSError as error:
         raise OutputError(f"cannot write {picture}: {error.strerror}") from error
     return picture
+
+
+def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str]) -> None:
+    """Make the pages and tabs of these titles the active ones."""
+    parts = client.get_blueprint().blueprint
+    named: dict[str, list[str]] = {}
+    for path, fields in parts.items():
+        for values in fields.values():
+            if "display_name" in values:
+                named.setdefault(values["display_name"], []).append(path.strip("/"))
+    tabs = [
+        fields["ContainerBlueprint"]
+        for fields in parts.values()
+        if fields.get("ContainerBlueprint", {}).get("container_kind") == "Tabs"
+    ]
+    hidden = {path for tab in tabs for path in tab["contents"]}
+    for title in titles:
+        wanted = hidden.intersection(named.get(title, ()))
+        if not wanted:
+            known = [name for name, paths in named.items() if hidden.intersection(paths)]
+            raise OutputError(
+                f'{recording} has no tab "{title}"{nearest(title, known) or ";"} Tabs: '
+                f"{listing(map(repr, sorted(known)))}"
+            )
+        for tab in tabs:
+            tab["active_tab"] = next(
+                (path for path in tab["contents"] if path in wanted), tab["active_tab"]
+            )
+    client.set_blueprint(parts, "recording")
 
 
 def _settled(client: ViewerClient, view_id: str | None) -> bytes:
@@ -105,7 +146,7 @@ def _cursor(
     input_deg: float | None,
     recording: Path,
 ) -> tuple[str, int]:
-    """Return the timeline and the time on it that were asked for."""
+    """Return the timeline and the time on it that were asked for, in ns on `TIME`."""
     scales = {name: input_scale(name) for name in timelines}
     inputs = [(name, scale) for name, scale in scales.items() if scale is not None]
     if sample is None and input_deg is not None:
@@ -115,6 +156,9 @@ def _cursor(
         return name, round(input_deg * scale)
     if SAMPLE not in timelines:
         raise OutputError(f"{recording} has no timeline named {SAMPLE}")
+    if TIME in timelines:
+        at_first = timelines[TIME]
+        return TIME, at_first if sample is None else _tick(recording, TIME, sample)
     if not inputs:
         return SAMPLE, timelines[SAMPLE] if sample is None else sample
     name = inputs[0][0]
@@ -122,7 +166,7 @@ def _cursor(
 
 
 def _tick(recording: Path, timeline: str, sample: int) -> int:
-    """Return the time on the input timeline, by which plots are laid out, at a sample."""
+    """Return the time at a sample on the timeline by which plots are laid out."""
     samples: set[int] = set()
     for chunk in RrdReader(str(recording)).stream():
         if chunk.is_static:
@@ -132,7 +176,7 @@ def _tick(recording: Path, timeline: str, sample: int) -> int:
             continue
         numbers = batch.column(SAMPLE).to_pylist()
         if sample in numbers:
-            return int(batch.column(timeline).to_pylist()[numbers.index(sample)])
+            return int(batch.column(timeline).cast("int64")[numbers.index(sample)].as_py())
         samples.update(numbers)
     known = f"{min(samples)} to {max(samples)}" if samples else "none"
     raise OutputError(f"{recording} has no sample {sample}; its samples: {known}")

@@ -79,6 +79,13 @@ def path_on_sphere(directions: Floats, row: int | None = None) -> list[Floats]:
     return [line for line in lines if len(line) > 1]
 
 
+def unbroken(points: Floats) -> list[Floats]:
+    """Return the polylines between the NaN rows of points (n, k)."""
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+    pieces = np.split(points, np.flatnonzero(~(finite[1:] & finite[:-1])) + 1)
+    return [piece for piece in pieces if len(piece) > 1]
+
+
 def _even_steps(line: Floats) -> Floats:
     """Return a polyline with steps neither much too short nor too long."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)

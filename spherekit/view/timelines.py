@@ -1,4 +1,4 @@
-"""The two timelines: the sample number, and the input in whole units of an angle."""
+"""The timelines: the sample number, and the input in whole units of an angle, or time."""
 
 from dataclasses import dataclass
 from typing import final
@@ -10,6 +10,8 @@ from spherekit.analysis.scene import Floats
 
 SAMPLE = "sample"
 INPUT = "input_deg"
+TIME = "time"
+"""A timeline of seconds, in place of the input where samples are times."""
 SCALES = (1, 10, 100, 1000)
 """A viewer timeline holds whole numbers only; these are the units to a degree."""
 

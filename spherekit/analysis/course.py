@@ -1,0 +1,257 @@
+"""What a run goes through: the samples of its inputs, or the times of a simulation."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.analysis.tables import Column, Table, TableData
+from spherekit.conventions import Status
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.simulation import Simulation
+from spherekit.errors import AnalysisError
+from spherekit.model.laws import ConstantSpeed, Law, Start, time_fault
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.branches import wrap
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.timing import Timing, by_laws
+from spherekit.planning.inputs import driven_pairs
+from spherekit.sphere.rotation import Floats
+
+UNIT_SPEED = 1.0
+"""An input without a law turns at this speed (rad/s), as in the source's example."""
+
+EVENTS = Table(
+    "events",
+    "what happened in the course of a simulation, in order of time",
+    (
+        Column("t", "s", "time"),
+        Column("kind", "", "dead_centre, rest, stop or switch", "text"),
+        Column("pair", "", "the pair concerned, if it is one", "text"),
+        Column("q", "rad", "variable of the driven pair"),
+    ),
+)
+
+
+@final
+@dataclass(frozen=True)
+class Course:
+    """The samples of a run with their times.
+
+    `tracer` has the branches; `inputs` (k, inputs) rad are those of each sample and
+    `shape` their number along each axis; `timing` (k rows) is None where nothing says how
+    the inputs move. `timed` says that samples are times. `motion` is the whole motion of
+    a `simulation`, otherwise both are None and the tracer evaluates it.
+    """
+
+    tracer: Tracer
+    inputs: Floats
+    shape: tuple[int, ...]
+    timing: Timing | None
+    timed: bool
+    laws: Mapping[str, Law]
+    duration: float | None = None
+    motion: Motion | None = None
+    simulation: Simulation | None = None
+    tolerance: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+    @property
+    def t(self) -> Floats | None:
+        """(k,) times of the samples (s), if the samples are times."""
+        return self.timing.t if self.timed and self.timing is not None else None
+
+    def blocks(self, size: int) -> Iterator[Motion]:
+        """Yield the motion in blocks of successive samples."""
+        if self.motion is not None:
+            number = np.arange(len(self))
+            for start in range(0, len(self), size):
+                yield self.motion.rows((number >= start) & (number < start + size))
+            return
+        done = 0
+        for motion in self.tracer.blocks(size):
+            rows, done = slice(done, done + motion.samples), done + motion.samples
+            timing = self.timing
+            if timing is not None:
+                timing = timing.rows(rows).repeated(len(motion.branches))
+            yield replace(motion, timing=timing)
+
+    @property
+    def titles(self) -> dict[int, str]:
+        """A page title for each branch; the signs of dyads if there are any."""
+        branches = self.tracer.branches
+        signed = any(set(branch.label) != {"~"} for branch in branches)
+        words = "From mode" if self.simulation is not None else "Mode"
+        return {
+            branch.number: f"{words} {branch.number}"
+            + (f" ({branch.label})" if signed else "")
+            for branch in branches
+        }
+
+    @property
+    def middle(self) -> Floats | None:
+        """The mean direction (3,) of axes and contacts of the first branch, if any."""
+        if self.motion is not None:
+            number = np.arange(len(self))
+            coarse = self.motion.rows(number % max(1, len(self) // 24) == 0)
+        else:
+            coarse = self.tracer.sparse(24)
+        own = ~coarse.failed & (coarse.branch == coarse.branch[0])
+        mean = np.sum(coarse.frames[own, :, :, 2], axis=(0, 1))
+        size = np.linalg.norm(mean)
+        return None if size < 1e-9 else np.asarray(mean / size)
+
+    def events(self) -> TableData:
+        """Return the table of the simulation's events."""
+        assert self.simulation is not None
+        events = self.simulation.events
+        return {
+            "t": np.array([event.t for event in events], dtype=float),
+            "kind": np.array([event.kind for event in events], dtype=str),
+            "pair": np.array([event.pair for event in events], dtype=str),
+            "q": np.array([event.q for event in events], dtype=float),
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return what is to be said of time, and of a simulation's checks."""
+        if not self.timed:
+            return {}
+        found: dict[str, Any] = {"duration_s": self.duration}
+        if self.simulation is None:
+            found["laws"] = {pair: repr(law) for pair, law in self.laws.items()}
+            return {"time": found}
+        done = self.simulation
+        found |= {
+            "end": {"kind": done.end.kind, "t": done.end.t, "reason": done.end.message},
+            "tolerance": self.tolerance,
+            "achieved_error_rad": done.checks.error,
+            "energy_imbalance_J": done.checks.energy,
+            "energy_scale_J": done.checks.energy_scale,
+            "power_imbalance_W": done.checks.power,
+            "closure_drift_rad": done.checks.closure,
+            "engine": "numpy",
+            "steps": len(done.path),
+            "evaluations": done.evaluations,
+            "events": len(done.events),
+        }
+        return {"simulation": found}
+
+
+def course_of(
+    mechanism: Mechanism,
+    *,
+    samples: int | Sequence[int],
+    input_pair: str | Sequence[str] | None,
+    branch: int | None,
+    search: bool,
+    grid: bool,
+    path: Floats | None,
+    laws: Mapping[str, Law],
+    duration: float | None,
+    start: Start | None,
+    torque: str | None,
+    tolerance: float,
+) -> Course:
+    """Return the course behind the arguments of `spherekit.run`.
+
+    Raises
+    ------
+    AnalysisError
+        If what is said of time does not fit together.
+    PlanError, SolveError, ModelError
+        See `Tracer` and `simulate`.
+    """
+    if input_pair is not None:
+        names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
+        mechanism = mechanism.with_inputs(*names)
+    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    mechanism = mechanism.with_inputs(*inputs)
+    fault = time_fault(inputs, laws, duration, start, torque)
+    if fault is not None:
+        keys, message = fault
+        raise AnalysisError(f"{mechanism.name}: {'.'.join(keys)}: {message}")
+    if duration is None:
+        tracer = Tracer(mechanism, None, branch, search, samples, grid, path)
+        lattice = tracer.lattice
+        timing = _at_unit_speed(lattice.q) if len(inputs) == 1 else None
+        return Course(tracer, lattice.q, lattice.shape, timing, False, {})
+    if grid or path is not None or isinstance(samples, Sequence):
+        raise AnalysisError(
+            f"{mechanism.name}: over time the samples are times; a grid or a path of the "
+            "inputs is excluded"
+        )
+    t = np.linspace(0.0, duration, samples) if samples > 1 else np.zeros(samples)
+    if start is not None:
+        tracer = Tracer(mechanism, None, branch or 0, samples=2)
+        simulation = simulate(
+            mechanism,
+            start,
+            duration,
+            torque=torque,
+            branch=branch or 0,
+            tolerance=tolerance,
+            check=True,
+        )
+        motion = motion_of(simulation, tracer, t)
+        return Course(
+            tracer,
+            motion.inputs,
+            (len(motion),),
+            motion.timing,
+            True,
+            {},
+            duration,
+            motion,
+            simulation,
+            tolerance,
+        )
+    if not laws:
+        driven = mechanism.inputs[0]
+        laws = {driven.pair: ConstantSpeed(UNIT_SPEED, driven.start)}
+    q, timing = by_laws(inputs, laws, t)
+    tracer = Tracer(mechanism, None, branch, search, path=q)
+    return Course(tracer, q, (len(q),), timing, True, laws, duration)
+
+
+def motion_of(simulation: Simulation, tracer: Tracer, t: Floats) -> Motion:
+    """Return a simulation as a motion, at those of the times t (n,) before its end.
+
+    Where it ended before the last of them, its end is the last row.
+    """
+    last = simulation.end.t
+    if last < t[-1]:
+        t = np.append(t[t < last], last)
+    found = simulation.at(t)
+    n = len(t)
+    values = found.values.copy()
+    angles = tracer.solver.angles
+    values[:, angles] = wrap(values[:, angles])
+    driven = simulation.driven
+    values[:, driven] = found.q
+    pair = tracer.inputs[0]
+    turns = [e.t for e in simulation.events if e.kind == "dead_centre" and e.pair == pair]
+    return Motion(
+        mechanism=tracer.mechanism,
+        joints=tracer.solver.joints,
+        assembly=tracer.assembly,
+        branches=tracer.branches,
+        samples=n,
+        sample=np.arange(n),
+        branch=np.full(n, tracer.branches[0].number),
+        inputs=found.q[:, None],
+        values=values,
+        rotations=found.rotations,
+        status=np.full(n, Status.OK, dtype=np.int8),
+        residual=found.residual,
+        timing=Timing(t, found.dq[:, None], found.ddq[:, None]),
+        sense=np.where(np.searchsorted(turns, t) % 2 == 1, -1.0, 1.0),
+    )
+
+
+def _at_unit_speed(q: Floats) -> Timing:
+    """Return the timing of an input (k, 1) that turns from its least value at 1 rad/s."""
+    t = (q[:, 0] - np.min(q)) / UNIT_SPEED
+    return Timing(t, np.full_like(q, UNIT_SPEED), np.zeros_like(q))

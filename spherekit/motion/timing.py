@@ -1,0 +1,52 @@
+"""When the rows of a motion happen, and how fast its inputs move there."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.model.laws import Law
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class Timing:
+    """Times `t` (n,) in s, and the inputs' rates and accelerations there.
+
+    `dq`, `ddq` (n, inputs) in rad/s and rad/s2; rows as in the motion.
+    """
+
+    t: Floats
+    dq: Floats
+    ddq: Floats
+
+    def rows(self, chosen: Any) -> "Timing":
+        """Return some rows, chosen by a mask, a slice or numbers."""
+        return Timing(self.t[chosen], self.dq[chosen], self.ddq[chosen])
+
+    def repeated(self, count: int) -> "Timing":
+        """Return the rows so many times, one block after another."""
+        return Timing(
+            np.tile(self.t, count),
+            np.tile(self.dq, (count, 1)),
+            np.tile(self.ddq, (count, 1)),
+        )
+
+
+def by_laws(
+    inputs: Sequence[str], laws: Mapping[str, Law], t: Floats
+) -> tuple[Floats, Timing]:
+    """Return the inputs (n, inputs) rad at times (n,) by the law of each, and the timing.
+
+    Raises
+    ------
+    ModelError
+        If a table does not reach over all times.
+    """
+    q, dq, ddq = (
+        np.stack(each, axis=1)
+        for each in zip(*(laws[name].at(t) for name in inputs), strict=True)
+    )
+    return q, Timing(t, dq, ddq)

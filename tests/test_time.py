@@ -1,0 +1,399 @@
+"""Runs over time: laws, simulations from a start, what is recorded of both, bad input.
+
+The torque is compared with `inverse_dynamics`, the motion with `simulate`; both are
+checked elsewhere against 50 digits and a second formulation.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.study import run_study
+from spherekit.analysis.tables import Column, Table
+from spherekit.cli.main import main
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.errors import (
+    AnalysisError,
+    FileError,
+    ModelError,
+    UndeclaredNeed,
+)
+from spherekit.files.study import load_study
+from spherekit.model.dynamics import Stop
+from spherekit.model.laws import ConstantSpeed, Start
+
+HEAD = """\
+format = 1
+mechanism = "four_bar"
+angle_unit = "rad"
+samples = 41
+"""
+LAWS = {
+    "constant": 'kind = "constant_speed"\nspeed = -1.5\nfrom = 4',
+    "polynomial": 'kind = "polynomial"\ncoefficients = [0.2, 3.0, -2.0, 0.4]',
+    "cycloidal": 'kind = "cycloidal"\nfrom = 0.5\nto = 6.2\nduration = 2',
+    "table": 'kind = "table"\ntimes = [0, 1, 3]\nangles = [0, 2, 5]\nrest_at_ends = true',
+}
+FREE = HEAD + 'duration = 2\n[start]\nq = 0.3\ndq = 1.0\ntorque = "10*sin(2*t)"\n'
+
+
+@pytest.fixture
+def study(tmp_path):
+    def write(text):
+        path = tmp_path / "x.study.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_torque_of_every_law(name, study):
+    text = f"duration = 3\n[inputs.21.law]\n{LAWS[name]}\n[analyses.eksergian]\n"
+    read = load_study(study(HEAD + text))
+    found = run_study(read)
+    frame, t = found.frame(), np.linspace(0.0, 3.0, 41)
+    want = inverse_dynamics(read.mechanism, read.laws["21"], t)
+    assert set(frame["branch"]) == {0, 1}
+    for column in ("t", "q", "dq", "ddq"):
+        assert np.array_equal(frame[column], getattr(want, column))
+    for column in ("B", "dB_dq", "Q", "tau"):
+        gap = frame[column].to_numpy() - getattr(want, column)
+        assert np.max(np.abs(gap)) < 1e-12 * max(1.0, np.max(np.abs(want.tau)))
+    motion = found.frame("motion")
+    assert np.array_equal(motion["t"], np.tile(t, 2))
+    assert found.summary["time"]["duration_s"] == 3.0
+
+
+def test_without_a_law_the_input_turns_at_1_rad_per_s(study):
+    mechanism = sk.load("four_bar").with_inputs("21")
+    still = sk.run(mechanism, "eksergian", samples=9)
+    assert "t" not in still.frame("motion")
+    frame = still.frame()
+    assert np.array_equal(frame["t"], frame["q"])
+    assert set(frame["dq"]) == {1.0}
+    timed = run_study(study(HEAD + "duration = 3\n"), ["eksergian"])
+    want = inverse_dynamics(mechanism, ConstantSpeed(1.0), np.linspace(0.0, 3.0, 41))
+    assert np.max(np.abs(timed.frame()["tau"] - want.tau)) < 1e-12
+
+
+@dataclass(frozen=True)
+class LastInput(AbstractAnalysis):
+    """Shows what an analysis may read of time."""
+
+    name: ClassVar[str] = "last_input"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "rates of the last input"
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table("last_input", "", tuple(Column(c, "", "") for c in ("t", "dq", "ddq"))),
+    )
+
+    time: bool = True
+
+    def needs(self, mechanism):
+        return Needs(time=self.time)
+
+    def compute(self, batch):
+        rates, bends = batch.input_rates, batch.input_accelerations
+        return {"last_input": {"t": batch.t, "dq": rates[:, -1], "ddq": bends[:, -1]}}
+
+
+def test_every_analysis_can_have_the_time_of_all_inputs():
+    mechanism = sk.load("five_bar")
+    one, other = (item.pair for item in mechanism.inputs)
+    starts = [item.start for item in mechanism.inputs]
+    laws = {one: ConstantSpeed(0.1, starts[0]), other: ConstantSpeed(0.2, starts[1])}
+    found = sk.run(mechanism, LastInput(), laws=laws, duration=2.0, samples=5)
+    assert not found.failures
+    table = found.results["last_input"].data["last_input"]
+    assert np.array_equal(table["t"][:5], np.linspace(0.0, 2.0, 5))
+    assert set(table["dq"]) == {0.2}
+    with pytest.raises(AnalysisError, match="give a law for every input"):
+        sk.run(mechanism, LastInput(), samples=5)
+    undeclared = sk.run(mechanism, LastInput(False), laws=laws, duration=2.0, samples=5)
+    assert "declare Needs(time=True)" in undeclared.failures["last_input"]
+    assert issubclass(UndeclaredNeed, AnalysisError)
+
+
+def test_simulation_of_a_study(study):
+    read = load_study(study(FREE + "[analyses.poles]\n[analyses.eksergian]\n"))
+    found = run_study(read)
+    assert not found.failures
+    want = simulate(read.mechanism, Start(0.3, 1.0), 2.0, torque="10*sin(2*t)")
+    t = np.linspace(0.0, 2.0, 41)
+    history = want.at(t)
+    motion = found.frame("motion")
+    assert np.array_equal(motion["t"], t)
+    assert np.max(np.abs(motion["q"] - history.q)) < 1e-12
+    number = list(read.mechanism.variable_names).index("theta_41")
+    turned = motion["theta_41"].to_numpy() - history.values[:, number]
+    assert np.max(np.abs(np.sin(0.5 * turned))) < 1e-12
+    frame = found.frame("eksergian")
+    assert np.max(np.abs(frame["dq"] - history.dq)) < 1e-12
+    assert np.max(np.abs(frame["tau"] - 10.0 * np.sin(2.0 * t))) < 1e-11
+    events = found.frame("motion", "events")
+    assert list(events.columns) == ["t", "kind", "pair", "q"]
+    assert list(events["kind"]) == [event.kind for event in want.events] == ["rest"]
+    assert np.allclose(events["t"], [event.t for event in want.events], atol=1e-9)
+    summary = found.summary["simulation"]
+    assert summary["end"]["kind"] == "time"
+    assert summary["achieved_error_rad"] < 1e-9
+    assert summary["energy_imbalance_J"] < 1e-9 * summary["energy_scale_J"]
+    assert summary["closure_drift_rad"] < 1e-10
+
+
+def test_through_dead_centres_poles_do_not_jump():
+    """The rocker drives and swings over both its dead centres."""
+    mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
+    found = sk.run(
+        mechanism, "poles", start=Start(2.0, 3.0), duration=3.0, samples=601, block=100
+    )
+    kinds = found.frame("motion", "events")["kind"]
+    assert list(kinds).count("dead_centre") >= 2
+    frame = found.frame()
+    motion = found.frame("motion")
+    assert np.any(np.diff(motion["q"]) > 0) and np.any(np.diff(motion["q"]) < 0)
+    for _, pole in frame.groupby(["link", "relative_to"], observed=True):
+        u = pole[["ux", "uy", "uz"]].to_numpy()
+        assert np.min(np.sum(u[1:] * u[:-1], axis=1)) > 0.5
+        fine = pole["status"].to_numpy() == "OK"
+        assert np.all(np.isfinite(pole["rate"].to_numpy()[fine]))
+
+
+def test_rates_at_a_dead_centre_are_singular_rows():
+    mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
+    start = Start(2.0, 3.0)
+    whole = simulate(mechanism, start, 1.0)
+    when = next(event.t for event in whole.events if event.kind == "dead_centre")
+    found = sk.run(
+        mechanism, ["poles", "eksergian"], start=start, duration=2 * when, samples=5
+    )
+    assert not found.failures
+    assert list(found.frame("eksergian")["status"])[2] == "AT_SINGULARITY"
+    assert found.frame("eksergian")["tau"].isna().tolist() == [0, 0, 1, 0, 0]
+    for _, pole in found.frame().groupby(["link", "relative_to"], observed=True):
+        u = pole[["ux", "uy", "uz"]].to_numpy()
+        assert np.min(np.sum(u[1:] * u[:-1], axis=1)) > 0.5
+        assert not abs(pole["rate"].to_numpy()[2]) < 1e4 or set(pole["link"]) == {"4"}
+
+
+def stopped():
+    stops = (Stop("21", -1.0, 1.0),)
+    return replace(sk.load("four_bar"), stops=stops, loads=())
+
+
+def test_what_was_found_until_an_interruption_is_kept(tmp_path, capsys):
+    found = sk.run(
+        stopped(), "eksergian", start=Start(0.0, 1.0), duration=10.0, samples=101
+    )
+    end = found.summary["simulation"]["end"]
+    assert end["kind"] == "stop"
+    motion = found.frame("motion")
+    assert len(motion) == int(end["t"] / 0.1) + 2
+    assert motion["t"].iloc[-1] == end["t"]
+    assert motion["q"].iloc[-1] == pytest.approx(1.0, abs=1e-9)
+    path = tmp_path / "stopped.toml"
+    sk.dump(stopped(), path)
+    args = ["run", str(path), "--start", "q=0,dq=1", "--duration", "10", "--tol", "1e-8"]
+    assert main([*args, "-a", "eksergian", "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert "ended at" in said.err
+    assert "reached its stop" in said.err
+    assert "tolerance 1.0e-08" in said.out
+    assert (tmp_path / "out" / "motion_events.csv").read_text().count("stop") == 1
+
+
+FAULTS = {
+    # case: (text, line, words)
+    "law without duration": (
+        f"[inputs.21.law]\n{LAWS['constant']}\n",
+        5,
+        "inputs.21.law: a time law needs a duration",
+    ),
+    "start without duration": ("[start]\nq = 0\n", 5, "start: a start needs a duration"),
+    "law and start": (
+        f"duration = 1\n[inputs.21.law]\n{LAWS['constant']}\n[start]\nq = 0\n",
+        6,
+        "inputs.21.law: excluded by the start",
+    ),
+    "values and duration": (
+        "duration = 1\n[inputs.21]\nvalues = [0, 1]\n",
+        7,
+        "inputs.21.values: excluded by the duration",
+    ),
+    "table too short": (
+        f"duration = 4\n[inputs.21.law]\n{LAWS['table']}\n",
+        8,
+        "inputs.21.law.times: has 0 to 3 s, but the study lasts from 0 to 4 s",
+    ),
+    "torque that is none": (
+        'duration = 1\n[start]\nq = 0\ntorque = "sin(theta_99)"\n',
+        8,
+        "start.torque: ",
+    ),
+    "unknown pair": (
+        f"duration = 1\n[inputs.99.law]\n{LAWS['constant']}\n",
+        6,
+        'inputs.99: four_bar has no pair "99"',
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_faults_have_file_and_line(case, study):
+    text, line, words = FAULTS[case]
+    text = HEAD + text
+    if "values" in text:
+        text = text.replace("samples = 41\n", "branch = 0\n")
+    path = study(text)
+    with pytest.raises(FileError) as caught:
+        run_study(path)
+    assert str(caught.value).startswith(f"{path}:{line}: {words}")
+
+
+def test_faults_with_several_inputs(study):
+    head = HEAD.replace("four_bar", "five_bar") + "duration = 1\n"
+    with pytest.raises(FileError, match=r"start: .* one input, not 2 \(21, 51\)"):
+        run_study(study(head + "[start]\nq = 0\n"))
+    with pytest.raises(FileError, match="input 51 has no law; give one for every input"):
+        run_study(study(head + f"[inputs.21.law]\n{LAWS['constant']}\n"))
+    grid = head.replace("samples = 41", "samples = [4, 4]")
+    laws = "".join(f"[inputs.{p}.law]\n{LAWS['constant']}\n" for p in ("21", "51"))
+    with pytest.raises(FileError, match="samples: over time the samples are times"):
+        run_study(study(grid + laws))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"laws": {"41": ConstantSpeed(1.0)}, "duration": 1.0}, "pair 41 is no input"),
+        ({"laws": {"21": ConstantSpeed(1.0)}}, "needs a duration"),
+        ({"start": Start(0.0), "duration": -1.0}, "needs a finite time above 0"),
+        ({"torque": "sin(t)"}, "a driving torque needs a start"),
+        ({"duration": 1.0, "path": np.zeros(3)}, "a grid or a path"),
+    ],
+)
+def test_faults_of_a_run(options, words):
+    with pytest.raises(AnalysisError, match=words):
+        sk.run(sk.load("four_bar"), "poles", **options)
+
+
+def test_without_inertia_nothing_is_simulated():
+    bare = replace(sk.load("four_bar"), masses=())
+    with pytest.raises(ModelError):
+        sk.run(bare, "poles", start=Start(0.0), duration=1.0)
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--law", "constant:speed=1"], 'did you mean "constant_speed"'),
+        (["--law", "constant_speed:sped=1"], 'did you mean "speed"'),
+        (["--law", "cycloidal:from=0,to=1"], "parameters missing: duration"),
+        (["--law", "cycloidal:from=0,to=1,duration=0"], "duration: found 0 s"),
+        (["--law", "41=constant_speed:speed=1"], "pair 41 is no input"),
+        (["--start", "dq=1"], "parameters missing: q"),
+        (["--start", "q=0", "--law", "constant_speed:speed=1"], "excluded by the start"),
+    ],
+)
+def test_faults_of_flags(flags, words, capsys):
+    assert main(["run", "four_bar", "--duration", "1", *flags]) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_flags_say_the_same_as_a_study(tmp_path, study):
+    law = "polynomial:coefficients=0.2+3.0+-2.0+0.4"
+    flags = ["--law", law, "--duration", "3", "--samples", "41", "-a", "eksergian"]
+    assert main(["run", "four_bar", *flags, "-o", str(tmp_path / "flags")]) == 0
+    text = f"duration = 3\n[inputs.21.law]\n{LAWS['polynomial']}\n[analyses.eksergian]\n"
+    run_study(study(HEAD + text)).write(tmp_path / "study")
+    both = [(tmp_path / name / "eksergian.csv").read_text() for name in ("flags", "study")]
+    assert both[0] == both[1]
+
+
+def test_flags_replace_what_the_study_says(tmp_path, study, capsys):
+    path = str(study(FREE))
+    flags = ["--law", "constant_speed:speed=1", "--json"]
+    assert main(["run", path, *flags]) == 0
+    out = capsys.readouterr().out
+    assert '"time": {' in out
+    assert '"simulation"' not in out
+
+
+def recorded(path, analyses=("poles:only=31", "eksergian"), **options):
+    pytest.importorskip("rerun", reason="the viewer extra is not installed")
+    from spherekit.view.rerun_view import Recorder
+
+    with Recorder("four bar", path=path) as recorder:
+        sk.run(sk.load("four_bar"), list(analyses), recorder=recorder, **options)
+    return path
+
+
+def columns(path):
+    from rerun.chunk import RrdReader
+
+    found = {}
+    for chunk in RrdReader(str(path)).stream():
+        if chunk.is_static:
+            continue
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if name != "rerun.controls.RowId":
+                column = batch.column(name)
+                if name == "time":
+                    column = column.cast("int64")
+                key = chunk.entity_path, name
+                found.setdefault(key, []).extend(column.to_pylist())
+    return found
+
+
+def test_recordings_have_a_timeline_of_time(tmp_path):
+    options = {"start": Start(0.3, 1.0), "duration": 2.0, "torque": "10*sin(2*t)"}
+    found = columns(recorded(tmp_path / "a.rrd", samples=21, **options))
+    assert {line for _, line in found if ":" not in line} == {"sample", "time"}
+    home = "/four_bar/branch_0"
+    t = np.linspace(0.0, 2.0, 21)
+    for part in ("link/2", "plots/torque/tau", "plots/variable/theta_41", "pole/3_1"):
+        ns = np.array(found[f"{home}/{part}", "time"])
+        assert np.max(np.abs(ns * 1e-9 - t)) < 1e-9
+        assert found[f"{home}/{part}", "sample"] == list(range(21))
+    tau = np.concatenate(found[f"{home}/plots/torque/tau", "Scalars:scalars"])
+    assert np.max(np.abs(tau - 10.0 * np.sin(2.0 * t))) < 1e-11
+    marks = np.array(found[f"{home}/plots/phase_portrait/mark", "Points2D:positions"])
+    history = simulate(sk.load("four_bar"), Start(0.3, 1.0), 2.0, torque="10*sin(2*t)").at(
+        t
+    )
+    for k, (values, size) in enumerate(((history.q, 1.6), (history.dq, -1.0))):
+        low, high = np.min(values), np.max(values)
+        want = size * (values - low) / (high - low)
+        assert np.max(np.abs(marks[:, 0, k] - want)) < 1e-6
+
+
+def test_recordings_without_time_are_as_before(tmp_path):
+    found = columns(recorded(tmp_path / "a.rrd", samples=5))
+    assert {line for _, line in found if ":" not in line} == {"sample", "input_deg"}
+    assert not any("phase" in path or "variable" in path for path, _ in found)
+
+
+@pytest.mark.viewer
+def test_pictures_of_a_time_and_of_a_tab(tmp_path):
+    from spherekit.errors import OutputError
+    from spherekit.view.screenshot import screenshot
+
+    laws = {"21": ConstantSpeed(1.0)}
+    path = recorded(tmp_path / "a.rrd", samples=21, laws=laws, duration=2.0)
+    try:
+        screenshot(path, tmp_path / "a.png", sample=7)
+    except OutputError as error:
+        if "mesa-vulkan-drivers" in str(error):
+            pytest.skip("no Vulkan driver: install mesa-vulkan-drivers")
+        raise
+    screenshot(path, tmp_path / "b.png", sample=7, front=["Compare"])
+    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
+    with pytest.raises(OutputError, match='did you mean "Compare"'):
+        screenshot(path, tmp_path / "c.png", front=["Compar"])
