@@ -12,7 +12,16 @@ from pathlib import Path
 from benchmarks.machine import describe
 from benchmarks.report import markdown
 
-NAMES = ("planning", "motion", "startup", "accuracy", "tracking", "engine")
+NAMES = (
+    "planning",
+    "motion",
+    "startup",
+    "accuracy",
+    "tracking",
+    "engine",
+    "stored",
+    "peers",
+)
 """Modules of this package with a function `run(quick)` that returns sections."""
 
 INTRODUCTION = """\

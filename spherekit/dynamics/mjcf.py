@@ -7,6 +7,7 @@ engine that weighs constraints by the mobility of centres of mass needs centres 
 O, or it is wrong by radians without a word.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 from xml.sax.saxutils import quoteattr
@@ -80,7 +81,11 @@ class Body:
 @final
 @dataclass(frozen=True)
 class RigidBodies:
-    """A mechanism of R pairs in one pose, in ground axes, all bodies' origins at O."""
+    """A mechanism of R pairs in one pose, in ground axes, all bodies' origins at O.
+
+    Hinges come depth first, each subtree in one piece, as Pinocchio takes for granted;
+    body k is the child of hinge k.
+    """
 
     mechanism: Mechanism
     hinges: tuple[Hinge, ...]
@@ -122,10 +127,10 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
             axes[pair] if ends[pair][0] == parent else -axes[pair],
             float(values[mechanism.variables_of(pair)[0]]),
         )
-        for pair, parent, child in closure.tree.branches
+        for pair, parent, child in _depth_first(closure.tree.branches, 0)
     )
     cuts = tuple(
-        Cut(pairs[k].name, *(links[end] for end in ends[k]), axes[k])
+        Cut(pairs[k].name, links[ends[k][0]], links[ends[k][1]], axes[k])
         for k in closure.tree.chords
     )
     bodies = tuple(
@@ -133,6 +138,16 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
         for hinge in hinges
     )
     return RigidBodies(mechanism, hinges, cuts, bodies)
+
+
+def _depth_first(
+    branches: Sequence[tuple[int, int, int]], root: int
+) -> list[tuple[int, int, int]]:
+    found: list[tuple[int, int, int]] = []
+    for branch in branches:
+        if branch[1] == root:
+            found += [branch, *_depth_first(branches, branch[2])]
+    return found
 
 
 def _body(mechanism: Mechanism, link: str, turn: Floats) -> Body:

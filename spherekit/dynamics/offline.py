@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import EPS
+from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length
@@ -93,9 +93,13 @@ def online_model(
     Raises
     ------
     PlanError, SolveError
-        If the mechanism has more freedoms than one, there is no such branch or pole, or
-        a pole axis has no direction somewhere on the curve.
+        If the mechanism has more freedoms than one, there is no such branch or pole, a
+        pole axis has no direction somewhere on the curve, or the tolerance is none.
     """
+    if not 1e-15 <= tolerance <= 1e-2:
+        raise SolveError(
+            f"{mechanism.name}: tolerance is {tolerance:g}, allowed is 1e-15 to 1e-2"
+        )
     tracer = Tracer(mechanism, input_pair, branch)
     made = tracer.mechanism
     links = len(made.links)
@@ -172,18 +176,22 @@ def _followed(tracer: Tracer) -> tuple[ArcCurve, Floats]:
     low, high = tracer.range
     places = low + (high - low) * (np.arange(PROBED_INPUTS) + 0.5) / PROBED_INPUTS
     motion = tracer.at(places)
-    good = np.flatnonzero(motion.status == 0)
-    if not len(good):
-        raise SolveError(
-            f"{mechanism.name}: the branch has no configuration at any of {PROBED_INPUTS} "
-            "inputs of its range; give another branch or range"
-        )
-    values = motion.values[good[0]].copy()
-    values[tracer.solver.single] = places[good[0]]
     stops = {
         mechanism.variables_of(mechanism.pair_number[stop.pair])[0]: (stop.low, stop.high)
         for stop in mechanism.stops
     }
+    motion.values[:, tracer.solver.single] = places
+    usable = motion.status == Status.OK
+    for variable, (least, most) in stops.items():
+        value = motion.values[:, variable]
+        usable &= (value > least) & (value < most)
+    good = np.flatnonzero(usable)
+    if not len(good):
+        raise SolveError(
+            f"{mechanism.name}: the branch has no configuration within the stops at any "
+            f"of {PROBED_INPUTS} inputs of its range; give another branch or range"
+        )
+    values = motion.values[good[0]].copy()
     return follow_arc(tracer.solver.closure, values, stops), values
 
 
@@ -304,7 +312,7 @@ class _Sampler:
             s = s + step
             if np.max(np.abs(step), initial=0.0) < 1e-14 * curve.length:
                 break
-        return s + laps * curve.length
+        return np.asarray(s + laps * curve.length)
 
     def _directions(self, x: Floats, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return the unit vectors (n, 3) of the poles, in the sense that was noted."""

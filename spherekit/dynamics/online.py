@@ -435,15 +435,17 @@ def _check_header(where: str, header: Any) -> None:
 
 
 def _heading(header: dict[str, Any]) -> Heading:
-    loads = tuple(
-        StoredLoad(**{k: tuple(v) if isinstance(v, list) else v for k, v in each.items()})
-        for each in header["loads"]
-    )
+    loads = tuple(_stored_load(each) for each in header["loads"])
     groups = tuple(tuple(Function(**each) for each in group) for group in header["groups"])
     rest = {name: header[name] for name in Heading.__dataclass_fields__}
     for name in ("variables", "angles", "poles", "rise"):
         rest[name] = tuple(rest[name])
     return Heading(**{**rest, "loads": loads, "groups": groups})
+
+
+def _stored_load(given: dict[str, Any]) -> StoredLoad:
+    lists = {name: tuple(given[name]) for name in ("components", "times", "torques")}
+    return StoredLoad(**{**given, **lists})
 
 
 def _groups(
