@@ -20,6 +20,8 @@ NAMES = (
     "accuracy",
     "tracking",
     "engine",
+    "stored",
+    "peers",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
 

@@ -1,0 +1,117 @@
+"""Functions of one variable as Chebyshev series on cells as narrow as each place needs."""
+
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from math import acos
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.numeric.chebyshev import DEGREE, Floats
+
+MOST_CELLS = 2**13
+ROUNDING = 1e-10
+"""A cell whose error is below this and does not fall when it is halved has reached
+rounding."""
+
+
+@final
+@dataclass(frozen=True)
+class AdaptiveChebyshev:
+    """m functions on [edges[0], edges[-1]] by `coefficients` (cells, degree + 1, m).
+
+    `edges` (cells + 1,) bound the cells in rising order.
+    """
+
+    edges: Floats
+    coefficients: Floats
+
+    @staticmethod
+    def fit(
+        function: Callable[[Floats], Floats],
+        low: float,
+        high: float,
+        size: Floats,
+        tolerance: float = 1e-13,
+        cells: int = 1,
+    ) -> "AdaptiveChebyshev":
+        """Return the interpolant of a function (n,) -> (n, m).
+
+        Starting from equal `cells`, each is halved until its error, measured at the
+        extrema of the next Chebyshev polynomial, is below `tolerance` times `size` (m,)
+        for every function, or is rounding, or there are `MOST_CELLS`.
+        """
+        count = DEGREE + 1
+        angles = (np.arange(count) + 0.5) * np.pi / count
+        between = np.arange(count + 1) * np.pi / count
+        orders = np.arange(count)
+        fitting = np.cos(np.outer(orders, angles)) * (2.0 / count)
+        fitting[0] *= 0.5
+        checking = np.cos(np.outer(between, orders))
+        places = np.cos(np.concatenate([angles, between]))
+        starts = low + (high - low) * np.arange(cells) / cells
+        ends = np.append(starts[1:], high)
+        before = np.full(cells, np.inf)
+        done: list[tuple[float, float, Floats]] = []
+        while len(starts):
+            half = 0.5 * (ends - starts)[:, None]
+            x = np.minimum(starts[:, None] + half * (1.0 + places), ends[:, None])
+            order = np.argsort(x.ravel())
+            found = np.empty((x.size, len(size)))
+            found[order] = function(x.ravel()[order])
+            found = found.reshape(len(starts), -1, len(size))
+            series = np.einsum("kj,cjm->ckm", fitting, found[:, :count])
+            gap = np.einsum("jk,ckm->cjm", checking, series) - found[:, count:]
+            error = np.max(np.abs(gap) / size, axis=(1, 2))
+            good = (error <= tolerance) | ((error < ROUNDING) & (error > 0.5 * before))
+            if len(done) + 2 * len(starts) > MOST_CELLS:
+                good[:] = True
+            done += zip(starts[good], ends[good], series[good], strict=True)
+            left, right, before = starts[~good], ends[~good], np.repeat(error[~good], 2)
+            middle = 0.5 * (left + right)
+            starts = np.stack([left, middle], axis=1).ravel()
+            ends = np.stack([middle, right], axis=1).ravel()
+        done.sort(key=lambda cell: cell[0])
+        edges = np.array([cell[0] for cell in done] + [high])
+        return AdaptiveChebyshev(edges, np.stack([cell[2] for cell in done]))
+
+    def at(self, x: ArrayLike) -> Floats:
+        """Return the functions (n, m) at x (n,) between the first and the last edge."""
+        x = np.asarray(x, dtype=float)
+        cell = np.searchsorted(self.edges, x, side="right") - 1
+        cell = np.clip(cell, 0, len(self.coefficients) - 1)
+        low, high = self.edges[cell], self.edges[cell + 1]
+        place = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
+        return _sum(self.coefficients, cell, place)
+
+    def one(self, x: float) -> Floats:
+        """Return the functions (m,) at one x: the way of least time."""
+        edges = self._edges
+        cell = min(max(bisect_right(edges, x) - 1, 0), len(edges) - 2)
+        low, high = edges[cell], edges[cell + 1]
+        place = (2.0 * x - low - high) / (high - low)
+        angle = acos(min(max(place, -1.0), 1.0))
+        row: Floats = np.cos(self._orders * angle).dot(self.coefficients[cell])
+        return row
+
+    @cached_property
+    def _edges(self) -> list[float]:
+        found: list[float] = self.edges.tolist()
+        return found
+
+    @cached_property
+    def _orders(self) -> Floats:
+        return np.arange(self.coefficients.shape[1], dtype=float)
+
+
+def _sum(series: Floats, cell: NDArray[np.intp], x: Floats) -> Floats:
+    """Return the series of each x's own cell, by Clenshaw's recurrence."""
+    x = x[:, None]
+    after = np.zeros((len(x), series.shape[2]))
+    here = np.zeros_like(after)
+    for order in range(series.shape[1] - 1, 0, -1):
+        here, after = 2.0 * x * here - after + series[cell, order], here
+    return np.asarray(x * here - after + series[cell, 0])

@@ -1,0 +1,303 @@
+"""Stored functions of a mechanism against other routes to the same values."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spherekit.cli.main import main
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.dynamics.mjcf import mjcf, rigid_bodies
+from spherekit.dynamics.offline import online_model
+from spherekit.dynamics.online import load_reduced
+from spherekit.errors import FileError, ModelError, PlanError, SolveError
+from spherekit.files.read import load
+from spherekit.model.dynamics import (
+    Damper,
+    Friction,
+    Gravity,
+    Mass,
+    Moment,
+    PointForce,
+    Spring,
+    TorqueTable,
+)
+from spherekit.model.inertia import moments_of_point
+from spherekit.model.laws import Polynomial
+from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import parse_pole
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import request
+
+TURN = 2.0 * np.pi
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    return load("four_bar")
+
+
+@pytest.fixture(scope="module")
+def models(four_bar, tmp_path_factory):
+    """Both modes of the four-bar, saved and loaded."""
+    folder = tmp_path_factory.mktemp("models")
+    found = []
+    for branch in (0, 1):
+        path = folder / f"mode{branch}.npz"
+        online_model(four_bar, branch=branch).save(path)
+        found.append(load_reduced(path))
+    return found
+
+
+def worst_pole_errors(mechanism, model, branch, count, names):
+    """Largest errors of directions and, relative to the largest, of coefficients."""
+    tracer = Tracer(mechanism, branch=branch)
+    x = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
+    motion = tracer.at(x)
+    poles = [parse_pole(mechanism, name) for name in names]
+    field = evaluate(motion, request(mechanism, tracer.inputs[0], poles, poles))
+    worst = 0.0
+    for name, pole in zip(names, poles, strict=True):
+        side = np.sign(np.sum(field.direction[pole] * model.pole(name, x), axis=1))
+        gap = field.direction[pole] * side[:, None] - model.pole(name, x)
+        worst = max(worst, np.max(np.abs(gap)))
+        for want, found in (
+            (field.rate[pole], model.rate(name, x)),
+            (field.rate_dq[pole], model.rate_derivative(name, x)),
+        ):
+            size = np.max(np.abs(want)) if np.max(np.abs(want)) > 1e-9 else 1.0
+            worst = max(worst, np.max(np.abs(want * side - found)) / size)
+    for number, variable in enumerate(mechanism.variable_names):
+        turned = motion.values[:, number] - model.value(variable, x)
+        worst = max(worst, np.max(np.abs(np.sin(0.5 * turned))))
+    return worst
+
+
+@pytest.mark.parametrize("branch", [0, 1])
+def test_every_pole_and_coefficient_is_that_of_the_plan(four_bar, models, branch):
+    model = models[branch]
+    assert model.heading.coordinate == "q"
+    assert model.error < 1e-12
+    names = model.heading.poles
+    assert len(names) == 6
+    assert worst_pole_errors(four_bar, model, branch, 2000, names) < 1e-12
+
+
+def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
+    mechanism = load("stephenson")
+    names = ("6/3", "5/2", "3/1")
+    model = online_model(mechanism, poles=names)
+    assert len(model.groups[1].edges) > len(model.groups[2].edges)
+    assert worst_pole_errors(mechanism, model, 0, 2000, names) < 1e-12
+
+
+@pytest.mark.parametrize("branch", [0, 1])
+def test_inertia_and_torque_are_those_of_the_inverse_problem(four_bar, models, branch):
+    model = models[branch]
+    t = np.linspace(0.0, 2.0, 400)
+    law = Polynomial((0.3, 1.0, 2.0, -0.5))
+    found = inverse_dynamics(four_bar, law, t, branch=branch)
+    args = (found.q, found.dq, found.ddq, t)
+    for want, values in (
+        (found.B, model.inertia(found.q)),
+        (found.dB_dq, model.inertia_rate(found.q)),
+        (found.Q, sum(model.forces(found.q, found.dq, t).values())),
+        (found.tau, model.torque(*args)),
+    ):
+        assert np.max(np.abs(want - values)) < 1e-12 * np.max(np.abs(want))
+    for row in range(0, 400, 57):
+        one = model.torque(*(float(x[row]) for x in args))
+        assert isinstance(one, float)
+        assert abs(one - found.tau[row]) < 1e-12 * np.max(np.abs(found.tau))
+
+
+def test_laps_only_add_whole_turns(models):
+    model = models[0]
+    for x in (-40.0, -0.1, 0.0, 6.9, 300.0):
+        assert np.allclose(model.pole("3/1", x), model.pole("1/3", x % TURN), atol=1e-12)
+        assert abs(model.value("theta_21", x) - x) < 1e-12 * max(1.0, abs(x))
+        assert np.allclose(model.value("theta_21", np.array([x])), x, rtol=1e-14)
+
+
+def every_load(four_bar):
+    rng = np.random.default_rng(3)
+    masses = []
+    for mass in four_bar.masses:
+        centre = rng.normal(size=3) * 0.1
+        tensor = np.array(mass.tensor) + moments_of_point(2.0, centre)
+        masses.append(Mass(mass.link, tuple(map(tuple, tensor)), 2.0, tuple(centre)))
+    loads = (
+        *four_bar.loads,
+        Gravity("weight", (0.3, -1.0, -9.0)),
+        PointForce("push", "3", (0.2, 0.5, 0.1), ("1", "cos(t)", "dtheta_32"), "link"),
+        Moment("twist", "3", ("t", "0.5", "theta_41")),
+        Spring("spring", "32", 1.5, -0.25),
+        Damper("damper", "43", 0.5),
+        Friction("dry", "41", 0.3, 0.1, 0.05),
+        TorqueTable("motor", "21", (0.0, 0.7, 1.5), (3.0, -1.0, 3.0), True),
+    )
+    return replace(four_bar, masses=tuple(masses), loads=loads)
+
+
+def test_every_kind_of_load_is_kept(four_bar, tmp_path):
+    mechanism = every_load(four_bar)
+    online_model(mechanism, poles=()).save(tmp_path / "loads.npz")
+    model = load_reduced(tmp_path / "loads.npz")
+    t = np.linspace(0.0, 2.0, 50)
+    found = inverse_dynamics(mechanism, Polynomial((0.3, 1.0, 1.0)), t, branch=0)
+    parts = model.forces(found.q, found.dq, t)
+    assert list(parts) == [load.name for load in mechanism.loads]
+    turn = model.value("theta_32", 0.3) - found.values[0, 1]
+    assert abs(turn / TURN - round(turn / TURN)) < 1e-12
+    turns = {"spring": -1.5 * turn}  # a spring counts whole turns from where it starts
+    for number, (name, part) in enumerate(parts.items()):
+        want = found.Q_parts[:, number] + turns.get(name, 0.0) * found.pair_rates[:, 1]
+        if name != "twist":
+            assert np.max(np.abs(part - want)) < 1e-12 * max(1.0, np.max(np.abs(want)))
+    one = model.torque(*(float(x[7]) for x in (found.q, found.dq, found.ddq)), float(t[7]))
+    every = model.torque(found.q, found.dq, found.ddq, t)
+    assert abs(one - every[7]) < 1e-12 * np.max(np.abs(every))
+
+
+def rocker(four_bar):
+    links = four_bar.geometry.links
+    arcs = {"1": 60.0, "2": 55.0, "3": 70.0, "4": 40.0}
+    sizes = {n: replace(links[n], arcs=(np.deg2rad(a),)) for n, a in arcs.items()}
+    return replace(four_bar, geometry=replace(four_bar.geometry, links=sizes))
+
+
+def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
+    mechanism = rocker(four_bar)
+    model = online_model(mechanism)
+    assert (model.heading.coordinate, model.heading.periodic) == ("s", True)
+    assert model.error < 1e-12
+    s = np.linspace(0.0, 40.0, 300)
+    tangents = [model.value(f"d({name})/ds", s) for name in mechanism.variable_names]
+    assert np.max(np.abs(np.sum(np.square(tangents), axis=0) - 1.0)) < 1e-12
+    # The primary pole of the input has the input's rate.
+    assert np.allclose(np.abs(model.rate("2/1", s)), np.abs(tangents[0]), atol=1e-12)
+
+
+def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
+    from spherekit.model.dynamics import Stop
+
+    model = online_model(replace(four_bar, stops=(Stop("21", 0.5, 4.5),)), poles=("3/1",))
+    high = model.heading.high
+    assert not model.heading.periodic
+    ends = np.sort(model.value("theta_21", [0.0, high]))
+    assert np.allclose(ends, [0.5, 4.5])
+    for x in (high + 0.1, -0.1, float("nan"), np.array([0.1, high + 0.1])):
+        with pytest.raises(SolveError, match="lies within 0 to"):
+            model.pole("3/1", x)
+
+
+def test_bad_requests_name_the_nearest_match(four_bar, models):
+    with pytest.raises(SolveError, match=r'pole "3/5" is not stored; did you mean "3/'):
+        models[0].pole("3/5", 0.1)
+    with pytest.raises(
+        SolveError, match='"theta_12" is not stored; did you mean "theta_21"'
+    ):
+        models[0].value("theta_12", 0.1)
+    with pytest.raises(SolveError, match="asked for q = nan"):
+        models[0].torque(float("nan"), 1.0, 0.0)
+    with pytest.raises(SolveError, match="asked for q = inf"):
+        models[0].inertia([0.1, np.inf])
+    with pytest.raises(PlanError, match="is no pole"):
+        online_model(four_bar, poles=["3/9"])
+    with pytest.raises(SolveError, match="no branch 7"):
+        online_model(four_bar, branch=7)
+    with pytest.raises(SolveError, match="tolerance is nan"):
+        online_model(four_bar, tolerance=float("nan"))
+    with pytest.raises(SolveError, match='"B" is not stored'):
+        online_model(load("stephenson"), poles=()).torque(0.1, 1.0, 0.0)
+
+
+def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
+    good = tmp_path / "good.npz"
+    models[0].save(good)
+    with np.load(good) as archive:
+        arrays = dict(archive)
+
+    def written(name, **changed):
+        np.savez(tmp_path / name, **{**arrays, **changed})
+        return tmp_path / name
+
+    header = json.loads(str(arrays["header"]))
+    other = written("version.npz", header=np.array(json.dumps({**header, "version": 2})))
+    with pytest.raises(FileError, match="has version 2 of the format, and spherekit"):
+        load_reduced(other)
+    series = arrays["chebyshev_0"].copy()
+    series[3, 2, 8] = np.nan
+    with pytest.raises(FileError, match='"B" has coefficients that are not finite'):
+        load_reduced(written("nan.npz", chebyshev_0=series))
+    with pytest.raises(FileError, match="columns for 5 functions"):
+        load_reduced(written("columns.npz", chebyshev_1=arrays["chebyshev_1"][..., :3]))
+    whole = good.read_bytes()
+    for part in (0, 100, len(whole) // 2, len(whole) - 30):
+        (tmp_path / "cut.npz").write_bytes(whole[:part])
+        with pytest.raises(FileError, match="make it anew"):
+            load_reduced(tmp_path / "cut.npz")
+    np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
+    with pytest.raises(FileError, match="is no spherekit reduced model"):
+        load_reduced(tmp_path / "foreign.npz")
+    with pytest.raises(FileError, match="cannot be read: No such file"):
+        load_reduced(tmp_path / "absent.npz")
+
+
+def test_a_stored_model_needs_numpy_only(models, tmp_path):
+    models[0].save(tmp_path / "model.npz")
+    code = (
+        "import sys; from spherekit.dynamics.online import load_reduced; "
+        "print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1)); "
+        "print(*sys.modules)"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "model.npz")]
+    out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    torque, _, modules = out.partition("\n")
+    assert float(torque) == models[0].torque(0.3, 1.0, 0.2, 0.1)
+    own = {name for name in modules.split() if name.startswith("spherekit.")}
+    assert not own & {"spherekit.model.mechanism", "spherekit.motion", "spherekit.files"}
+    top = {name.split(".")[0] for name in modules.split()}
+    assert not top & {"scipy", "pandas", "networkx", "heyoka", "rerun"}
+
+
+def test_the_command_exports_both_forms(tmp_path, capsys):
+    target = tmp_path / "m.npz"
+    assert (
+        main(["export", "four_bar", "--to", "model", "--poles", "3/1", "-o", str(target)])
+        == 0
+    )
+    assert "functions of q" in capsys.readouterr().err
+    assert load_reduced(target).heading.poles == ("3/1",)
+    target = tmp_path / "m.xml"
+    arguments = ["export", "four_bar", "--to", "mjcf", "-o", str(target), "--at", "0.3"]
+    assert main([*arguments, "-q"]) == 0
+    assert "<mujoco" in target.read_text(encoding="utf-8")
+
+
+def test_rigid_bodies_have_the_inertia_of_the_mechanism(four_bar, models):
+    motion = Tracer(four_bar, branch=0).at(np.array([0.3]))
+    made = rigid_bodies(four_bar, motion.values[0])
+    assert [hinge.pair for hinge in made.hinges] == ["21", "32", "41"]
+    w, B = {"1": np.zeros(3)}, 0.0
+    for hinge, body in zip(made.hinges, made.bodies, strict=True):
+        rate = models[0].value(f"d(theta_{hinge.pair})/dq", 0.3)
+        w[hinge.child] = w[hinge.parent] + rate * hinge.axis
+        tensor = body.tensor + moments_of_point(body.mass, body.centre)
+        B += w[hinge.child] @ tensor @ w[hinge.child]
+        assert np.min(np.linalg.eigvalsh(body.tensor)) > 0.0
+        assert np.linalg.norm(body.centre) > 0.1
+    assert abs(B - models[0].inertia(0.3)) < 1e-12
+    (cut,) = made.cuts
+    across = w[cut.second] - w[cut.first]
+    assert np.max(np.abs(np.cross(across, cut.point))) < 1e-12
+
+
+def test_contacts_are_no_hinges():
+    mechanism = load("roller_cam")
+    values = Tracer(mechanism).motion().values[0]
+    with pytest.raises(ModelError, match="only R pairs"):
+        mjcf(mechanism, values)
