@@ -11,7 +11,7 @@ constant where no load acts; it is the rate of the arc length in the metric of t
 energy. No derivative of B is needed, and every dead centre is an ordinary point.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -67,13 +67,22 @@ class EquationOfMotion:
         side = np.sum(along * motion.rates, axis=1)
         return motion.turned(np.where(side < 0.0, -1.0, 1.0))
 
-    def at(self, t: Floats, states: Floats, along: Floats) -> Dynamics:
-        """Return what acts at successive times t (n,); `along` as in `motion`."""
+    def at(
+        self, t: Floats, states: Floats, along: Floats, whole: Floats | None = None
+    ) -> Dynamics:
+        """Return what acts at successive times t (n,); `along` as in `motion`.
+
+        `whole` (n, variables) rad are turns by which the states' variables are less than
+        those that the loads see.
+        """
         motion = self.motion(states[:, : self.variables], along)
         B = equivalent_inertia(self.mechanism, motion)
         with np.errstate(divide="ignore", invalid="ignore"):
             speed = states[:, self.variables] / np.sqrt(B)
-        return Dynamics(motion, B, self.loads.parts(motion, speed, t), speed)
+        seen = motion
+        if whole is not None:
+            seen = replace(motion, values=motion.values + whole)
+        return Dynamics(motion, B, self.loads.parts(seen, speed, t), speed)
 
     def rates(self, found: Dynamics) -> Floats:
         """Return the rates of the states (n, states)."""
