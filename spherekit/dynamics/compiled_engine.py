@@ -65,9 +65,7 @@ def by_taylor_series(problem: Problem, tolerance: float, compact: bool) -> Simul
 
     Parameters
     ----------
-    tolerance
-        Error tolerated in a step, in angles and in units of the momentum.
-    compact
+    tolerance, compact
         See `spherekit.engine.equation.compiled_equation`.
 
     Raises

@@ -34,15 +34,19 @@ FIRST_ARC = 0.1
 SHORTEST = 1e-11
 """Steps shorter than this part of the whole time end a simulation."""
 
-SHARE = 1.0
-"""Error tolerated in a step, as part of the error tolerated in the end."""
+CROSSED = 1e-6
+"""Orientations smaller than this part of the largest are those of a crossing of curves.
+
+A configuration off its curve by d misses a crossing by sqrt(d), so the root of the
+tolerance counts where it is more.
+"""
 
 MOST_STEPS = 100_000
 
 
 def by_collocation(problem: Problem, tolerance: float, reason: str) -> Simulation:
     """Return the motion of a problem; `reason` says why it is NumPy that runs."""
-    return _Run(problem, SHARE * tolerance).simulation(reason)
+    return _Run(problem, tolerance).simulation(reason)
 
 
 @final
@@ -161,7 +165,8 @@ class _Run:
         size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
         side = self.orientation or float(orientation[0])
         self.orientation = float(np.copysign(size, side))
-        crossing = within.crossing(orientation, self.orientation)
+        least = max(CROSSED, float(np.sqrt(self.tolerance)))
+        crossing = within.crossing(orientation, self.orientation, least)
         if crossing is not None and (reached is None or crossing < reached[0]):
             return End("singularity", crossing, CROSSING)
         if reached is None:

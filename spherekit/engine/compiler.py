@@ -1,7 +1,7 @@
 """heyoka, the compiler behind the engine; imported here only, and only when called."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from importlib.util import find_spec
@@ -163,6 +163,7 @@ class Integrator:
     number: type[Any]
     events: tuple[Event, ...]
     terminal: tuple[int, ...]
+    outcomes: Mapping[int, End]
     seen: list[Noted]
     seconds: float
 
@@ -199,14 +200,9 @@ class Integrator:
         outcome, length = self.adaptive.step(
             max_delta_t=self.number(longest), write_tc=True
         )
-        code, ends = int(outcome), heyoka().taylor_outcome
-        known = {
-            int(ends.success): End.STEP,
-            int(ends.time_limit): End.LIMIT,
-            int(ends.err_nf_state): End.NOT_FINITE,
-        }
-        if code in known:
-            return known[code], float(length)
+        code = int(outcome)
+        if code in self.outcomes:
+            return self.outcomes[code], float(length)
         if code >= 0:
             return End.SWITCH, float(length)
         which = self.terminal[-code - 1]
@@ -271,11 +267,17 @@ def compile_integrator(
         nt_events=passing,
         fp_type=number,
     )
+    ends = module.taylor_outcome
     return Integrator(
         made,
         number,
         tuple(events),
         tuple(terminal),
+        {
+            int(ends.success): End.STEP,
+            int(ends.time_limit): End.LIMIT,
+            int(ends.err_nf_state): End.NOT_FINITE,
+        },
         seen,
         time.perf_counter() - started,
     )

@@ -39,6 +39,13 @@ from spherekit.model.dynamics import Stop, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
+LOOSEST = 1e-12
+"""Largest tolerance of a step.
+
+A larger one saves little, for the order of the series grows with the digits, not the
+number of steps; and crossings of curves need closed configurations to be seen.
+"""
+
 EventKind = Literal["rest", "dead_centre", "singularity", "stop", "switch"]
 
 
@@ -129,7 +136,7 @@ def compiled_equation(
         tables and stops are set for each run, so mechanisms that differ in them only
         share one equation.
     tolerance
-        Error of each step, in states of size one.
+        Error of each step, in states of size one, at most `LOOSEST`.
     compact
         heyoka's compact mode: compiles faster, runs slower.
     number
@@ -141,6 +148,7 @@ def compiled_equation(
     EngineError
         If the mechanism cannot be compiled.
     """
+    tolerance = min(tolerance, LOOSEST)
     request = repr(("motion", tolerance, compact, number.__name__))
     common = replace(
         mechanism,

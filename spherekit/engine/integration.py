@@ -28,8 +28,12 @@ MOST_STEPS = 300_000
 SHORTEST = 1e-11
 """Steps shorter than this part of the whole time end a run."""
 
-CROSSED = 1e-6
-"""Where |tau| is smaller than this part of its largest, curves cross."""
+CROSSED = 1e-5
+"""Where |tau| is smaller than this part of its largest, curves cross.
+
+A configuration off its curve by d misses a crossing by sqrt(d), so this suits
+`spherekit.engine.equation.LOOSEST`.
+"""
 
 BLOCK = 1024
 """Times at which the series are evaluated together."""
