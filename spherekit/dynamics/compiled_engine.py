@@ -38,7 +38,6 @@ class TaylorPath:
 
     run: Run
     sense: float
-    drift: float = 0.0
 
     @property
     def starts(self) -> Floats:
@@ -49,6 +48,11 @@ class TaylorPath:
     def lengths(self) -> Floats:
         """(steps,) their lengths (s)."""
         return self.run.lengths
+
+    @property
+    def drift(self) -> float:
+        """Largest closure residual (rad) that was taken out."""
+        return self.run.drift
 
     def at(self, t: Floats) -> Traced:
         """Return the states at times (n,) within the path."""
@@ -92,6 +96,7 @@ def by_taylor_series(problem: Problem, tolerance: float, compact: bool) -> Simul
         sense * unit * problem.speed,
         unit,
         (*problem.switches, problem.until),
+        problem.equation.closed,
     )
     seconds = time.perf_counter() - started
     if not run.stretches:

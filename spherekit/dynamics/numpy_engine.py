@@ -127,17 +127,11 @@ class _Run:
         return float(min(self.problem.until, 1.0 / max(pace, 1e-300), 1.0))
 
     def _closed(self, state: Floats) -> Floats:
-        """Return the state with its configuration put back onto the curve.
-
-        By Newton's method along the normal space, so that no travel is added.
-        """
+        """Return the state with its configuration put back onto the curve."""
         variables = self.equation.variables
-        gap, jacobian = self.equation.closure.linearise(state[None, :variables])
-        if not gap.size:
-            return state
-        self.drift = max(self.drift, float(np.max(np.abs(gap))))
         closed = state.copy()
-        closed[:variables] -= np.linalg.pinv(jacobian[0], rcond=1e-10) @ gap[0]
+        closed[:variables], gap = self.equation.closed(state[:variables])
+        self.drift = max(self.drift, gap)
         return closed
 
     def _accept(self, step: Step) -> End | None:

@@ -67,6 +67,17 @@ class EquationOfMotion:
         side = np.sum(along * motion.rates, axis=1)
         return motion.turned(np.where(side < 0.0, -1.0, 1.0))
 
+    def closed(self, values: Floats) -> tuple[Floats, float]:
+        """Return a configuration (variables,) put back onto its curve, and its residual.
+
+        By a step of Newton's method along the normal space, so that no travel is added.
+        """
+        gap, jacobian = self.closure.linearise(values[None])
+        if not gap.size:
+            return values, 0.0
+        moved = np.linalg.pinv(jacobian[0], rcond=1e-10) @ gap[0]
+        return np.asarray(values - moved), float(np.max(np.abs(gap)))
+
     def at(
         self, t: Floats, states: Floats, along: Floats, whole: Floats | None = None
     ) -> Dynamics:

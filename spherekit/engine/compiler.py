@@ -76,6 +76,12 @@ def substitute(expression: Expr, known: Sequence[tuple[Expr, Expr]]) -> Expr:
     return module.subs(module.expression(expression), dict(known))
 
 
+def varies(expression: Expr) -> bool:
+    """Return whether an expression has variables in it."""
+    module = heyoka()
+    return bool(module.get_variables(module.expression(expression)))
+
+
 @final
 @dataclass(frozen=True)
 class Function:

@@ -30,6 +30,7 @@ from spherekit.engine.compiler import (
     substitute,
     symbols,
     time_symbol,
+    varies,
 )
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import Flow, Structure
@@ -234,16 +235,15 @@ def _events(
     square: Expr = 0.0
     for tau in flow.tau:
         square = square + tau * tau
-    events = [
-        Event(momentum),
-        Event(flow.input_rate),
-        Event(square - parameter(layout.least), stops=True, sense=-1),
-    ]
-    kinds: list[tuple[EventKind, int]] = [
-        ("rest", -1),
-        ("dead_centre", driven),
-        ("singularity", -1),
-    ]
+    events = [Event(momentum)]
+    kinds: list[tuple[EventKind, int]] = [("rest", -1)]
+    if varies(flow.input_rate):
+        events.append(Event(flow.input_rate))
+        kinds.append(("dead_centre", driven))
+    if varies(square):
+        crossed = square - parameter(layout.least)
+        events.append(Event(crossed, stops=True, sense=-1))
+        kinds.append(("singularity", -1))
     for number, stop in enumerate(mechanism.stops):
         (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
         value = variables[place] + FULL_TURN * parameter(place)

@@ -1,11 +1,12 @@
 """A run of the compiled equation of motion, kept as the Taylor series of its steps.
 
-Three things keep a run accurate over thousands of turns, since the integrator's tolerance
-is relative to the largest element of its state: every few steps angles are reduced by
-whole turns, the work done is set aside, and the unit of momentum grows with the momentum.
+The integrator's tolerance is relative to the largest element of its state. So that a run
+stays accurate over thousands of turns, every few steps angles are reduced by whole turns,
+the work done is set aside, and the unit of momentum grows with the momentum. The loops
+open by little more than rounding, but that adds up, so they are closed now and then.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, final
@@ -21,6 +22,9 @@ from spherekit.sphere.rotation import Floats
 
 STRETCH = 50
 """Steps after which the state is reduced."""
+
+CLOSED = 20
+"""Stretches after which the configuration is put back onto its curve."""
 
 MOST_STEPS = 300_000
 """Their series take about 2 kB each."""
@@ -74,13 +78,17 @@ class Stretch:
 @final
 @dataclass(frozen=True)
 class Run:
-    """A run as far as it came: its stretches, events, and why and when it ended (s)."""
+    """A run as far as it came: its stretches, events, and why and when it ended (s).
+
+    `drift` is the largest closure residual (rad) that was taken out.
+    """
 
     equation: CompiledEquation
     stretches: tuple[Stretch, ...]
     passages: tuple[Passage, ...]
     end: RunEnd
     time: float
+    drift: float
 
     @cached_property
     def starts(self) -> Floats:
@@ -144,6 +152,7 @@ def integrate(
     momentum: float,
     unit: float,
     targets: Sequence[float],
+    close: Callable[[Floats], tuple[Floats, float]],
 ) -> Run:
     """Return the run from a start at t = 0 to the last of the targets.
 
@@ -158,8 +167,10 @@ def integrate(
         A momentum of usual size, not zero.
     targets
         Rising times (s) between which no load has a knot.
+    close
+        Puts a configuration back onto its curve, and says what its residual was.
     """
-    return _Integration(equation, mechanism, values, momentum, unit).run(targets)
+    return _Integration(equation, mechanism, values, momentum, unit, close).run(targets)
 
 
 @final
@@ -173,8 +184,10 @@ class _Integration:
         values: Floats,
         momentum: float,
         unit: float,
+        close: Callable[[Floats], tuple[Floats, float]],
     ) -> None:
         self.equation = equation
+        self.close, self.drift = close, 0.0
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.count = len(values)
         self.turns = np.zeros(self.count)
@@ -209,7 +222,9 @@ class _Integration:
             t = integrator.time
             if end != "time":
                 break
-        return Run(self.equation, tuple(self.stretches), self._passages(), end, t)
+        return Run(
+            self.equation, tuple(self.stretches), self._passages(), end, t, self.drift
+        )
 
     def _stretch(
         self, integrator: Integrator, target: float, shortest: float
@@ -258,6 +273,9 @@ class _Integration:
         turns = np.round(values.astype(float) / FULL_TURN) * self.period
         values -= turns * FULL_TURN
         values -= turns * _FULL_TURN_REST
+        if self.stretches and len(self.stretches) % CLOSED == 0:
+            values[:], gap = self.close(values.astype(float))
+            self.drift = max(self.drift, gap)
         self.turns = self.turns + turns
         done = state[self.count + 1 :].astype(float)
         self.work = self.work + done * self.unit**2
