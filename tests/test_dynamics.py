@@ -19,7 +19,13 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.reduced import reduced
 from spherekit.dynamics.start import PoseStart, prepare
-from spherekit.errors import AnalysisError, ModelError, SolveError, SpherekitError
+from spherekit.errors import (
+    AnalysisError,
+    EngineError,
+    ModelError,
+    SolveError,
+    SpherekitError,
+)
 from spherekit.model.dynamics import (
     Damper,
     Friction,
@@ -565,6 +571,10 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
     last = reached.q[reached.status == Status.OK][-1]
     found = simulate(opened, PoseStart(first, "cam_shaft", 2.0), 20.0, tolerance=1e-7)
     assert found.end.kind == "off_profile"
+    assert found.engine.name == "numpy"
+    assert found.engine.reason
+    with pytest.raises(EngineError):
+        simulate(opened, PoseStart(first, "cam_shaft", 2.0), 1.0, engine="compiled")
     history = found.at(np.linspace(0.0, found.end.t, 9))
     assert history.q[-1] > last - 0.01
     assert np.ptp(history.kinetic) < 1e-7

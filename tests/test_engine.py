@@ -593,17 +593,6 @@ def test_what_was_compiled_is_kept():
     assert again[0].compile_seconds > 0.0 == again[1].compile_seconds
 
 
-@compiled
-def test_the_engine_that_cannot_says_why_and_numpy_runs():
-    shaped = with_masses(load("shaped_cam"))
-    start = Start(sum(Tracer(shaped, search=False).range) / 2, 1.0)
-    with pytest.raises(EngineError, match=r"pairs.contact.*fourier.*NumPy"):
-        run(shaped, start, 0.05)
-    found = simulate(shaped, start, 0.01, tolerance=1e-5)
-    assert found.engine.name == "numpy"
-    assert "fourier" in found.engine.reason
-
-
 def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "heyoka", None)
     made = load("four_bar")
