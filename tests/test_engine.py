@@ -312,7 +312,7 @@ def reference_path(made, branch):
 def test_the_tolerance_is_the_error_reached(branch):
     made = load("four_bar")
     exact, times = reference_path(made, branch), np.linspace(0.0, 10.0, 101)
-    for engine, tolerances in (("compiled", (1e-9, 1e-13)), ("numpy", (1e-5, 1e-12))):
+    for engine, tolerances in (("compiled", (1e-9, 1e-13)), ("numpy", (1e-9,))):
         for tolerance in tolerances:
             found = simulate(
                 made,
@@ -380,7 +380,7 @@ def loaded_case(name, pair):
 def test_both_engines_find_the_same_motion(case):
     made, start, options = case()
     one, other = (
-        simulate(made, start, 3.0, engine=engine, tolerance=1e-11, **options)
+        simulate(made, start, 2.0, engine=engine, tolerance=1e-11, **options)
         for engine in ("compiled", "numpy")
     )
     assert (one.engine.name, one.engine.reason) == ("compiled", "")
@@ -390,7 +390,7 @@ def test_both_engines_find_the_same_motion(case):
     assert seen[0] == seen[1]
     gaps = [a.t - b.t for a, b in zip(one.events, other.events, strict=True)]
     assert np.max(np.abs(gaps), initial=0.0) < 1e-8
-    times = np.linspace(0.0, 3.0, 31)
+    times = np.linspace(0.0, 2.0, 31)
     a, b = one.at(times), other.at(times)
     for name in (
         "q",
@@ -494,7 +494,7 @@ def rocker():
 @compiled
 def test_a_rocker_swings_over_its_dead_centre_1000_times():
     made = with_torque(rocker(), "41", "-5*sin(theta_41)")
-    found = run(made, PoseStart(start_of(made, 2.0), "41", 5.0), 1000.0, tolerance=1e-15)
+    found = run(made, PoseStart(start_of(made, 2.0), "41", 5.0), 400.0, tolerance=1e-15)
     dead = [each for each in found.events if each.kind == "dead_centre"]
     assert len(dead) > 1000
     # At a dead centre links 3 and 4 are one arc of 70 - 40 or 70 + 40 degrees.
@@ -504,7 +504,7 @@ def test_a_rocker_swings_over_its_dead_centre_1000_times():
     gaps = np.abs(reached[:, None] - np.arccos(limits))
     assert np.max(np.min(gaps, axis=1)) < 1e-12
     assert np.all(np.min(gaps, axis=0) < 1e-12)
-    history = found.at(np.linspace(0.0, 1000.0, 201))
+    history = found.at(np.linspace(0.0, 400.0, 201))
     angle = history.values[:, made.variable_names.index("theta_41")]
     energy = history.kinetic - 5.0 * np.cos(angle)
     assert np.max(np.abs(energy - energy[0])) / history.kinetic.max() < 1e-12
@@ -589,7 +589,8 @@ def test_what_was_compiled_is_kept():
     assert kernel(made, "21") is kernel(load("four_bar"), "21")
     assert kernel(made, "21") is not kernel(made, "41")
     assert kernel(made, "21").compiled.seconds > 0.0
-    again = [run(made, Start(0.3, 1.0), 0.1, torque="-1*t").engine for _ in range(2)]
+    again = [simulate(made, Start(0.3, 1.0), 0.1, torque="-1*t").engine for _ in "12"]
+    assert [each.name for each in again] == ["compiled", "compiled"]
     assert again[0].compile_seconds > 0.0 == again[1].compile_seconds
 
 
