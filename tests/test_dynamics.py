@@ -21,7 +21,6 @@ from spherekit.dynamics.reduced import reduced
 from spherekit.dynamics.start import PoseStart, prepare
 from spherekit.errors import (
     AnalysisError,
-    EngineError,
     ModelError,
     SolveError,
     SpherekitError,
@@ -572,7 +571,9 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
         pairs=tuple(contact if p.name == "contact" else p for p in mechanism.pairs),
         masses=(Mass("cam", ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15))),),
     )
-    reached = inverse_dynamics(opened, ConstantSpeed(1.0), TURN[::6], branch=0)
+    reached = inverse_dynamics(
+        opened, ConstantSpeed(1.0), TURN[::6], branch=0, search=False
+    )
     first = reached.values[reached.status == Status.OK][0]
     last = reached.q[reached.status == Status.OK][-1]
     start = PoseStart(first, "cam_shaft", 2.0)
