@@ -264,7 +264,7 @@ def paper_mode(mechanism, start):
 def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(branch):
     made = load("four_bar")
     times = np.linspace(0.0, 10.0, 41)
-    found = run(made, Start(0.3, 1.0), 10.0, torque=DRIVING, branch=branch, tolerance=1e-12)
+    found = run(made, Start(0.3, 1.0), 10.0, torque=DRIVING, branch=branch, check=True)
 
     def torque(t, q, dq, angle, turning, w):
         on_rocker = -5.0 * np.sin(angle) - 2.0 * turning
@@ -275,6 +275,7 @@ def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(branch):
     expected = model.solve(torque, 0.3, 1.0, times)
     assert np.max(np.abs(history.q - expected)) < 5e-12
     assert found.end.kind == "time"
+    assert 0.0 < found.checks.error < 1e-12
     assert found.checks.closure < 1e-12
     assert found.checks.energy < 1e-11
     assert found.checks.power < 1e-10
@@ -533,6 +534,29 @@ def test_a_stop_beyond_a_turn_ends_the_motion_where_it_is():
     beyond = run(replace(made, stops=(Stop("21", -3.0, 9.5),)), Start(0.3, 1.0), 60.0)
     assert beyond.engine.compile_seconds == 0.0
     assert abs(beyond.at([beyond.end.t]).q[0] - 9.5) < 1e-13
+
+
+@compiled
+def test_a_start_on_a_stop_leaves_it_or_ends_there():
+    made = replace(load("four_bar"), loads=(), stops=(Stop("21", 0.3, 2.0),))
+    for engine in ("compiled", "numpy"):
+        left, stayed = (
+            simulate(made, Start(0.3, rate), 5.0, engine=engine) for rate in (1.0, -1.0)
+        )
+        assert left.end.message.endswith("2 rad")
+        assert (stayed.end.kind, stayed.end.t) == ("stop", 0.0)
+        assert stayed.at([0.0]).q[0] == 0.3
+
+
+@compiled
+def test_a_load_beyond_its_domain_ends_the_motion():
+    made = with_torque(load("four_bar"), "21", "sqrt(1 - t)")
+    found = run(made, Start(0.3, 1.0), 2.0)
+    assert found.end.kind == "too_fast"
+    assert abs(found.end.t - 1.0) < 1e-6
+    assert np.isfinite(found.at([found.end.t]).q[0])
+    with pytest.raises(SolveError, match="cannot leave its start"):
+        run(with_torque(made, "21", "log(0 - 1 - t)"), Start(0.3, 1.0), 2.0)
 
 
 @compiled

@@ -12,6 +12,7 @@ from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.numpy_engine import by_collocation
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import PoseStart, Problem, prepare
+from spherekit.engine.equation import LOOSEST
 from spherekit.errors import EngineError, PlanError, SolveError
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
@@ -62,7 +63,7 @@ def simulate(
     switches
         Times (s) at which expressions have kinks; knots of torque tables are known.
     check
-        Whether to repeat the run with a hundredth of the tolerance and compare.
+        Whether to repeat the run with steps made for a hundredth of the error and compare.
     engine
         ``"auto"`` takes the compiled engine where it can do what is asked, otherwise
         NumPy; the result says which, and why.
@@ -105,7 +106,9 @@ def simulate(
     if not check:
         return found
     again = found.engine.name
-    tight = _solve(problem, max(TIGHTER * tolerance, 0.1 * LEAST[again]), again, compact)
+    made_for = min(tolerance, LOOSEST) if again == "compiled" else tolerance
+    tighter = max(TIGHTER * made_for, 0.1 * LEAST[again])
+    tight = _solve(problem, tighter, again, compact)
     last = min(found.end.t, tight.end.t)
     path = found.path
     t = np.concatenate([path.starts + k * path.lengths for k in (0, 0.4)])

@@ -202,6 +202,7 @@ class _Integration:
         self.sides = np.zeros(equation.switches)
         self.first = np.array([*values, momentum / self.unit, *self.work])
         self.stretches: list[Stretch] = []
+        self.time = 0.0
 
     def run(self, targets: Sequence[float]) -> Run:
         """Integrate from target to target."""
@@ -209,21 +210,25 @@ class _Integration:
         self._set_sides(self._parameters(0.0, targets[0]))
         integrator.start(self.first, 0.0, self._parameters(0.0, targets[0]))
         end: RunEnd = "time"
-        t, steps = 0.0, 0
+        steps = 0
         for target in targets:
             end = "too_many"
-            self._pass_parameters(integrator, t, target)
+            self._pass_parameters(integrator, self.time, target)
             while steps < MOST_STEPS:
                 taken, outcome = self._stretch(integrator, target, SHORTEST * targets[-1])
                 steps += taken
                 if outcome is not None:
                     end = outcome
                     break
-            t = integrator.time
             if end != "time":
                 break
         return Run(
-            self.equation, tuple(self.stretches), self._passages(), end, t, self.drift
+            self.equation,
+            tuple(self.stretches),
+            self._passages(),
+            end,
+            self.time,
+            self.drift,
         )
 
     def _stretch(
@@ -240,7 +245,8 @@ class _Integration:
             if outcome is End.NOT_FINITE:
                 end = "too_fast"
                 break
-            if length > 0.0:
+            if length > 0.0 or outcome is End.EVENT:
+                self.time = integrator.time
                 starts.append(start)
                 lengths.append(length)
                 series.append(integrator.coefficients)
