@@ -545,6 +545,7 @@ def test_a_start_on_a_stop_leaves_it_or_ends_there():
         )
         assert left.end.message.endswith("2 rad")
         assert (stayed.end.kind, stayed.end.t) == ("stop", 0.0)
+        assert [each.kind for each in stayed.events] == ["stop"]
         assert stayed.at([0.0]).q[0] == 0.3
 
 

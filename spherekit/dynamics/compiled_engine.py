@@ -23,6 +23,7 @@ from spherekit.dynamics.simulation import (
 from spherekit.dynamics.start import Problem
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import MOST_STEPS, Run, integrate
+from spherekit.engine.loads import FULL_TURN
 from spherekit.sphere.rotation import Floats
 
 STICKS = (
@@ -123,7 +124,7 @@ def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
             names[mechanism.variable_owners[each.variable]] if each.variable >= 0 else "",
         )
         for each in run.passages
-        if each.kind != "singularity" and (each.t > 0.0 or each.kind == "switch")
+        if each.kind != "singularity" and (each.t > 0.0 or each.kind in ("switch", "stop"))
     ]
     found += [(t, "switch", "") for t in problem.switches if t < run.time]
     found.sort(key=lambda item: item[0])
@@ -131,7 +132,7 @@ def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
         return ()
     t = np.array([each[0] for each in found])
     traced = path.at(t)
-    q = traced.states[:, problem.driven] + 2.0 * np.pi * traced.turns[:, problem.driven]
+    q = traced.states[:, problem.driven] + FULL_TURN * traced.turns[:, problem.driven]
     return tuple(
         Event(kind, t, float(q), pair) for (t, kind, pair), q in zip(found, q, strict=True)
     )
@@ -145,7 +146,7 @@ def _end(problem: Problem, path: TaylorPath) -> End:
         place = run.passages[-1].variable
         mechanism = problem.equation.mechanism
         traced = path.at(np.array([run.time]))
-        value = traced.states[0, place] + 2.0 * np.pi * traced.turns[0, place]
+        value = traced.states[0, place] + FULL_TURN * traced.turns[0, place]
         name = mechanism.pairs[mechanism.variable_owners[place]].name
         return stop_end(run.time, name, float(value))
     if run.end == "singularity":

@@ -12,6 +12,7 @@ from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.path import Path, Traced
 from spherekit.dynamics.start import Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
+from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
@@ -20,8 +21,6 @@ EventKind = Literal["dead_centre", "rest", "stop", "switch"]
 EndKind = Literal[
     "time", "stop", "off_profile", "curvature", "singularity", "sticking", "too_fast"
 ]
-
-FULL_TURN = 2.0 * np.pi
 
 CHECKED = 2000
 """Most steps at which balances are formed, evenly chosen."""
