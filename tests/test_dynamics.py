@@ -328,7 +328,9 @@ def moments(mechanism, turns, w, angle, t, joint):
 def test_newton_and_euler_give_the_same_torque(name, law):
     random = np.random.default_rng(sum(map(ord, name)))
     mechanism, joint = loaded(name, random)
-    found = inverse_dynamics(mechanism, Polynomial(law), [0.0, 0.3, 0.6, 0.9], branch=0)
+    found = inverse_dynamics(
+        mechanism, Polynomial(law), [0.0, 0.3, 0.6, 0.9], branch=0, search=False
+    )
     assert np.all(found.status == 0)
     (number,) = mechanism.variables_of(mechanism.pair_number[joint])
     for row, t in enumerate(found.t):
