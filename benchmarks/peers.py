@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from spherekit.dynamics.mjcf import RigidBodies, mjcf, rigid_bodies
 from spherekit.dynamics.offline import online_model
 from spherekit.dynamics.reduced import reduced
 from spherekit.dynamics.start import prepare
-from spherekit.engine import simulation as engine
 from spherekit.engine.compiler import available
-from spherekit.engine.loads import declared_loads, pair_torque
 from spherekit.files.read import load
 from spherekit.model.dynamics import Mass, PairTorque
 from spherekit.model.geometry import link_axes
@@ -178,26 +176,17 @@ def _reference(case: Case) -> tuple[Floats, float]:
 
 
 def _compiled(case: Case, tolerance: float, compact: bool) -> Run:
-    def job() -> tuple[Floats, float]:
-        drive = pair_torque(case.made, "drive", case.input, DRIVE)
-        found = engine.simulate(
-            case.made,
-            case.input,
-            case.values,
-            TIMES,
-            rate=1.0,
-            loads=[*declared_loads(case.made), drive],
-            tolerance=tolerance,
-            compact=compact,
-        )
-        return found.q, found.seconds
-
-    return job
+    return _simulated(case, tolerance, "compiled", compact)
 
 
 def _numpy(case: Case, tolerance: float) -> Run:
+    return _simulated(case, tolerance, "numpy", True)
+
+
+def _simulated(
+    case: Case, tolerance: float, engine: Literal["numpy", "compiled"], compact: bool
+) -> Run:
     def job() -> tuple[Floats, float]:
-        started = time.perf_counter()
         found = forward.simulate(
             case.made,
             Start(0.3, 1.0),
@@ -205,9 +194,10 @@ def _numpy(case: Case, tolerance: float) -> Run:
             torque=DRIVE,
             input_pair=case.input,
             tolerance=tolerance,
+            engine=engine,
+            compact=compact,
         )
-        seconds = time.perf_counter() - started
-        return found.at(TIMES).q, seconds
+        return found.at(TIMES).q, found.engine.seconds
 
     return job
 

@@ -15,7 +15,7 @@ from spherekit_analyses.eksergian import Eksergian
 
 import spherekit as sk
 from spherekit.conventions import Status
-from spherekit.dynamics.forward import simulate
+from spherekit.dynamics import forward
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.reduced import reduced
 from spherekit.dynamics.start import PoseStart, prepare
@@ -36,6 +36,12 @@ from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import ConstantSpeed, Polynomial, Start
 from spherekit.model.mechanism import Profile
 from spherekit.motion.closure import Closure
+
+
+def simulate(*given, **options):
+    """Return a simulation by NumPy; test_engine.py compares the two engines."""
+    return forward.simulate(*given, engine="numpy", **options)
+
 
 TURN = np.linspace(0.0, 2.0 * np.pi, 361)
 DRIVING = "10*sin(2*t)"
@@ -317,7 +323,9 @@ def moments(mechanism, turns, w, angle, t, joint):
 def test_newton_and_euler_give_the_same_torque(name, law):
     random = np.random.default_rng(sum(map(ord, name)))
     mechanism, joint = loaded(name, random)
-    found = inverse_dynamics(mechanism, Polynomial(law), [0.0, 0.3, 0.6, 0.9], branch=0)
+    found = inverse_dynamics(
+        mechanism, Polynomial(law), [0.0, 0.3, 0.6, 0.9], branch=0, search=False
+    )
     assert np.all(found.status == 0)
     (number,) = mechanism.variables_of(mechanism.pair_number[joint])
     for row, t in enumerate(found.t):
@@ -560,11 +568,16 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
         pairs=tuple(contact if p.name == "contact" else p for p in mechanism.pairs),
         masses=(Mass("cam", ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15))),),
     )
-    reached = inverse_dynamics(opened, ConstantSpeed(1.0), TURN[::6], branch=0)
+    reached = inverse_dynamics(
+        opened, ConstantSpeed(1.0), TURN[::6], branch=0, search=False
+    )
     first = reached.values[reached.status == Status.OK][0]
     last = reached.q[reached.status == Status.OK][-1]
-    found = simulate(opened, PoseStart(first, "cam_shaft", 2.0), 20.0, tolerance=1e-7)
+    start = PoseStart(first, "cam_shaft", 2.0)
+    found = forward.simulate(opened, start, 20.0, tolerance=1e-7)
     assert found.end.kind == "off_profile"
+    assert found.engine.name == "numpy"
+    assert "points" in found.engine.reason
     history = found.at(np.linspace(0.0, found.end.t, 9))
     assert history.q[-1] > last - 0.01
     assert np.ptp(history.kinetic) < 1e-7

@@ -14,14 +14,26 @@ from closed_forms import (
 )
 from scipy.integrate import solve_ivp
 
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.start import PoseStart, prepare
 from spherekit.engine.compiler import available, heyoka
-from spherekit.engine.dynamics import dynamics
+from spherekit.engine.equation import compiled_equation
+from spherekit.engine.integration import integrate
 from spherekit.engine.kernels import kernel
-from spherekit.engine.loads import AppliedLoad, convert, declared_loads, pair_torque
-from spherekit.engine.simulation import simulate
-from spherekit.errors import EngineError, EngineMissing, ModelError
+from spherekit.errors import EngineError, EngineMissing, SolveError
 from spherekit.files.read import load
-from spherekit.model.expression import load_names, parse
+from spherekit.model.dynamics import (
+    Damper,
+    Friction,
+    Gravity,
+    Moment,
+    PairTorque,
+    PointForce,
+    Spring,
+    Stop,
+    TorqueTable,
+)
+from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mass
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
@@ -57,7 +69,9 @@ def with_masses(mechanism):
         points = random.normal(size=(5, 3))
         square = np.einsum("ni,nj->ij", points, points)
         tensor = np.trace(square) * np.eye(3) - square
-        masses.append(Mass(link, tuple(map(tuple, tensor.tolist()))))
+        masses.append(
+            Mass(link, tuple(map(tuple, tensor.tolist())), 5.0, tuple(points.mean(0)))
+        )
     return replace(mechanism, masses=tuple(masses), loads=())
 
 
@@ -147,7 +161,7 @@ def ends_of(mechanism):
 @compiled
 def test_rates_by_arc_length_are_finite_at_a_dead_centre():
     made = rocker()
-    at = dead_centre(made)[:, None]
+    at = dead_centre(made).values.T
     found = kernel(made, "21", coordinate="arc", with_inertia=True).values(at)
     assert abs(found.rate[0, 1][0]) < 1e-13
     assert np.isfinite(found.inertia_dq[0])
@@ -220,9 +234,22 @@ class PaperModel:
         return found.y[0]
 
 
+DRIVING = "10*sin(2*t)"
+
+
 def start_of(mechanism, q, branch=0):
     """Return a configuration (variables,) at an input."""
     return Tracer(mechanism).at(np.array([q])).values[branch]
+
+
+def with_torque(mechanism, pair, torque):
+    """Return a mechanism with this as its only load."""
+    return replace(mechanism, loads=(PairTorque("only", pair, torque),))
+
+
+def run(mechanism, start, until, **options):
+    """Return the compiled simulation."""
+    return simulate(mechanism, start, until, engine="compiled", **options)
 
 
 def paper_mode(mechanism, start):
@@ -236,224 +263,337 @@ def paper_mode(mechanism, start):
 @pytest.mark.parametrize("branch", [0, 1])
 def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(branch):
     made = load("four_bar")
-    start = start_of(made, 0.3, branch)
     times = np.linspace(0.0, 10.0, 41)
-    drive = pair_torque(made, "drive", "21", "10*sin(2*t)")
-    found = simulate(
-        made, "21", start, times, rate=1.0, loads=[*declared_loads(made), drive]
-    )
+    found = run(made, Start(0.3, 1.0), 10.0, torque=DRIVING, branch=branch, check=True)
 
     def torque(t, q, dq, angle, turning, w):
         on_rocker = -5.0 * np.sin(angle) - 2.0 * turning
         return 10.0 * np.sin(2.0 * t) - np.sin(q) - 2.0 * dq + w * on_rocker
 
-    model = PaperModel(paper_mode(made, start))
+    model = PaperModel(paper_mode(made, start_of(made, 0.3, branch)))
+    history = found.at(times)
     expected = model.solve(torque, 0.3, 1.0, times)
-    assert np.max(np.abs(found.q - expected)) < 5e-12
-    assert found.ended == ""
-    assert np.max(found.closure) < 1e-13
-    assert np.max(np.abs(found.imbalance)) < 1e-12
-    inertia, slope = np.transpose([model.at(q)[:2] for q in found.q])
-    assert np.max(np.abs(found.inertia - inertia)) < 1e-13
-    assert np.max(np.abs(found.inertia_dq - slope)) < 1e-11
-    total = sum(found.forces.values())
-    balance = found.inertia * found.ddq + 0.5 * found.inertia_dq * found.dq**2 - total
-    assert np.max(np.abs(balance)) < 1e-11
+    assert np.max(np.abs(history.q - expected)) < 5e-12
+    assert found.end.kind == "time"
+    assert 0.0 < found.checks.error < 1e-12
+    assert found.checks.closure < 1e-12
+    assert found.checks.energy < 1e-11
+    assert found.checks.power < 1e-10
+    rate = history.dq / history.speed
+    inertia = np.sum(history.B, axis=1) / rate**2
+    assert np.max(np.abs(inertia - [model.at(q)[0] for q in history.q])) < 1e-12
+
+
+def reference_path(made, branch):
+    """Return q at 101 times in quadruple precision, or with the tightest tolerance."""
+    problem = prepare(made, Start(0.3, 1.0), 10.0, DRIVING, branch=branch)
+    mechanism = problem.equation.mechanism
+    number, tolerance = float, 1e-17
+    if hasattr(heyoka(), "real128"):
+        number, tolerance = heyoka().real128, 1e-22
+    exact, _ = compiled_equation(mechanism, tolerance, number=number)
+    momentum = problem.equation.state(problem.values, problem.speed, problem.tangent)
+    momentum = momentum[len(problem.values)]
+    sense = np.sign(np.asarray(exact.tau(problem.values[:, None]))[:, 0] @ problem.tangent)
+    found = integrate(
+        exact,
+        mechanism,
+        problem.values,
+        sense * momentum,
+        1.0,
+        [10.0],
+        problem.equation.closed,
+    )
+    states, _, turns = found.at(np.linspace(0.0, 10.0, 101))
+    return (states[:, :4] + 2.0 * np.pi * turns)[:, problem.driven]
 
 
 @compiled
-def test_loads_that_are_not_smooth_restart_the_integration():
+@pytest.mark.parametrize("branch", [0, 1])
+def test_the_tolerance_is_the_error_reached(branch):
     made = load("four_bar")
-    start = start_of(made, 0.3)
-    times = np.linspace(0.0, 6.0, 13)
-    text = (
-        "4*max(0, sin(3*t), 0.2) - 2*abs(theta_41) - sign(sin(theta_21))"
-        " - min(dtheta_21, 1)"
-    )
-    found = simulate(
-        made, "21", start, times, rate=1.0, loads=[pair_torque(made, "all", "21", text)]
-    )
+    exact, times = reference_path(made, branch), np.linspace(0.0, 10.0, 101)
+    for engine, tolerances in (("compiled", (1e-9, 1e-13)), ("numpy", (1e-9,))):
+        for tolerance in tolerances:
+            found = simulate(
+                made,
+                Start(0.3, 1.0),
+                10.0,
+                torque=DRIVING,
+                branch=branch,
+                engine=engine,
+                tolerance=tolerance,
+            )
+            assert np.max(np.abs(found.at(times).q - exact)) < tolerance, engine
 
-    def torque(t, q, dq, angle, turning, w):
-        drive = 4.0 * max(0.0, np.sin(3.0 * t), 0.2) - 2.0 * abs(angle)
-        return drive - np.sign(np.sin(q)) - min(dq, 1.0)
 
-    expected = PaperModel(paper_mode(made, start)).solve(torque, 0.3, 1.0, times)
-    assert np.max(np.abs(found.q - expected)) < 1e-9
-    assert any(each.name.startswith("switch") for each in found.events)
+def all_loads(mechanism, pair, link):
+    """Return the mechanism with masses and one load of every kind."""
+    loads = (
+        Gravity("weight", (1.0, -2.0, -9.0)),
+        PairTorque("motor", pair, f"2*cos(theta_{pair}) - dtheta_{pair} + sin(3*t)"),
+        PointForce("push", link, (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
+        PointForce("pull", link, (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
+        Moment("turn", link, ("0.3", "t", "1"), "link"),
+        Moment("twist", link, ("0.3*t", "-1", f"theta_{pair}"), "ground"),
+        Spring("coil", pair, 0.7, 0.2),
+        Damper("oil", pair, 0.4),
+        Friction("rub", pair, 0.6, 0.1, 0.5),
+        TorqueTable("table", pair, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True),
+    )
+    return replace(with_masses(mechanism), loads=loads)
+
+
+def paper_case():
+    return load("four_bar"), Start(0.3, 1.0), {"torque": DRIVING}
+
+
+def hanging_case():
+    made = with_masses(load("stephenson"))
+    pair = made.pairs[-1].name
+    loads = (Gravity("weight", (0.0, 0.0, -9.81)), Spring("coil", pair, 2.0, 0.4))
+    return replace(made, loads=loads), Start(0.5, 1.0), {}
+
+
+def rocker_case():
+    made = with_torque(rocker(), "41", "-5*sin(theta_41)")
+    return made, PoseStart(start_of(made, 2.0), "41", 3.0), {}
+
+
+def loaded_case(name, pair):
+    made = load(name)
+    return all_loads(made, pair, made.links[-1]), Start(0.5, 1.0), {}
 
 
 @compiled
-def test_friction_that_sticks_ends_the_motion_where_it_rests():
+@pytest.mark.parametrize(
+    "case",
+    [
+        paper_case,
+        hanging_case,
+        rocker_case,
+        lambda: loaded_case("four_bar", "41"),
+        lambda: loaded_case("roller_cam", "cam_shaft"),
+        lambda: loaded_case("planetary_bevel", "output_pivot"),
+    ],
+    ids=["paper", "stephenson", "rocker", "four_bar", "roller_cam", "planetary_bevel"],
+)
+def test_both_engines_find_the_same_motion(case):
+    made, start, options = case()
+    one, other = (
+        simulate(made, start, 2.0, engine=engine, tolerance=1e-11, **options)
+        for engine in ("compiled", "numpy")
+    )
+    assert (one.engine.name, one.engine.reason) == ("compiled", "")
+    assert other.engine.name == "numpy"
+    assert one.end == other.end
+    seen = [[(e.kind, e.pair) for e in each.events] for each in (one, other)]
+    assert seen[0] == seen[1]
+    gaps = [a.t - b.t for a, b in zip(one.events, other.events, strict=True)]
+    assert np.max(np.abs(gaps), initial=0.0) < 1e-8
+    times = np.linspace(0.0, 2.0, 31)
+    a, b = one.at(times), other.at(times)
+    for name in (
+        "q",
+        "values",
+        "dq",
+        "value_rates",
+        "ddq",
+        "speed",
+        "Q",
+        "kinetic",
+        "work",
+    ):
+        size = 1.0 + np.max(np.abs(getattr(b, name)), initial=0.0)
+        gap = np.max(np.abs(getattr(a, name) - getattr(b, name)), initial=0.0)
+        assert gap < 2e-10 * size, name
+    for each in (one, other):
+        assert each.checks.energy < 1e-10 * each.checks.energy_scale
+        assert each.checks.closure < 1e-10
+
+
+def kite(*arcs):
+    """Return a change-point four-bar: at q = 0 or pi it can be flat."""
     made = load("four_bar")
-    friction = pair_torque(made, "friction", "21", "-3*sign(dtheta_21)")
-    start, times = start_of(made, 0.3), np.linspace(0.0, 50.0, 51)
-    found = simulate(made, "21", start, times, rate=0.5, loads=[friction])
-    assert len(found.t) < 51
-    assert found.ended.startswith("switch 1 of the loads would turn back at once")
-    turned = found.end_values[made.variable_names.index("theta_21")] - 0.3
-    assert abs(3.0 * turned - found.kinetic[0]) < 1e-12
-    kicked = simulate(
-        made,
-        "21",
-        start,
-        times[:2],
-        rate=0.0,
-        loads=[friction, pair_torque(made, "drive", "21", "-4")],
-    )
-    pulled = simulate(
-        made, "21", start, times[:2], rate=0.0, loads=[pair_torque(made, "one", "21", "-1")]
-    )
-    assert np.max(np.abs(kicked.q - pulled.q)) < 1e-13
-
-
-@compiled
-@pytest.mark.parametrize("torque", ["", "-5*sin(theta_41)"])
-def test_energy_of_a_conservative_system_over_1000_turns(torque):
-    made = replace(load("four_bar"), loads=())
-    loads = [pair_torque(made, "weight", "41", torque)] if torque else []
-    rate = 4.0 if torque else 1.0
-    last = 2.0 * np.pi * (220.0 if torque else 800.0)
-    found = simulate(
-        made,
-        "21",
-        start_of(made, 0.3),
-        np.linspace(0.0, last, 101),
-        rate=rate,
-        loads=loads,
-        tolerance=1e-15,
-    )
-    assert found.q[-1] - found.q[0] > 2.0 * np.pi * 1000
-    angle = found.reduced[:, made.variable_names.index("theta_41")]
-    energy = found.kinetic - (5.0 * np.cos(angle) if torque else 0.0)
-    assert np.max(np.abs(energy - energy[0])) / found.kinetic.max() < 1e-12
-    assert np.max(found.closure) < 1e-11
-
-
-def rocker():
-    """Return a four-bar none of whose grounded links turns fully."""
-    made = load("four_bar")
-    arcs = {"1": 60.0, "2": 55.0, "3": 70.0, "4": 40.0}
     sizes = {
-        link: replace(given, arcs=(np.deg2rad(arcs[link]),))
-        for link, given in made.geometry.links.items()
+        link: replace(given, arcs=(float(np.deg2rad(arc)),))
+        for (link, given), arc in zip(
+            sorted(made.geometry.links.items()), arcs, strict=True
+        )
     }
     return replace(made, geometry=replace(made.geometry, links=sizes), loads=())
 
 
 @compiled
-def test_a_rocker_swings_over_its_dead_centre_1000_times():
-    made = rocker()
-    found = simulate(
-        made,
-        "21",
-        start_of(made, 2.0),
-        np.linspace(0.0, 1000.0, 201),
-        arc_rate=6.0,
-        loads=[pair_torque(made, "weight", "41", "-5*sin(theta_41)")],
-        dead_centres=["theta_21"],
-        tolerance=1e-15,
+@pytest.mark.parametrize("arcs", [(60, 40, 60, 40), (60, 50, 70, 40)])
+@pytest.mark.parametrize("branch", [0, 1])
+def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, branch):
+    made = kite(*arcs)
+    ends = [
+        simulate(made, Start(1.0, 1.3), 5.0, branch=branch, engine=engine, tolerance=given)
+        for engine, given in (("compiled", 1e-3), ("compiled", 1e-13), ("numpy", 1e-5))
+    ]
+    for found in ends:
+        assert found.end.kind == "singularity"
+        assert "cross" in found.end.message
+        assert abs(found.at([found.end.t]).q[0] - np.pi) < 0.01
+    assert abs(ends[0].at([ends[0].end.t]).q[0] - np.pi) < 1e-4
+    assert abs(ends[0].end.t - ends[1].end.t) < 1e-6
+
+
+@compiled
+def test_loads_that_are_not_smooth_restart_the_integration():
+    text = (
+        "4*max(0, sin(3*t), 0.2) - 2*abs(theta_41) - sign(sin(theta_21))"
+        " - min(dtheta_21, 1)"
     )
-    assert len(found.events) > 1000
-    senses = np.array([each.sense for each in found.events])
-    assert np.all(senses[1:] == -senses[:-1])
-    angle = found.reduced[:, made.variable_names.index("theta_41")]
-    energy = found.kinetic - 5.0 * np.cos(angle)
-    assert np.max(np.abs(energy - energy[0])) / found.kinetic.max() < 1e-12
+    made = with_torque(load("four_bar"), "21", text)
+    times = np.linspace(0.0, 6.0, 13)
+    found = run(made, Start(0.3, 1.0), 6.0)
+
+    def torque(t, q, dq, angle, turning, w):
+        drive = 4.0 * max(0.0, np.sin(3.0 * t), 0.2) - 2.0 * abs(angle)
+        return drive - np.sign(np.sin(q)) - min(dq, 1.0)
+
+    model = PaperModel(paper_mode(made, start_of(made, 0.3)))
+    expected = model.solve(torque, 0.3, 1.0, times)
+    assert np.max(np.abs(found.at(times).q - expected)) < 1e-9
+    assert any(each.kind == "switch" for each in found.events)
+
+
+@compiled
+def test_friction_that_sticks_ends_the_motion_where_it_rests():
+    made = with_torque(load("four_bar"), "21", "-3*sign(dtheta_21)")
+    found = run(made, Start(0.3, 0.5), 50.0)
+    assert found.end.kind == "sticking"
+    assert "turn back at once" in found.end.message
+    first, last = found.at([0.0, found.end.t]).q
+    assert abs(3.0 * (last - first) - found.at([0.0]).kinetic[0]) < 1e-12
+    kicked = run(made, Start(0.3, 0.0), 1.0, torque="-4")
+    pulled = run(with_torque(made, "21", "-1"), Start(0.3, 0.0), 1.0)
+    assert np.max(np.abs(kicked.at([0.5, 1.0]).q - pulled.at([0.5, 1.0]).q)) < 1e-13
+
+
+@compiled
+def test_energy_of_a_conservative_system_over_1000_turns():
+    made = with_torque(load("four_bar"), "41", "-5*sin(theta_41)")
+    found = run(made, Start(0.3, 4.0), 2.0 * np.pi * 220.0, tolerance=1e-15)
+    history = found.at(np.linspace(0.0, found.end.t, 101))
+    assert history.q[-1] - history.q[0] > 2.0 * np.pi * 1000
+    angle = history.values[:, made.variable_names.index("theta_41")]
+    energy = history.kinetic - 5.0 * np.cos(angle)
+    assert np.max(np.abs(energy - energy[0])) / history.kinetic.max() < 1e-12
+    assert found.checks.energy < 1e-12 * found.checks.energy_scale
+    assert found.checks.closure < 1e-10
+
+
+def rocker():
+    """Return a four-bar none of whose grounded links turns fully."""
+    return kite(60.0, 55.0, 70.0, 40.0)
+
+
+@compiled
+def test_a_rocker_swings_over_its_dead_centre_1000_times():
+    made = with_torque(rocker(), "41", "-5*sin(theta_41)")
+    found = run(made, PoseStart(start_of(made, 2.0), "41", 5.0), 400.0, tolerance=1e-15)
+    dead = [each for each in found.events if each.kind == "dead_centre"]
+    assert len(dead) > 1000
     # At a dead centre links 3 and 4 are one arc of 70 - 40 or 70 + 40 degrees.
     c, s = np.cos(np.deg2rad([60.0, 55.0])), np.sin(np.deg2rad([60.0, 55.0]))
     limits = (np.cos(np.deg2rad([30.0, 110.0])) - c[0] * c[1]) / (s[0] * s[1])
-    low, high = np.sort(np.arccos(limits))
-    assert low - 1e-12 < np.min(found.q)
-    assert np.max(found.q) < high + 1e-12
+    reached = np.array([each.q for each in dead])
+    gaps = np.abs(reached[:, None] - np.arccos(limits))
+    assert np.max(np.min(gaps, axis=1)) < 1e-12
+    assert np.all(np.min(gaps, axis=0) < 1e-12)
+    history = found.at(np.linspace(0.0, 400.0, 201))
+    angle = history.values[:, made.variable_names.index("theta_41")]
+    energy = history.kinetic - 5.0 * np.cos(angle)
+    assert np.max(np.abs(energy - energy[0])) / history.kinetic.max() < 1e-12
 
 
 @compiled
 def test_whole_turns_count_for_a_torsion_spring():
-    made = replace(load("four_bar"), loads=())
-    spring = pair_torque(made, "spring", "21", "-0.05*theta_21")
-    found = simulate(
-        made,
-        "21",
-        start_of(made, 0.3),
-        np.linspace(0.0, 60.0, 301),
-        rate=4.0,
-        loads=[spring],
-    )
-    assert np.max(found.turns) > 1.0
-    assert np.min(found.q) < 0.0
-    energy = found.kinetic + 0.025 * found.q**2
+    made = replace(load("four_bar"), loads=(Spring("coil", "21", 0.05),))
+    found = run(made, Start(0.3, 4.0), 60.0, tolerance=1e-12)
+    history = found.at(np.linspace(0.0, 60.0, 301))
+    assert np.max(history.q) > 2.0 * np.pi
+    assert np.min(history.q) < 0.0
+    energy = history.kinetic + 0.025 * history.q**2
     assert np.max(np.abs(energy - energy[0])) < 1e-11 * energy[0]
-    assert np.max(np.abs(found.imbalance)) < 1e-11 * energy[0]
 
 
 @compiled
-def test_a_stop_ends_the_motion_where_it_is():
-    made = replace(load("four_bar"), loads=())
-    found = simulate(
-        made,
-        "21",
-        start_of(made, 0.3),
-        np.linspace(0.0, 60.0, 61),
-        rate=1.0,
-        stops={"theta_21": 9.0},
-    )
-    place = made.variable_names.index("theta_21")
-    assert abs(found.end_values[place] - 9.0) < 1e-13
-    assert found.ended.startswith("stop of theta_21")
-    assert 1 < len(found.t) < 61
-    assert found.t[-1] <= found.end_time
+def test_a_stop_beyond_a_turn_ends_the_motion_where_it_is():
+    made = replace(load("four_bar"), loads=(), stops=(Stop("21", -1.0, 9.0),))
+    found = run(made, Start(0.3, 1.0), 60.0)
+    assert found.end.kind == "stop"
+    assert abs(found.at([found.end.t]).q[0] - 9.0) < 1e-13
+    assert found.end.message == "pair 21 reached its stop at 9 rad"
+    back = run(made, Start(0.3, -1.0), 60.0)
+    assert abs(back.at([back.end.t]).q[0] + 1.0) < 1e-13
+    beyond = run(replace(made, stops=(Stop("21", -3.0, 9.5),)), Start(0.3, 1.0), 60.0)
+    assert beyond.engine.compile_seconds == 0.0
+    assert abs(beyond.at([beyond.end.t]).q[0] - 9.5) < 1e-13
 
 
 @compiled
-@pytest.mark.parametrize("name", ["stephenson", "roller_cam"])
-def test_motion_conserves_energy_and_closure(name):
-    made = with_masses(load(name))
-    pair = made.inputs[0].pair
-    found = simulate(made, pair, start_of(made, 0.5), np.linspace(0.0, 8.0, 9), rate=1.0)
-    assert np.max(np.abs(found.imbalance)) < 1e-13 * found.kinetic[0]
-    assert np.max(found.closure) < 1e-13
-    gap = found.kinetic - 0.5 * found.inertia * found.dq**2
-    assert np.max(np.abs(gap)) < 1e-13 * found.kinetic[0]
+def test_a_start_on_a_stop_leaves_it_or_ends_there():
+    made = replace(load("four_bar"), loads=(), stops=(Stop("21", 0.3, 2.0),))
+    for engine in ("compiled", "numpy"):
+        left, stayed = (
+            simulate(made, Start(0.3, rate), 5.0, engine=engine) for rate in (1.0, -1.0)
+        )
+        assert left.end.message.endswith("2 rad")
+        assert (stayed.end.kind, stayed.end.t) == ("stop", 0.0)
+        assert [each.kind for each in stayed.events] == ["stop"]
+        assert stayed.at([0.0]).q[0] == 0.3
+
+
+@compiled
+def test_a_load_beyond_its_domain_ends_the_motion():
+    made = with_torque(load("four_bar"), "21", "sqrt(1 - t)")
+    found = run(made, Start(0.3, 1.0), 2.0)
+    assert found.end.kind == "too_fast"
+    assert abs(found.end.t - 1.0) < 1e-6
+    assert np.isfinite(found.at([found.end.t]).q[0])
+    with pytest.raises(SolveError, match="cannot leave its start"):
+        run(with_torque(made, "21", "log(0 - 1 - t)"), Start(0.3, 1.0), 2.0)
 
 
 @compiled
 def test_a_gear_pair_under_a_constant_torque():
-    made = with_masses(load("bevel_pair"))
-    torque = pair_torque(made, "motor", "02", "3")
-    found = simulate(
-        made, "01", start_of(made, 0.0), np.linspace(0.0, 5.0, 6), rate=0.0, loads=[torque]
-    )
+    made = with_torque(with_masses(load("bevel_pair")), "02", "3")
+    found = run(made, Start(0.0, 0.0), 5.0, tolerance=1e-12)
     # Both links turn about fixed axes, wheel 2 at half the speed in the other sense.
     own = {mass.link: np.array(mass.tensor) for mass in made.masses}
     inertia = own["1"][2, 2] + 0.25 * own["2"][2, 2]
-    expected = -0.5 * 3.0 / inertia * 0.5 * found.t**2
-    assert np.max(np.abs(found.q - expected)) < 1e-12
-    assert found.made is dynamics(made, "01", [torque])
+    t = np.linspace(0.0, 5.0, 6)
+    expected = -0.5 * 3.0 / inertia * 0.5 * t**2
+    assert np.max(np.abs(found.at(t).q - expected)) < 1e-12
 
 
 @compiled
-def test_other_loads_are_expressions_of_the_motion():
-    made = replace(load("four_bar"), loads=())
-    text = pair_torque(made, "text", "41", "-5*sin(theta_41)")
-
-    def force(moving):
-        # A moment of the same size along the axis of pair 41, on link 4.
-        axis = moving.flow.vectors[moving.variable("41")]
-        moment = convertible("-5*sin(theta_41)", made, moving)
-        return sum(moment * axis[k] * moving.flow.w[3][k] for k in range(3))
-
-    given = AppliedLoad("moment", force, "moment of -5 sin(theta_41) on 4")
-    times = np.linspace(0.0, 3.0, 7)
-    one, other = (
-        simulate(made, "21", start_of(made, 0.3), times, rate=1.0, loads=[each])
-        for each in (text, given)
-    )
-    assert np.max(np.abs(one.q - other.q)) < 1e-13
-
-
-def convertible(text, mechanism, moving):
-    return convert(parse(text, load_names(mechanism.pair_number)).root, moving)
+def test_another_torque_table_needs_no_compiling():
+    made = replace(load("four_bar"), masses=load("four_bar").masses[:1])
+    masses = (Mass("2", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.5))),)
+    for k, rows in enumerate(
+        [((0.0, 1.0, 3.0), (0.0, 2.0, -2.0)), ((0.0, 3.0), (1.0, 4.0))]
+    ):
+        table = TorqueTable("table", "21", *rows)
+        found = run(replace(made, masses=masses, loads=(table,)), Start(0.1, 0.0), 3.0)
+        # A link of constant inertia about its fixed axis: the table integrated twice.
+        t = np.linspace(0.0, 3.0, 60001)
+        rate = (
+            np.concatenate(
+                [[0.0], np.cumsum(0.5 * np.diff(t) * (table.at(t)[1:] + table.at(t)[:-1]))]
+            )
+            / 0.5
+        )
+        h = np.diff(t)
+        slope = np.diff(table.at(t)) / h / 0.5
+        parts = rate[:-1] * h + table.at(t)[:-1] / 0.5 * h**2 / 2 + slope * h**3 / 6
+        assert found.at([3.0]).q[0] == pytest.approx(0.1 + np.sum(parts), abs=1e-10)
+        assert (found.engine.compile_seconds == 0.0) == (k == 1)
 
 
 @compiled
@@ -474,53 +614,39 @@ def test_what_was_compiled_is_kept():
     assert kernel(made, "21") is kernel(load("four_bar"), "21")
     assert kernel(made, "21") is not kernel(made, "41")
     assert kernel(made, "21").compiled.seconds > 0.0
+    again = [simulate(made, Start(0.3, 1.0), 0.1, torque="-1*t").engine for _ in "12"]
+    assert [each.name for each in again] == ["compiled", "compiled"]
+    assert again[0].compile_seconds > 0.0 == again[1].compile_seconds
+
+
+def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "heyoka", None)
+    made = load("four_bar")
+    found = simulate(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
+    assert found.engine.name == "numpy"
+    assert "pip install" in found.engine.reason
+    with pytest.raises(EngineMissing, match="NumPy"):
+        run(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
 
 
 @compiled
 def test_bad_input_is_refused_before_any_integration():
     made = load("four_bar")
-    start, times = start_of(made, 0.3), np.linspace(0.0, 1.0, 3)
     with pytest.raises(EngineError, match=r"pairs.contact.*fourier.*NumPy"):
         shaped = load("shaped_cam")
         kernel(shaped, shaped.inputs[0].pair)
     with pytest.raises(EngineError, match="no closed form"):
         kernel(load("double_butterfly"), "A", source="input")
-    with pytest.raises(EngineError, match="no link that moves has mass"):
-        simulate(replace(made, masses=()), "21", start, times, rate=1.0)
-    with pytest.raises(EngineError, match="have to be finite and to rise"):
-        simulate(made, "21", start, [0.0, 2.0, 1.0], rate=1.0)
-    with pytest.raises(EngineError, match="loops stay open by"):
-        simulate(made, "21", start + [0.0, 0.1, 0.0, 0.0], times, rate=1.0)
-    with pytest.raises(EngineError, match="one finite initial rate"):
-        simulate(made, "21", start, times)
-    with pytest.raises(EngineError, match='"theta_42"; did you mean|no variable'):
-        simulate(made, "21", start, times, rate=1.0, stops={"theta_42": 1.0})
-    with pytest.raises(EngineError, match="dead centre of the input"):
-        at = dead_centre(rocker())
-        simulate(rocker(), "21", at, times, rate=1.0)
-    with pytest.raises(ModelError, match="column"):
-        pair_torque(made, "bad", "21", "__import__('os')")
-    cam = with_masses(load("roller_cam"))
-    on_contact = pair_torque(cam, "bad", "cam_shaft", "theta_contact")
-    with pytest.raises(EngineError, match="is a contact and has no angle"):
-        simulate(cam, "cam_shaft", start_of(cam, 0.5), times, rate=1.0, loads=[on_contact])
+    with pytest.raises(SolveError, match='engine "fast" is not known'):
+        simulate(made, Start(0.3, 1.0), 1.0, engine="fast")
+    with pytest.raises(SolveError, match="allowed is 1e-15"):
+        run(made, Start(0.3, 1.0), 1.0, tolerance=1e-16)
+    with pytest.raises(EngineError, match="not compiled"):
+        run(made, Start(0.3, 1.0), 1.0, scheme="paper")
 
 
 def dead_centre(mechanism):
-    """Return a configuration at which the input's rate is zero."""
-    found = simulate(
-        mechanism,
-        "21",
-        start_of(mechanism, 2.0),
-        [0.0, 20.0],
-        arc_rate=1.0,
-        dead_centres=["theta_21"],
-    )
-    return simulate(
-        mechanism,
-        "21",
-        start_of(mechanism, 2.0),
-        [0.0, found.events[0].time],
-        arc_rate=1.0,
-        dead_centres=["theta_21"],
-    ).values[-1]
+    """Return the motion where the input's rate is zero."""
+    start = PoseStart(start_of(mechanism, 2.0), "41", 1.0)
+    found = run(mechanism, start, 20.0)
+    return found.at([next(e.t for e in found.events if e.kind == "dead_centre")])

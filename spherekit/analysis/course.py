@@ -1,7 +1,7 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -132,9 +132,7 @@ class Course:
             "energy_scale_J": done.checks.energy_scale,
             "power_imbalance_W": done.checks.power,
             "closure_drift_rad": done.checks.closure,
-            "engine": "numpy",
-            "steps": len(done.path),
-            "evaluations": done.evaluations,
+            "engine": asdict(done.engine),
             "events": len(done.events),
         }
         return {"simulation": found}

@@ -4,6 +4,7 @@ Offered to compare with: the scheme is of first order, and ends at dead centres 
 input (Di Gregorio 2024, eqs. (30), (31)).
 """
 
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -11,10 +12,13 @@ import numpy as np
 from spherekit.dynamics.collocation import Step
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length, continued
-from spherekit.dynamics.simulation import End, Simulation, Travelled
+from spherekit.dynamics.path import CollocationPath, Travelled
+from spherekit.dynamics.simulation import End, EngineReport, Simulation, cannot_leave
 from spherekit.dynamics.start import STANDSTILL, Problem
 from spherekit.errors import SolveError
 from spherekit.sphere.rotation import Floats
+
+REASON = "the scheme of the source is written with NumPy only"
 
 
 def by_differences(problem: Problem, step: float) -> Simulation:
@@ -23,6 +27,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     With D the step, q_1 = q_0 + q'_0 D, and q_{i+1} = (D^2 Q - 1/2 dB/dq (q_i - q_{i-1})^2)
     / B + 2 q_i - q_{i-1}, where Q is taken at q_i and (q_i - q_{i-1}) / D.
     """
+    started = time.perf_counter()
     name = problem.equation.mechanism.name
     count = round(problem.until / step) if step > 0.0 else 0
     if count < 1 or abs(count * step - problem.until) > 1e-9 * problem.until:
@@ -79,7 +84,9 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         rate = (other - one)[None] / step
         path.append(Travelled(Step(number * step, step, one, rate), tangents[number][None]))
     if not path:
-        raise SolveError(f"{name}: the scheme cannot leave the start: {end.message}")
+        raise cannot_leave(problem, end.message)
     gap = closure.residual(*closure.place(np.array(states)[:, :variables]))
-    drift = float(np.max(np.abs(gap), initial=0.0))
-    return Simulation(problem.equation, driven, tuple(path), (), end, drift, len(states))
+    traced = CollocationPath(tuple(path), float(np.max(np.abs(gap), initial=0.0)))
+    seconds = time.perf_counter() - started
+    report = EngineReport("numpy", REASON, 0.0, seconds, len(path))
+    return Simulation(problem.equation, driven, traced, (), end, report)

@@ -15,9 +15,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.sphere.rotation import Floats
 
-CROSSED = 1e-6
-"""Orientations smaller than this part of the largest are those of a crossing."""
-
 
 @final
 @dataclass(frozen=True)
@@ -72,13 +69,14 @@ class StepEvents:
             return np.ones(len(values))
         return np.asarray(np.linalg.det(bordered))
 
-    def crossing(self, orientation: Floats, largest: float) -> float | None:
+    def crossing(self, orientation: Floats, largest: float, least: float) -> float | None:
         """Return the time at which the orientation (N,) vanishes, if it does.
 
-        `largest` is the largest seen so far, with the sign it had at the last node.
+        `largest` is the largest seen so far, with the sign it had at the last node;
+        orientations smaller than the part `least` of it are zero.
         """
         turned = orientation * largest < 0.0
-        near = np.abs(orientation) < CROSSED * abs(largest)
+        near = np.abs(orientation) < least * abs(largest)
         if not np.any(turned | near):
             return None
         found = self._zeros_of_samples(orientation) if np.any(turned) else []

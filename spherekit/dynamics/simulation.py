@@ -7,16 +7,29 @@ from typing import Literal, final
 
 import numpy as np
 
-from spherekit.dynamics.collocation import Step
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
+from spherekit.dynamics.path import Path, Traced
+from spherekit.dynamics.start import Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
+from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
 EventKind = Literal["dead_centre", "rest", "stop", "switch"]
-EndKind = Literal["time", "stop", "off_profile", "curvature", "singularity", "too_fast"]
+EndKind = Literal[
+    "time", "stop", "off_profile", "curvature", "singularity", "sticking", "too_fast"
+]
+
+CHECKED = 2000
+"""Most steps at which balances are formed, evenly chosen."""
+
+CROSSING = (
+    "two curves of configurations cross here, so the loads do not say which way the "
+    "mechanism goes on; start beyond the crossing"
+)
+JUMPS = "a load jumps or grows without bound here: smooth it, or give its time in switches"
 
 
 @final
@@ -44,6 +57,42 @@ class End:
     message: str
 
 
+def stop_end(t: float, pair: str, value: float) -> End:
+    """Return the end at a stop of a pair whose variable is `value` (rad)."""
+    return End("stop", t, f"pair {pair} reached its stop at {value:.6g} rad")
+
+
+def too_many(steps: int) -> str:
+    """Return what to do where this many steps are not enough."""
+    return (
+        f"{steps} steps are not enough; the loads change the speed too fast: raise the "
+        "speed that smooths friction, or the tolerance, or simulate a shorter time"
+    )
+
+
+def cannot_leave(problem: Problem, why: str) -> SolveError:
+    """Return the error of a motion that has not even a first step."""
+    name = problem.equation.mechanism.name
+    return SolveError(f"{name}: the motion cannot leave its start: {why}")
+
+
+@final
+@dataclass(frozen=True)
+class EngineReport:
+    """Which engine found a simulation, and what that cost.
+
+    `reason` says why it was not the compiled one, "" where it was. `compile_seconds` is
+    what compiling took now, 0 where it had been compiled before; `seconds` what solving
+    took.
+    """
+
+    name: Literal["numpy", "compiled"]
+    reason: str
+    compile_seconds: float
+    seconds: float
+    steps: int
+
+
 @final
 @dataclass(frozen=True)
 class Checks:
@@ -52,7 +101,7 @@ class Checks:
     `energy` (J): largest difference of kinetic energy gained and work of the loads;
     `energy_scale` (J): largest of both; `power` (W): largest difference of the rate of
     kinetic energy and the power of the loads along the dense output; `closure` (rad):
-    largest closure residual before it was taken out; `error` (rad): largest difference
+    largest closure residual, before it was taken out; `error` (rad): largest difference
     of a pair variable from a tighter run, None unless it was asked for.
     """
 
@@ -93,29 +142,19 @@ class History:
 
 @final
 @dataclass(frozen=True)
-class Travelled:
-    """An accepted step with the tangents (k, variables) of the curve along it."""
-
-    step: Step
-    tangents: Floats
-
-
-@final
-@dataclass(frozen=True)
 class Simulation:
     """The solution of the direct problem, kept as far as it went.
 
-    `path` are the steps in order of time; `events` what happened; `end` why it ended;
-    `evaluations` counts calls of the right-hand side.
+    `path` gives the states at any time; `events` are what happened; `end` says why it
+    ended, `engine` what found it; `error` see `Checks`.
     """
 
     equation: EquationOfMotion
     driven: int
-    path: tuple[Travelled, ...]
+    path: Path
     events: tuple[Event, ...]
     end: End
-    drift: float
-    evaluations: int
+    engine: EngineReport
     error: float | None = None
 
     @property
@@ -126,7 +165,7 @@ class Simulation:
     @property
     def start(self) -> float:
         """The first time, s."""
-        return self.path[0].step.start
+        return float(self.path.starts[0])
 
     def at(self, t: "Floats | Sequence[float]") -> History:
         """Return the motion at times t (n,) in s, any order, within [start, end.t].
@@ -137,9 +176,11 @@ class Simulation:
             If a time lies outside.
         """
         t = np.atleast_1d(np.asarray(t, dtype=float))
-        states, _, found = self._at(t)
+        traced, found = self._at(t)
         equation, variables = self.equation, self.equation.variables
-        values, speed = states[:, :variables], found.speed
+        states, speed = traced.states, found.speed
+        values = states[:, :variables]
+        whole = values + FULL_TURN * traced.turns
         second = by_arc_length(equation.closure, values)
         signs = np.sign(np.sum(second.rates * found.motion.rates, axis=1))
         motion = second.turned(signs)
@@ -149,10 +190,10 @@ class Simulation:
         gap = equation.closure.residual(*equation.closure.place(values))
         return History(
             t=t,
-            q=states[:, self.driven],
+            q=whole[:, self.driven],
             dq=along * speed,
             ddq=along * drive / masses.B + bend * speed**2,
-            values=values,
+            values=whole,
             value_rates=motion.rates * speed[:, None],
             rotations=motion.rotations,
             speed=speed,
@@ -167,10 +208,15 @@ class Simulation:
     @cached_property
     def checks(self) -> Checks:
         """The balance of energy and power, closure, and the error if it was asked for."""
-        ends = np.array([[p.step.start, p.step.length] for p in self.path])
-        t = np.unique(np.concatenate([ends[:, 0] + x * ends[:, 1] for x in (0, 0.3, 0.7)]))
+        path = self.path
+        chosen = np.linspace(0, len(path.starts) - 1, min(CHECKED, len(path.starts)))
+        starts, lengths = (x[chosen.astype(int)] for x in (path.starts, path.lengths))
+        t = np.unique(np.concatenate([starts + x * lengths for x in (0, 0.3, 0.7)]))
         t = np.append(t[t < self.end.t], self.end.t)
-        states, rates, found = self._at(t)
+        traced, found = self._at(t)
+        states, rates = traced.states, traced.rates
+        closure = self.equation.closure
+        gap = closure.residual(*closure.place(states[:, : self.equation.variables]))
         momentum = states[:, self.equation.variables]
         kinetic = 0.5 * momentum**2
         work = np.sum(states[:, self.equation.variables + 1 :], axis=1)
@@ -181,12 +227,12 @@ class Simulation:
             energy=float(np.max(np.abs(gained - work))),
             energy_scale=float(max(np.max(kinetic), np.max(np.abs(work)))),
             power=float(np.max(np.abs(power))),
-            closure=self.drift,
+            closure=max(path.drift, float(np.max(np.abs(gap), initial=0.0))),
             error=self.error,
         )
 
-    def _at(self, t: Floats) -> tuple[Floats, Floats, Dynamics]:
-        """Return states and their rates (n, states) of the dense output, and forces."""
+    def _at(self, t: Floats) -> tuple[Traced, Dynamics]:
+        """Return the states of the dense output, and forces there."""
         low, high = self.start, self.end.t
         slack = 1e-12 * max(abs(high), 1.0)
         if not np.all((t >= low - slack) & (t <= high + slack)):
@@ -196,15 +242,6 @@ class Simulation:
                 f"{np.max(t):.6g} s are asked for"
             )
         t = np.clip(t, low, high)
-        starts = np.array([item.step.start for item in self.path])
-        owner = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
-        width = len(self.path[0].step.state)
-        states, rates = np.empty((len(t), width)), np.empty((len(t), width))
-        along = np.empty((len(t), self.equation.variables))
-        for number in np.unique(owner):
-            rows, item = np.flatnonzero(owner == number), self.path[number]
-            states[rows], rates[rows] = item.step.at(t[rows]), item.step.rate(t[rows])
-            place = (t[rows] - item.step.start) / item.step.length * len(item.tangents)
-            nearest = np.clip(place.astype(int), 0, len(item.tangents) - 1)
-            along[rows] = item.tangents[nearest]
-        return states, rates, self.equation.at(t, states, along)
+        traced = self.path.at(t)
+        whole = FULL_TURN * traced.turns
+        return traced, self.equation.at(t, traced.states, traced.along, whole)

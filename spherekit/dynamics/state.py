@@ -11,7 +11,7 @@ constant where no load acts; it is the rate of the arc length in the metric of t
 energy. No derivative of B is needed, and every dead centre is an ordinary point.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -67,13 +67,33 @@ class EquationOfMotion:
         side = np.sum(along * motion.rates, axis=1)
         return motion.turned(np.where(side < 0.0, -1.0, 1.0))
 
-    def at(self, t: Floats, states: Floats, along: Floats) -> Dynamics:
-        """Return what acts at successive times t (n,); `along` as in `motion`."""
+    def closed(self, values: Floats) -> tuple[Floats, float]:
+        """Return a configuration (variables,) put back onto its curve, and its residual.
+
+        By a step of Newton's method along the normal space, so that no travel is added.
+        """
+        gap, jacobian = self.closure.linearise(values[None])
+        if not gap.size:
+            return values, 0.0
+        moved = np.linalg.pinv(jacobian[0], rcond=1e-10) @ gap[0]
+        return np.asarray(values - moved), float(np.max(np.abs(gap)))
+
+    def at(
+        self, t: Floats, states: Floats, along: Floats, whole: Floats | None = None
+    ) -> Dynamics:
+        """Return what acts at successive times t (n,); `along` as in `motion`.
+
+        `whole` (n, variables) rad are turns by which the states' variables are less than
+        those that the loads see.
+        """
         motion = self.motion(states[:, : self.variables], along)
         B = equivalent_inertia(self.mechanism, motion)
         with np.errstate(divide="ignore", invalid="ignore"):
             speed = states[:, self.variables] / np.sqrt(B)
-        return Dynamics(motion, B, self.loads.parts(motion, speed, t), speed)
+        seen = motion
+        if whole is not None:
+            seen = replace(motion, values=motion.values + whole)
+        return Dynamics(motion, B, self.loads.parts(seen, speed, t), speed)
 
     def rates(self, found: Dynamics) -> Floats:
         """Return the rates of the states (n, states)."""

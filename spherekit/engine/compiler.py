@@ -1,12 +1,12 @@
 """heyoka, the compiler behind the engine; imported here only, and only when called."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Any, final
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,12 +70,16 @@ def derivative(expression: Expr, variable: Expr) -> Expr:
     return module.diff(module.expression(expression), variable)
 
 
-def choose(condition: Expr, positive: Expr, otherwise: Expr) -> Expr:
-    """Return `positive` where a condition is greater than zero, else `otherwise`."""
+def substitute(expression: Expr, known: Sequence[tuple[Expr, Expr]]) -> Expr:
+    """Return an expression with the first of each pair replaced by the second."""
     module = heyoka()
-    each = map(module.expression, (condition, positive, otherwise))
-    where, one, other = each
-    return module.select(module.gt(where, module.expression(0.0)), one, other)
+    return module.subs(module.expression(expression), dict(known))
+
+
+def varies(expression: Expr) -> bool:
+    """Return whether an expression has variables in it."""
+    module = heyoka()
+    return bool(module.get_variables(module.expression(expression)))
 
 
 @final
@@ -120,11 +124,13 @@ class Event:
     With `switch`, a parameter's number, that parameter becomes the expression's new
     sign, and the integration restarts from there, unless `sticks`, called with the
     state, the time and the parameters, says that it would turn back at once. Otherwise,
-    where it `stops`, the integration ends; else it is noted.
+    where it `stops`, the integration ends; else it is noted. With a `sense` only
+    passages to that sign count.
     """
 
     expression: Expr
     stops: bool = False
+    sense: Literal[-1, 0, 1] = 0
     switch: int | None = None
     sticks: Callable[[Floats, float, Floats], bool] | None = None
 
@@ -140,12 +146,13 @@ class Noted:
 
 
 class End(Enum):
-    """Why a run of an integrator ended."""
+    """Why a step of an integrator ended where it did."""
 
-    TIME = "the last time was reached"
-    STEPS = "all steps were taken"
+    STEP = "it was as long as the tolerance allows"
+    LIMIT = "it was as long as was allowed"
+    SWITCH = "a switch turned"
     NOT_FINITE = "the state is not finite"
-    EVENT = "an event ended it"
+    EVENT = "an event ends the integration"
 
 
 @final
@@ -153,7 +160,7 @@ class End(Enum):
 class Integrator:
     """A compiled Taylor integrator of given equations, with its events.
 
-    It computes with the type `number` and returns float64.
+    It computes with the type `number`.
 
     `seen` collects what occurs in a run. `seconds` is what compiling took.
     """
@@ -162,6 +169,7 @@ class Integrator:
     number: type[Any]
     events: tuple[Event, ...]
     terminal: tuple[int, ...]
+    outcomes: Mapping[int, End]
     seen: list[Noted]
     seconds: float
 
@@ -190,28 +198,28 @@ class Integrator:
         """The parameters up to the last one used; they may be changed between runs."""
         return self.adaptive.pars
 
-    def run(self, times: Floats, steps: int) -> tuple[Floats, End, int]:
-        """Run to the last of `times`, at most some steps.
+    def step(self, longest: float) -> tuple[End, float]:
+        """Take a step, at most this long; return why it ended and its length.
 
-        Returns the states at the times reached, why the run ended, and the steps taken.
-        The event that ends a run is the last one seen.
+        The event that ends an integration is the last one seen.
         """
-        grid = np.empty(len(times) + 1, dtype=self.number)
-        grid[0], grid[1:] = self.adaptive.time, times
-        outcome, _, _, taken, _, states = self.adaptive.propagate_grid(
-            grid, max_steps=steps
+        outcome, length = self.adaptive.step(
+            max_delta_t=self.number(longest), write_tc=True
         )
-        code, ends = int(outcome), heyoka().taylor_outcome
-        known = {
-            int(ends.time_limit): End.TIME,
-            int(ends.step_limit): End.STEPS,
-            int(ends.err_nf_state): End.NOT_FINITE,
-        }
-        if code not in known:
-            which = self.terminal[-code - 1]
-            if self.events[which].switch is None:
-                self.seen.append(Noted(which, self.time, 0))
-        return states[1:].astype(float), known.get(code, End.EVENT), taken
+        code = int(outcome)
+        if code in self.outcomes:
+            return self.outcomes[code], float(length)
+        if code >= 0:
+            return End.SWITCH, float(length)
+        which = self.terminal[-code - 1]
+        if self.events[which].switch is None:
+            self.seen.append(Noted(which, self.time, 0))
+        return End.EVENT, float(length)
+
+    @property
+    def coefficients(self) -> Floats:
+        """(states, order + 1) Taylor coefficients of the last step, from its start."""
+        return np.array(self.adaptive.tc, dtype=float)
 
 
 def compile_integrator(
@@ -249,7 +257,9 @@ def compile_integrator(
             ending.append(module.t_event(expression, callback=action, fp_type=number))
             terminal.append(which)
         elif event.stops:
-            ending.append(module.t_event(expression, fp_type=number))
+            sense = {-1: "negative", 0: "any", 1: "positive"}[event.sense]
+            direction = getattr(module.event_direction, sense)
+            ending.append(module.t_event(expression, direction=direction, fp_type=number))
             terminal.append(which)
         else:
             passing.append(module.nt_event(expression, note(which), fp_type=number))
@@ -263,11 +273,17 @@ def compile_integrator(
         nt_events=passing,
         fp_type=number,
     )
+    ends = module.taylor_outcome
     return Integrator(
         made,
         number,
         tuple(events),
         tuple(terminal),
+        {
+            int(ends.success): End.STEP,
+            int(ends.time_limit): End.LIMIT,
+            int(ends.err_nf_state): End.NOT_FINITE,
+        },
         seen,
         time.perf_counter() - started,
     )

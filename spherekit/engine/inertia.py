@@ -6,7 +6,7 @@ rate of the coordinate and I_j its tensor about the centre of the sphere (Di Gre
 """
 
 from dataclasses import dataclass
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 
@@ -20,11 +20,10 @@ from spherekit.sphere.rotation import Floats
 @final
 @dataclass(frozen=True)
 class Inertia:
-    """B and dB/dp; `parts[link]` is the share of each link that has mass."""
+    """B and dB/dp."""
 
     value: Expr
     rate: Expr
-    parts: dict[int, Expr]
 
 
 def tensors(mechanism: Mechanism) -> dict[int, Floats]:
@@ -35,20 +34,24 @@ def tensors(mechanism: Mechanism) -> dict[int, Floats]:
     }
 
 
-def inertia(flow: Flow, by_link: dict[int, Floats]) -> Inertia:
-    """Return the generalised inertia of a flow; `by_link` are the links' tensors."""
+def inertia(flow: Flow, by_link: dict[int, Floats], order: Literal[1, 2] = 2) -> Inertia:
+    """Return the generalised inertia of a flow; `by_link` are the links' tensors.
+
+    `order` 1 leaves out the derivative, which is then 0.
+    """
     value: Expr = 0.0
     rate: Expr = 0.0
-    parts: dict[int, Expr] = {}
+    # Entries near 0 are made exact zeros, so they need a size near one.
+    unit = max((float(np.max(np.abs(each))) for each in by_link.values()), default=0.0)
     for link, tensor in by_link.items():
-        if link == 0:
+        if link == 0 or not np.any(tensor):
             continue
-        here = flow.placed[link].tensor(tensor)
-        y, change = flow.seen_rates(link)
-        parts[link] = _form(y, here, y)
-        value = value + parts[link]
-        rate = rate + 2.0 * _form(y, here, change)
-    return Inertia(value, rate, parts)
+        here = flow.placed[link].tensor(tensor / unit)
+        y = flow.seen(link)
+        value = value + _form(y, here, y)
+        if order == 2:
+            rate = rate + 2.0 * _form(y, here, flow.seen_rate(link))
+    return Inertia(unit * value, unit * rate)
 
 
 def _form(a: Exprs, matrix: Exprs, b: Exprs) -> Expr:

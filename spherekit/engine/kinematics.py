@@ -166,20 +166,31 @@ class Flow:
         """Derivatives (3,) by p of every link's w."""
         return [self.relative_rate(0, link) for link in self._links]
 
-    def seen_rates(self, link: int) -> tuple[Exprs, Exprs]:
-        """Return w and its derivative as components (3,) along a link's basis."""
-        placed = self.placed[link]
-        seen, change = _sum([]), _sum([])
+    def seen(self, link: int) -> Exprs:
+        """Return w as components (3,) along a link's basis."""
+        placed, seen = self.placed[link], _sum([])
+        for v, sense in enumerate(self.tree.paths[link]):
+            if sense:
+                seen = seen + self._along_basis(v, placed, link) * (
+                    float(sense) * self.tau[v]
+                )
+        return seen
+
+    def seen_rate(self, link: int) -> Exprs:
+        """Return the derivative of w as components (3,) along a link's basis."""
+        placed, change = self.placed[link], _sum([])
         for v, sense in enumerate(self.tree.paths[link]):
             if not sense:
                 continue
-            fixed = self._fixed(v, link)
-            axis = placed.seen(self.vectors[v]) if fixed is None else fixed
+            axis = self._along_basis(v, placed, link)
             turned = placed.seen(self.vector_rates[v])
-            seen = seen + axis * (float(sense) * self.tau[v])
             change = change + axis * (float(sense) * self.tau_rate[v])
             change = change + turned * (float(sense) * self.tau[v])
-        return seen, change
+        return change
+
+    def _along_basis(self, variable: int, placed: Placement, link: int) -> Exprs:
+        fixed = self._fixed(variable, link)
+        return placed.seen(self.vectors[variable]) if fixed is None else fixed
 
     def _fixed(self, variable: int, link: int) -> Exprs | None:
         """Return a variable's vector along a link's basis if it is fixed in the link."""

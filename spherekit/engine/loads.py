@@ -1,21 +1,34 @@
 """Loads as expressions of the generalised force they exert on the motion.
 
-A load is anything that can give its virtual work: the generalised force for the
-homogeneous parameter p, Q = sum of torque times dtheta/dp, or of moment . dw/dp. Where a
-load is not smooth it asks for a switch, a factor +1 or -1 that the integration changes
-exactly where a condition passes through zero.
+A load's generalised force for the homogeneous parameter p is its power per unit rate of p:
+a torque times dtheta/dp of its pair, a moment times the angular velocity of its link per
+unit of p (Di Gregorio 2024, eq. (12)). Where an expression is not smooth it asks for a
+switch, a factor +1 or -1 that the integration changes exactly where a condition passes
+through zero.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
-from spherekit.engine.compiler import Expr, choose, function, power
+import numpy as np
+
+from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
+from spherekit.engine.compiler import Expr, function, power
 from spherekit.engine.kinematics import Flow
-from spherekit.errors import EngineError
-from spherekit.model.dynamics import Load, PairTorque
+from spherekit.model.dynamics import (
+    Damper,
+    Friction,
+    Gravity,
+    Load,
+    Moment,
+    PairTorque,
+    PointForce,
+    Spring,
+)
 from spherekit.model.expression import Call, Name, Node, Number, load_names, parse
 from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
 
 FULL_TURN = 6.283185307179586
 
@@ -27,8 +40,8 @@ class Moving:
 
     `flow` gives directions, placements and angular velocities per unit of p, `speed` is
     dp/dt, `time` the time. `switch(condition)` is +1 where an expression is positive and
-    -1 where it is negative. `variables` are reduced by whole turns, the k-th by
-    `turns[k]` of them.
+    -1 where it is negative, `table(name)` the torque of a table now. `variables` are
+    reduced by whole turns, the k-th by `turns[k]` of them.
     """
 
     flow: Flow
@@ -37,6 +50,7 @@ class Moving:
     speed: Expr
     time: Expr
     switch: Callable[[Expr], Expr]
+    table: Callable[[str], Expr]
 
     @property
     def mechanism(self) -> Mechanism:
@@ -46,12 +60,7 @@ class Moving:
     def variable(self, pair: str) -> int:
         """Return the number of an R pair's variable."""
         mechanism = self.mechanism
-        if mechanism.pair(pair).type != "R":
-            raise EngineError(
-                f"{mechanism.name}: pair {pair} is a contact and has no angle; use R pairs"
-            )
-        (number,) = mechanism.variables_of(mechanism.pair_number[pair])
-        return number
+        return mechanism.variables_of(mechanism.pair_number[pair])[0]
 
     def angle(self, pair: str) -> Expr:
         """Return the angle of an R pair (rad), whole turns included."""
@@ -89,68 +98,70 @@ class Switches:
         return self.factor(self.conditions.index(condition))
 
 
-def sign_of(condition: Expr) -> Expr:
-    """Return the sign of a condition where it stands for itself: 1, -1, 0 at zero."""
-    return choose(condition, 1.0, choose(-1.0 * condition, -1.0, 0.0))
+def generalised_force(load: Load, moving: Moving) -> Expr:
+    """Return the power of a load per unit rate of the homogeneous parameter."""
+    if isinstance(load, Gravity):
+        return _gravity(load, moving)
+    if isinstance(load, PointForce | Moment):
+        return _on_link(load, moving)
+    return _torque(load, moving) * moving.coefficient(load.pair)
 
 
-@final
-@dataclass(frozen=True)
-class AppliedLoad:
-    """A load by name: `force(moving)` is its generalised force per unit of p.
-
-    `content` says what the load is, for the cache of compiled kernels: loads whose
-    expressions differ must differ in it.
-    """
-
-    name: str
-    force: Callable[[Moving], Expr]
-    content: str
-
-
-def pair_torque(mechanism: Mechanism, name: str, pair: str, torque: str) -> AppliedLoad:
-    """Return a torque about a pair's axis, given as an expression.
-
-    Parameters
-    ----------
-    mechanism
-        The mechanism it acts in.
-    name, pair
-        The load's name, and the pair on whose second link it acts.
-    torque
-        N m, in ``theta_PAIR``, ``dtheta_PAIR`` and ``t``; see `spherekit.model.expression`.
-
-    Raises
-    ------
-    ModelError
-        If the expression is not in the grammar, or the pair is unknown.
-    """
-    parsed = parse(torque, load_names(mechanism.pair_number))
-    mechanism.pair(pair)
-
-    def force(moving: Moving) -> Expr:
-        return convert(parsed.root, moving) * moving.coefficient(pair)
-
-    return AppliedLoad(name, force, f"torque {pair} {parsed.text}")
+def _torque(load: Load, moving: Moving) -> Expr:
+    """Return the torque of a load at a pair."""
+    if isinstance(load, PairTorque):
+        return _expression(load.torque, moving)
+    if isinstance(load, Spring):
+        return -load.stiffness * (moving.angle(load.pair) - load.rest)
+    if isinstance(load, Damper):
+        return -load.damping * moving.rate(load.pair)
+    if isinstance(load, Friction):
+        rate = moving.rate(load.pair)
+        dry = load.torque * function("tanh", rate * (1.0 / load.speed))
+        return -1.0 * (dry + load.viscous * rate)
+    return moving.table(load.name)
 
 
-def declared_loads(mechanism: Mechanism) -> tuple[AppliedLoad, ...]:
-    """Return the loads that a mechanism's file declares."""
-    return tuple(_declared(mechanism, load) for load in mechanism.loads)
+def _gravity(load: Gravity, moving: Moving) -> Expr:
+    flow, total = moving.flow, 0.0
+    g = vector([float(each) for each in load.acceleration])
+    for mass in moving.mechanism.masses:
+        link = moving.mechanism.link_number[mass.link]
+        if link and mass.mass and mass.centre is not None and any(mass.centre):
+            arm = _direction(flow, link, mass.mass * np.array(mass.centre))
+            total = total + dot(flow.w[link], cross(arm, g))
+    return total
 
 
-def _declared(mechanism: Mechanism, load: Load) -> AppliedLoad:
-    if not isinstance(load, PairTorque):
-        raise EngineError(
-            f"{mechanism.name}: loads.{load.name}: the compiled engine takes torques at "
-            f"pairs, not a {type(load).__name__}; simulate with NumPy"
-        )
-    return pair_torque(mechanism, load.name, load.pair, load.torque)
+def _on_link(load: PointForce | Moment, moving: Moving) -> Expr:
+    """Return the power of a moment about O, that of a force included."""
+    flow = moving.flow
+    link = moving.mechanism.link_number[load.link]
+    in_link = load.axes == "link"
+    if isinstance(load, Moment):
+        moment = vector([_expression(text, moving) for text in load.moment])
+    else:
+        force = vector([_expression(text, moving) for text in load.force])
+        point = np.array(load.point)
+        arm = vector(list(map(float, point)))
+        moment = cross(arm if in_link else _direction(flow, link, point), force)
+    if in_link:
+        placed = flow.placed[link]
+        moment = np.asarray(placed.basis @ (constants(placed.within) @ moment))
+    return dot(flow.w[link], moment)
 
 
-def convert(node: Node, moving: Moving) -> Expr:
-    """Return the tree of a load's expression as an expression to be compiled."""
-    return _convert(node, moving, moving.angle)
+def _direction(flow: Flow, link: int, given: Floats) -> Exprs:
+    """Return a vector (3,) of any length, fixed in a link, in ground axes."""
+    size = float(np.linalg.norm(given))
+    if size == 0.0:
+        return vector([0.0, 0.0, 0.0])
+    return np.asarray(flow.placed[link].direction(given / size) * size)
+
+
+def _expression(text: str, moving: Moving) -> Expr:
+    pairs = [pair.name for pair in moving.mechanism.pairs if pair.type == "R"]
+    return _convert(parse(text, load_names(pairs)).root, moving, moving.angle)
 
 
 def _convert(node: Node, moving: Moving, angle: Callable[[str], Expr]) -> Expr:

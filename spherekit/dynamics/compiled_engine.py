@@ -1,0 +1,158 @@
+"""The direct problem by Taylor series of the compiled equation of motion."""
+
+import time
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import STATUS_MEANING, Status
+from spherekit.dynamics.inertia import equivalent_inertia
+from spherekit.dynamics.path import Traced
+from spherekit.dynamics.simulation import (
+    CROSSING,
+    JUMPS,
+    End,
+    EngineReport,
+    Event,
+    Simulation,
+    cannot_leave,
+    stop_end,
+    too_many,
+)
+from spherekit.dynamics.start import Problem
+from spherekit.engine.equation import compiled_equation
+from spherekit.engine.integration import MOST_STEPS, Run, integrate
+from spherekit.engine.loads import FULL_TURN
+from spherekit.sphere.rotation import Floats
+
+STICKS = (
+    "a load that is not smooth would turn back at once, as dry friction does at rest; "
+    "sticking is not modelled: smooth the load, or end here"
+)
+
+
+@final
+@dataclass(frozen=True)
+class TaylorPath:
+    """A compiled run; `sense` is that of the homogeneous rates along the curve."""
+
+    run: Run
+    sense: float
+
+    @property
+    def starts(self) -> Floats:
+        """(steps,) times at which steps start (s)."""
+        return self.run.starts
+
+    @property
+    def lengths(self) -> Floats:
+        """(steps,) their lengths (s)."""
+        return self.run.lengths
+
+    @property
+    def drift(self) -> float:
+        """Largest closure residual (rad) that was taken out."""
+        return self.run.drift
+
+    def at(self, t: Floats) -> Traced:
+        """Return the states at times (n,) within the path."""
+        states, rates, turns = self.run.at(t)
+        count = turns.shape[1]
+        states[:, count] *= self.sense
+        rates[:, count] *= self.sense
+        along = self.sense * self.run.tau(states[:, :count])
+        return Traced(states, rates, along, turns)
+
+
+def by_taylor_series(problem: Problem, tolerance: float, compact: bool) -> Simulation:
+    """Return the motion of a problem.
+
+    Parameters
+    ----------
+    tolerance, compact
+        See `spherekit.engine.equation.compiled_equation`.
+
+    Raises
+    ------
+    EngineError
+        If the mechanism cannot be compiled.
+    """
+    mechanism = problem.equation.mechanism
+    started = time.perf_counter()
+    made, known = compiled_equation(mechanism, tolerance, compact)
+    compiling = 0.0 if known else time.perf_counter() - started
+    started = time.perf_counter()
+    motion = problem.equation.motion(problem.values[None], problem.tangent)
+    status = Status(int(motion.status[0]))
+    if status != Status.OK:
+        raise cannot_leave(problem, STATUS_MEANING[status])
+    unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
+    tau = np.asarray(made.tau(problem.values[:, None]))[:, 0]
+    sense = float(np.copysign(1.0, tau @ problem.tangent))
+    run = integrate(
+        made,
+        mechanism,
+        problem.values,
+        sense * unit * problem.speed,
+        unit,
+        (*problem.switches, problem.until),
+        problem.equation.closed,
+    )
+    seconds = time.perf_counter() - started
+    if not run.stretches:
+        raise cannot_leave(problem, JUMPS)
+    path = TaylorPath(run, sense)
+    report = EngineReport("compiled", "", compiling, seconds, len(run.starts))
+    return Simulation(
+        problem.equation,
+        problem.driven,
+        path,
+        _events(problem, path),
+        _end(problem, path),
+        report,
+    )
+
+
+def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
+    mechanism = problem.equation.mechanism
+    run, names = path.run, [pair.name for pair in mechanism.pairs]
+    found = [
+        (
+            each.t,
+            each.kind,
+            names[mechanism.variable_owners[each.variable]] if each.variable >= 0 else "",
+        )
+        for each in run.passages
+        if each.kind != "singularity" and (each.t > 0.0 or each.kind in ("switch", "stop"))
+    ]
+    found += [(t, "switch", "") for t in problem.switches if t < run.time]
+    found.sort(key=lambda item: item[0])
+    if not found:
+        return ()
+    t = np.array([each[0] for each in found])
+    traced = path.at(t)
+    q = traced.states[:, problem.driven] + FULL_TURN * traced.turns[:, problem.driven]
+    return tuple(
+        Event(kind, t, float(q), pair) for (t, kind, pair), q in zip(found, q, strict=True)
+    )
+
+
+def _end(problem: Problem, path: TaylorPath) -> End:
+    run = path.run
+    if run.end == "time":
+        return End("time", problem.until, "the time asked for is over")
+    if run.end == "stop":
+        place = run.passages[-1].variable
+        mechanism = problem.equation.mechanism
+        traced = path.at(np.array([run.time]))
+        value = traced.states[0, place] + FULL_TURN * traced.turns[0, place]
+        name = mechanism.pairs[mechanism.variable_owners[place]].name
+        return stop_end(run.time, name, float(value))
+    if run.end == "singularity":
+        return End("singularity", run.time, CROSSING)
+    if run.end == "sticking":
+        return End("sticking", run.time, STICKS)
+    if run.end == "too_many":
+        return End("too_fast", run.time, too_many(MOST_STEPS))
+    return End("too_fast", run.time, f"no step is short enough; {JUMPS}")

@@ -1,0 +1,198 @@
+"""The direct problem by Gauss collocation with NumPy: for whatever a mechanism has."""
+
+import time
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import STATUS_MEANING, Status
+from spherekit.dynamics.collocation import (
+    Attempt,
+    Step,
+    attempt,
+    next_length,
+)
+from spherekit.dynamics.events import StepEvents
+from spherekit.dynamics.path import CollocationPath, Travelled
+from spherekit.dynamics.simulation import (
+    CROSSING,
+    JUMPS,
+    End,
+    EndKind,
+    EngineReport,
+    Event,
+    Simulation,
+    cannot_leave,
+    stop_end,
+    too_many,
+)
+from spherekit.dynamics.start import Problem, variable_of
+from spherekit.dynamics.state import Dynamics
+from spherekit.sphere.rotation import Floats
+
+FIRST_ARC = 0.1
+SHORTEST = 1e-11
+"""Steps shorter than this part of the whole time end a simulation."""
+
+CROSSED = 1e-6
+"""Orientations smaller than this part of the largest are those of a crossing of curves.
+
+A configuration off its curve by d misses a crossing by sqrt(d), so the root of the
+tolerance counts where it is more.
+"""
+
+MOST_STEPS = 100_000
+
+
+def by_collocation(problem: Problem, tolerance: float, reason: str) -> Simulation:
+    """Return the motion of a problem; `reason` says why it is NumPy that runs."""
+    return _Run(problem, tolerance).simulation(reason)
+
+
+@final
+class _Run:
+    """One integration of a problem, kept while it goes on."""
+
+    def __init__(self, problem: Problem, tolerance: float) -> None:
+        self.problem = problem
+        self.equation = problem.equation
+        self.tolerance = tolerance
+        self.tangent = problem.tangent
+        self.path: list[Travelled] = []
+        self.events: list[Event] = []
+        self.orientation = 0.0
+        self.drift = 0.0
+        self.last: Dynamics | None = None
+
+    def field(self, t: Floats, states: Floats) -> Floats:
+        """Return the rates of states, on the side of the last step's tangent."""
+        self.last = self.equation.at(t, states, self.tangent)
+        return self.equation.rates(self.last)
+
+    def simulation(self, reason: str) -> Simulation:
+        """Integrate to the end."""
+        started = time.perf_counter()
+        with np.errstate(all="ignore"):
+            end = self._integrate()
+        problem = self.problem
+        if not self.path:
+            raise cannot_leave(problem, end.message)
+        seconds = time.perf_counter() - started
+        return Simulation(
+            self.equation,
+            problem.driven,
+            CollocationPath(tuple(self.path), self.drift),
+            tuple(self.events),
+            end,
+            EngineReport("numpy", reason, 0.0, seconds, len(self.path)),
+        )
+
+    def _integrate(self) -> End:
+        problem = self.problem
+        t, state = 0.0, self.equation.state(problem.values, problem.speed, problem.tangent)
+        length = self._first_length(state)
+        before: Step | None = None
+        for target in (*problem.switches, problem.until):
+            while t < target:
+                left = target - t
+                tried_length = left if left < 1.05 * length else min(length, left)
+                tried = attempt(self.field, t, tried_length, state, self.tolerance, before)
+                assert self.last is not None
+                status = self.last.motion.status
+                if tried.error > 1.0 or np.any(status != Status.OK):
+                    length = min(next_length(tried), 0.5 * tried_length)
+                    if length < SHORTEST * problem.until:
+                        return self._stuck(t, state, tried)
+                    continue
+                if len(self.path) >= MOST_STEPS:
+                    return End("too_fast", t, too_many(MOST_STEPS))
+                if tried_length == length or tried_length < left:
+                    length = next_length(tried)
+                stopped = self._accept(tried.step)
+                if stopped is not None:
+                    return stopped
+                t = target if tried_length == left else tried.step.stop
+                before = tried.step
+                state = self._closed(tried.step.end)
+            if t < problem.until:
+                self._note("switch", t, float(state[problem.driven]), "")
+                before = None
+        return End("time", problem.until, "the time asked for is over")
+
+    def _first_length(self, state: Floats) -> float:
+        found = self.equation.at(np.zeros(1), state[None], self.tangent)
+        pace = abs(float(found.speed[0])) / FIRST_ARC
+        push = abs(float(np.sum(found.forces) / found.B[0]))
+        pace = max(pace, np.sqrt(push / FIRST_ARC))
+        return float(min(self.problem.until, 1.0 / max(pace, 1e-300), 1.0))
+
+    def _closed(self, state: Floats) -> Floats:
+        """Return the state with its configuration put back onto the curve."""
+        variables = self.equation.variables
+        closed = state.copy()
+        closed[:variables], gap = self.equation.closed(state[:variables])
+        self.drift = max(self.drift, gap)
+        return closed
+
+    def _accept(self, step: Step) -> End | None:
+        """Keep a step and note its events; return the end if there is one within it."""
+        assert self.last is not None
+        mechanism, driven = self.equation.mechanism, self.problem.driven
+        tangents = self.last.motion.rates
+        within = StepEvents(step, tangents)
+        end = self._end(within)
+        last = np.inf if end is None else end.t
+        name = mechanism.pairs[mechanism.variable_owners[driven]].name
+        found = [("dead_centre", t, name) for t in within.dead_centres(driven)]
+        found += [("rest", t, "") for t in within.rests(self.equation.variables)]
+        for kind, t, pair in sorted(found, key=lambda item: item[1]):
+            if t < last:
+                self._note(kind, t, float(step.at(np.array([t]))[0, driven]), pair)
+        self.path.append(Travelled(step, tangents))
+        self.tangent = tangents[-1]
+        return end
+
+    def _end(self, within: StepEvents) -> End | None:
+        """Return the end that lies within a step: a stop, or a crossing of curves."""
+        reached = within.stop(self.equation.mechanism)
+        orientation = within.orientation(self.equation.closure)
+        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
+        side = self.orientation or float(orientation[0])
+        self.orientation = float(np.copysign(size, side))
+        least = max(CROSSED, float(np.sqrt(self.tolerance)))
+        crossing = within.crossing(orientation, self.orientation, least)
+        if crossing is not None and (reached is None or crossing < reached[0]):
+            return End("singularity", crossing, CROSSING)
+        if reached is None:
+            return None
+        t, stop = reached
+        state = within.step.at(np.array([t]))[0]
+        value = float(state[variable_of(self.equation.mechanism, stop.pair)])
+        self._note("stop", t, float(state[self.problem.driven]), stop.pair)
+        return stop_end(t, stop.pair, value)
+
+    def _note(self, kind: str, t: float, q: float, pair: str) -> None:
+        self.events.append(Event(kind, t, q, pair))  # type: ignore[arg-type]
+
+    def _stuck(self, t: float, state: Floats, tried: Attempt) -> End:
+        """Return why no step however short can be taken from here."""
+        assert self.last is not None
+        codes = self.last.motion.status
+        kinds: dict[Status, EndKind] = {
+            Status.OFF_PROFILE: "off_profile",
+            Status.CURVATURE: "curvature",
+        }
+        for code, kind in kinds.items():
+            if np.any(codes == code):
+                return End(kind, t, STATUS_MEANING[code])
+        values = state[None, : self.equation.variables]
+        _, jacobian = self.equation.closure.linearise(values)
+        sizes = np.linalg.svd(jacobian[0], compute_uv=False)
+        least = float(sizes[-1] / sizes[0]) if len(sizes) else 1.0
+        if least < 1e-5:
+            return End("singularity", t, CROSSING)
+        return End(
+            "too_fast",
+            t,
+            f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}",
+        )

@@ -1,0 +1,86 @@
+"""Where a simulation went: its states at any time, whichever engine found them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, final
+
+import numpy as np
+
+from spherekit.dynamics.collocation import Step
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class Traced:
+    """States and their rates (n, states) at n times, as in `spherekit.dynamics.state`.
+
+    The variables in them are less `turns` (n, variables) whole turns. `along`
+    (n, variables) points to the side of the curve on which momentum is positive.
+    """
+
+    states: Floats
+    rates: Floats
+    along: Floats
+    turns: Floats
+
+
+class Path(Protocol):
+    """The states of a simulation over time."""
+
+    @property
+    def starts(self) -> Floats:
+        """(steps,) times at which steps start (s)."""
+
+    @property
+    def lengths(self) -> Floats:
+        """(steps,) their lengths (s)."""
+
+    @property
+    def drift(self) -> float:
+        """Largest closure residual (rad) that was taken out."""
+
+    def at(self, t: Floats) -> Traced:
+        """Return the states at times (n,) within the path."""
+
+
+@final
+@dataclass(frozen=True)
+class Travelled:
+    """An accepted step with the tangents (k, variables) of the curve along it."""
+
+    step: Step
+    tangents: Floats
+
+
+@final
+@dataclass(frozen=True)
+class CollocationPath:
+    """Steps whose states are polynomials, in order of time."""
+
+    items: tuple[Travelled, ...]
+    drift: float
+
+    @cached_property
+    def starts(self) -> Floats:
+        """(steps,) times at which steps start (s)."""
+        return np.array([item.step.start for item in self.items])
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """(steps,) their lengths (s)."""
+        return np.array([item.step.length for item in self.items])
+
+    def at(self, t: Floats) -> Traced:
+        """Return the states at times (n,) within the path."""
+        owner = np.maximum(np.searchsorted(self.starts, t, side="right") - 1, 0)
+        width = len(self.items[0].step.state)
+        states, rates = np.empty((len(t), width)), np.empty((len(t), width))
+        along = np.empty((len(t), self.items[0].tangents.shape[1]))
+        for number in np.unique(owner):
+            rows, item = np.flatnonzero(owner == number), self.items[number]
+            states[rows], rates[rows] = item.step.at(t[rows]), item.step.rate(t[rows])
+            place = (t[rows] - item.step.start) / item.step.length * len(item.tangents)
+            nearest = np.clip(place.astype(int), 0, len(item.tangents) - 1)
+            along[rows] = item.tangents[nearest]
+        return Traced(states, rates, along, np.zeros_like(along))

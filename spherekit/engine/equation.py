@@ -1,0 +1,292 @@
+"""The equation of motion as a system that the Taylor integrator runs.
+
+The state is that of `spherekit.dynamics.state`: the pair variables v, the momentum
+p = sqrt(B) u and the work W of each load. In the homogeneous parameter of
+`spherekit.engine.kinematics`, with tau its rates of the variables,
+
+    dv/dt = u tau,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B)
+
+(from Di Gregorio 2024, eq. (9), which holds in any coordinate). The closure of the loops
+is an invariant of these equations, so nothing has to be solved or stabilised.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, final
+
+import numpy as np
+
+from spherekit.engine.cache import cached
+from spherekit.engine.compiler import (
+    Event,
+    Expr,
+    Function,
+    Integrator,
+    compile_function,
+    compile_integrator,
+    derivative,
+    parameter,
+    power,
+    substitute,
+    symbols,
+    time_symbol,
+    varies,
+)
+from spherekit.engine.inertia import inertia, tensors
+from spherekit.engine.kinematics import Flow, Structure
+from spherekit.engine.loads import FULL_TURN, Moving, Switches, generalised_force
+from spherekit.engine.pose import place_by_variables
+from spherekit.model.dynamics import Stop, TorqueTable
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
+
+LOOSEST = 1e-12
+"""Largest tolerance of a step.
+
+A larger one saves little, for the order of the series grows with the digits, not the
+number of steps; and crossings of curves need closed configurations to be seen.
+"""
+
+EventKind = Literal["rest", "dead_centre", "singularity", "stop", "switch"]
+
+
+@final
+@dataclass(frozen=True)
+class Layout:
+    """Where what is set for each run stands among the integrator's parameters.
+
+    In this order: whole turns of each variable; the unit of momentum and its reciprocal;
+    the least square of |tau|; low and high of each stop; the time from which tables run,
+    value and slope of each; the sides of the switches.
+    """
+
+    variables: int
+    stops: int
+    tables: tuple[str, ...]
+
+    @property
+    def unit(self) -> int:
+        """The unit of momentum, its reciprocal after it."""
+        return self.variables
+
+    @property
+    def least(self) -> int:
+        """The square of |tau| at which a run ends."""
+        return self.variables + 2
+
+    @property
+    def stop(self) -> int:
+        """The first stop's low."""
+        return self.variables + 3
+
+    @property
+    def table(self) -> int:
+        """The time from which tables run."""
+        return self.stop + 2 * self.stops
+
+    @property
+    def side(self) -> int:
+        """The side of the first switch."""
+        return self.table + 1 + 2 * len(self.tables)
+
+
+@final
+@dataclass(frozen=True)
+class CompiledEquation:
+    """The compiled equation of motion of a mechanism with its loads and stops.
+
+    The state of the integrator is the pair variables less whole turns, the momentum in
+    its unit, and the work of each load in the square of that unit. `events` are the kinds
+    of the integrator's events, with the variable they are about. `tau` gives the rates of
+    all variables by the homogeneous parameter, `tangent` their length. `conditions` gives
+    what the switches depend on, then its rates by time, from the state, the time and all
+    parameters.
+    """
+
+    structure: Structure
+    layout: Layout
+    integrator: Integrator
+    events: tuple[tuple[EventKind, int], ...]
+    tau: Function
+    conditions: Function | None
+
+    @property
+    def switches(self) -> int:
+        """How many switches the loads have."""
+        return sum(kind == "switch" for kind, _ in self.events)
+
+    @property
+    def seconds(self) -> float:
+        """What compiling took (s)."""
+        parts = (self.integrator, self.tau, self.conditions)
+        return sum(each.seconds for each in parts if each)
+
+
+def compiled_equation(
+    mechanism: Mechanism,
+    tolerance: float,
+    compact: bool = True,
+    number: type[Any] = float,
+) -> tuple[CompiledEquation, bool]:
+    """Return the equation of a mechanism, and whether it had been compiled before.
+
+    Parameters
+    ----------
+    mechanism
+        One freedom, its first input the input; all its loads act. The values of torque
+        tables and stops are set for each run, so mechanisms that differ in them only
+        share one equation.
+    tolerance
+        Error of each step, in states of size one, at most `LOOSEST`.
+    compact
+        heyoka's compact mode: compiles faster, runs slower.
+    number
+        The type the integrator computes with: float, or heyoka's ``real128`` where the
+        machine has it, for reference solutions.
+
+    Raises
+    ------
+    EngineError
+        If the mechanism cannot be compiled.
+    """
+    tolerance = min(tolerance, LOOSEST)
+    request = repr(("motion", tolerance, compact, number.__name__))
+    common = replace(
+        mechanism,
+        loads=tuple(
+            replace(load, times=(0.0, 1.0), torques=(0.0, 0.0), periodic=False)
+            if isinstance(load, TorqueTable)
+            else load
+            for load in mechanism.loads
+        ),
+        stops=tuple(Stop(stop.pair, -1.0, 1.0) for stop in mechanism.stops),
+    )
+    fresh: list[bool] = []
+
+    def make() -> CompiledEquation:
+        fresh.append(True)
+        return _compile(common, tolerance, compact, number)
+
+    return cached(common, request, make), not fresh
+
+
+def _compile(
+    mechanism: Mechanism, tolerance: float, compact: bool, number: type[Any]
+) -> CompiledEquation:
+    names = mechanism.variable_names
+    layout = Layout(
+        len(names),
+        len(mechanism.stops),
+        tuple(load.name for load in mechanism.loads if isinstance(load, TorqueTable)),
+    )
+    structure = Structure.of(mechanism, mechanism.inputs[0].pair)
+    variables = symbols(names)
+    works = symbols([f"work_{k}" for k in range(len(mechanism.loads))])
+    (momentum,) = symbols(["momentum"])
+    flow = Flow(structure, place_by_variables(mechanism, structure.pairs, variables))
+    share = power(inertia(flow, tensors(mechanism), order=1).value, -0.5)
+    speed = parameter(layout.unit) * momentum * share
+    switches = Switches(lambda k: parameter(layout.side + k))
+    moving = Moving(
+        flow,
+        variables,
+        [parameter(k) for k in range(layout.variables)],
+        speed,
+        time_symbol(),
+        switches,
+        lambda name: _table(layout, name),
+    )
+    push = parameter(layout.unit + 1) * share
+    forces = [generalised_force(load, moving) * push for load in mechanism.loads]
+    equations = [
+        *((v, tau * speed) for v, tau in zip(variables, flow.tau, strict=True)),
+        (momentum, sum(forces, 0.0)),
+        *((work, f * momentum) for work, f in zip(works, forces, strict=True)),
+    ]
+    events, kinds = _events(flow, variables, momentum, layout)
+    conditions = None
+    if switches.conditions:
+        conditions = _conditions(switches.conditions, equations, layout, number)
+    for which, condition in enumerate(switches.conditions):
+        assert conditions is not None
+        stuck = _sticking(conditions, which, layout)
+        events.append(Event(condition, switch=layout.side + which, sticks=stuck))
+        kinds.append(("switch", -1))
+    return CompiledEquation(
+        structure,
+        layout,
+        compile_integrator(equations, tolerance, compact, events, number),
+        tuple(kinds),
+        compile_function(flow.tau, variables, compact=True),
+        conditions,
+    )
+
+
+def _table(layout: Layout, name: str) -> Expr:
+    place = layout.table + 1 + 2 * layout.tables.index(name)
+    since = time_symbol() - parameter(layout.table)
+    return parameter(place) + parameter(place + 1) * since
+
+
+def _events(
+    flow: Flow, variables: Sequence[Expr], momentum: Expr, layout: Layout
+) -> tuple[list[Event], list[tuple[EventKind, int]]]:
+    mechanism, driven = flow.structure.mechanism, flow.structure.driven
+    square: Expr = 0.0
+    for tau in flow.tau:
+        square = square + tau * tau
+    events = [Event(momentum)]
+    kinds: list[tuple[EventKind, int]] = [("rest", -1)]
+    if varies(flow.input_rate):
+        events.append(Event(flow.input_rate))
+        kinds.append(("dead_centre", driven))
+    if varies(square):
+        crossed = square - parameter(layout.least)
+        events.append(Event(crossed, stops=True, sense=-1))
+        kinds.append(("singularity", -1))
+    for number, stop in enumerate(mechanism.stops):
+        (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
+        value = variables[place] + FULL_TURN * parameter(place)
+        limits: tuple[tuple[int, Literal[-1, 1]], ...] = ((0, -1), (1, 1))
+        for side, sense in limits:
+            level = parameter(layout.stop + 2 * number + side)
+            events.append(Event(value - level, stops=True, sense=sense))
+            kinds.append(("stop", place))
+    return events, kinds
+
+
+def _conditions(
+    conditions: Sequence[Expr],
+    equations: Sequence[tuple[Expr, Expr]],
+    layout: Layout,
+    number: type[Any],
+) -> Function:
+    """Return a function with the conditions, then their rates by time."""
+    count = layout.side + len(conditions)
+    constants = symbols([f"constant_{k}" for k in range(count)])
+    (moment,) = symbols(["moment"])
+    known = [(time_symbol(), moment)]
+    known += [(parameter(k), constants[k]) for k in range(count)]
+    plain = [substitute(each, known) for each in conditions]
+    flowing = [(item, substitute(rate, known)) for item, rate in equations]
+    flowing.append((moment, 1.0))
+    changes = [
+        sum(derivative(condition, item) * rate for item, rate in flowing)
+        for condition in plain
+    ]
+    inputs = [*(item for item, _ in flowing), *constants]
+    return compile_function([*plain, *changes], inputs, compact=True)
+
+
+def _sticking(
+    conditions: Function, which: int, layout: Layout
+) -> Callable[[Floats, float, Floats], bool]:
+    """Return whether a condition, now of its new sign, goes back at once."""
+
+    def stuck(state: Floats, time: float, constants: Floats) -> bool:
+        row = np.concatenate([state, [time], constants])[:, None]
+        found = np.asarray(conditions(row))[:, 0]
+        sides = constants[layout.side :]
+        return bool(found[len(sides) + which] * sides[which] < 0.0)
+
+    return stuck

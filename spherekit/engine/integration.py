@@ -1,0 +1,341 @@
+"""A run of the compiled equation of motion, kept as the Taylor series of its steps.
+
+The integrator's tolerance is relative to the largest element of its state. So that a run
+stays accurate over thousands of turns, every few steps angles are reduced by whole turns,
+the work done is set aside, and the unit of momentum grows with the momentum. The loops
+open by little more than rounding, but that adds up, so they are closed now and then.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, final
+
+import numpy as np
+
+from spherekit.engine.compiler import MOST_SWITCHES, End, Integrator
+from spherekit.engine.equation import CompiledEquation, EventKind
+from spherekit.engine.loads import FULL_TURN
+from spherekit.model.dynamics import TorqueTable
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
+
+STRETCH = 50
+"""Steps after which the state is reduced."""
+
+CLOSED = 20
+"""Stretches after which the configuration is put back onto its curve."""
+
+MOST_STEPS = 300_000
+"""Their series take about 2 kB each."""
+
+SHORTEST = 1e-11
+"""Steps shorter than this part of the whole time end a run."""
+
+CROSSED = 1e-5
+"""Where |tau| is smaller than this part of its largest, curves cross.
+
+A configuration off its curve by d misses a crossing by sqrt(d), so this suits
+`spherekit.engine.equation.LOOSEST`.
+"""
+
+BLOCK = 1024
+"""Times at which the series are evaluated together."""
+
+_FULL_TURN_REST = 2.4492935982947064e-16
+"""2 pi less its nearest float64."""
+
+RunEnd = Literal["time", "stop", "singularity", "sticking", "too_fast", "too_many"]
+
+
+@final
+@dataclass(frozen=True)
+class Passage:
+    """An event of a run: its kind, the variable it is about or -1, and the time (s)."""
+
+    kind: EventKind
+    variable: int
+    t: float
+
+
+@final
+@dataclass(frozen=True)
+class Stretch:
+    """Some steps between two reductions of the state.
+
+    `starts`, `lengths` (k,) s; `series` (k, states, order + 1) Taylor coefficients;
+    `turns` (variables,), `unit` of momentum and `work` (loads,) J set aside.
+    """
+
+    starts: Floats
+    lengths: Floats
+    series: Floats
+    turns: Floats
+    unit: float
+    work: Floats
+
+
+@final
+@dataclass(frozen=True)
+class Run:
+    """A run as far as it came: its stretches, events, and why and when it ended (s).
+
+    `drift` is the largest closure residual (rad) that was taken out.
+    """
+
+    equation: CompiledEquation
+    stretches: tuple[Stretch, ...]
+    passages: tuple[Passage, ...]
+    end: RunEnd
+    time: float
+    drift: float
+
+    @cached_property
+    def starts(self) -> Floats:
+        """(steps,) times at which steps start (s)."""
+        return np.concatenate([each.starts for each in self.stretches])
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """(steps,) their lengths (s)."""
+        return np.concatenate([each.lengths for each in self.stretches])
+
+    @cached_property
+    def _firsts(self) -> Floats:
+        return np.array([each.starts[0] for each in self.stretches])
+
+    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return states, their rates (n, states) and whole turns (n, variables).
+
+        The states at times t (n,) are the variables less the whole turns, the momentum
+        and the work of each load, in units of the SI.
+        """
+        layout = self.equation.layout
+        width = self.stretches[0].series.shape[1]
+        states, rates = np.empty((len(t), width)), np.empty((len(t), width))
+        turns = np.empty((len(t), layout.variables))
+        owner = np.searchsorted(self._firsts, t, side="right") - 1
+        for number in np.unique(np.maximum(owner, 0)):
+            stretch = self.stretches[number]
+            every = np.flatnonzero(np.maximum(owner, 0) == number)
+            turns[every] = stretch.turns
+            for rows in np.split(every, range(BLOCK, len(every), BLOCK)):
+                states[rows], rates[rows] = _evaluate(stretch, t[rows], layout.variables)
+        return states, rates, turns
+
+    def tau(self, reduced: Floats) -> Floats:
+        """Return the homogeneous rates (n, variables) at reduced variables."""
+        return np.asarray(self.equation.tau(np.ascontiguousarray(reduced.T))).T
+
+
+def _evaluate(stretch: Stretch, t: Floats, variables: int) -> tuple[Floats, Floats]:
+    step = np.searchsorted(stretch.starts, t, side="right") - 1
+    step = np.clip(step, 0, len(stretch.starts) - 1)
+    series = stretch.series[step]
+    h = (t - stretch.starts[step])[:, None]
+    value = series[:, :, -1]
+    rate = np.zeros_like(value)
+    for order in range(series.shape[2] - 2, -1, -1):
+        rate = rate * h + value
+        value = value * h + series[:, :, order]
+    for each in (value, rate):
+        each[:, variables] *= stretch.unit
+        each[:, variables + 1 :] *= stretch.unit**2
+    value[:, variables + 1 :] += stretch.work
+    return value, rate
+
+
+def integrate(
+    equation: CompiledEquation,
+    mechanism: Mechanism,
+    values: Floats,
+    momentum: float,
+    unit: float,
+    targets: Sequence[float],
+    close: Callable[[Floats], tuple[Floats, float]],
+) -> Run:
+    """Return the run from a start at t = 0 to the last of the targets.
+
+    Parameters
+    ----------
+    equation, mechanism
+        The equation compiled for this mechanism, whose tables and stops are used.
+    values, momentum
+        (variables,) a closed configuration (rad), and sqrt(B) u, positive in the sense
+        of the homogeneous rates.
+    unit
+        A momentum of usual size, not zero.
+    targets
+        Rising times (s) between which no load has a knot.
+    close
+        Puts a configuration back onto its curve, and says what its residual was.
+    """
+    return _Integration(equation, mechanism, values, momentum, unit, close).run(targets)
+
+
+@final
+class _Integration:
+    """A run while it goes on."""
+
+    def __init__(
+        self,
+        equation: CompiledEquation,
+        mechanism: Mechanism,
+        values: Floats,
+        momentum: float,
+        unit: float,
+        close: Callable[[Floats], tuple[Floats, float]],
+    ) -> None:
+        self.equation = equation
+        self.close, self.drift = close, 0.0
+        self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
+        self.count = len(values)
+        self.turns = np.zeros(self.count)
+        self.work = np.zeros(len(mechanism.loads))
+        self.unit = max(unit, abs(momentum))
+        kinds = [mechanism.pairs[owner].type for owner in mechanism.variable_owners]
+        self.period = np.array([1.0 if kind == "R" else 0.0 for kind in kinds])
+        self.least = CROSSED**2 * float(
+            np.sum(np.asarray(equation.tau(values[:, None])) ** 2)
+        )
+        self.stops = [v for stop in mechanism.stops for v in (stop.low, stop.high)]
+        self.sides = np.zeros(equation.switches)
+        self.first = np.array([*values, momentum / self.unit, *self.work])
+        self.stretches: list[Stretch] = []
+        self.time = 0.0
+
+    def run(self, targets: Sequence[float]) -> Run:
+        """Integrate from target to target."""
+        integrator = self.equation.integrator
+        self._set_sides(self._parameters(0.0, targets[0]))
+        integrator.start(self.first, 0.0, self._parameters(0.0, targets[0]))
+        end: RunEnd = "time"
+        steps = 0
+        for target in targets:
+            end = "too_many"
+            self._pass_parameters(integrator, self.time, target)
+            while steps < MOST_STEPS:
+                taken, outcome = self._stretch(integrator, target, SHORTEST * targets[-1])
+                steps += taken
+                if outcome is not None:
+                    end = outcome
+                    break
+            if end != "time":
+                break
+        return Run(
+            self.equation,
+            tuple(self.stretches),
+            self._passages(),
+            end,
+            self.time,
+            self.drift,
+        )
+
+    def _stretch(
+        self, integrator: Integrator, target: float, shortest: float
+    ) -> tuple[int, RunEnd | None]:
+        self._reduce(integrator)
+        starts: list[float] = []
+        lengths: list[float] = []
+        series: list[Floats] = []
+        end: RunEnd | None = None
+        while end is None and len(starts) < STRETCH:
+            start = integrator.time
+            outcome, length = integrator.step(target - start)
+            if outcome is End.NOT_FINITE:
+                end = "too_fast"
+                break
+            if length > 0.0 or outcome is End.EVENT:
+                self.time = integrator.time
+                starts.append(start)
+                lengths.append(length)
+                series.append(integrator.coefficients)
+            if outcome is End.LIMIT:
+                end = "time"
+            elif outcome is End.EVENT:
+                end = self._event(integrator)
+            elif outcome is End.STEP and length < shortest:
+                end = "too_fast"
+        if starts:
+            kept = np.array(starts), np.array(lengths), np.array(series)
+            self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
+            tau = np.asarray(
+                self.equation.tau(np.ascontiguousarray(kept[2][:, : self.count, 0].T))
+            )
+            largest = float(np.max(np.sum(tau**2, axis=0)))
+            self.least = max(self.least, CROSSED**2 * largest)
+        return len(starts), end
+
+    def _event(self, integrator: Integrator) -> RunEnd:
+        kind, _ = self.equation.events[integrator.seen[-1].event]
+        if kind == "switch":
+            return "too_many" if len(integrator.seen) >= MOST_SWITCHES else "sticking"
+        return "stop" if kind == "stop" else "singularity"
+
+    def _reduce(self, integrator: Integrator) -> None:
+        """Take whole turns off the angles, set work aside, adapt the unit of momentum."""
+        state = integrator.state
+        values = state[: self.count]
+        turns = np.round(values.astype(float) / FULL_TURN) * self.period
+        values -= turns * FULL_TURN
+        values -= turns * _FULL_TURN_REST
+        if self.stretches and len(self.stretches) % CLOSED == 0:
+            values[:], gap = self.close(values.astype(float))
+            self.drift = max(self.drift, gap)
+        self.turns = self.turns + turns
+        done = state[self.count + 1 :].astype(float)
+        self.work = self.work + done * self.unit**2
+        state[self.count + 1 :] = 0.0
+        size = abs(float(state[self.count]))
+        if size > 1.0:
+            self.unit *= size
+            state[self.count] /= size
+        layout, known = self.equation.layout, integrator.parameters
+        for place, value in (
+            *enumerate(self.turns),
+            (layout.unit, self.unit),
+            (layout.unit + 1, 1.0 / self.unit),
+            (layout.least, self.least),
+        ):
+            if place < len(known):
+                known[place] = value
+
+    def _pass_parameters(self, integrator: Integrator, t: float, target: float) -> None:
+        """Set the lines along which tables run until the next knot."""
+        layout, known = self.equation.layout, integrator.parameters
+        if self.tables:
+            known[layout.table : layout.side] = self._lines(t, target)
+
+    def _lines(self, t: float, target: float) -> list[float]:
+        # Within the interval, for at its ends a periodic table may jump.
+        inside = np.array([0.75 * t + 0.25 * target, 0.25 * t + 0.75 * target])
+        found = [t]
+        for table in self.tables:
+            one, other = table.at(inside)
+            slope = (other - one) / (inside[1] - inside[0])
+            found += [one - slope * (inside[0] - t), slope]
+        return found
+
+    def _parameters(self, t: float, target: float) -> Floats:
+        units = (self.unit, 1.0 / self.unit)
+        lines = self._lines(t, target)
+        return np.array([*self.turns, *units, self.least, *self.stops, *lines, *self.sides])
+
+    def _set_sides(self, parameters: Floats) -> None:
+        """Find the signs of the loads' conditions at the start.
+
+        Where a condition is zero, that towards which it goes; positive if it stays.
+        """
+        count = len(self.sides)
+        if self.equation.conditions is None:
+            return
+        known = np.concatenate([self.first, [0.0], parameters])
+        for k in range(count):
+            known[len(known) - count :] = self.sides
+            found = np.asarray(self.equation.conditions(known[:, None]))[:, 0]
+            both = found.reshape(2, count)[:, k]
+            self.sides[k] = np.sign(both[0]) or np.sign(both[1]) or 1.0
+
+    def _passages(self) -> tuple[Passage, ...]:
+        seen = self.equation.integrator.seen
+        return tuple(Passage(*self.equation.events[each.event], each.time) for each in seen)
