@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 COARSE = 37
-"""Samples at which a mechanism is assembled; its branches do not depend on them."""
+"""Samples over which a mechanism with several inputs is assembled."""
 
 
 def execute(options: argparse.Namespace) -> int:
