@@ -214,8 +214,8 @@ def test_random_four_bars_never_leave_their_curve():
 
 
 @pytest.mark.slow
-def test_four_hundred_random_four_bars_never_leave_their_curve():
-    check_random_four_bars(np.random.default_rng(400), 400)
+def test_many_random_four_bars_never_leave_their_curve():
+    check_random_four_bars(np.random.default_rng(400), 100)
 
 
 def test_a_four_bar_that_can_hardly_move():
@@ -313,7 +313,7 @@ def test_random_mechanisms_keep_to_integrated_velocities():
 @pytest.mark.slow
 def test_many_random_mechanisms_keep_to_integrated_velocities():
     random = np.random.default_rng(77)
-    for chain in (*[STEPHENSON] * 20, *EIGHT_BARS):
+    for chain in (*[STEPHENSON] * 5, *EIGHT_BARS[::3]):
         pairs = len(chain.split())
         check_against_integration(mechanism(chain, random_axes(random, pairs)))
 
