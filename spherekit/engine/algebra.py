@@ -76,11 +76,6 @@ def jets(values: Exprs, rates: Exprs) -> Exprs:
     return vector([Jet(one, other) for one, other in zip(values, rates, strict=True)])
 
 
-def values_of(items: Exprs) -> Exprs:
-    """Return the values of jets or plain entries."""
-    return vector([Jet.of(item).value for item in items])
-
-
 def rates_of(items: Exprs) -> Exprs:
     """Return the derivatives of jets."""
     return vector([Jet.of(item).rate for item in items])

@@ -80,45 +80,6 @@ _NUMERIC: Mapping[str, Callable[..., Any]] = MappingProxyType(
 )
 
 
-_PARTIALS: Mapping[str, Callable[..., tuple[Any, ...]]] = MappingProxyType(
-    {
-        "+": lambda a, b: (1.0, 1.0),
-        "-": lambda a, b: (1.0, -1.0),
-        "*": lambda a, b: (b, a),
-        "/": lambda a, b: (1.0 / b, -a / b**2),
-        "**": lambda a, b: (
-            np.where(b == 0.0, 0.0, b * np.power(a, b - 1.0)),
-            np.power(a, b) * np.log(a),
-        ),
-        "negative": lambda a: (-1.0,),
-        "sin": lambda a: (np.cos(a),),
-        "cos": lambda a: (-np.sin(a),),
-        "tan": lambda a: (1.0 / np.cos(a) ** 2,),
-        "asin": lambda a: (1.0 / np.sqrt((1.0 - a) * (1.0 + a)),),
-        "acos": lambda a: (-1.0 / np.sqrt((1.0 - a) * (1.0 + a)),),
-        "atan": lambda a: (1.0 / (1.0 + a**2),),
-        "atan2": lambda a, b: (b / (a**2 + b**2), -a / (a**2 + b**2)),
-        "sqrt": lambda a: (0.5 / np.sqrt(a),),
-        "exp": lambda a: (np.exp(a),),
-        "log": lambda a: (1.0 / np.where(a < 0.0, np.nan, a),),
-        "abs": lambda a: (np.sign(a),),
-        "tanh": lambda a: (1.0 / np.cosh(a) ** 2,),
-        "sign": lambda a: (np.sign(a) * 0.0,),
-        "min": lambda *values: _chosen(np.argmin, values),
-        "max": lambda *values: _chosen(np.argmax, values),
-    }
-)
-"""The partial derivatives of each function by its arguments, at their values.
-
-Those of `min` and `max` are masks: an argument that is not chosen may have any derivative.
-"""
-
-
-def _chosen(choose: Callable[..., Any], values: tuple[Any, ...]) -> tuple[Any, ...]:
-    number = choose(np.stack(np.broadcast_arrays(*values)), axis=0)
-    return tuple(number == k for k in range(len(values)))
-
-
 @final
 @dataclass(frozen=True)
 class Number:
@@ -172,29 +133,6 @@ class Expression:
         arrays, shape = self._arrays(values)
         with np.errstate(all="ignore"):
             return _filled(_value(self.root, arrays), shape)
-
-    def evaluate_with_partials(
-        self, values: Mapping[str, ArrayLike]
-    ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Return the value and its exact partial derivatives by each name used.
-
-        Parameters
-        ----------
-        values
-            As for `evaluate`; value and derivatives have the same shape.
-
-        Notes
-        -----
-        By the chain rule along the tree. Where a function has a kink, `abs` and `sign`
-        have the derivative 0, and `min` and `max` that of the first argument that is
-        least or greatest.
-        """
-        arrays, shape = self._arrays(values)
-        with np.errstate(all="ignore"):
-            value, partials = _value_and_partials(self.root, arrays)
-        return _filled(value, shape), {
-            name: _filled(partials[name], shape) for name in sorted(self.names)
-        }
 
     def scalar(
         self, read: Mapping[str, Callable[[Sequence[float]], float]]
@@ -390,25 +328,6 @@ def _value(node: Node, arrays: Mapping[str, NDArray[np.float64]]) -> Any:
         return arrays[node.name]
     arguments = [_value(each, arrays) for each in node.arguments]
     return _NUMERIC[node.function](*arguments)
-
-
-def _value_and_partials(
-    node: Node, arrays: Mapping[str, NDArray[np.float64]]
-) -> tuple[Any, dict[str, Any]]:
-    if isinstance(node, Number):
-        return np.float64(node.value), {}
-    if isinstance(node, Name):
-        return arrays[node.name], {node.name: 1.0}
-    inner = [_value_and_partials(each, arrays) for each in node.arguments]
-    arguments = [value for value, _ in inner]
-    factors = _PARTIALS[node.function](*arguments)
-    partials: dict[str, Any] = {}
-    chooses = node.function in ("min", "max")
-    for factor, (_, by_name) in zip(factors, inner, strict=True):
-        for name, partial in by_name.items():
-            term = np.where(factor, partial, 0.0) if chooses else factor * partial
-            partials[name] = partials.get(name, 0.0) + term
-    return _NUMERIC[node.function](*arguments), partials
 
 
 def _filled(result: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
