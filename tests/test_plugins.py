@@ -10,9 +10,17 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.registry import create, load, names, records, registered
-from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
+from spherekit.analysis.tables import (
+    BRANCH,
+    INPUTS,
+    SAMPLE,
+    STATUS,
+    Column,
+    Table,
+    input_columns,
+)
 from spherekit.errors import AnalysisError, PluginError
 
 
@@ -71,6 +79,49 @@ class Greedy(AbstractAnalysis):
         }
         reads[self.what]()
         return {"greedy": {"other": batch.sample}}
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Ranges(AbstractAnalysis):
+    """Inputs by name, how often they were gathered, and words to whoever runs it."""
+
+    name: ClassVar = "ranges"
+    version: ClassVar = "1"
+    summary: ClassVar = "the inputs"
+    tables: ClassVar = (Table("ranges", "one row per sample", (SAMPLE, INPUTS, STATUS)),)
+
+    def needs(self, mechanism):
+        return Needs(tracer=True)
+
+    def compute(self, batch: Batch):
+        inputs = batch.once("inputs", lambda: batch.inputs.copy())
+        assert batch.once("inputs", lambda: None) is inputs
+        columns = input_columns(batch.mechanism, inputs)
+        return {"ranges": {"sample": batch.sample, **columns, "status": batch.status}}
+
+    def findings(self, batch: Batch):
+        widest = float(np.max(np.ptp(batch.inputs, axis=0)))
+        return Findings({"widest": widest, "modes": len(batch.tracer.branches)}, ("So.",))
+
+
+def test_columns_for_each_input():
+    assert list(sk.run(sk.load("four_bar"), Ranges(), samples=3).frame()) == [
+        "sample",
+        "q",
+        "status",
+    ]
+    frame = sk.run(sk.load("five_bar"), Ranges(), samples=3).frame()
+    names = [item.pair for item in sk.load("five_bar").inputs]
+    assert list(frame)[1:3] == [f"q_{name}" for name in names]
+
+
+def test_findings_are_in_the_summary():
+    result = sk.run(sk.load("four_bar"), Ranges(), samples=3)
+    (own,) = result.summary["analyses"]
+    assert own["findings"]["modes"] == 2
+    assert own["findings"]["widest"] == pytest.approx(2 * np.pi, abs=1e-12)
+    assert result.summary["warnings"] == ["ranges: So."]
 
 
 def test_poles_is_registered_like_anyones():

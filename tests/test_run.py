@@ -173,7 +173,7 @@ class Listener:
         self.when.append(len(samples))
         for primitive in scene.primitives:
             self.paths.add(primitive.path)
-            key = (scene.branch, primitive.path)
+            key = (scene.page, primitive.path)
             self.rows.setdefault(key, []).extend(samples)
 
 

@@ -131,7 +131,7 @@ def part(scene: Scene, rows: np.ndarray) -> Scene:
     for primitive in scene.primitives:
         name = next(name for name in names if hasattr(primitive, name))
         parts.append(replace(primitive, **{name: getattr(primitive, name)[rows]}))
-    return Scene(scene.branch, tuple(parts))
+    return Scene(scene.page, tuple(parts))
 
 
 def record(

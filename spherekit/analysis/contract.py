@@ -6,9 +6,9 @@ samples at once, and returns the tables it declared.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, TypeVar, final
+from typing import Any, ClassVar, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,14 @@ from spherekit.analysis.tables import Table, TableData
 from spherekit.conventions import Status
 from spherekit.errors import SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Motion
+from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Timing
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.field import PoleField
 from spherekit.sphere.rotation import Floats
 
 Values = TypeVar("Values")
+Made = TypeVar("Made")
 
 CONTRACT = 1
 """Version of this contract; a plugin states the one it was written for."""
@@ -41,7 +42,8 @@ class Needs:
     velocity per unit rate of the input is wanted, `pair_rates`: pairs whose variable's
     rate is; with `derivatives`, also the derivative of the former. `pair_values`,
     `rotations`: pairs and links. All four by name. `time`: when the rows happen, with
-    the rates and accelerations of the inputs.
+    the rates and accelerations of the inputs. `tracer`: what finds configurations, for
+    an analysis that asks for more of them than the samples.
     """
 
     directions: frozenset[Pole] = frozenset()
@@ -53,6 +55,7 @@ class Needs:
     link_rates: frozenset[str] = frozenset()
     pair_rates: frozenset[str] = frozenset()
     time: bool = False
+    tracer: bool = False
 
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together."""
@@ -66,7 +69,21 @@ class Needs:
             self.link_rates | other.link_rates,
             self.pair_rates | other.pair_rates,
             self.time or other.time,
+            self.tracer or other.tracer,
         )
+
+
+@final
+@dataclass(frozen=True)
+class Findings:
+    """What an analysis has to say beside its tables.
+
+    `figures` go to the summary and must be ready for JSON; `warnings`, in whole
+    sentences, are shown to whoever runs it.
+    """
+
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 @final
@@ -87,6 +104,8 @@ class Batch:
     _motion: Motion
     _fields: tuple[PoleField, ...] = field(repr=False)
     timed: bool = False
+    _tracer: Tracer | None = field(default=None, repr=False)
+    _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self._motion)
@@ -150,6 +169,20 @@ class Batch:
     def status(self) -> NDArray[np.int8]:
         """(n,) codes of `spherekit.conventions.Status`."""
         return run_status(self._motion, self._fields)
+
+    @property
+    def tracer(self) -> Tracer:
+        """The tracer of the run: its solver, its branches and their curves."""
+        if not self.needs.tracer or self._tracer is None:
+            raise UndeclaredNeed("the tracer was read; declare Needs(tracer=True)")
+        return self._tracer
+
+    def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """Return what `make` gives, called once for this batch and analysis."""
+        if key not in self._made:
+            self._made[key] = make()
+        made: Made = self._made[key]
+        return made
 
     def branch_rows(self) -> Mapping[int, slice]:
         """Return the rows of each branch, by its number."""
@@ -307,3 +340,11 @@ class AbstractAnalysis(ABC):
         """Return what is to be seen of the batch; nothing by default."""
         del batch
         return ()
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return what is to be said of a run beside its tables; nothing by default.
+
+        Asked of analyses that are not `rowwise`.
+        """
+        del batch
+        return Findings()

@@ -9,7 +9,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs, run_status
+from spherekit.analysis.contract import (
+    AbstractAnalysis,
+    Batch,
+    Findings,
+    Needs,
+    run_status,
+)
 from spherekit.analysis.course import EVENTS, Course, course_of
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
@@ -23,7 +29,7 @@ from spherekit.analysis.stage import (
 )
 from spherekit.analysis.tables import (
     BRANCH,
-    INPUT,
+    INPUTS,
     RESIDUAL,
     SAMPLE,
     STATUS,
@@ -32,6 +38,7 @@ from spherekit.analysis.tables import (
     Table,
     TableData,
     concatenate,
+    input_columns,
 )
 from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
 from spherekit.errors import AnalysisError, SpherekitError
@@ -204,6 +211,7 @@ def run(
     plans = tuple(item.plan for item in wanted)
     planned = time.perf_counter()
     collected: dict[str, list[dict[str, TableData]]] = {a.name: [] for a in chosen}
+    findings: dict[str, Findings] = {}
     failures: dict[str, str] = {}
     motions: list[Motion] = []
     fields: list[tuple[PoleField, ...]] = []
@@ -235,12 +243,14 @@ def run(
     ) -> None:
         if analysis.name in failures:
             return
-        batch = Batch(mechanism, plans, what, motion, found, course.timed)
+        batch = Batch(mechanism, plans, what, motion, found, course.timed, tracer)
         try:
             tables = dict(analysis.compute(batch))
             for table in analysis.tables:
-                table.check(tables[table.name], analysis.name)
+                table.of(mechanism).check(tables[table.name], analysis.name)
             collected[analysis.name].append(tables)
+            if not analysis.rowwise:
+                findings[analysis.name] = analysis.findings(batch)
             if recorder is not None:
                 _log(recorder, analysis.scene(batch), motion, course.timed)
         except SpherekitError as problem:
@@ -271,9 +281,12 @@ def run(
     results = {MOTION: _motion_result(course, motions, fields)}
     for analysis in chosen:
         if analysis.name not in failures and collected[analysis.name]:
-            results[analysis.name] = _gather(analysis, collected[analysis.name])
+            parts = collected[analysis.name]
+            results[analysis.name] = _gather(analysis, mechanism, parts)
     finished = time.perf_counter()
-    summary = _summary(mechanism, course, plans, chosen, motions, fields, failures)
+    summary = _summary(
+        mechanism, course, plans, chosen, motions, fields, failures, findings
+    )
     summary["seconds"] = {
         "plan_and_branches": planned - started,
         "evaluate": finished - planned,
@@ -294,20 +307,26 @@ def _need_times(
 
 def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion, timed: bool) -> None:
     k = motion.samples
-    inputs = motion.q[:k] if motion.inputs.shape[1] == 1 and not timed else None
+    single = motion.inputs.shape[1] == 1 and not timed
+    inputs = motion.q[:k] if single else None
     times = motion.timing.t[:k] if motion.timing is not None and timed else None
     for scene in scenes:
-        recorder.log(scene, motion.sample[:k], inputs, times)
+        if scene.rows is None:
+            recorder.log(scene, motion.sample[:k], inputs, times)
+        elif times is None:
+            own = scene.rows.inputs if single else None
+            recorder.log(scene, np.arange(len(scene.rows)), own, None)
 
 
 def _gather(
-    analysis: AbstractAnalysis, parts: list[dict[str, TableData]]
+    analysis: AbstractAnalysis, mechanism: Mechanism, parts: list[dict[str, TableData]]
 ) -> AnalysisResult:
     data = {}
     for table in analysis.tables:
         whole = concatenate([part[table.name] for part in parts])
         data[table.name] = _in_order(whole) if len(parts) > 1 else whole
-    return AnalysisResult(analysis.name, analysis.tables, data)
+    tables = tuple(table.of(mechanism) for table in analysis.tables)
+    return AnalysisResult(analysis.name, tables, data)
 
 
 def _in_order(data: TableData) -> TableData:
@@ -322,12 +341,6 @@ def _motion_result(
     course: Course, motions: list[Motion], fields: list[tuple[PoleField, ...]]
 ) -> AnalysisResult:
     mechanism = course.tracer.mechanism
-    inputs = [INPUT]
-    if len(mechanism.inputs) > 1:
-        inputs = [
-            Column(f"q_{item.pair}", "rad", f"variable of driven pair {item.pair}")
-            for item in mechanism.inputs
-        ]
     variables = [
         Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
         for name, owner in zip(
@@ -341,19 +354,18 @@ def _motion_result(
             SAMPLE,
             BRANCH,
             *([TIME] if course.timed else []),
-            *inputs,
+            INPUTS,
             *variables,
             RESIDUAL,
             STATUS,
         ),
-    )
+    ).of(mechanism)
     parts: list[TableData] = []
     for motion, found in zip(motions, fields, strict=True):
         part: dict[str, Any] = {"sample": motion.sample, "branch": motion.branch}
         if course.timed and motion.timing is not None:
             part["t"] = motion.timing.t
-        for number, column in enumerate(inputs):
-            part[column.name] = motion.inputs[:, number]
+        part |= input_columns(mechanism, motion.inputs)
         for number, column in enumerate(variables):
             part[column.name] = motion.values[:, number]
         part["residual"] = motion.residual
@@ -379,6 +391,7 @@ def _summary(
     motions: list[Motion],
     fields: list[tuple[PoleField, ...]],
     failures: dict[str, str],
+    findings: dict[str, Findings],
 ) -> dict[str, Any]:
     tracer = course.tracer
     status = np.concatenate(
@@ -455,8 +468,12 @@ def _summary(
                 "parameters": asdict(analysis),  # type: ignore[call-overload]
                 "failed": analysis.name in failures,
                 "cites": list(analysis.cites),
+                "findings": dict(findings.get(analysis.name, Findings()).figures),
             }
             for analysis in chosen
+        ],
+        "warnings": [
+            f"{name}: {text}" for name, own in findings.items() for text in own.warnings
         ],
     }
 

@@ -74,8 +74,25 @@ class Series:
 
 @final
 @dataclass(frozen=True)
+class Mark:
+    """A named point: of a curve in a plane (2,), or a direction on the sphere (3,).
+
+    `tone` picks the colour, the same for marks and curves of one kind.
+    """
+
+    label: str
+    place: Floats
+    tone: int = 0
+
+
+@final
+@dataclass(frozen=True)
 class Portrait:
-    """One quantity against another, as a curve in a plane with a mark that moves."""
+    """One quantity against another, as a curve in a plane with a mark that moves.
+
+    `curves` are drawn from the start, in the units of x and y, and `marks` on them.
+    Without them the curve is what the moving mark has drawn by the end.
+    """
 
     path: str
     label: str
@@ -88,13 +105,46 @@ class Portrait:
     x_range: tuple[float, float]
     """Least and greatest x of all blocks, which the frame spans."""
     y_range: tuple[float, float]
+    curves: Sequence[tuple[Floats, int]] = ()
+    """Polylines (k, 2), each with its tone."""
+    marks: Sequence[Mark] = ()
 
     def placed(self) -> Floats:
         """Return the points (n, 2) in a frame that runs from 0 to 1 both ways."""
-        ranges = (self.x, self.x_range), (self.y, self.y_range)
-        return np.stack(
-            [(v - low) / max(high - low, TINY) for v, (low, high) in ranges], axis=1
-        )
+        return self.framed(np.stack([self.x, self.y], axis=1))
+
+    def framed(self, points: Floats) -> Floats:
+        """Return points (n, 2) in a frame that runs from 0 to 1 both ways."""
+        low, high = np.array([self.x_range, self.y_range]).T
+        return np.asarray((points - low) / np.maximum(high - low, TINY))
+
+
+@final
+@dataclass(frozen=True)
+class SphereCurves:
+    """Curves and marks on the unit sphere, in ground axes, that do not move."""
+
+    path: str
+    label: str
+    curves: Sequence[Floats]
+    """Polylines (k, 3) of unit vectors."""
+    tone: int = 0
+    marks: Sequence[Mark] = ()
+
+
+@final
+@dataclass(frozen=True)
+class Surface:
+    """A triangulated surface in a space of its own, with its axes named."""
+
+    path: str
+    label: str
+    vertices: Floats
+    """(v, 3)"""
+    triangles: NDArray[np.int64]
+    """(t, 3) numbers of vertices."""
+    axes: tuple[str, str, str]
+    tone: int = 0
 
 
 @final
@@ -120,13 +170,33 @@ class Text:
     markdown: str
 
 
-Primitive = Body | Arrow | GreatCircle | Series | Portrait | Graph | Text
+Primitive = (
+    Body | Arrow | GreatCircle | Series | Portrait | SphereCurves | Surface | Graph | Text
+)
+
+Page = int | str | None
+"""The number of a branch, the title of a page of its own, or None for every page."""
+
+
+@final
+@dataclass(frozen=True)
+class Rows:
+    """What the rows of a page of its own are, if not the samples of the run.
+
+    They are numbered from 0; `inputs` (k,) rad are the values of a single input there.
+    """
+
+    inputs: Floats
+
+    def __len__(self) -> int:
+        return len(self.inputs)
 
 
 @final
 @dataclass(frozen=True)
 class Scene:
-    """Primitives of one branch (or of the whole mechanism, if `branch` is None)."""
+    """Primitives of one page: of a branch, of a page of its own, or of every page."""
 
-    branch: int | None
+    page: Page
     primitives: tuple[Primitive, ...]
+    rows: Rows | None = None

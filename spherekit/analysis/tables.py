@@ -1,13 +1,14 @@
 """Declared tables: every column's name, unit and meaning, stated once."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.errors import AnalysisError
+from spherekit.model.mechanism import Mechanism
 
 Kind = Literal["number", "integer", "text", "status"]
 
@@ -15,12 +16,17 @@ Kind = Literal["number", "integer", "text", "status"]
 @final
 @dataclass(frozen=True)
 class Column:
-    """One column of a table; `unit` is SI, rad, 1/rad, or empty for pure numbers."""
+    """One column of a table; `unit` is SI, rad, 1/rad, or empty for pure numbers.
+
+    With several inputs a column that is there `per_input` becomes one for each, its name
+    followed by that of the pair: ``q_left``, ``q_right``.
+    """
 
     name: str
     unit: str
     meaning: str
     kind: Kind = "number"
+    per_input: bool = False
 
 
 @final
@@ -31,6 +37,27 @@ class Table:
     name: str
     meaning: str
     columns: tuple[Column, ...]
+
+    def of(self, mechanism: Mechanism) -> "Table":
+        """Return the table with a column for each input where it says so."""
+        inputs = mechanism.inputs
+        if len(inputs) < 2:
+            return self
+        columns: list[Column] = []
+        for column in self.columns:
+            if not column.per_input:
+                columns.append(column)
+                continue
+            columns += [
+                Column(
+                    f"{column.name}_{item.pair}",
+                    column.unit,
+                    f"{column.meaning} {item.pair}",
+                    column.kind,
+                )
+                for item in inputs
+            ]
+        return replace(self, columns=tuple(columns))
 
     def check(self, data: Mapping[str, NDArray[Any]], analysis: str) -> None:
         """Raise `AnalysisError` if columns are missing, extra or of unequal length."""
@@ -50,6 +77,12 @@ class Table:
 TableData = Mapping[str, NDArray[Any]]
 
 
+def input_columns(mechanism: Mechanism, inputs: NDArray[np.float64]) -> dict[str, Any]:
+    """Return the columns `INPUTS` of values (n, inputs), by their names."""
+    own = Table("", "", (INPUTS,)).of(mechanism).columns
+    return {c.name: inputs[:, k] for k, c in enumerate(own)}
+
+
 def concatenate(parts: "list[TableData]") -> TableData:
     """Return the rows of several parts of one table, one after another."""
     return {
@@ -61,6 +94,7 @@ def concatenate(parts: "list[TableData]") -> TableData:
 SAMPLE = Column("sample", "", "number of the input value, from 0", "integer")
 BRANCH = Column("branch", "", "number of the assembly mode", "integer")
 INPUT = Column("q", "rad", "variable of the driven pair")
+INPUTS = Column("q", "rad", "variable of the driven pair", per_input=True)
 TIME = Column("t", "s", "time")
 RESIDUAL = Column("residual", "rad", "largest rotation by which a loop fails to close")
 STATUS = Column("status", "", "OK, or why the row is empty", "status")

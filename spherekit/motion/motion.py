@@ -14,6 +14,7 @@ from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import lattice as lattices
 from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.configuration import ConfigurationCurve, configuration_curves
 from spherekit.motion.lattice import Lattice, given_path
 from spherekit.motion.modes import MOST_BRANCHES, find_branches
 from spherekit.motion.pairs import (
@@ -248,6 +249,11 @@ class Tracer:
         what = "all modes that close" if complete else "modes found, some may be missed,"
         inputs = "1 input" if self._probes == 1 else f"one of {self._probes} inputs"
         return f"{what} at {inputs}; " + "; ".join(dict.fromkeys(used))
+
+    @cached_property
+    def curves(self) -> tuple[ConfigurationCurve, ...]:
+        """The configuration curves that the branches lie on; `PlanError` as `range`."""
+        return configuration_curves(self.solver, self.branches, *self.range)
 
     def at(self, q: Floats, first_sample: int = 0) -> Motion:
         """Return all branches at inputs q (k,) or (k, inputs) rad, any order.

@@ -1,4 +1,4 @@
-"""How the viewer's window is laid out: one page for each branch, and one to compare."""
+"""How the viewer's window is laid out: a page for each branch, others, one to compare."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -7,6 +7,7 @@ from typing import Any, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.scene import Page
 from spherekit.view import colours, entities
 from spherekit.view.sdk import rr, rrb
 from spherekit.view.timelines import SAMPLE, TIME
@@ -35,7 +36,7 @@ STEEP = 0.8
 class SeriesEntry:
     """One series as the layout sees it."""
 
-    branch: int | None
+    page: Page
     path: str
     label: str
 
@@ -45,7 +46,7 @@ class SeriesEntry:
 class Panel:
     """One graph or text as the layout sees it."""
 
-    branch: int | None
+    page: Page
     path: str
     label: str
     graph: bool
@@ -65,21 +66,22 @@ class Layout:
     span: tuple[float, float] | None
     """First and last time on the timeline, if known; in s on the timeline of time."""
 
-    branches: dict[int, str] = field(default_factory=dict)
-    solids: list[tuple[int | None, str]] = field(default_factory=list)
-    trails: list[tuple[int | None, str]] = field(default_factory=list)
-    hidden: list[tuple[int | None, str]] = field(default_factory=list)
+    pages: dict[int | str, str] = field(default_factory=dict)
+    solids: list[tuple[Page, str]] = field(default_factory=list)
+    trails: list[tuple[Page, str]] = field(default_factory=list)
+    hidden: list[tuple[Page, str]] = field(default_factory=list)
     focus: Floats | None = None
     groups: dict[str, list[SeriesEntry]] = field(default_factory=dict)
-    portraits: list[tuple[int | None, str, str]] = field(default_factory=list)
+    portraits: list[tuple[Page, str, str]] = field(default_factory=list)
+    surfaces: list[tuple[Page, str, str]] = field(default_factory=list)
     panels: list[Panel] = field(default_factory=list)
 
     def blueprint(self) -> rrb.Blueprint:
         """Return the layout in rerun's terms."""
         pages: list[rrb.Container] = [
-            self._page(branch, title) for branch, title in self.branches.items()
+            self._page(page, title) for page, title in self.pages.items()
         ] or [self._page(None, "Mechanism")]
-        if len(self.branches) > 1 and self.groups:
+        if len({e.page for own in self.groups.values() for e in own}) > 1:
             pages.append(self._comparison())
         top = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
         first, last = self.span or (0, 360)
@@ -99,31 +101,36 @@ class Layout:
             auto_layout=False,
         )
 
-    def _page(self, branch: int | None, title: str) -> rrb.Container:
+    def _page(self, page: Page, title: str) -> rrb.Container:
         plots: list[rrb.View] = [
-            self._plot(group, _of(series, branch))
+            self._plot(group, _of(series, page))
             for group, series in self.groups.items()
-            if _of(series, branch)
+            if _of(series, page)
         ]
         plots += [
             self._portrait(path, label)
             for owner, path, label in self.portraits
-            if owner in (None, branch)
+            if owner in (None, page)
         ]
-        panels = [self._panel(panel) for panel in _of(self.panels, branch)]
+        plots += [
+            self._surface(path, label)
+            for owner, path, label in self.surfaces
+            if owner in (None, page)
+        ]
+        panels = [self._panel(panel) for panel in _of(self.panels, page)]
         rows: list[rrb.View | rrb.Container] = [*plots[:1]]
         if len(plots) > 1:
             rows.append(_tabs(plots[1:]))
         if panels:
             rows.append(_tabs(panels))
-        space = self._space(branch, title)
+        space = self._space(page, title)
         if not rows:
             return rrb.Horizontal(space, name=title)
         return rrb.Horizontal(space, rrb.Vertical(*rows), column_shares=[11, 9], name=title)
 
-    def _space(self, branch: int | None, title: str) -> rrb.Spatial3DView:
-        def here(owner: int | None) -> bool:
-            return owner is None or owner == branch
+    def _space(self, page: Page, title: str) -> rrb.Spatial3DView:
+        def here(owner: Page) -> bool:
+            return owner is None or owner == page
 
         overrides: dict[Any, Any] = {
             path: [self._recent()] for owner, path in self.trails if here(owner)
@@ -178,14 +185,14 @@ class Layout:
         self, group: str, series: Sequence[SeriesEntry], mixed: bool = False
     ) -> rrb.TimeSeriesView:
         overrides: dict[Any, Any] = {}
-        order = list(self.branches)
+        order = list(self.pages)
         for entry in series:
-            own = [e for e in self.groups[group] if e.branch == entry.branch]
+            own = [e for e in self.groups[group] if e.page == entry.page]
             colour = colours.series_colour(own.index(entry))
             name = entry.label
-            if mixed and entry.branch is not None:
-                colour = colours.shaded(colour, order.index(entry.branch))
-                name = f"{entry.label}, {self.branches[entry.branch]}"
+            if mixed and entry.page is not None:
+                colour = colours.shaded(colour, order.index(entry.page))
+                name = f"{entry.label}, {self.pages[entry.page]}"
             overrides[entry.path] = rr.SeriesLines(
                 names=name, colors=colour, widths=2.0
             ).visualizer()
@@ -229,6 +236,11 @@ class Layout:
             ),
         )
 
+    def _surface(self, path: str, label: str) -> rrb.View:
+        return rrb.Spatial3DView(
+            origin=path, name=label, background=colours.BACKGROUND, line_grid=False
+        )
+
     def _panel(self, panel: Panel) -> rrb.View:
         if panel.graph:
             return rrb.GraphView(
@@ -243,8 +255,8 @@ class Layout:
         return rrb.TextDocumentView(origin=panel.path, name=panel.label)
 
 
-def _of(entries: Sequence[Entry], branch: int | None) -> list[Entry]:
-    return [entry for entry in entries if entry.branch in (None, branch)]
+def _of(entries: Sequence[Entry], page: Page) -> list[Entry]:
+    return [entry for entry in entries if entry.page in (None, page)]
 
 
 def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:

@@ -27,6 +27,13 @@ LINKS: tuple[Colour, ...] = (
     (188, 132, 92),
 )
 
+TONES: tuple[Colour, ...] = (PALE, LINKS[1], LINKS[2], LINKS[4], LINKS[3], LINKS[5])
+
+
+def tone(number: int) -> Colour:
+    """Return the colour of a kind of curve or mark."""
+    return TONES[number % len(TONES)]
+
 
 def link_colour(number: int) -> Colour:
     """Return the colour of the link at position `number` of the mechanism."""

@@ -5,7 +5,7 @@ labels get an empty row there. The curves of a link stay in the recording for go
 its transform shrinks them to a point instead; the viewer ignores a scale of zero.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import assert_never
 
 import numpy as np
@@ -17,9 +17,12 @@ from spherekit.analysis.scene import (
     Floats,
     Graph,
     GreatCircle,
+    Mark,
     Portrait,
     Primitive,
     Series,
+    SphereCurves,
+    Surface,
     Text,
 )
 from spherekit.view import colours, shapes
@@ -44,6 +47,8 @@ GRAPH_SIZE = (420.0, 220.0)
 PORTRAIT = (1.6, 1.0)
 """Width and height of the frame of a portrait."""
 HIDDEN = 1e-6
+MOST_LABELS = 24
+"""With more marks than this, their labels are seen when they are pointed at."""
 
 
 def world() -> Iterator[Still]:
@@ -110,6 +115,10 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
             yield "", rr.SeriesLines(names=primitive.label, widths=2.0)
         case Portrait():
             yield from _still_portrait(primitive)
+        case SphereCurves():
+            yield from _still_curves(primitive)
+        case Surface():
+            yield from _still_surface(primitive)
         case Graph():
             yield from _still_graph(primitive)
         case Text():
@@ -121,7 +130,7 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
 def moving(primitive: Primitive) -> Iterator[Moving]:
     """Yield the columns of one block of samples; nothing for what does not move."""
     match primitive:
-        case Body(quaternions=None) | Graph() | Text():
+        case Body(quaternions=None) | SphereCurves() | Surface() | Graph() | Text():
             return
         case Body(quaternions=quaternions) if quaternions is not None:
             good = present(quaternions)
@@ -226,6 +235,55 @@ def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
     )
 
 
+def _still_curves(item: SphereCurves) -> Iterator[Still]:
+    if item.curves:
+        yield (
+            "",
+            rr.LineStrips3D(
+                [1.006 * curve for curve in item.curves],
+                colors=colours.tone(item.tone),
+                radii=rr.Radius.ui_points(1.6),
+            ),
+        )
+    if item.marks:
+        yield (
+            "marks",
+            rr.Points3D(
+                [1.01 * mark.place for mark in item.marks],
+                labels=[mark.label for mark in item.marks],
+                colors=[colours.tone(mark.tone) for mark in item.marks],
+                radii=rr.Radius.ui_points(4.0),
+                show_labels=len(item.marks) <= MOST_LABELS,
+            ),
+        )
+
+
+def _still_surface(surface: Surface) -> Iterator[Still]:
+    low, high = np.min(surface.vertices, axis=0), np.max(surface.vertices, axis=0)
+    yield (
+        "",
+        rr.Mesh3D(
+            vertex_positions=surface.vertices,
+            triangle_indices=surface.triangles,
+            albedo_factor=(*colours.tone(surface.tone), 150),
+        ),
+    )
+    corners = np.array([low, *(np.where(np.eye(3)[k] > 0, high, low) for k in range(3))])
+    yield (
+        "axes",
+        rr.LineStrips3D(
+            [np.array([corners[0], end]) for end in corners[1:]],
+            colors=colours.GRATICULE,
+            labels=[
+                f"{name}: {a:.4g} to {b:.4g}"
+                for name, a, b in zip(surface.axes, low, high, strict=True)
+            ],
+            show_labels=True,
+            radii=rr.Radius.ui_points(0.8),
+        ),
+    )
+
+
 def _length(curve: Floats) -> float:
     return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
 
@@ -298,4 +356,26 @@ def _still_portrait(portrait: Portrait) -> Iterator[Still]:
             radii=0.0,
         ),
     )
+    for number, (points, tone) in enumerate(portrait.curves):
+        yield (
+            f"curve_{number}",
+            rr.LineStrips2D(
+                [_in_plane(line) for line in shapes.unbroken(portrait.framed(points))],
+                colors=colours.tone(tone),
+                radii=rr.Radius.ui_points(1.0),
+            ),
+        )
+    if portrait.marks:
+        yield "marks", _plane_marks(portrait, portrait.marks)
     yield "mark", rr.Points2D.from_fields(colors=colours.GOLD, radii=rr.Radius.ui_points(5))
+
+
+def _plane_marks(portrait: Portrait, marks: Sequence[Mark]) -> rr.Points2D:
+    places = portrait.framed(np.array([mark.place for mark in marks]))
+    return rr.Points2D(
+        _in_plane(places),
+        labels=[mark.label for mark in marks],
+        colors=[colours.tone(mark.tone) for mark in marks],
+        radii=rr.Radius.ui_points(4.0),
+        show_labels=len(marks) <= MOST_LABELS,
+    )

@@ -18,10 +18,13 @@ from spherekit.analysis.scene import (
     Floats,
     Graph,
     GreatCircle,
+    Page,
     Portrait,
     Primitive,
     Scene,
     Series,
+    SphereCurves,
+    Surface,
     Text,
 )
 from spherekit.errors import OutputError
@@ -104,7 +107,7 @@ class Recorder:
         self._layout: Layout | None = None
         self._input: InputTimeline | None = None
         self._seen: set[str] = set()
-        self._labelled: dict[int | None, set[str]] = {None: set()}
+        self._labelled: dict[Page, set[str]] = {None: set()}
         self._paths: dict[str, tuple[bool, list[Floats]]] = {}
         self._row: int | None = None
         self._drawn: dict[str, list[Floats]] = {}
@@ -211,7 +214,8 @@ class Recorder:
         self._layout = layout
         self._row = row
         layout.focus = focus
-        layout.branches.update(branches or {})
+        for number, title in (branches or {}).items():
+            layout.pages[number] = title
         for output in self._outputs:
             output.stream.send_recording_name(self.name)
             if properties:
@@ -221,10 +225,10 @@ class Recorder:
             self._still(f"{self.root}/{suffix}", archetype)
         for scene in scenes:
             for primitive in scene.primitives:
-                self._introduce(scene.branch, primitive)
+                self._introduce(scene.page, primitive)
         notes = Text("notes", "About", NOTES.format(name=self.name, timeline=words))
         self._introduce(None, notes)
-        if layout.branches:
+        if layout.pages:
             self._lay_out()
 
     def log(
@@ -234,7 +238,7 @@ class Recorder:
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Record one block of samples of one branch.
+        """Record one block of samples of one branch, or the rows of a page of its own.
 
         Parameters
         ----------
@@ -261,22 +265,22 @@ class Recorder:
                 raise ValueError("each sample needs its input value")
             ticks = self._input.ticks(inputs)
             lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
-        fresh = [self._introduce(scene.branch, item) for item in scene.primitives]
+        fresh = [self._introduce(scene.page, item) for item in scene.primitives]
         failed = np.zeros(len(samples), dtype=bool)
         for primitive in scene.primitives:
-            path = self._path(scene.branch, primitive)
+            path = self._path(scene.page, primitive)
             _check_rows(primitive, len(samples))
             for suffix, columns in entities.moving(primitive):
                 self._columns(_below(path, suffix), lines, columns, len(samples))
             if isinstance(primitive, Arrow):
                 self._paths[path][1].append(np.array(primitive.directions))
-            if isinstance(primitive, Portrait):
+            if isinstance(primitive, Portrait) and path in self._drawn:
                 self._drawn[path].append(primitive.placed())
             if isinstance(primitive, Body) and primitive.quaternions is not None:
                 failed |= ~entities.present(primitive.quaternions)
         if any(isinstance(item, Body) for item in scene.primitives):
-            where = f"{self._base(scene.branch)}/status"
-            fresh.append(self._introduce_status(scene.branch, where))
+            where = f"{self._base(scene.page)}/status"
+            fresh.append(self._introduce_status(scene.page, where))
             columns = entities.failure_columns(failed)
             self._columns(where, lines, columns, len(samples))
         if any(fresh):
@@ -309,60 +313,68 @@ class Recorder:
         except KeyboardInterrupt:
             return
 
-    def _base(self, branch: int | None) -> str:
-        return self.root if branch is None else f"{self.root}/branch_{branch}"
+    def _base(self, page: Page) -> str:
+        if page is None:
+            return self.root
+        if isinstance(page, int):
+            return f"{self.root}/branch_{page}"
+        return f"{self.root}/{re.sub(r'[^A-Za-z0-9]+', '_', page).strip('_').lower()}"
 
-    def _path(self, branch: int | None, primitive: Primitive) -> str:
-        return f"{self._base(branch)}/{primitive.path.strip('/')}"
+    def _path(self, page: Page, primitive: Primitive) -> str:
+        return f"{self._base(page)}/{primitive.path.strip('/')}"
 
-    def _introduce(self, branch: int | None, primitive: Primitive) -> bool:
+    def _introduce(self, page: Page, primitive: Primitive) -> bool:
         """Log what stays of a primitive seen for the first time; return if it was."""
-        path = self._path(branch, primitive)
+        path = self._path(page, primitive)
         if path in self._seen:
             return False
         self._seen.add(path)
-        labelled = self._labelled.setdefault(branch, set(self._labelled[None]))
+        labelled = self._labelled.setdefault(page, set(self._labelled[None]))
         for suffix, archetype in entities.still(primitive, labelled):
             self._still(_below(path, suffix), archetype)
-        self._place(branch, path, primitive)
+        self._place(page, path, primitive)
         return True
 
-    def _introduce_status(self, branch: int | None, path: str) -> bool:
+    def _introduce_status(self, page: Page, path: str) -> bool:
         if path in self._seen:
             return False
         self._seen.add(path)
         self._still(path, entities.failure_label())
         if self._layout is not None:
-            self._layout.solids.append((branch, path))
+            self._layout.solids.append((page, path))
         return True
 
-    def _place(self, branch: int | None, path: str, primitive: Primitive) -> None:
+    def _place(self, page: Page, path: str, primitive: Primitive) -> None:
         """Give a new primitive its place in the window."""
         layout = self._layout
         if layout is None:
             raise ValueError("call start first")
-        if branch is not None:
-            layout.branches.setdefault(branch, f"Branch {branch}")
+        if page is not None:
+            title = f"Branch {page}" if isinstance(page, int) else page
+            layout.pages.setdefault(page, title)
         match primitive:
-            case Body() | GreatCircle():
-                layout.solids.append((branch, path))
+            case Body() | GreatCircle() | SphereCurves():
+                layout.solids.append((page, path))
             case Arrow(primary=primary, shown=shown):
-                layout.solids.append((branch, path))
+                layout.solids.append((page, path))
                 if not shown:
-                    layout.hidden.append((branch, path))
+                    layout.hidden.append((page, path))
                 self._paths[path] = (primary, [])
                 if shown and not primary:
-                    layout.trails.append((branch, f"{path}/trail"))
-            case Portrait():
-                layout.portraits.append((branch, path, primitive.label))
-                self._drawn[path] = []
+                    layout.trails.append((page, f"{path}/trail"))
+            case Portrait(curves=curves):
+                layout.portraits.append((page, path, primitive.label))
+                if not curves:
+                    self._drawn[path] = []
+            case Surface(label=label):
+                layout.surfaces.append((page, path, label))
             case Series(group=group, label=label):
-                entry = SeriesEntry(branch, path, label)
+                entry = SeriesEntry(page, path, label)
                 layout.groups.setdefault(group, []).append(entry)
             case Graph():
-                layout.panels.append(Panel(branch, path, "Links and pairs", True))
+                layout.panels.append(Panel(page, path, "Links and pairs", True))
             case Text(label=label):
-                layout.panels.append(Panel(branch, path, label, False))
+                layout.panels.append(Panel(page, path, label, False))
 
     def _lay_out(self) -> None:
         if self._layout is not None:
