@@ -161,6 +161,28 @@ class AlongCurve:
             out[pole] = Axis(sign * axis.unit, sign * axis.rate, axis.error)
         return out
 
+    def leaving(
+        self, values: Floats, tangents: Floats, poles: Iterable[Pole]
+    ) -> tuple[dict[Pole, Axis], LinkRates]:
+        """Return axes and rates at configurations with given motions (n, variables).
+
+        At a crossing of curves a branch is given by its tangent. Second derivatives and
+        derivatives of axes are not known there: NaN.
+        """
+        motion, tree = self._motion(values), self.closure.tree
+        w = tree.body_rates(motion.vectors, tangents)
+        rates = LinkRates(w, np.full_like(w, np.nan), np.ones(len(values)))
+        wanted = {pole_of(*pole) for pole in poles}
+        with np.errstate(invalid="ignore", divide="ignore"):
+            out = {pole: _along_rate(rates, *pole) for pole in wanted}
+        for number, pair in enumerate(self.tracer.mechanism.pairs):
+            pole = pole_of(*self.tracer.mechanism.ends[number])
+            if pair.type != "Cs" and pole in wanted:
+                unit = motion.axes[:, number]
+                nothing = np.full_like(unit, np.nan)
+                out[pole] = Axis(unit, nothing, np.full(len(unit), EPS))
+        return out, rates
+
     def sense(self, pole: Pole) -> Sense:
         """Return the sense of a pole's axis, continuous from the start of the curve.
 
@@ -210,7 +232,7 @@ class AlongCurve:
 
     def _moving(self, points: CurvePoints) -> _Moving:
         """Return the velocity equations solved at points of the curve."""
-        motion, tree = self._motion(points), self.closure.tree
+        motion, tree = self._motion(points.values), self.closure.tree
         vectors = motion.vectors
         w = tree.body_rates(vectors, points.tangents)
         first, second = (w[:, [pair[k] for pair in tree.ends]] for k in (0, 1))
@@ -320,9 +342,10 @@ class AlongCurve:
             out[i, j] = _Seen(s[known], axis.unit[known], w)
         return out
 
-    def _motion(self, points: CurvePoints) -> Motion:
-        placed, _ = self.closure.place(points.values)
-        n = len(points.values)
+    def _motion(self, values: Floats) -> Motion:
+        """Return configurations (n, variables) as a motion of one nameless branch."""
+        placed, _ = self.closure.place(values)
+        n = len(values)
         nothing = np.zeros(n, dtype=np.int64)
         return Motion(
             mechanism=self.tracer.mechanism,
@@ -332,11 +355,11 @@ class AlongCurve:
             samples=n,
             sample=nothing,
             branch=nothing,
-            inputs=points.values[:, [self.tracer.solver.single]],
-            values=points.values,
+            inputs=values[:, [self.tracer.solver.single]],
+            values=values,
             rotations=placed,
             status=np.full(n, Status.OK, dtype=np.int8),
-            residual=points.residual,
+            residual=np.zeros(n),
         )
 
 
