@@ -20,7 +20,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
-    ("engine",),
+    ("singular", "engine"),
     ("dynamics",),
     ("analysis",),
     ("view",),
@@ -28,7 +28,13 @@ LAYERS = (
 )
 """Each layer may import only layers above it in this list, and itself."""
 
-SIBLINGS = {"files": {"planning"}, "planning": {"files"}}
+SIBLINGS = {
+    "files": {"planning"},
+    "planning": {"files"},
+    "singular": {"engine"},
+    "engine": {"singular"},
+    "dynamics": {"singular"},
+}
 PLUGINS_MAY_IMPORT = {
     "analysis",
     "dynamics",

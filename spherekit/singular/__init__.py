@@ -1,0 +1,1 @@
+"""Singular configurations: where inputs and outputs of a mechanism stand still."""
