@@ -177,6 +177,13 @@ class Batch:
             raise UndeclaredNeed("the tracer was read; declare Needs(tracer=True)")
         return self._tracer
 
+    @property
+    def values(self) -> Floats:
+        """(n, variables) of all pairs, rad: the configurations."""
+        if not self.needs.tracer:
+            raise UndeclaredNeed("values were read; declare Needs(tracer=True)")
+        return self._motion.values
+
     def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """Return what `make` gives, called once for this batch and analysis."""
         if key not in self._made:

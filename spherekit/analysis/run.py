@@ -313,9 +313,14 @@ def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion, timed: boo
     for scene in scenes:
         if scene.rows is None:
             recorder.log(scene, motion.sample[:k], inputs, times)
-        elif times is None:
-            own = scene.rows.inputs if single else None
-            recorder.log(scene, np.arange(len(scene.rows)), own, None)
+        else:
+            own = (
+                None
+                if line is None
+                else np.linspace(line[0], line[-1], scene.rows + 1)[:-1]
+                for line in (inputs, times)
+            )
+            recorder.log(scene, np.arange(scene.rows), *own)
 
 
 def _gather(

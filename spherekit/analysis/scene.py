@@ -180,23 +180,13 @@ Page = int | str | None
 
 @final
 @dataclass(frozen=True)
-class Rows:
-    """What the rows of a page of its own are, if not the samples of the run.
-
-    They are numbered from 0; `inputs` (k,) rad are the values of a single input there.
-    """
-
-    inputs: Floats
-
-    def __len__(self) -> int:
-        return len(self.inputs)
-
-
-@final
-@dataclass(frozen=True)
 class Scene:
-    """Primitives of one page: of a branch, of a page of its own, or of every page."""
+    """Primitives of one page: of a branch, of a page of its own, or of every page.
+
+    `rows` is their number if they are not the samples of the run: they are then numbered
+    from 0 and spread evenly over its inputs or times.
+    """
 
     page: Page
     primitives: tuple[Primitive, ...]
-    rows: Rows | None = None
+    rows: int | None = None

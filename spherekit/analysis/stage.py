@@ -14,7 +14,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan, PrimaryPole
 from spherekit.planning.table import as_markdown, describe
-from spherekit.sphere.rotation import Floats, arc
+from spherekit.sphere.rotation import Floats, arc, quaternion
 
 CURVE_STEP = np.radians(2.0)
 PROFILE_POINTS = 181
@@ -68,6 +68,15 @@ def motion_scenes(
         plots = _variables(motion, rows) if timed else []
         scenes.append(Scene(branch.number, (*bodies, *plots)))
     return tuple(scenes)
+
+
+def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
+    """Return the moving links at configurations, rotations (n, links, 3, 3)."""
+    shapes = link_shapes(mechanism)
+    return [
+        _body(mechanism, shapes, link, quaternion(rotations[:, link]))
+        for link in range(1, len(mechanism.links))
+    ]
 
 
 def _variables(motion: Motion, rows: slice) -> list[Series]:

@@ -6,7 +6,7 @@ from typing import final
 
 from spherekit.singular.conditions import Holding
 from spherekit.singular.crossing import Crossing
-from spherekit.singular.relation import Form, FourLinks, Kind, Relation
+from spherekit.singular.relation import Form, FourLinks, Kind, Relation, SixPoles
 from spherekit.sphere.rotation import Floats
 
 
@@ -146,7 +146,7 @@ class AlongOutput:
     """Rates and relations of one output at n places s of a curve.
 
     `input_rate`, `output_rate` and their slopes (n,) are per arc length; `relations` are
-    form i, and form ii where there is one.
+    form i, and form ii where there is one, with their `links` and `poles`.
     """
 
     s: Floats
@@ -155,6 +155,8 @@ class AlongOutput:
     input_slope: Floats
     output_slope: Floats
     relations: tuple[Relation, ...]
+    links: tuple[FourLinks, ...]
+    poles: tuple[SixPoles, ...]
 
 
 @final

@@ -136,8 +136,17 @@ class SingleFreedom:
         q, dq, _ = _rate(along, links.i, links.r, s, rates)
         y, dy, _ = _rate(along, links.o, links.s, s, rates)
         axes = along.oriented(s, points, self._poles(output))
-        made = tuple(relation for _, _, relation in self._relations(output, axes))
-        return AlongOutput(s, q, y, dq, dy, made)
+        made = self._relations(output, axes)
+        return AlongOutput(
+            s,
+            q,
+            y,
+            dq,
+            dy,
+            tuple(relation for _, _, relation in made),
+            tuple(own for own, _, _ in made),
+            tuple(six for _, six, _ in made),
+        )
 
     def _second_links(self, links: FourLinks) -> FourLinks | None:
         """Return the links of form ii, with a fourth one where r and s are one."""
