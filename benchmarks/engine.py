@@ -108,7 +108,7 @@ def _kernel_row(
         len(found.columns),
         1e9 * median(times, "compiled") / count,
         1e9 * median(times, "numpy") / configurations,
-        found.compiled.seconds,
+        found.function.seconds,
     )
 
 

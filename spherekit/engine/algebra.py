@@ -1,7 +1,7 @@
 """Vectors and matrices whose entries are expressions, and first derivatives with them.
 
-Arrays are NumPy object arrays of numbers and expressions. heyoka drops products with 0
-and 1 and shares what occurs twice, so nothing is simplified here.
+Arrays are NumPy object arrays of numbers and expressions. Terms drop products with 0 and
+1 and share what occurs twice, so nothing is simplified here.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.compiler import Expr
+from spherekit.engine.terms import Expr
 from spherekit.sphere.rotation import Floats
 
 Exprs = NDArray[np.object_]

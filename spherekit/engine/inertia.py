@@ -11,8 +11,8 @@ from typing import Literal, final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs
-from spherekit.engine.compiler import Expr
 from spherekit.engine.kinematics import Flow
+from spherekit.engine.terms import Expr
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 

@@ -7,19 +7,16 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.conventions import listing
 from spherekit.engine.algebra import Exprs, dot
+from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.cache import cached
-from spherekit.engine.compiler import (
-    Expr,
-    Function,
-    compile_function,
-    function,
-    symbols,
-)
+from spherekit.engine.compiler import Function, available, compile_function
 from spherekit.engine.dyads import place_by_input
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import Flow, Structure
 from spherekit.engine.pose import place_by_variables
+from spherekit.engine.terms import Expr, Term, function, symbols
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, pole_of
@@ -27,6 +24,9 @@ from spherekit.sphere.rotation import Floats
 
 Source = Literal["variables", "input"]
 Coordinate = Literal["input", "arc"]
+Engine = Literal["auto", "numpy", "compiled"]
+
+ENGINES: tuple[Engine, ...] = ("auto", "numpy", "compiled")
 
 
 @final
@@ -68,12 +68,13 @@ class Kernel:
     derivatives: bool
     with_inertia: bool
     with_tangent: bool
-    compiled: Function
+    engine: Literal["numpy", "compiled"]
+    function: Function | ArrayFunction
 
     def __call__(self, inputs: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return the output (columns, n), written to `out` where that is given."""
         rows = np.ascontiguousarray(inputs)
-        return np.asarray(self.compiled(rows, out))
+        return np.asarray(self.function(rows, out))
 
     def values(self, inputs: ArrayLike) -> Values:
         """Return the output by pole."""
@@ -103,6 +104,7 @@ def kernel(
     derivatives: bool = True,
     with_inertia: bool = False,
     with_tangent: bool = False,
+    engine: Engine = "auto",
     compact: bool = False,
     number: type[Any] = float,
 ) -> Kernel:
@@ -134,6 +136,7 @@ def kernel(
     EngineError
         If the mechanism cannot be compiled, or has no closed form where that is wanted.
     """
+    taken = _engine(mechanism, engine)
     wanted = all_poles(len(mechanism.links)) if poles is None else poles
     chosen = tuple(dict.fromkeys(pole_of(*pole) for pole in wanted))
     request = repr(
@@ -146,6 +149,7 @@ def kernel(
             derivatives,
             with_inertia,
             with_tangent,
+            taken,
             compact,
             number.__name__,
         )
@@ -159,13 +163,32 @@ def kernel(
         if with_tangent:
             columns += [f"rate_{name}" for name in mechanism.variable_names]
             outputs += [tau * scale.share for tau in flow.tau]
-        made = compile_function(outputs, inputs, compact, number)
-        return Kernel(tuple(columns), chosen, derivatives, with_inertia, with_tangent, made)
+        return Kernel(
+            tuple(columns),
+            chosen,
+            derivatives,
+            with_inertia,
+            with_tangent,
+            taken,
+            compile_function(outputs, inputs, compact, number)
+            if taken == "compiled"
+            else array_function(outputs, inputs, number),
+        )
 
     return cached(mechanism, request, make)
 
 
-def _flow(structure: Structure, source: Source) -> tuple[list[Expr], Flow]:
+def _engine(mechanism: Mechanism, engine: Engine) -> Literal["numpy", "compiled"]:
+    if engine not in ENGINES:
+        raise EngineError(
+            f'{mechanism.name}: engine "{engine}" is not known; it is {listing(ENGINES)}'
+        )
+    if engine == "auto":
+        return "compiled" if available() else "numpy"
+    return engine
+
+
+def _flow(structure: Structure, source: Source) -> tuple[list[Term], Flow]:
     mechanism = structure.mechanism
     if source == "variables":
         inputs = symbols(mechanism.variable_names)

@@ -20,9 +20,9 @@ from spherekit.engine.algebra import (
     rates_of,
     vector,
 )
-from spherekit.engine.compiler import Expr, function
 from spherekit.engine.pose import Placement, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
+from spherekit.engine.terms import Expr, function
 from spherekit.engine.turns import Spin, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism

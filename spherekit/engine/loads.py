@@ -14,8 +14,8 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
-from spherekit.engine.compiler import Expr, function, power
 from spherekit.engine.kinematics import Flow
+from spherekit.engine.terms import Expr, function, power
 from spherekit.model.dynamics import (
     Damper,
     Friction,

@@ -15,8 +15,8 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, cross, determinant, dot, vector
-from spherekit.engine.compiler import Expr
 from spherekit.engine.elimination import Elimination, Loop, eliminate
+from spherekit.engine.terms import Expr
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.assembly import Assembly, Group
