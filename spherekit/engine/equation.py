@@ -16,6 +16,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from spherekit.engine.algebra import dot, vector
 from spherekit.engine.cache import cached
 from spherekit.engine.compiler import (
     Event,
@@ -180,7 +181,7 @@ def _compile(
     works = symbols([f"work_{k}" for k in range(len(mechanism.loads))])
     (momentum,) = symbols(["momentum"])
     flow = Flow(structure, place_by_variables(mechanism, structure.pairs, variables))
-    share = power(inertia(flow, tensors(mechanism), order=1).value, -0.5)
+    share = power(inertia(flow, tensors(mechanism)).coefficients[0], -0.5)
     speed = _constant(layout.unit) * momentum * share
     switches = Switches(lambda k: _constant(layout.side + k))
     moving = Moving(
@@ -195,7 +196,7 @@ def _compile(
     push = _constant(layout.unit + 1) * share
     forces = [generalised_force(load, moving) * push for load in mechanism.loads]
     equations = [
-        *((v, tau * speed) for v, tau in zip(variables, flow.tau, strict=True)),
+        *((v, tau * speed) for v, tau in zip(variables, flow.tau[0], strict=True)),
         (momentum, sum(forces, 0.0)),
         *((work, f * momentum) for work, f in zip(works, forces, strict=True)),
     ]
@@ -218,7 +219,7 @@ def _compile(
             equations, _MOMENT, constants, tolerance, compact, events, number
         ),
         tuple(kinds),
-        compile_function(flow.tau, variables, compact=True),
+        compile_function(flow.tau[0], variables, compact=True),
         conditions,
     )
 
@@ -239,13 +240,12 @@ def _events(
     flow: Flow, variables: Sequence[Expr], momentum: Expr, layout: Layout
 ) -> tuple[list[Event], list[tuple[EventKind, int]]]:
     mechanism, driven = flow.structure.mechanism, flow.structure.driven
-    square: Expr = 0.0
-    for tau in flow.tau:
-        square = square + tau * tau
+    tau = vector(flow.tau[0])
+    square = dot(tau, tau)
     events = [Event(momentum)]
     kinds: list[tuple[EventKind, int]] = [("rest", -1)]
-    if varies(flow.input_rate):
-        events.append(Event(flow.input_rate))
+    if varies(tau[driven]):
+        events.append(Event(tau[driven]))
         kinds.append(("dead_centre", driven))
     if varies(square):
         crossed = square - _constant(layout.least)

@@ -10,7 +10,7 @@ from typing import Any, final
 from weakref import WeakValueDictionary
 
 Expr = Any
-"""A number, a term, or a `spherekit.engine.algebra.Jet` of these."""
+"""A number, a term, or a `spherekit.engine.algebra.Series` of these."""
 
 
 @final
@@ -18,9 +18,9 @@ class Term:
     """A variable, or an operation on terms and numbers.
 
     `operation` is ``variable``, one of ``+ - * / **`` or the name of a function. Equal
-    terms are the same object. Products with 0 and 1, sums with 0 and double negation
-    are carried out as terms are made, and signs are moved outwards; the value remains
-    the same to the last bit, except that 0 times what is not finite is 0.
+    terms are the same object. Products with 0 and 1, sums with 0 and x - x are carried
+    out as terms are made, and signs are moved outwards; the value remains the same to
+    the last bit, except that 0 times what is not finite is 0.
     """
 
     __slots__ = ("__weakref__", "arguments", "number", "operation")
@@ -101,6 +101,8 @@ def _sum(a: Expr, b: Expr) -> Expr:
 
 
 def _difference(a: Expr, b: Expr) -> Expr:
+    if a is b:
+        return 0.0
     if b == 0.0:
         return a
     if a == 0.0:
