@@ -762,6 +762,12 @@ def test_bad_input_is_refused_before_any_integration():
     with pytest.raises(EngineError, match=r"pairs.contact.*fourier.*NumPy"):
         shaped = load("shaped_cam")
         kernel(shaped, shaped.inputs[0].pair)
+    with pytest.raises(EngineError, match=r"shape \(3, 2\).*theta_41"):
+        kernel(made, "21")(np.zeros((3, 2)))
+    with pytest.raises(EngineError, match=r"shape \(4,\)"):
+        kernel(made, "21")(np.zeros(4))
+    with pytest.raises(EngineError, match=r"shape \(2, 2\).*rate_1_2"):
+        kernel(made, "21")(np.zeros((4, 2)), np.zeros((2, 2)))
     with pytest.raises(EngineError, match='engine "fast" is not known'):
         kernel(made, "21", engine="fast")
     with pytest.raises(EngineError, match="3 derivatives.*allowed is 0 to 2"):

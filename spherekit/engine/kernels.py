@@ -59,17 +59,18 @@ class Kernel:
     """A function of configurations: poles, coefficients, generalised inertia.
 
     Inputs are the rows of an array (inputs, n): all pair variables, or the input's angle
-    and a sign for each dyad. `columns` names the rows of the output. rate * direction is
-    the angular velocity of the pole's second link relative to its first per unit rate of
-    the input, in ground axes. The direction of an R pair's pole is its axis. That of
-    another pole is a unit vector along the angular velocity; it reverses where that
-    passes through zero, and is NaN there. At a dead centre of the input rates by it are
-    not finite; by the arc length of the curve of all variables they are, and its sense is
-    that of the minors (`spherekit.engine.kinematics`). Where variables are NaN, or no
-    configuration closes (input), all rates and B are NaN; that given variables do not
-    close is not noticed. `engine` says what runs `function`.
+    and a sign for each dyad. `inputs` and `columns` name the rows of input and output.
+    rate * direction is the angular velocity of the pole's second link relative to its
+    first per unit rate of the input, in ground axes. The direction of an R pair's pole is
+    its axis. That of another pole is a unit vector along the angular velocity; it
+    reverses where that passes through zero, and is NaN there. At a dead centre of the
+    input rates by it are not finite; by the arc length of the curve of all variables they
+    are, and its sense is that of the minors (`spherekit.engine.kinematics`). Where all
+    variables are NaN, or no configuration closes (input), rates and B are NaN; that given
+    variables do not close is not noticed. `engine` says what runs `function`.
     """
 
+    inputs: tuple[str, ...]
     columns: tuple[str, ...]
     poles: tuple[Pole, ...]
     derivatives: int
@@ -79,8 +80,21 @@ class Kernel:
     function: Function | ArrayFunction
 
     def __call__(self, inputs: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Return the output (columns, n), written to `out` where that is given."""
+        """Return the output (columns, n), written to `out` where that is given.
+
+        Raises
+        ------
+        EngineError
+            If an array has another shape.
+        """
         rows = np.ascontiguousarray(inputs)
+        for array, names in ((rows, self.inputs), (out, self.columns)):
+            wanted = (len(names), *rows.shape[1:2])
+            if array is not None and (rows.ndim != 2 or array.shape != wanted):
+                raise EngineError(
+                    f"a kernel was given an array of shape {array.shape}; its rows are "
+                    f"{listing(names)}, its columns the configurations"
+                )
         return np.asarray(self.function(rows, out))
 
     def values(self, inputs: ArrayLike) -> Values:
@@ -193,6 +207,7 @@ def kernel(
             columns += [f"rate_{name}" for name in mechanism.variable_names]
             outputs += [tau * scale.coefficients[0] for tau in flow.tau[0]]
         return Kernel(
+            tuple(term.arguments[0] for term in inputs),
             tuple(columns),
             chosen,
             derivatives,
