@@ -210,7 +210,7 @@ def kernel(
             tuple(term.arguments[0] for term in inputs),
             tuple(columns),
             chosen,
-            derivatives,
+            flow.order,
             with_inertia,
             with_tangent,
             taken,
