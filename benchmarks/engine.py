@@ -1,12 +1,13 @@
 """The compiled engine: kernels per configuration, forward dynamics, long runs."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from benchmarks.report import Cell, Section
-from benchmarks.timing import median, rounds
+from benchmarks.timing import median, ratio, rounds
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import PoseStart, prepare
@@ -14,7 +15,7 @@ from spherekit.engine import cache
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import integrate
-from spherekit.engine.kernels import Source, kernel
+from spherekit.engine.kernels import MOST_DERIVATIVES, Engine, Source, kernel
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import Start
@@ -27,6 +28,8 @@ from spherekit.rates.request import request
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 NAMES = ("four_bar", "stephenson", "double_butterfly", "roller_cam", "planetary_bevel")
+
+KERNEL_ENGINES: tuple[Engine, ...] = ("compiled", "numpy")
 
 
 def run(quick: bool) -> list[Section]:
@@ -52,38 +55,49 @@ def _batch(quick: bool) -> Section:
         if tracer.assembly.has_closed_form:
             sources = ("variables", "input")
         for source in sources:
-            for derivatives in (False, True):
+            for derivatives in range(MOST_DERIVATIVES + 1):
                 rows.append(_kernel_row(tracer, source, derivatives, count))
     return Section(
-        "Compiled batch kernels",
+        "Batch kernels",
         f"Every pole axis and coefficient, with B where the mechanism has masses, at "
-        f"{count} configurations on one thread. From all pair variables, or from the input "
-        "and the signs of the dyads, positions included. NumPy: the same without B, in "
-        f"blocks of {BLOCK}, derivatives always included.",
+        f"{count} configurations on one thread, the kernel compiled and on NumPy arrays. "
+        "From all pair variables, or from the input and the signs of the dyads, positions "
+        "included. The plan: `rates.field.evaluate`, the same without B, with one "
+        f"derivative, in blocks of {BLOCK}.",
         (
             "mechanism",
             "from",
             "derivatives",
             "values",
-            "ns per configuration",
-            "NumPy, ns",
+            "compiled, ns",
+            "arrays, ns",
+            "arrays / compiled",
+            "plan, ns",
+            "plan / arrays",
             "compiled in, s",
+            "arrays made in, s",
         ),
         rows,
+        "ns are of processor time, per configuration. heyoka keeps compiled code on disk, "
+        "so a second process compiles in less.",
     )
 
 
 def _kernel_row(
-    tracer: Tracer, source: Source, derivatives: bool, count: int
+    tracer: Tracer, source: Source, derivatives: int, count: int
 ) -> tuple[Cell, ...]:
     made = tracer.mechanism
     pair = made.inputs[0].pair
-    found = kernel(
-        made,
-        pair,
-        source=source,
-        derivatives=derivatives,
-        with_inertia=bool(made.masses),
+    compiled, arrays = (
+        kernel(
+            made,
+            pair,
+            source=source,
+            derivatives=derivatives,
+            with_inertia=bool(made.masses),
+            engine=engine,
+        )
+        for engine in KERNEL_ENGINES
     )
     q = np.linspace(*tracer.range, BLOCK)
     motion = tracer.at(q)
@@ -92,23 +106,33 @@ def _kernel_row(
     if source == "input":
         rows = np.vstack([q, *(np.full(BLOCK, float(sign)) for sign in branch.signs)])
     inputs = np.ascontiguousarray(np.tile(rows, (1, -(-count // BLOCK)))[:, :count])
-    out = np.empty((len(found.columns), count))
+    out = np.empty((len(compiled.columns), count))
     every = all_poles(len(made.links))
     wanted = request(made, pair, every, every)
     configurations = BLOCK * len(motion.branches)
 
-    def plain() -> object:
+    def plan() -> object:
         return evaluate(tracer.at(q) if source == "input" else motion, wanted)
 
-    times = rounds({"compiled": lambda: found(inputs, out), "numpy": plain}, 5)
+    jobs = {
+        "compiled": lambda: compiled(inputs, out),
+        "arrays": lambda: arrays(inputs, out),
+        "plan": plan,
+    }
+    times = rounds(jobs, 5, now=time.process_time)
+    each = count / configurations
     return (
         made.name,
         source,
-        "yes" if derivatives else "no",
-        len(found.columns),
+        derivatives,
+        len(compiled.columns),
         1e9 * median(times, "compiled") / count,
-        1e9 * median(times, "numpy") / configurations,
-        found.compiled.seconds,
+        1e9 * median(times, "arrays") / count,
+        ratio(times, "arrays", "compiled"),
+        1e9 * median(times, "plan") / configurations,
+        each * ratio(times, "plan", "arrays"),
+        compiled.function.seconds,
+        arrays.function.seconds,
     )
 
 

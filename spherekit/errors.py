@@ -42,7 +42,7 @@ class OutputError(SpherekitError):
 
 
 class EngineError(SpherekitError):
-    """The compiled engine cannot be used for this; NumPy gives the same results."""
+    """The mechanism cannot be written in expressions, or the engine not be used so."""
 
 
 class EngineMissing(EngineError):

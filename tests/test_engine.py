@@ -3,6 +3,7 @@
 import sys
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 from closed_forms import (
@@ -16,6 +17,7 @@ from scipy.integrate import solve_ivp
 
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.start import PoseStart, prepare
+from spherekit.engine.arrays import BLOCK
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import integrate
@@ -43,6 +45,8 @@ from spherekit.rates.request import request
 compiled = pytest.mark.skipif(
     not available(), reason="heyoka is not installed; the engine is an extra"
 )
+
+ENGINES = (pytest.param("compiled", marks=compiled), "numpy")
 
 MECHANISMS = (
     "four_bar",
@@ -107,28 +111,150 @@ def agree(values, field, inertia, change, tolerance):
     assert np.max(np.abs(values.inertia_dq - change) / inertia) < 40 * tolerance
 
 
-@compiled
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", MECHANISMS)
-def test_kernels_equal_the_numpy_route(name):
+def test_kernels_equal_the_plan(name, engine):
     made = with_masses(load(name))
     tracer = Tracer(made, search=False)
     motion = tracer.at(np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24))
     assert not np.any(motion.failed)
-    found = kernel(made, made.inputs[0].pair, with_inertia=True)
+    found = kernel(made, made.inputs[0].pair, with_inertia=True, engine=engine)
+    assert found.engine == engine
     agree(found.values(motion.values.T), *reference(made, motion), 2e-14)
 
 
-@compiled
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "watt", "eight_bar_01"])
-def test_closed_form_positions_equal_the_numpy_route(name):
+def test_closed_form_positions_equal_the_plan(name, engine):
     made = with_masses(load(name))
     tracer = Tracer(made)
     q = np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24)
-    found = kernel(made, made.inputs[0].pair, source="input", with_inertia=True)
+    pair = made.inputs[0].pair
+    found = kernel(made, pair, source="input", with_inertia=True, engine=engine)
     for branch in tracer.branches:
         motion = Tracer(made, branch=branch.number).at(q)
         signs = [np.full(len(q), float(sign)) for sign in branch.signs]
         agree(found.values(np.vstack([q, *signs])), *reference(made, motion), 2e-14)
+
+
+@compiled
+@pytest.mark.parametrize("name", ["four_bar", "stephenson", "double_butterfly"])
+def test_the_two_engines_of_a_kernel_differ_by_rounding(name):
+    made = with_masses(load(name))
+    rows = Tracer(made, search=False).at(np.linspace(0.1, 6.0, 24)).values.T
+    one, other = (
+        kernel(
+            made,
+            made.inputs[0].pair,
+            derivatives=2,
+            with_inertia=True,
+            with_tangent=True,
+            engine=engine,
+        )(rows)
+        for engine in ("compiled", "numpy")
+    )
+    assert np.max(np.abs(one - other) / (1.0 + np.abs(one))) < 1e-13
+
+
+def test_a_kernel_of_arrays_gives_each_column_alone():
+    made = with_masses(load("stephenson"))
+    found = kernel(made, made.inputs[0].pair, with_inertia=True, engine="numpy")
+    some = Tracer(made, search=False).at(np.linspace(0.1, 6.0, 50)).values.T[:, :50]
+    some[:, 7] = np.nan
+    rows = np.tile(some, (1, BLOCK // 40))
+    out = np.empty((len(found.columns), rows.shape[1]))
+    assert found(rows, out) is out
+    first, last, alone = out[:, :50], out[:, -50:], found(some[:, 3:4])
+    assert np.allclose(last, first, 1e-13, 1e-13, equal_nan=True)
+    assert np.allclose(alone, first[:, 3:4], 1e-13, 1e-13)
+    assert found(some[:, :0]).shape == (len(found.columns), 0)
+    numbers = [k for k, name in enumerate(found.columns) if name[0] != "u"]
+    assert np.all(np.isnan(first[numbers, 7]))
+    assert np.all(np.isfinite(np.delete(first, 7, axis=1)))
+    wide = kernel(made, made.inputs[0].pair, engine="numpy", number=np.longdouble)
+    more = wide(some[:, 3:5].astype(np.longdouble))
+    assert more.dtype == np.longdouble
+    assert np.allclose(more, out[: len(more), 3:5], 1e-13, 1e-13)
+
+
+def test_without_heyoka_kernels_run_on_arrays(monkeypatch):
+    monkeypatch.setitem(sys.modules, "heyoka", None)
+    made = load("four_bar")
+    assert kernel(made, "21", [(0, 2)]).engine == "numpy"
+    with pytest.raises(EngineMissing, match="NumPy"):
+        kernel(made, "21", [(0, 2)], coordinate="arc", engine="compiled")
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("mode", [0, 1])
+def test_third_order_of_the_paper_in_50_digits(engine, mode):
+    made = load("four_bar")
+    q = np.array([0.3, 1.1, 2.9, 4.4])
+    angle = four_bar_angles(q, FOUR_BAR_ARCS, mode)
+    found = kernel(made, "21", [(0, 3)], source="input", derivatives=2, engine=engine)
+    with mpmath.workdps(50):
+        expected = np.array(
+            [
+                [
+                    float(mpmath.diff(lambda x: rocker_angle(x, mode), x, k))
+                    for k in (1, 2, 3)
+                ]
+                for x in q
+            ]
+        )
+    signs = {sign: found.values(np.vstack([q, np.full(4, sign)])) for sign in (1.0, -1.0)}
+    gaps = [
+        np.max(
+            np.abs(
+                np.stack([x.rate[0, 3], x.rate_dq[0, 3], x.rate_dq2[0, 3]], axis=1)
+                - expected
+            )
+            / (1.0 + np.abs(expected))
+        )
+        for x in signs.values()
+    ]
+    assert min(gaps) < 1e-14 < 1e-3 < max(gaps)
+    assert np.all(np.isfinite(angle))
+
+
+def rocker_angle(q, mode):
+    """Return theta41 by eq. (25) of the source, as `four_bar_angles`, in mpmath."""
+    s1, s2, _, s4 = (mpmath.sin(mpmath.mpf(float(a))) for a in FOUR_BAR_ARCS)
+    c1, c2, c3, c4 = (mpmath.cos(mpmath.mpf(float(a))) for a in FOUR_BAR_ARCS)
+    a0 = c4 * (mpmath.cos(q) * s2 * s1 + c1 * c2) - c3
+    a1 = mpmath.sin(q) * s2 * s4
+    a2 = s4 * (mpmath.cos(q) * s2 * c1 - s1 * c2)
+    root = mpmath.sqrt(a1**2 + a2**2 - a0**2)
+    return 2 * mpmath.atan2(-a1 + (-1) ** mode * root, a0 - a2)
+
+
+@pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "roller_cam"])
+def test_second_derivatives_are_slopes_of_the_first(name):
+    made = with_masses(load(name))
+    tracer = Tracer(made, branch=0, search=False)
+    pair = made.inputs[0].pair
+    found = kernel(made, pair, derivatives=2, with_inertia=True, engine="numpy")
+    # Central differences of eighth order.
+    weights = np.array(
+        [1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]
+    )
+    h = 5e-3
+    low, high = tracer.range
+    for q in np.linspace(low + 0.3, high - 0.4, 3):
+        motion = tracer.at(q + h * np.arange(-4, 5))
+        values = found.values(motion.values.T)
+        pairs = [
+            (values.inertia_dq, values.inertia_dq2),
+            (values.inertia, values.inertia_dq),
+        ]
+        for pole in found.poles:
+            # A direction that turns over would turn the sign of the rate.
+            side = np.sign(values.direction[pole] @ values.direction[pole][4])
+            pairs.append((side * values.rate[pole], side * values.rate_dq[pole]))
+            pairs.append((side * values.rate_dq[pole], side * values.rate_dq2[pole]))
+        for one, slope in pairs:
+            gap = abs(weights @ one / h - slope[4])
+            assert gap < 1e-9 * (1.0 + np.max(np.abs(one)) + abs(slope[4]))
 
 
 @compiled
@@ -168,12 +294,13 @@ def test_rates_by_arc_length_are_finite_at_a_dead_centre():
     assert found.inertia[0] > 0.0
 
 
-@compiled
-def test_positions_beyond_reach_are_nan():
-    made = rocker()
-    found = kernel(made, "21", source="input", derivatives=False)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_positions_beyond_reach_are_nan(engine):
+    made = with_masses(rocker())
+    found = kernel(made, "21", source="input", with_inertia=True, engine=engine)
     rows = found(np.array([[0.0, 2.0], [1.0, 1.0]]))
-    assert np.all(np.isnan(rows[found.columns.index("rate_1_4"), 0]))
+    numbers = [k for k, name in enumerate(found.columns) if name[0] != "u"]
+    assert np.all(np.isnan(rows[numbers, 0]))
     assert np.all(np.isfinite(rows[:, 1]))
 
 
@@ -613,7 +740,7 @@ def test_what_was_compiled_is_kept():
     made = load("four_bar")
     assert kernel(made, "21") is kernel(load("four_bar"), "21")
     assert kernel(made, "21") is not kernel(made, "41")
-    assert kernel(made, "21").compiled.seconds > 0.0
+    assert kernel(made, "21").function.seconds > 0.0
     again = [simulate(made, Start(0.3, 1.0), 0.1, torque="-1*t").engine for _ in "12"]
     assert [each.name for each in again] == ["compiled", "compiled"]
     assert again[0].compile_seconds > 0.0 == again[1].compile_seconds
@@ -635,6 +762,16 @@ def test_bad_input_is_refused_before_any_integration():
     with pytest.raises(EngineError, match=r"pairs.contact.*fourier.*NumPy"):
         shaped = load("shaped_cam")
         kernel(shaped, shaped.inputs[0].pair)
+    with pytest.raises(EngineError, match=r"shape \(3, 2\).*theta_41"):
+        kernel(made, "21")(np.zeros((3, 2)))
+    with pytest.raises(EngineError, match=r"shape \(4,\)"):
+        kernel(made, "21")(np.zeros(4))
+    with pytest.raises(EngineError, match=r"shape \(2, 2\).*rate_1_2"):
+        kernel(made, "21")(np.zeros((4, 2)), np.zeros((2, 2)))
+    with pytest.raises(EngineError, match='engine "fast" is not known'):
+        kernel(made, "21", engine="fast")
+    with pytest.raises(EngineError, match="3 derivatives.*allowed is 0 to 2"):
+        kernel(made, "21", derivatives=3)
     with pytest.raises(EngineError, match="no closed form"):
         kernel(load("double_butterfly"), "A", source="input")
     with pytest.raises(SolveError, match='engine "fast" is not known'):

@@ -1,1 +1,1 @@
-"""The compiled engine: kinematics and dynamics as expressions that heyoka compiles."""
+"""Kinematics and dynamics as expressions, compiled or run on arrays."""

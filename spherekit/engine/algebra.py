@@ -1,7 +1,7 @@
-"""Vectors and matrices whose entries are expressions, and first derivatives with them.
+"""Vectors and matrices whose entries are expressions, and derivatives with them.
 
-Arrays are NumPy object arrays of numbers and expressions. heyoka drops products with 0
-and 1 and shares what occurs twice, so nothing is simplified here.
+Arrays are NumPy object arrays of numbers and expressions. Terms drop products with 0 and
+1 and share what occurs twice, so nothing is simplified here.
 """
 
 from collections.abc import Sequence
@@ -11,11 +11,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.compiler import Expr
+from spherekit.engine.terms import Expr, function
 from spherekit.sphere.rotation import Floats
 
 Exprs = NDArray[np.object_]
-"""An array of numbers, expressions or jets."""
+"""An array of numbers, expressions or series."""
 
 SNAP = 1e-15
 """A direction cosine this near to 0, 1 or -1 is that number; it is so up to rounding."""
@@ -23,45 +23,67 @@ SNAP = 1e-15
 
 @final
 @dataclass(frozen=True)
-class Jet:
-    """A value and its derivative along the motion; sums and products follow the rules."""
+class Series:
+    """A value along the motion: `coefficients[k]` is its k-th derivative over k!.
 
-    value: Expr
-    rate: Expr = 0.0
+    Numbers are constant series. Results go as far as both operands.
+    """
 
-    @staticmethod
-    def of(item: "Jet | Expr") -> "Jet":
-        """Return a number as a constant jet, a jet as it is."""
-        return item if isinstance(item, Jet) else Jet(item)
+    coefficients: tuple[Expr, ...]
 
-    def __add__(self, other: Any) -> "Jet":
-        right = Jet.of(other)
-        return Jet(self.value + right.value, self.rate + right.rate)
+    def _with(self, other: Any) -> list[tuple[Expr, Expr]]:
+        """Return the coefficients of this and another series in pairs."""
+        if isinstance(other, Series):
+            return list(zip(self.coefficients, other.coefficients, strict=False))
+        return [(one, 0.0 if k else other) for k, one in enumerate(self.coefficients)]
+
+    def __add__(self, other: Any) -> "Series":
+        return Series(tuple(a + b for a, b in self._with(other)))
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> "Jet":
-        right = Jet.of(other)
-        return Jet(self.value - right.value, self.rate - right.rate)
+    def __sub__(self, other: Any) -> "Series":
+        return Series(tuple(a - b for a, b in self._with(other)))
 
-    def __rsub__(self, other: Any) -> "Jet":
-        return Jet.of(other) - self
+    def __rsub__(self, other: Any) -> "Series":
+        return Series(tuple(b - a for a, b in self._with(other)))
 
-    def __neg__(self) -> "Jet":
-        return Jet(-1.0 * self.value, -1.0 * self.rate)
+    def __neg__(self) -> "Series":
+        return self * -1.0
 
-    def __mul__(self, other: Any) -> "Jet":
-        right = Jet.of(other)
-        return Jet(
-            self.value * right.value, self.rate * right.value + self.value * right.rate
-        )
+    def __mul__(self, other: Any) -> "Series":
+        if not isinstance(other, Series):
+            return Series(tuple(each * other for each in self.coefficients))
+        pairs = self._with(other)
+        made = [
+            _total([pairs[k - i][0] * pairs[i][1] for i in range(k + 1)])
+            for k in range(len(pairs))
+        ]
+        return Series(tuple(made))
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> "Jet":
-        right = Jet.of(other)
-        quotient = self.value / right.value
-        return Jet(quotient, (self.rate - quotient * right.rate) / right.value)
+    def __truediv__(self, other: Any) -> "Series":
+        pairs = self._with(other)
+        made: list[Expr] = []
+        for k, (a, _) in enumerate(pairs):
+            known = [made[k - i] * pairs[i][1] for i in range(1, k + 1)]
+            made.append((a - _total(known)) / pairs[0][1])
+        return Series(tuple(made))
+
+    def __rtruediv__(self, other: Any) -> "Series":
+        return Series((other, *(0.0 for _ in self.coefficients[1:]))) / self
+
+    def derivative(self) -> "Series":
+        """Return the derivative along the motion, one coefficient shorter."""
+        return Series(tuple(float(k) * c for k, c in enumerate(self.coefficients) if k > 0))
+
+
+def _total(items: Sequence[Expr]) -> Expr:
+    total: Expr = 0.0
+    for item in items:
+        total = total + item
+    return total
 
 
 def vector(items: Sequence[Expr]) -> Exprs:
@@ -71,14 +93,9 @@ def vector(items: Sequence[Expr]) -> Exprs:
     return made
 
 
-def jets(values: Exprs, rates: Exprs) -> Exprs:
-    """Return the vector of jets from values and rates."""
-    return vector([Jet(one, other) for one, other in zip(values, rates, strict=True)])
-
-
-def rates_of(items: Exprs) -> Exprs:
-    """Return the derivatives of jets."""
-    return vector([Jet.of(item).rate for item in items])
+def series(orders: Sequence[Exprs]) -> Exprs:
+    """Return the vector of series from the vectors of their coefficients by order."""
+    return vector([Series(tuple(each)) for each in zip(*orders, strict=True)])
 
 
 def constants(matrix: Floats) -> Exprs:
@@ -103,8 +120,25 @@ def cross(a: Exprs, b: Exprs) -> Exprs:
 
 
 def dot(a: Exprs, b: Exprs) -> Expr:
-    """Return a . b of vectors (3,)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    """Return a . b."""
+    return _total([x * y for x, y in zip(a, b, strict=True)])
+
+
+def length(orders: Sequence[Exprs]) -> tuple[Exprs, Series]:
+    """Return a vector's direction and its length, from its coefficients by order.
+
+    From the coefficients of |w|^2 = w . w, solved for those of |w|.
+    """
+    size = function("sqrt", dot(orders[0], orders[0]))
+    share = 1.0 / size
+    unit = np.asarray(orders[0] * share)
+    sizes = [size]
+    for k in range(1, len(orders)):
+        middle = _total(
+            [dot(orders[i], orders[k - i]) - sizes[i] * sizes[k - i] for i in range(1, k)]
+        )
+        sizes.append(dot(unit, orders[k]) + 0.5 * (middle * share))
+    return unit, Series(tuple(sizes))
 
 
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:

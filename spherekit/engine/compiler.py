@@ -1,5 +1,6 @@
 """heyoka, the compiler behind the engine; imported here only, and only when called."""
 
+import operator
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,11 +12,9 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.engine.terms import Expr, Term, rewrite
 from spherekit.errors import EngineMissing
 from spherekit.sphere.rotation import Floats
-
-Expr = Any
-"""A number, or an expression that heyoka can compile."""
 
 MOST_SWITCHES = 100_000
 """A run in which more events than this occur ends: its switches chatter."""
@@ -46,40 +45,32 @@ def heyoka() -> ModuleType:
     return module
 
 
-def symbols(names: Sequence[str]) -> list[Expr]:
-    """Return one variable for each name."""
+_OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "**": operator.pow,
+}
+
+
+def _lowered(items: Sequence[Expr], variables: Mapping[Term, Any]) -> list[Any]:
+    """Return heyoka's expressions; `variables` are those of terms that stand alone."""
     module = heyoka()
-    return [module.expression(name) for name in names]
+
+    def apply(term: Term, arguments: list[Any]) -> Any:
+        if term.operation == "variable":
+            return variables[term]
+        if term.operation in _OPERATORS:
+            return _OPERATORS[term.operation](*arguments)
+        return getattr(module, term.operation)(*arguments)
+
+    return rewrite(items, module.expression, apply)
 
 
-def function(name: str, *arguments: Expr) -> Expr:
-    """Return heyoka's function of this name applied to expressions or numbers."""
-    module = heyoka()
-    return getattr(module, name)(*map(module.expression, arguments))
-
-
-def power(base: Expr, exponent: Expr) -> Expr:
-    """Return base ** exponent."""
-    module = heyoka()
-    return module.expression(base) ** module.expression(exponent)
-
-
-def derivative(expression: Expr, variable: Expr) -> Expr:
-    """Return the partial derivative by a variable."""
-    module = heyoka()
-    return module.diff(module.expression(expression), variable)
-
-
-def substitute(expression: Expr, known: Sequence[tuple[Expr, Expr]]) -> Expr:
-    """Return an expression with the first of each pair replaced by the second."""
-    module = heyoka()
-    return module.subs(module.expression(expression), dict(known))
-
-
-def varies(expression: Expr) -> bool:
-    """Return whether an expression has variables in it."""
-    module = heyoka()
-    return bool(module.get_variables(module.expression(expression)))
+def _plain(terms: Sequence[Term]) -> dict[Term, Any]:
+    """Return heyoka's variable for each variable."""
+    return {term: heyoka().expression(term.arguments[0]) for term in terms}
 
 
 @final
@@ -100,19 +91,50 @@ class Function:
 
 def compile_function(
     outputs: Sequence[Expr],
-    inputs: Sequence[Expr],
+    inputs: Sequence[Term],
     compact: bool = False,
     number: type[Any] = float,
 ) -> Function:
     """Compile expressions; `number` is the type computed with (float, real128)."""
     module = heyoka()
     started = time.perf_counter()
+    known = _plain(inputs)
     made = module.cfunc(
-        [module.expression(each) for each in outputs],
-        list(inputs),
+        _lowered(outputs, known),
+        list(known.values()),
         compact_mode=compact,
         fp_type=number,
     )
+    return Function(made, time.perf_counter() - started)
+
+
+def compile_with_rates(
+    outputs: Sequence[Expr],
+    flow: Sequence[tuple[Term, Expr]],
+    constants: Sequence[Term],
+) -> Function:
+    """Compile expressions and their rates in a flow: variables, each with its rate.
+
+    The inputs are these variables, then the constants; the outputs are the expressions,
+    then their rates.
+    """
+    module = heyoka()
+    started = time.perf_counter()
+    moving = _plain([variable for variable, _ in flow])
+    known = moving | _plain(constants)
+    values = _lowered(outputs, known)
+    rates = _lowered([rate for _, rate in flow], known)
+    changes = [
+        sum(
+            (
+                module.diff(value, variable) * rate
+                for variable, rate in zip(moving.values(), rates, strict=True)
+            ),
+            module.expression(0.0),
+        )
+        for value in values
+    ]
+    made = module.cfunc([*values, *changes], list(known.values()), compact_mode=True)
     return Function(made, time.perf_counter() - started)
 
 
@@ -223,14 +245,25 @@ class Integrator:
 
 
 def compile_integrator(
-    equations: Sequence[tuple[Expr, Expr]],
+    equations: Sequence[tuple[Term, Expr]],
+    moment: Term,
+    constants: Sequence[Term],
     tolerance: float,
     compact: bool,
     events: Sequence[Event] = (),
     number: type[Any] = float,
 ) -> Integrator:
-    """Compile the equations (variable, its rate by time) for one tolerance."""
+    """Compile the equations (variable, its rate by time) for one tolerance.
+
+    `moment` is the variable that stands for the time, `constants` are those whose values
+    are set before each run.
+    """
     module = heyoka()
+    known = _plain([variable for variable, _ in equations])
+    stated = list(known.values())
+    known |= {each: module.par[k] for k, each in enumerate(constants)}
+    known[moment] = module.time
+    conditions = _lowered([event.expression for event in events], known)
     started = time.perf_counter()
     seen: list[Noted] = []
 
@@ -250,8 +283,7 @@ def compile_integrator(
         return turn
 
     passing, ending, terminal = [], [], []
-    for which, event in enumerate(events):
-        expression = module.expression(event.expression)
+    for which, (event, expression) in enumerate(zip(events, conditions, strict=True)):
         if event.switch is not None:
             action = flip(event, which)
             ending.append(module.t_event(expression, callback=action, fp_type=number))
@@ -263,10 +295,10 @@ def compile_integrator(
             terminal.append(which)
         else:
             passing.append(module.nt_event(expression, note(which), fp_type=number))
-    system = [(name, module.expression(rate)) for name, rate in equations]
+    rates = _lowered([rate for _, rate in equations], known)
     made = module.taylor_adaptive(
-        system,
-        np.zeros(len(system), dtype=number),
+        list(zip(stated, rates, strict=True)),
+        np.zeros(len(stated), dtype=number),
         tol=number(tolerance),
         compact_mode=compact,
         t_events=ending,
@@ -287,13 +319,3 @@ def compile_integrator(
         seen,
         time.perf_counter() - started,
     )
-
-
-def time_symbol() -> Expr:
-    """Return the time as it stands in the equations of an integrator."""
-    return heyoka().time
-
-
-def parameter(number: int) -> Expr:
-    """Return a constant whose value is set before each run."""
-    return heyoka().par[number]

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, cross, dot
-from spherekit.engine.compiler import Expr, function
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import Angles, Placement, ground_placement, placed_by
+from spherekit.engine.terms import Expr, function
 from spherekit.errors import EngineError
 from spherekit.model.geometry import Revolute
 from spherekit.planning.assembly import Group

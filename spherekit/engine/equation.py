@@ -16,26 +16,21 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from spherekit.engine.algebra import dot, vector
 from spherekit.engine.cache import cached
 from spherekit.engine.compiler import (
     Event,
-    Expr,
     Function,
     Integrator,
     compile_function,
     compile_integrator,
-    derivative,
-    parameter,
-    power,
-    substitute,
-    symbols,
-    time_symbol,
-    varies,
+    compile_with_rates,
 )
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import Flow, Structure
 from spherekit.engine.loads import FULL_TURN, Moving, Switches, generalised_force
 from spherekit.engine.pose import place_by_variables
+from spherekit.engine.terms import Expr, Term, power, symbols, varies
 from spherekit.model.dynamics import Stop, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
@@ -46,6 +41,8 @@ LOOSEST = 1e-12
 A larger one saves little, for the order of the series grows with the digits, not the
 number of steps; and crossings of curves need closed configurations to be seen.
 """
+
+(_MOMENT,) = symbols(["moment"])
 
 EventKind = Literal["rest", "dead_centre", "singularity", "stop", "switch"]
 
@@ -184,29 +181,32 @@ def _compile(
     works = symbols([f"work_{k}" for k in range(len(mechanism.loads))])
     (momentum,) = symbols(["momentum"])
     flow = Flow(structure, place_by_variables(mechanism, structure.pairs, variables))
-    share = power(inertia(flow, tensors(mechanism), order=1).value, -0.5)
-    speed = parameter(layout.unit) * momentum * share
-    switches = Switches(lambda k: parameter(layout.side + k))
+    share = power(inertia(flow, tensors(mechanism)).coefficients[0], -0.5)
+    speed = _constant(layout.unit) * momentum * share
+    switches = Switches(lambda k: _constant(layout.side + k))
     moving = Moving(
         flow,
         variables,
-        [parameter(k) for k in range(layout.variables)],
+        [_constant(k) for k in range(layout.variables)],
         speed,
-        time_symbol(),
+        _MOMENT,
         switches,
         lambda name: _table(layout, name),
     )
-    push = parameter(layout.unit + 1) * share
+    push = _constant(layout.unit + 1) * share
     forces = [generalised_force(load, moving) * push for load in mechanism.loads]
     equations = [
-        *((v, tau * speed) for v, tau in zip(variables, flow.tau, strict=True)),
+        *((v, tau * speed) for v, tau in zip(variables, flow.tau[0], strict=True)),
         (momentum, sum(forces, 0.0)),
         *((work, f * momentum) for work, f in zip(works, forces, strict=True)),
     ]
     events, kinds = _events(flow, variables, momentum, layout)
+    count = layout.side + len(switches.conditions)
+    constants = [_constant(k) for k in range(count)]
     conditions = None
     if switches.conditions:
-        conditions = _conditions(switches.conditions, equations, layout, number)
+        running = [*equations, (_MOMENT, 1.0)]
+        conditions = compile_with_rates(switches.conditions, running, constants)
     for which, condition in enumerate(switches.conditions):
         assert conditions is not None
         stuck = _sticking(conditions, which, layout)
@@ -215,67 +215,51 @@ def _compile(
     return CompiledEquation(
         structure,
         layout,
-        compile_integrator(equations, tolerance, compact, events, number),
+        compile_integrator(
+            equations, _MOMENT, constants, tolerance, compact, events, number
+        ),
         tuple(kinds),
-        compile_function(flow.tau, variables, compact=True),
+        compile_function(flow.tau[0], variables, compact=True),
         conditions,
     )
 
 
+def _constant(number: int) -> Term:
+    """Return the variable that stands for one of the integrator's parameters."""
+    (made,) = symbols([f"constant_{number}"])
+    return made
+
+
 def _table(layout: Layout, name: str) -> Expr:
     place = layout.table + 1 + 2 * layout.tables.index(name)
-    since = time_symbol() - parameter(layout.table)
-    return parameter(place) + parameter(place + 1) * since
+    since = _MOMENT - _constant(layout.table)
+    return _constant(place) + _constant(place + 1) * since
 
 
 def _events(
     flow: Flow, variables: Sequence[Expr], momentum: Expr, layout: Layout
 ) -> tuple[list[Event], list[tuple[EventKind, int]]]:
     mechanism, driven = flow.structure.mechanism, flow.structure.driven
-    square: Expr = 0.0
-    for tau in flow.tau:
-        square = square + tau * tau
+    tau = vector(flow.tau[0])
+    square = dot(tau, tau)
     events = [Event(momentum)]
     kinds: list[tuple[EventKind, int]] = [("rest", -1)]
-    if varies(flow.input_rate):
-        events.append(Event(flow.input_rate))
+    if varies(tau[driven]):
+        events.append(Event(tau[driven]))
         kinds.append(("dead_centre", driven))
     if varies(square):
-        crossed = square - parameter(layout.least)
+        crossed = square - _constant(layout.least)
         events.append(Event(crossed, stops=True, sense=-1))
         kinds.append(("singularity", -1))
     for number, stop in enumerate(mechanism.stops):
         (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
-        value = variables[place] + FULL_TURN * parameter(place)
+        value = variables[place] + FULL_TURN * _constant(place)
         limits: tuple[tuple[int, Literal[-1, 1]], ...] = ((0, -1), (1, 1))
         for side, sense in limits:
-            level = parameter(layout.stop + 2 * number + side)
+            level = _constant(layout.stop + 2 * number + side)
             events.append(Event(value - level, stops=True, sense=sense))
             kinds.append(("stop", place))
     return events, kinds
-
-
-def _conditions(
-    conditions: Sequence[Expr],
-    equations: Sequence[tuple[Expr, Expr]],
-    layout: Layout,
-    number: type[Any],
-) -> Function:
-    """Return a function with the conditions, then their rates by time."""
-    count = layout.side + len(conditions)
-    constants = symbols([f"constant_{k}" for k in range(count)])
-    (moment,) = symbols(["moment"])
-    known = [(time_symbol(), moment)]
-    known += [(parameter(k), constants[k]) for k in range(count)]
-    plain = [substitute(each, known) for each in conditions]
-    flowing = [(item, substitute(rate, known)) for item, rate in equations]
-    flowing.append((moment, 1.0))
-    changes = [
-        sum(derivative(condition, item) * rate for item, rate in flowing)
-        for condition in plain
-    ]
-    inputs = [*(item for item, _ in flowing), *constants]
-    return compile_function([*plain, *changes], inputs, compact=True)
 
 
 def _sticking(

@@ -5,25 +5,13 @@ rate of the coordinate and I_j its tensor about the centre of the sphere (Di Gre
 2024, eq. 15). Here the coordinate is the homogeneous parameter p.
 """
 
-from dataclasses import dataclass
-from typing import Literal, final
-
 import numpy as np
 
-from spherekit.engine.algebra import Exprs
-from spherekit.engine.compiler import Expr
+from spherekit.engine.algebra import Exprs, Series
 from spherekit.engine.kinematics import Flow
+from spherekit.engine.terms import Expr
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
-
-
-@final
-@dataclass(frozen=True)
-class Inertia:
-    """B and dB/dp."""
-
-    value: Expr
-    rate: Expr
 
 
 def tensors(mechanism: Mechanism) -> dict[int, Floats]:
@@ -34,24 +22,21 @@ def tensors(mechanism: Mechanism) -> dict[int, Floats]:
     }
 
 
-def inertia(flow: Flow, by_link: dict[int, Floats], order: Literal[1, 2] = 2) -> Inertia:
-    """Return the generalised inertia of a flow; `by_link` are the links' tensors.
-
-    `order` 1 leaves out the derivative, which is then 0.
-    """
-    value: Expr = 0.0
-    rate: Expr = 0.0
+def inertia(flow: Flow, by_link: dict[int, Floats]) -> Series:
+    """Return the generalised inertia of a flow; `by_link` are the links' tensors."""
     # Entries near 0 are made exact zeros, so they need a size near one.
     unit = max((float(np.max(np.abs(each))) for each in by_link.values()), default=0.0)
+    total: list[Expr] = [0.0] * (flow.order + 1)
     for link, tensor in by_link.items():
         if link == 0 or not np.any(tensor):
             continue
         here = flow.placed[link].tensor(tensor / unit)
         y = flow.seen(link)
-        value = value + _form(y, here, y)
-        if order == 2:
-            rate = rate + 2.0 * _form(y, here, flow.seen_rate(link))
-    return Inertia(unit * value, unit * rate)
+        for k in range(flow.order + 1):
+            for i in range(k // 2 + 1):
+                part = _form(y[i], here, y[k - i])
+                total[k] = total[k] + (part if 2 * i == k else 2.0 * part)
+    return Series(tuple(unit * each for each in total))
 
 
 def _form(a: Exprs, matrix: Exprs, b: Exprs) -> Expr:

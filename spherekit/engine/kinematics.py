@@ -8,21 +8,20 @@ arc length of the curve in the space of all variables those over |tau|.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import final
 
 import numpy as np
 
 from spherekit.engine.algebra import (
     Exprs,
+    Series,
     cross,
-    jets,
-    rates_of,
+    series,
     vector,
 )
-from spherekit.engine.compiler import Expr, function
 from spherekit.engine.pose import Placement, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
+from spherekit.engine.terms import Expr
 from spherekit.engine.turns import Spin, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
@@ -100,97 +99,105 @@ class Structure:
 class Flow:
     """Rates in the homogeneous parameter p at given placements of the links.
 
-    `tau[v]`, `tau_rate[v]`: dv/dp and d2v/dp2; `vectors[v]`, `vector_rates[v]` (3,): the
-    angular velocity of a pair's second link per unit rate of its variable, in ground
-    axes, and its derivative; `w[link]`, `w_rate[link]` (3,): angular velocity relative
-    to the ground per unit of p, and its derivative.
+    Everything is a Taylor coefficient by p, the k-th derivative over k!, up to `order`:
+    `tau[k][v]` those of dv/dp; `vectors[k][v]` (3,) those of the angular velocity of a
+    pair's second link per unit rate of its variable, in ground axes; `w[k][link]` (3,)
+    those of the angular velocity relative to the ground per unit of p.
     """
 
-    def __init__(self, structure: Structure, placed: Sequence[Placement]) -> None:
+    def __init__(
+        self, structure: Structure, placed: Sequence[Placement], order: int = 0
+    ) -> None:
         self.structure = structure
         self.placed = placed
+        self.order = order
         mechanism = structure.mechanism
         self.tree = LoopTree.of(mechanism)
+        self.vectors: list[list[Exprs]] = []
+        self.tau: list[list[Expr]] = []
+        self.w: list[list[Exprs]] = []
         spins = [
             spin_vectors(structure.pairs, placed, v)
             for v in range(len(mechanism.variable_owners))
         ]
-        self.vectors = [_sum([axis * size for size, _, axis in each]) for each in spins]
-        self.tau = self._solve(self.vectors)
-        self.w = [self.relative(0, link) for link in self._links]
-        self.vector_rates = [
-            _sum([cross(self.w[link], axis) * size for size, link, axis in each])
-            for each in spins
-        ]
+        axes = [[[axis for _, _, axis in each] for each in spins]]
+        for k in range(order + 1):
+            if k:
+                axes.append(
+                    [
+                        [self._turned(link, axes, v, n) for n, (_, link, _) in enumerate(x)]
+                        for v, x in enumerate(spins)
+                    ]
+                )
+            self.vectors.append(
+                [
+                    _sum([axis * size for (size, _, _), axis in zip(*both, strict=True)])
+                    for both in zip(spins, axes[k], strict=True)
+                ]
+            )
+            self.tau.append(self._solve())
+            self.w.append([self.relative(0, j, k) for j in range(len(mechanism.links))])
 
-    @property
-    def _links(self) -> range:
-        return range(len(self.structure.mechanism.links))
+    def _turned(
+        self, link: int, axes: Sequence[list[list[Exprs]]], variable: int, spin: int
+    ) -> Exprs:
+        """Return the next coefficient of an axis u that turns with a link: u' = w x u."""
+        k = len(axes)
+        parts = [cross(self.w[i][link], axes[k - 1 - i][variable][spin]) for i in range(k)]
+        return np.asarray(_sum(parts) * (1.0 / k))
 
-    def _solve(self, vectors: Sequence[Exprs]) -> list[Expr]:
-        structure = self.structure
+    def _solve(self) -> list[Expr]:
+        """Return the next coefficients of the variables' rates."""
+        structure, k = self.structure, len(self.tau)
+        moving = [series(list(each)) for each in zip(*self.vectors, strict=True)]
         solver = HomogeneousRates(
-            structure.mechanism, structure.assembly.input, vectors, structure.span
+            structure.mechanism, structure.assembly.input, moving, structure.span
         )
         for rows in structure.groups:
             solver.close(rows)
-        return [solver.rates[v] for v in range(len(vectors))]
-
-    def _along(
-        self, link: int, other: int, vectors: Sequence[Exprs], tau: Sequence[Expr]
-    ) -> Exprs:
-        senses = self.tree.paths[other] - self.tree.paths[link]
-        parts = [vectors[v] * (float(s) * tau[v]) for v, s in enumerate(senses) if s]
-        return _sum(parts)
-
-    def relative(self, link: int, other: int) -> Exprs:
-        """Return (3,) the angular velocity of the other link relative to a link."""
-        return self._along(link, other, self.vectors, self.tau)
-
-    def relative_rate(self, link: int, other: int) -> Exprs:
-        """Return (3,) its derivative by p in ground axes."""
-        turning = self._along(link, other, self.vectors, self.tau_rate)
-        return np.asarray(turning + self._along(link, other, self.vector_rates, self.tau))
-
-    @cached_property
-    def tau_rate(self) -> list[Expr]:
-        """d2v/dp2 of every variable."""
-        moving = [
-            jets(one, other)
-            for one, other in zip(self.vectors, self.vector_rates, strict=True)
+        found = [solver.rates[v] for v in range(len(moving))]
+        return [
+            each.coefficients[k] if isinstance(each, Series) else 0.0 if k else each
+            for each in found
         ]
-        return [rates_of(vector([each]))[0] for each in self._solve(moving)]
 
-    @cached_property
-    def w_rate(self) -> list[Exprs]:
-        """Derivatives (3,) by p of every link's w."""
-        return [self.relative_rate(0, link) for link in self._links]
+    def relative(self, link: int, other: int, order: int = 0) -> Exprs:
+        """Return (3,) the angular velocity of the other link relative to a link."""
+        senses = self.tree.paths[other] - self.tree.paths[link]
+        return _sum(
+            [
+                self.vectors[i][v] * (float(sense) * self.tau[order - i][v])
+                for i in range(order, -1, -1)
+                for v, sense in enumerate(senses)
+                if sense
+            ]
+        )
 
-    def seen(self, link: int) -> Exprs:
-        """Return w as components (3,) along a link's basis."""
-        placed, seen = self.placed[link], _sum([])
+    def seen(self, link: int) -> list[Exprs]:
+        """Return the coefficients (3,) of w's components along a link's basis.
+
+        The k-th derivative of components is the components of D^k w, where D x is
+        x' - w x x, the derivative as seen from the link.
+        """
+        placed, first = self.placed[link], _sum([])
         for v, sense in enumerate(self.tree.paths[link]):
             if sense:
-                seen = seen + self._along_basis(v, placed, link) * (
-                    float(sense) * self.tau[v]
+                first = first + self._along_basis(v, placed, link) * (
+                    float(sense) * self.tau[0][v]
                 )
-        return seen
-
-    def seen_rate(self, link: int) -> Exprs:
-        """Return the derivative of w as components (3,) along a link's basis."""
-        placed, change = self.placed[link], _sum([])
-        for v, sense in enumerate(self.tree.paths[link]):
-            if not sense:
-                continue
-            axis = self._along_basis(v, placed, link)
-            turned = placed.seen(self.vector_rates[v])
-            change = change + axis * (float(sense) * self.tau_rate[v])
-            change = change + turned * (float(sense) * self.tau[v])
-        return change
+        made = [first]
+        turning = series([each[link] for each in self.w])
+        change, factorial = turning, 1.0
+        for k in range(1, self.order + 1):
+            change = vector([x.derivative() for x in change]) - cross(turning, change)
+            factorial *= k
+            here = vector([x.coefficients[0] for x in change])
+            made.append(np.asarray(placed.seen(here) * (1.0 / factorial)))
+        return made
 
     def _along_basis(self, variable: int, placed: Placement, link: int) -> Exprs:
         fixed = self._fixed(variable, link)
-        return placed.seen(self.vectors[variable]) if fixed is None else fixed
+        return placed.seen(self.vectors[0][variable]) if fixed is None else fixed
 
     def _fixed(self, variable: int, link: int) -> Exprs | None:
         """Return a variable's vector along a link's basis if it is fixed in the link."""
@@ -198,19 +205,6 @@ class Flow:
             if spin.link == link:
                 return np.asarray(self.placed[link].fixed(spin.axis) * spin.size)
         return None
-
-    @property
-    def input_rate(self) -> Expr:
-        """dq/dp."""
-        return self.tau[self.structure.driven]
-
-    @property
-    def speed(self) -> Expr:
-        """|tau|: how fast the curve of all variables is run along, per unit of p."""
-        square: Expr = 0.0
-        for each in self.tau:
-            square = square + each * each
-        return function("sqrt", square)
 
 
 def _sum(parts: Sequence[Exprs]) -> Exprs:

@@ -14,8 +14,8 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
-from spherekit.engine.compiler import Expr, function, power
 from spherekit.engine.kinematics import Flow
+from spherekit.engine.terms import Expr, function, power
 from spherekit.model.dynamics import (
     Damper,
     Friction,
@@ -76,7 +76,7 @@ class Moving:
 
     def coefficient(self, pair: str) -> Expr:
         """Return dtheta/dp of an R pair."""
-        return self.flow.tau[self.variable(pair)]
+        return self.flow.tau[0][self.variable(pair)]
 
     def rate(self, pair: str) -> Expr:
         """Return dtheta/dt of an R pair (rad/s)."""
@@ -129,7 +129,7 @@ def _gravity(load: Gravity, moving: Moving) -> Expr:
         link = moving.mechanism.link_number[mass.link]
         if link and mass.mass and mass.centre is not None and any(mass.centre):
             arm = _direction(flow, link, mass.mass * np.array(mass.centre))
-            total = total + dot(flow.w[link], cross(arm, g))
+            total = total + dot(flow.w[0][link], cross(arm, g))
     return total
 
 
@@ -148,7 +148,7 @@ def _on_link(load: PointForce | Moment, moving: Moving) -> Expr:
     if in_link:
         placed = flow.placed[link]
         moment = np.asarray(placed.basis @ (constants(placed.within) @ moment))
-    return dot(flow.w[link], moment)
+    return dot(flow.w[0][link], moment)
 
 
 def _direction(flow: Flow, link: int, given: Floats) -> Exprs:

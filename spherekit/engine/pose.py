@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, vector
-from spherekit.engine.compiler import Expr, function
+from spherekit.engine.terms import Expr, function
 from spherekit.engine.turns import Chain, Turn, TurningPairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree

@@ -15,8 +15,8 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, cross, determinant, dot, vector
-from spherekit.engine.compiler import Expr
 from spherekit.engine.elimination import Elimination, Loop, eliminate
+from spherekit.engine.terms import Expr
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.assembly import Assembly, Group
@@ -80,8 +80,8 @@ def group_rows(
         if count > LARGEST:
             raise EngineError(
                 f"{mechanism.name}: a {group.kind} leaves {count} equations to be solved "
-                f"together, the compiled engine takes at most {LARGEST}; use the NumPy "
-                "engine for this mechanism"
+                f"together, expressions take at most {LARGEST}; use NumPy's "
+                'simulate(engine="numpy") or rates.field.evaluate for this mechanism'
             )
         made.append(rows)
     return tuple(made)
@@ -119,7 +119,7 @@ def _independent(
             raise EngineError(
                 f"{mechanism.name}: its equations leave more than one motion at the "
                 "configuration they were chosen at; change the range of the input, or use "
-                "the NumPy engine"
+                'NumPy\'s simulate(engine="numpy") or rates.field.evaluate'
             )
         unit = left.pop(best) / size
         left = {key: row - (row @ unit) * unit for key, row in left.items()}
@@ -237,7 +237,8 @@ class HomogeneousRates:
             names = [self.mechanism.variable_names[v] for v in (a, b)]
             raise EngineError(
                 f"{self.mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "
-                "a link, so these two cannot be told apart; use the NumPy engine"
+                "a link, so these two cannot be told apart; use NumPy's "
+                'simulate(engine="numpy") or rates.field.evaluate'
             )
 
     def _directions(

@@ -112,9 +112,9 @@ def _need_circles(mechanism: Mechanism, number: int) -> None:
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
         if profile.kind not in ROUND:
             raise EngineError(
-                f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: the compiled engine "
-                f'knows circles and great circles, not "{profile.kind}"; use the NumPy '
-                "engine for this mechanism"
+                f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
+                f'written for circles and great circles, not "{profile.kind}"; use '
+                'NumPy\'s simulate(engine="numpy") or rates.field.evaluate instead'
             )
 
 
