@@ -102,8 +102,8 @@ def generalised_force(load: Load, moving: Moving) -> Expr:
     for (link, axes, arm), along in on_links.items():
         number = moving.mechanism.link_number[link]
         if number and not (arm is not None and not any(arm)):
-            moment = _moment(moving.flow, number, axes, arm, along)
-            total = total + dot(moving.flow.w[number], moment)
+            turning = _moment(moving.flow, number, axes, arm, along)
+            total = total + dot(moving.flow.w[number], turning)
     return total
 
 
