@@ -10,10 +10,12 @@ import numpy as np
 
 from benchmarks.report import Cell, Section
 from spherekit.dynamics import forward
+from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.mjcf import RigidBodies, mjcf, rigid_bodies
 from spherekit.dynamics.offline import online_model
 from spherekit.dynamics.online_motion import online_motion
+from spherekit.dynamics.start import prepare
 from spherekit.engine.compiler import available
 from spherekit.files.read import load
 from spherekit.model.dynamics import Mass, PairTorque
@@ -169,8 +171,11 @@ def _reference(case: Case) -> tuple[Floats, float]:
     plain = solve_ivp(
         right, (0.0, 10.0), (0.3, 1.0), "DOP853", TIMES, rtol=1e-13, atol=1e-14
     ).y[0]
-    job = _compiled(case, 1e-16, True) if available() else _numpy(case, 1e-13)
-    exact, _ = job()
+    if available():
+        problem = prepare(case.made, Start(0.3, 1.0), 10.0, DRIVE, case.input)
+        exact = by_taylor_series(problem, 1e-16, True, "it is the reference").at(TIMES).q
+    else:
+        exact, _ = _numpy(case, 1e-13)()
     return exact, float(np.max(np.abs(plain - exact)))
 
 
