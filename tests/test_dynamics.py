@@ -417,7 +417,8 @@ def test_direct_problem_of_the_four_bar(four_bar, exact, tabled):
 def test_a_stored_model_gives_the_same_motion(four_bar):
     t = np.linspace(0.0, 10.0, 101)
     exactly = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
-    model = online_model(four_bar, poles=()).with_torque(DRIVING)
+    bare = online_model(four_bar, poles=())
+    model = bare.with_torque(DRIVING)
     assert model.heading.coordinate == "q"
     for tolerance in (1e-7, 1e-9):
         found = online_motion(model, t, 0.3, 1.0, tolerance)
@@ -426,7 +427,11 @@ def test_a_stored_model_gives_the_same_motion(four_bar):
         assert found.energy < 10 * tolerance
         assert found.message == ""
     with pytest.raises(ModelError, match=r'torque: column 1: "theta_9" is not known'):
-        model.with_torque("theta_9")
+        bare.with_torque("theta_9")
+    with pytest.raises(ModelError, match="torque: the model has one already"):
+        model.with_torque("1")
+    with pytest.raises(SolveError, match='"B" is no pair variable; Variables: theta_21'):
+        model.places("B", 0.1)
 
 
 def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(four_bar):

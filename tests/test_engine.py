@@ -636,6 +636,9 @@ def test_a_short_run_is_not_compiled_and_a_long_one_is():
     assert forecast.compiled < forecast.numpy
     assert found.engine.reason == str(forecast)
     assert str(forecast).startswith("expected NumPy ")
+    kinked = simulate(load("four_bar"), Start(0.3, 1.0), 1e-3, torque="abs(t) - 1")
+    assert (kinked.engine.name, kinked.engine.forecast) == ("compiled", None)
+    assert "kinks" in kinked.engine.reason
 
 
 @compiled

@@ -14,6 +14,7 @@ from spherekit.dynamics.simulation import Forecast, Simulation
 from spherekit.dynamics.start import PoseStart, Problem, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
 from spherekit.errors import EngineError, PlanError, SolveError
+from spherekit.model.actions import smooth
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
 
@@ -69,7 +70,7 @@ def simulate(
         Whether to repeat the run with steps made for a hundredth of the error and compare.
     engine
         ``"auto"`` takes the one that is expected to be done first, or the one that can do
-        what is asked; the result says which, and why.
+        what is asked, kinks of loads included; the result says which, and why.
     compact
         False compiles longer for about two thirds of the time of solving.
     scheme, step
@@ -131,13 +132,20 @@ def _solve(problem: Problem, tolerance: float, engine: Engine, compact: bool) ->
 def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
     """Return the motion by the engine that is expected to take less time from here.
 
-    NumPy starts, and goes on until what is left takes it longer than compiling.
+    NumPy starts, and goes on until what is left takes it longer than compiling. What it
+    cannot do as well is compiled at once.
     """
+    mechanism = problem.equation.mechanism
     solver = Collocation(problem, tolerance)
     try:
-        compiling = compiling_time(problem.equation.mechanism, tolerance, compact)
-        if compiling == 0.0:
-            return by_taylor_series(problem, tolerance, compact, "it was compiled before")
+        compiling = compiling_time(mechanism, tolerance, compact)
+        why = "it was compiled before" if compiling == 0.0 else ""
+        if tolerance < LEAST["numpy"]:
+            why = "NumPy does not reach the tolerance"
+        if not smooth(mechanism):
+            why = "NumPy does not find the kinks of the loads"
+        if why:
+            return by_taylor_series(problem, tolerance, compact, why)
         forecast: Forecast | None = None
         while solver.advance():
             left = solver.left

@@ -84,6 +84,12 @@ def used_pairs(mechanism: Mechanism) -> frozenset[str]:
     return frozenset(found)
 
 
+def smooth(mechanism: Mechanism) -> bool:
+    """Return whether no load has kinks or jumps, those of tables left out."""
+    laws = [part.magnitude for part in _all(mechanism)]
+    return all(law.smooth for law in laws if isinstance(law, Expression))
+
+
 def used_links(mechanism: Mechanism) -> frozenset[str]:
     """Return the links whose angular velocity or orientation the loads depend on."""
     return frozenset(m.link for part in _all(mechanism) for m in part.moments)

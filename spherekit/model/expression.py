@@ -46,6 +46,9 @@ FUNCTIONS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
 )
 """Fewest and most arguments of each function; `log` is the natural logarithm."""
 
+KINKED = ("abs", "sign", "min", "max")
+"""The functions among them that are not smooth."""
+
 _OPERATORS: Mapping[type[ast.operator], str] = MappingProxyType(
     {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 )
@@ -116,6 +119,11 @@ class Expression:
     text: str
     names: frozenset[str]
     root: Node
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it uses none of the functions that have kinks or jumps."""
+        return _smooth(self.root)
 
     def evaluate(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
         """Return the expression's value for every sample.
@@ -316,6 +324,12 @@ def _scalar(
         (one,) = parts
         return lambda row: function(one(row))
     return lambda row: function(*(part(row) for part in parts))
+
+
+def _smooth(node: Node) -> bool:
+    if not isinstance(node, Call):
+        return True
+    return node.function not in KINKED and all(map(_smooth, node.arguments))
 
 
 _INLINE = ("+", "-", "*", "/")
