@@ -63,7 +63,7 @@ def components(mechanism: Mechanism, load: Load) -> tuple[Component, ...]:
     if isinstance(load, Gravity):
         return (Component(_law(mechanism, "1"), moments=_weights(mechanism, load)),)
     if isinstance(load, PointForce):
-        return _on_link(mechanism, load, load.force, load.point)
+        return _on_link(mechanism, load, load.force, _floats(load.point))
     if isinstance(load, Moment):
         return _on_link(mechanism, load, load.moment, None)
     if isinstance(load, TorqueTable):
@@ -123,6 +123,11 @@ def _torque(load: PairTorque | Spring | Damper | Friction) -> str:
     return f"-({dry} + {_number(load.viscous)}*{rate})"
 
 
+def _floats(given: Vector) -> Vector:
+    x, y, z = map(float, given)
+    return x, y, z
+
+
 def _number(value: float) -> str:
     return f"({float(value)!r})"
 
@@ -147,6 +152,7 @@ def _weights(mechanism: Mechanism, load: Gravity) -> tuple[LinkMoment, ...]:
         if mass.link == mechanism.ground:
             continue
         assert mass.mass is not None and mass.centre is not None
-        x, y, z = (mass.mass * float(each) for each in mass.centre)
-        found.append(LinkMoment(mass.link, load.acceleration, "ground", (x, y, z)))
+        x, y, z = (mass.mass * each for each in _floats(mass.centre))
+        down = _floats(load.acceleration)
+        found.append(LinkMoment(mass.link, down, "ground", (x, y, z)))
     return tuple(found)
