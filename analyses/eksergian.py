@@ -21,11 +21,12 @@ from spherekit.analysis.tables import (
     Table,
     TableData,
 )
-from spherekit.dynamics.forces import Loads, used_links, used_pairs
+from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import Inertia, inertia
 from spherekit.dynamics.inverse import continued_angles, driving_torque, need_terms
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.errors import AnalysisError
+from spherekit.model.actions import used_links, used_pairs
 from spherekit.model.mechanism import Mechanism
 
 Floats = NDArray[np.float64]
@@ -110,8 +111,8 @@ class Eksergian(AbstractAnalysis):
         """Return rates of the links with mass, and what the loads depend on."""
         need_terms(mechanism)
         links = frozenset(mass.link for mass in mechanism.masses)
-        links |= used_links(mechanism, mechanism.loads)
-        pairs = used_pairs(mechanism, mechanism.loads)
+        links |= used_links(mechanism)
+        pairs = used_pairs(mechanism)
         if self.at and mechanism.pair(self.at).type != "R":
             raise AnalysisError(
                 f"eksergian: at: pair {self.at} is a contact, not an R pair"

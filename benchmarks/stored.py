@@ -1,5 +1,6 @@
 """Stored functions: their errors at random places, and the time of one evaluation."""
 
+import math
 import time
 from collections.abc import Callable
 
@@ -16,32 +17,33 @@ from spherekit.planning.poles import parse_pole
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
+CALLS = 20
+"""Calls in a round; more would outlast the turn that a busy machine gives a process."""
+
 CASES = (("four_bar", 0), ("four_bar", 1), ("stephenson", 0))
 
 
 def run(quick: bool) -> list[Section]:
     """Return the section."""
     rows: list[tuple[Cell, ...]] = []
+    places = 5_000 if quick else 100_000
     for name, branch in CASES:
         started = time.perf_counter()
         model = online_model(load(name), branch=branch)
         seconds = time.perf_counter() - started
-        worst, where = _worst(model, name, branch, 5_000 if quick else 100_000)
-        calls: list[Callable[[], object]] = [lambda m=model: m.pole("3/1", 0.3)]  # type: ignore[misc]
-        if model.heading.loads:
-            calls.append(lambda m=model: m.torque(0.3, 1.0, 0.2, 0.1))  # type: ignore[misc]
-        times = [_times(call) for call in calls]
-        pole, torque = times[0], times[1] if len(times) > 1 else (None, None)
+        worst, where = _worst(model, name, branch, places)
         cells = sum(len(group.coefficients) for group in model.groups)
         own = (name, branch, len(model.heading.functions), cells, seconds)
-        rows.append((*own, model.error, worst, where, *pole, *torque))
+        rows.append((*own, model.error, worst, where, *_times(model, quick)))
     return [
         Section(
             "Stored functions",
             "Every function of `spherekit export --to model`: the error the model measured "
             "itself, and the largest difference from the motion's plan and the inverse "
-            f"problem at {5_000 if quick else 100_000} random inputs, each relative to its "
-            "function's largest value; times of single calls from Python.",
+            f"problem at {places} random inputs, each relative to its function's largest "
+            "value; times of single calls from Python at random inputs, in rounds of "
+            f"{CALLS} calls that alternate with rounds of as many calls of `math.sin`, and "
+            "the median of the ratios to those.",
             (
                 "mechanism",
                 "mode",
@@ -53,23 +55,39 @@ def run(quick: bool) -> list[Section]:
                 "of",
                 "pole, us, fastest",
                 "median",
+                "in sines",
                 "torque, us, fastest",
                 "median",
+                "in sines",
             ),
             rows,
         )
     ]
 
 
-def _times(call: Callable[[], object]) -> tuple[float, float]:
-    call()
-    found = []
-    for _ in range(40):
-        started = time.perf_counter()
-        for _ in range(500):
-            call()
-        found.append((time.perf_counter() - started) / 500)
-    return 1e6 * min(found), 1e6 * float(np.median(found))
+def _times(model: OnlineModel, quick: bool) -> list[float | None]:
+    """Return the fastest and the median time (us) of each call, and in calls of a sine."""
+    places = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, CALLS).tolist()
+    calls: list[Callable[[float], object]] = [
+        lambda x: math.sin(x),
+        lambda x: model.pole("3/1", x),
+    ]
+    if model.heading.loads:
+        calls.append(lambda x: model.torque(x, 1.0, 0.2, 0.1))
+    for call in calls:
+        call(0.3)
+    found = np.empty((200 if quick else 5000, len(calls)))
+    for row in found:
+        for number, call in enumerate(calls):
+            started = time.perf_counter()
+            for x in places:
+                call(x)
+            row[number] = 1e6 * (time.perf_counter() - started) / CALLS
+    parts: list[float | None] = []
+    for own in found.T[1:]:
+        ratio = float(np.median(own / found[:, 0]))
+        parts += [float(np.min(own)), float(np.median(own)), ratio]
+    return parts + [None] * (6 - len(parts))
 
 
 def _worst(model: OnlineModel, name: str, branch: int, count: int) -> tuple[float, str]:

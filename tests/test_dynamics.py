@@ -17,8 +17,9 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.dynamics import forward
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.reduced import reduced
-from spherekit.dynamics.start import PoseStart, prepare
+from spherekit.dynamics.offline import online_model
+from spherekit.dynamics.online_motion import online_motion
+from spherekit.dynamics.start import PoseStart
 from spherekit.errors import ModelError, SolveError, SpherekitError
 from spherekit.model.dynamics import (
     Damper,
@@ -413,20 +414,27 @@ def test_direct_problem_of_the_four_bar(four_bar, exact, tabled):
     assert np.max(np.abs(found.at([event.t for event in resting]).dq)) < 1e-9
 
 
-def test_the_reduced_model_gives_the_same_motion(four_bar):
+def test_a_stored_model_gives_the_same_motion(four_bar):
     t = np.linspace(0.0, 10.0, 101)
     exactly = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
-    model = reduced(prepare(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING))
-    assert model.error < 1e-13
+    bare = online_model(four_bar, poles=())
+    model = bare.with_torque(DRIVING)
+    assert model.heading.coordinate == "q"
     for tolerance in (1e-7, 1e-9):
-        found = model.simulate(t, tolerance)
+        found = online_motion(model, t, 0.3, 1.0, tolerance)
         assert np.max(np.abs(found.q - exactly.at(t).q)) < tolerance
         assert np.max(np.abs(found.values - exactly.at(t).values)) < 10 * tolerance
         assert found.energy < 10 * tolerance
         assert found.message == ""
+    with pytest.raises(ModelError, match=r'torque: column 1: "theta_9" is not known'):
+        bare.with_torque("theta_9")
+    with pytest.raises(ModelError, match="torque: the model has one already"):
+        model.with_torque("1")
+    with pytest.raises(SolveError, match='"B" is no pair variable; Variables: theta_21'):
+        model.places("B", 0.1)
 
 
-def test_the_reduced_model_ends_with_its_curve_and_knows_all_loads(four_bar):
+def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(four_bar):
     mechanism, joint = loaded("four_bar", np.random.default_rng(8))
     table = TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
     mechanism = replace(
@@ -434,16 +442,18 @@ def test_the_reduced_model_ends_with_its_curve_and_knows_all_loads(four_bar):
     )
     exactly = simulate(mechanism, Start(0.3, 4.0), 2.0, tolerance=1e-11)
     assert exactly.end.kind == "stop"
-    model = reduced(prepare(mechanism, Start(0.3, 4.0), 2.0))
-    assert not model.curve.closed
+    model = online_model(mechanism, poles=())
+    assert (model.heading.coordinate, model.heading.periodic) == ("s", False)
+    (s,) = model.places("theta_21", 0.3 + 2.0 * np.pi)
+    speed = 4.0 / model.value("d(theta_21)/ds", s)
     t = np.linspace(0.0, 2.0, 81)
-    found = model.simulate(t, 1e-9)
+    found = online_motion(model, t, s, speed)
     before = t < exactly.end.t
     assert np.max(np.abs(found.q[before] - exactly.at(t[before]).q)) < 1e-8
     assert np.all(np.isnan(found.q[t > exactly.end.t + 0.1]))
     assert "the curve ends" in found.message
     with pytest.raises(SolveError, match="increasing times"):
-        model.simulate([0.0, 1.0, 0.5])
+        online_motion(model, [0.0, 1.0, 0.5], s, speed)
 
 
 def test_the_scheme_of_the_source_is_of_first_order(four_bar):

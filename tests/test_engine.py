@@ -1,6 +1,7 @@
 """The compiled engine against NumPy, closed forms and SciPy's integrators."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import mpmath
@@ -511,7 +512,7 @@ def test_both_engines_find_the_same_motion(case):
         simulate(made, start, 2.0, engine=engine, tolerance=1e-11, **options)
         for engine in ("compiled", "numpy")
     )
-    assert (one.engine.name, one.engine.reason) == ("compiled", "")
+    assert (one.engine.name, one.engine.reason) == ("compiled", "it was asked for")
     assert other.engine.name == "numpy"
     assert one.end == other.end
     seen = [[(e.kind, e.pair) for e in each.events] for each in (one, other)]
@@ -741,9 +742,56 @@ def test_what_was_compiled_is_kept():
     assert kernel(made, "21") is kernel(load("four_bar"), "21")
     assert kernel(made, "21") is not kernel(made, "41")
     assert kernel(made, "21").function.seconds > 0.0
-    again = [simulate(made, Start(0.3, 1.0), 0.1, torque="-1*t").engine for _ in "12"]
+    engines = ("compiled", "auto")
+    given = made, Start(0.3, 1.0), 0.1
+    again = [simulate(*given, torque="-1*t", engine=each).engine for each in engines]
     assert [each.name for each in again] == ["compiled", "compiled"]
     assert again[0].compile_seconds > 0.0 == again[1].compile_seconds
+    assert again[1].reason == "it was compiled before"
+
+
+@compiled
+def test_a_short_run_is_not_compiled_and_a_long_one_is():
+    heavy = with_masses(load("double_butterfly"))
+    pose = PoseStart(start_of(heavy, 0.5), heavy.inputs[0].pair, 1.0)
+    found = simulate(heavy, pose, 1e-3)
+    assert found.engine.name == "numpy"
+    assert found.engine.forecast.numpy < found.engine.forecast.compiled
+    found = simulate(load("four_bar"), Start(0.3, 1.0), 500.0, torque="0.2*sin(t)")
+    assert found.engine.name == "compiled"
+    forecast = found.engine.forecast
+    assert forecast.compiled < forecast.numpy
+    assert found.engine.reason == str(forecast)
+    assert str(forecast).startswith("expected NumPy ")
+    kinked = simulate(load("four_bar"), Start(0.3, 1.0), 1e-3, torque="abs(t) - 1")
+    assert (kinked.engine.name, kinked.engine.forecast) == ("compiled", None)
+    assert "kinks" in kinked.engine.reason
+
+
+@compiled
+def test_two_threads_may_use_one_compiled_equation():
+    made = load("four_bar")
+    starts = [Start(0.3, rate) for rate in (1.0, -1.0, 2.0, 0.5)]
+
+    def rows(start):
+        found = run(made, start, 20.0, torque="sin(3*t)")
+        return found.at(np.linspace(0.0, 20.0, 60)).values, found.events
+
+    alone = [rows(start) for start in starts]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(rows, starts * 3))
+    for (one, events), (other, same) in zip(alone * 3, together, strict=True):
+        assert np.array_equal(one, other)
+        assert events == same
+
+
+@compiled
+def test_two_threads_compile_an_equation_once():
+    made = with_torque(load("four_bar"), "21", "0.125*cos(t)")
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda _: compiled_equation(made, 1e-9), range(2)))
+    assert found[0][0] is found[1][0]
+    assert sorted(known for _, known in found) == [False, True]
 
 
 def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):

@@ -1,6 +1,5 @@
 """Running analyses: what they need is planned, evaluated in blocks, and handed over."""
 
-import hashlib
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -42,7 +41,7 @@ from spherekit.analysis.tables import (
 )
 from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
 from spherekit.errors import AnalysisError, SpherekitError
-from spherekit.files.write import canonical_text
+from spherekit.files.write import mechanism_hash
 from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import rank_mobility, redundancy
@@ -381,11 +380,6 @@ def _motion_result(
         return AnalysisResult(MOTION, (table,), {MOTION: whole})
     data = {MOTION: whole, EVENTS.name: course.events()}
     return AnalysisResult(MOTION, (table, EVENTS), data)
-
-
-def mechanism_hash(mechanism: Mechanism) -> str:
-    """Return the SHA-256 of a mechanism's canonical file, in hexadecimal."""
-    return hashlib.sha256(canonical_text(mechanism, "rad").encode()).hexdigest()
 
 
 def _summary(

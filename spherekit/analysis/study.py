@@ -15,11 +15,10 @@ from spherekit.analysis.registry import load
 from spherekit.analysis.result import RunResult
 from spherekit.analysis.run import DEFAULT_TOLERANCE, Progress, Recorder, run
 from spherekit.conventions import listing, nearest
-from spherekit.dynamics.start import DRIVE
 from spherekit.errors import ModelError, PluginError, SpherekitError
 from spherekit.files.check import mismatch, shown
 from spherekit.files.study import Study, load_study
-from spherekit.model.dynamics import PairTorque
+from spherekit.model.dynamics import DRIVE, PairTorque
 from spherekit.model.laws import time_fault
 from spherekit.motion.motion import DEFAULT_SAMPLES
 from spherekit.planning.inputs import driven_pairs

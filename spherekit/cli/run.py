@@ -260,7 +260,7 @@ def report(summary: Any) -> str:
         lines.append(
             f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
             f"({done['end']['reason']}), {done['events']} events, "
-            f"engine {done['engine']['name']}; "
+            f"engine {done['engine']['name']} ({done['engine']['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
             f"{done['tolerance']:.1e}, energy balanced to "
             f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"

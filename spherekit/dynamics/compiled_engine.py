@@ -15,6 +15,7 @@ from spherekit.dynamics.simulation import (
     End,
     EngineReport,
     Event,
+    Forecast,
     Simulation,
     cannot_leave,
     stop_end,
@@ -65,13 +66,21 @@ class TaylorPath:
         return Traced(states, rates, along, turns)
 
 
-def by_taylor_series(problem: Problem, tolerance: float, compact: bool) -> Simulation:
+def by_taylor_series(
+    problem: Problem,
+    tolerance: float,
+    compact: bool,
+    reason: str,
+    forecast: Forecast | None = None,
+) -> Simulation:
     """Return the motion of a problem.
 
     Parameters
     ----------
     tolerance, compact
         See `spherekit.engine.equation.compiled_equation`.
+    reason, forecast
+        Why it is this engine that runs.
 
     Raises
     ------
@@ -103,7 +112,7 @@ def by_taylor_series(problem: Problem, tolerance: float, compact: bool) -> Simul
     if not run.stretches:
         raise cannot_leave(problem, JUMPS)
     path = TaylorPath(run, sense)
-    report = EngineReport("compiled", "", compiling, seconds, len(run.starts))
+    report = EngineReport("compiled", reason, compiling, seconds, len(run.starts), forecast)
     return Simulation(
         problem.equation,
         problem.driven,

@@ -1,6 +1,7 @@
 """The direct problem by Gauss collocation with NumPy: for whatever a mechanism has."""
 
 import time
+from collections.abc import Generator
 from typing import final
 
 import numpy as np
@@ -21,6 +22,7 @@ from spherekit.dynamics.simulation import (
     EndKind,
     EngineReport,
     Event,
+    Forecast,
     Simulation,
     cannot_leave,
     stop_end,
@@ -44,14 +46,13 @@ tolerance counts where it is more.
 MOST_STEPS = 100_000
 
 
-def by_collocation(problem: Problem, tolerance: float, reason: str) -> Simulation:
-    """Return the motion of a problem; `reason` says why it is NumPy that runs."""
-    return _Run(problem, tolerance).simulation(reason)
+WINDOW = 4
+"""Steps from whose time that of the steps to come is expected."""
 
 
 @final
-class _Run:
-    """One integration of a problem, kept while it goes on."""
+class Collocation:
+    """One integration of a problem, kept while it goes on, step by step."""
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
         self.problem = problem
@@ -63,31 +64,61 @@ class _Run:
         self.orientation = 0.0
         self.drift = 0.0
         self.last: Dynamics | None = None
+        self.end: End | None = None
+        self._steps = self._integrate()
+        self._reached: list[tuple[float, float]] = [(0.0, 0.0)]
 
     def field(self, t: Floats, states: Floats) -> Floats:
         """Return the rates of states, on the side of the last step's tangent."""
         self.last = self.equation.at(t, states, self.tangent)
         return self.equation.rates(self.last)
 
-    def simulation(self, reason: str) -> Simulation:
-        """Integrate to the end."""
+    def advance(self) -> bool:
+        """Take a step; return whether the integration goes on after it."""
         started = time.perf_counter()
         with np.errstate(all="ignore"):
-            end = self._integrate()
-        problem = self.problem
+            try:
+                t = next(self._steps)
+            except StopIteration as done:
+                self.end, t = done.value, self._reached[-1][0]
+        seconds = self._reached[-1][1] + time.perf_counter() - started
+        self._reached.append((t, seconds))
+        return self.end is None
+
+    @property
+    def left(self) -> float | None:
+        """What the rest will take at the pace of the last steps (s), None before those."""
+        if self.end is not None:
+            return 0.0
+        if len(self._reached) <= WINDOW + 1:
+            return None
+        (before, started), (t, now) = self._reached[-WINDOW - 1], self._reached[-1]
+        return (self.problem.until - t) * (now - started) / (t - before)
+
+    @property
+    def seconds(self) -> float:
+        """What solving has taken (s)."""
+        return self._reached[-1][1]
+
+    def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
+        """Integrate to the end; `reason` says why it is NumPy that does."""
+        while self.end is None:
+            self.advance()
+        problem, end = self.problem, self.end
+        assert end is not None
         if not self.path:
             raise cannot_leave(problem, end.message)
-        seconds = time.perf_counter() - started
         return Simulation(
             self.equation,
             problem.driven,
             CollocationPath(tuple(self.path), self.drift),
             tuple(self.events),
             end,
-            EngineReport("numpy", reason, 0.0, seconds, len(self.path)),
+            EngineReport("numpy", reason, 0.0, self.seconds, len(self.path), forecast),
         )
 
-    def _integrate(self) -> End:
+    def _integrate(self) -> Generator[float, None, End]:
+        """Yield the time after each step; return the end."""
         problem = self.problem
         t, state = 0.0, self.equation.state(problem.values, problem.speed, problem.tangent)
         length = self._first_length(state)
@@ -114,6 +145,7 @@ class _Run:
                 t = target if tried_length == left else tried.step.stop
                 before = tried.step
                 state = self._closed(tried.step.end)
+                yield t
             if t < problem.until:
                 self._note("switch", t, float(state[problem.driven]), "")
                 before = None

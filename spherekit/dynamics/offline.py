@@ -6,7 +6,6 @@ of one coordinate (Di Gregorio 2024, section 4). Where the input turns fully on 
 closed curve the coordinate is its variable q, else the curve's arc length s.
 """
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
@@ -16,22 +15,14 @@ import numpy as np
 
 from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forces import Loads
+from spherekit.dynamics.heading import Function, Heading, StoredLoad
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length
-from spherekit.dynamics.online import Function, Heading, OnlineModel, StoredLoad
+from spherekit.dynamics.online import OnlineModel
 from spherekit.errors import SolveError
-from spherekit.files.write import canonical_text
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    Load,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-    TorqueTable,
-)
+from spherekit.files.write import mechanism_hash
+from spherekit.model.dynamics import Gravity, PointForce, TorqueTable
+from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
@@ -130,7 +121,7 @@ def online_model(
         )
     heading = Heading(
         mechanism=made.name,
-        mechanism_sha256=hashlib.sha256(canonical_text(made, "rad").encode()).hexdigest(),
+        mechanism_sha256=mechanism_hash(made),
         made_by=__version__,
         input=tracer.inputs[0],
         branch=branch,
@@ -141,7 +132,7 @@ def online_model(
         variables=made.variable_names,
         angles=tuple(pair.name for pair in made.pairs if pair.type == "R"),
         poles=tuple(_pole_name(made, pole) for pole in wanted),
-        loads=tuple(_stored(load) for load in made.loads),
+        loads=tuple(map(sampler.stored_load, range(len(made.loads)))),
         rise=tuple(sampler.rise.tolist()),
         groups=tuple(groups),
     )
@@ -251,17 +242,46 @@ class _Sampler:
         found |= {f"d({name})/d{x}": "" for name in made.variable_names}
         if made.masses or made.loads:
             found |= {"B": "kg m2", f"d(B)/d{x}": "kg m2/rad"}
-        for load in made.loads:
+        for k, name in self.velocities.items():
+            load = made.loads[self.loads.owners[k]]
             unit = "m" if isinstance(load, PointForce) else ""
-            if isinstance(load, Gravity):
-                unit = "N m"
-            found |= dict.fromkeys(_stored(load).columns, unit)
+            found[name] = "N m" if isinstance(load, Gravity) else unit
         every = [found]
         for pole in self.poles:
             name = _pole_name(made, pole)
             own = {f"pole {name} {axis}": "" for axis in "xyz"}
             every.append(own | {f"rate {name}": "", f"d(rate {name})/d{x}": "1/rad"})
         return tuple(every)
+
+    @cached_property
+    def velocities(self) -> dict[int, str]:
+        """Names of the velocities of loads' components that no pair's rate is."""
+        owners = self.loads.owners
+        found = {}
+        for k, part in enumerate(self.loads.components):
+            if not part.pair:
+                name = f"load {self.loads.names[owners[k]]}"
+                axis = f" {'xyz'[k - owners.index(owners[k])]}"
+                found[k] = name + axis * (owners.count(owners[k]) > 1)
+        return found
+
+    def stored_load(self, number: int) -> StoredLoad:
+        """Return what a load's magnitudes depend on besides the configuration."""
+        load, loads = self.mechanism.loads[number], self.loads
+        parts = [k for k, owner in enumerate(loads.owners) if owner == number]
+        works_on = tuple(
+            self.velocities.get(
+                k, f"d(theta_{loads.components[k].pair})/d{self.coordinate}"
+            )
+            for k in parts
+        )
+        if isinstance(load, TorqueTable):
+            return StoredLoad(
+                load.name, works_on, (), load.times, load.torques, load.periodic
+            )
+        laws = [loads.components[k].magnitude for k in parts]
+        texts = tuple(law.text for law in laws if isinstance(law, Expression))
+        return StoredLoad(load.name, works_on, texts)
 
     def columns(self, x: Floats) -> Floats:
         """Return all functions (n, columns)."""
@@ -285,8 +305,8 @@ class _Sampler:
         if made.masses or made.loads:
             masses = inertia(made, motion)
             parts += [masses.B[:, None], masses.dB[:, None]]
-        if made.loads:
-            parts.append(self.loads.velocities(motion))
+        if self.velocities:
+            parts.append(self.loads.velocities(motion)[:, list(self.velocities)])
         return np.concatenate(parts, axis=1)
 
     def _motion(self, x: Floats) -> CoordinateMotion:
@@ -452,27 +472,3 @@ def _sizes(sampled: Floats, sampler: _Sampler) -> Floats:
 def _pole_name(mechanism: Mechanism, pole: Pole) -> str:
     first, second = pole
     return f"{mechanism.links[second]}/{mechanism.links[first]}"
-
-
-def _stored(load: Load) -> StoredLoad:
-    """Return what a load's magnitude depends on besides the configuration."""
-    if isinstance(load, PairTorque):
-        return StoredLoad(load.name, (load.torque,))
-    if isinstance(load, PointForce):
-        return StoredLoad(load.name, load.force)
-    if isinstance(load, Moment):
-        return StoredLoad(load.name, load.moment)
-    if isinstance(load, TorqueTable):
-        return StoredLoad(load.name, (), load.times, load.torques, load.periodic)
-    if isinstance(load, Gravity):
-        return StoredLoad(load.name, ("1",))
-    angle, rate = f"theta_{load.pair}", f"dtheta_{load.pair}"
-    if isinstance(load, Spring):
-        return StoredLoad(
-            load.name, (f"-({load.stiffness!r})*({angle} - ({load.rest!r}))",)
-        )
-    if isinstance(load, Damper):
-        return StoredLoad(load.name, (f"-({load.damping!r})*{rate}",))
-    assert isinstance(load, Friction)
-    dry = f"({load.torque!r})*tanh({rate}/({load.speed!r}))"
-    return StoredLoad(load.name, (f"-({dry} + ({load.viscous!r})*{rate})",))

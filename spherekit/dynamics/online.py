@@ -7,13 +7,10 @@ and the standard library only.
 
 import io
 import json
-import math
 import os
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, final, overload
 
@@ -21,104 +18,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import listing, nearest
-from spherekit.errors import FileError, SolveError, SpherekitError
-from spherekit.model.dynamics import TorqueTable
+from spherekit.dynamics.heading import SLACK, Function, Heading, StoredLoad
+from spherekit.dynamics.single import SingleFunctions, SingleState
+from spherekit.errors import FileError, ModelError, SolveError, SpherekitError
+from spherekit.model.dynamics import DRIVE, TorqueTable
 from spherekit.model.expression import load_names, parse
 from spherekit.numeric.adaptive import AdaptiveChebyshev
+from spherekit.numeric.zeros import zeros
 from spherekit.version import __version__
 
 Floats = NDArray[np.float64]
-RowMagnitude = Callable[[Sequence[float]], float]
+
+_NUMBER = (float, int)
+"""What is one place; a tuple is tested in less time than a union."""
 
 FORMAT = "spherekit reduced model"
 VERSION = 1
-SLACK = 1e-12
-"""The ends of a range may be overstepped by this part of it, which is rounding."""
 LAYOUT = (
     "groups[k] lists the functions in the columns of chebyshev_k, whose row c holds "
     "their Chebyshev series from edges_k[c] to edges_k[c + 1]; a periodic model repeats "
     "with the period high - low, in which the variables grow by rise"
 )
-
-
-@final
-@dataclass(frozen=True)
-class Function:
-    """A stored function of the coordinate: its `largest` value and measured `error`.
-
-    The error is relative to the largest value, which belongs to all components of a
-    vector alike.
-    """
-
-    name: str
-    unit: str
-    largest: float
-    error: float
-
-
-@final
-@dataclass(frozen=True)
-class StoredLoad:
-    """The magnitudes of a load's components, which work on its stored velocities.
-
-    `components` are expressions in pair variables, their rates and the time; a torque
-    given by a table has `times` (s) and `torques` (N m) instead.
-    """
-
-    name: str
-    components: tuple[str, ...] = ()
-    times: tuple[float, ...] = ()
-    torques: tuple[float, ...] = ()
-    repeats: bool = False
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the velocities that its components work on."""
-        if len(self.components) < 2:
-            return (f"load {self.name}",)
-        return tuple(f"load {self.name} {axis}" for axis in "xyz")
-
-    @property
-    def table(self) -> TorqueTable:
-        """The torque as a table."""
-        return TorqueTable(self.name, "", self.times, self.torques, self.repeats)
-
-
-@final
-@dataclass(frozen=True)
-class Heading:
-    """What a stored model is of, without its numbers.
-
-    `coordinate` is "q", the variable of pair `input`, on a closed curve along which it
-    turns fully, or "s", the arc length of the curve (rad). `low`, `high` bound the
-    coordinate; of a periodic model they are one period apart, in which the variables grow
-    by `rise`. `variables` and `angles` name the pair variables, and the R pairs among
-    them. The first of `groups` has what the motion needs, each further one a pole, in
-    the order of `poles`, named
-    LINK/RELATIVE_TO. `mechanism_sha256` is of the mechanism's canonical file in radians,
-    `made_by` the version of spherekit.
-    """
-
-    mechanism: str
-    mechanism_sha256: str
-    made_by: str
-    input: str
-    branch: int
-    coordinate: str
-    periodic: bool
-    low: float
-    high: float
-    variables: tuple[str, ...]
-    angles: tuple[str, ...]
-    poles: tuple[str, ...]
-    loads: tuple[StoredLoad, ...]
-    rise: tuple[float, ...]
-    groups: tuple[tuple[Function, ...], ...]
-
-    @property
-    def functions(self) -> tuple[Function, ...]:
-        """All stored functions."""
-        return tuple(each for group in self.groups for each in group)
 
 
 @final
@@ -162,18 +82,16 @@ class OnlineModel:
         t
             Time (s) for loads that depend on it.
         """
-        B, dB = self._inertia_columns
-        if isinstance(x, float | int):
-            row = self._one(0, x).tolist()
-            row += (t, dx)
-            force = 0.0
-            for column, magnitude in self._magnitudes:
-                force += magnitude(row) * row[column]
-            return row[B] * ddx + 0.5 * row[dB] * dx * dx - force  # type: ignore[operator]
+        if isinstance(x, _NUMBER):
+            row = self.state.at(x)
+            force = self.state.force(row, dx, t)  # type: ignore[arg-type]
+            return row[0] * ddx + 0.5 * row[1] * dx * dx - force  # type: ignore[operator]
         rows = self._rows(0, x)
         dx, ddx = np.asarray(dx, dtype=float), np.asarray(ddx, dtype=float)
         force = np.sum(self._forces(rows, dx, np.asarray(t, dtype=float)), axis=-1)
-        return np.asarray(rows[..., B] * ddx + 0.5 * rows[..., dB] * dx**2 - force)
+        found = self._column(rows, "B") * ddx
+        found += 0.5 * self._column(rows, self.heading.derivative("B")) * dx**2
+        return np.asarray(found - force)
 
     def forces(self, x: ArrayLike, dx: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
         """Return each load's generalised force Q (N m) by x, by its name."""
@@ -182,7 +100,7 @@ class OnlineModel:
         found: dict[str, Floats] = {}
         at = 0
         for load in self.heading.loads:
-            count = len(load.columns)
+            count = len(load.works_on)
             found[load.name] = np.sum(parts[..., at : at + count], axis=-1)
             at += count
         return found
@@ -203,16 +121,20 @@ class OnlineModel:
 
     def inertia_rate(self, x: ArrayLike) -> float | Floats:
         """Return dB/dx (kg m2/rad)."""
-        return self.value(self._derivative("B"), x)
+        return self.value(self.heading.derivative("B"), x)
 
     def pole(self, name: str, x: ArrayLike) -> Floats:
         """Return the unit vector (3,) or (n, 3) of a pole axis, in ground axes.
 
         `name` is LINK/RELATIVE_TO, as "3/1"; either order names the same axis.
         """
-        group, column = self._place[f"pole {self._pole(name)} x"]
-        found = self._one if isinstance(x, float | int) else self._rows
-        return found(group, x)[..., column : column + 3]  # type: ignore[operator,no-any-return]
+        if isinstance(x, _NUMBER):
+            if name not in self._poles:
+                names = tuple(f"pole {self._pole(name)} {axis}" for axis in "xyz")
+                self._poles[name] = SingleFunctions(self.heading, self.groups, names)
+            return np.array(self._poles[name].at(x))
+        group, column = self.heading.place(f"pole {self._pole(name)} x")
+        return self._rows(group, x)[..., column : column + 3]
 
     @overload
     def rate(self, name: str, x: float) -> float: ...
@@ -234,7 +156,7 @@ class OnlineModel:
 
     def rate_derivative(self, name: str, x: ArrayLike) -> float | Floats:
         """Return the acceleration coefficient of a pole, the derivative of `rate` by x."""
-        return self.value(self._derivative(f"rate {self._pole(name)}"), x)
+        return self.value(self.heading.derivative(f"rate {self._pole(name)}"), x)
 
     @overload
     def value(self, name: str, x: float) -> float: ...
@@ -243,10 +165,68 @@ class OnlineModel:
 
     def value(self, name: str, x: ArrayLike) -> float | Floats:
         """Return any stored function by its name in `heading.functions`."""
-        group, column = self._found(name)
-        if isinstance(x, float | int):
-            return float(self._one(group, x)[column])
+        if isinstance(x, _NUMBER):
+            if name not in self._values:
+                self._values[name] = SingleFunctions(self.heading, self.groups, (name,))
+            return self._values[name].at(x)[0]
+        group, column = self.heading.place(name)
         return np.asarray(self._rows(group, x)[..., column])
+
+    def places(self, variable: str, value: float) -> Floats:
+        """Return where (k,) on the range a pair variable has a value, rising.
+
+        A variable of an R pair (rad) has it up to whole turns.
+        """
+        heading = self.heading
+        if variable not in heading.variables:
+            raise SolveError(
+                f'{heading.mechanism}: "{variable}" is no pair variable'
+                f"{nearest(variable, heading.variables) or ';'} Variables: "
+                f"{listing(heading.variables)}"
+            )
+        columns = [heading.place(x)[1] for x in (variable, heading.derivative(variable))]
+        turns = variable in {f"theta_{pair}" for pair in heading.angles}
+
+        def gap(x: Floats) -> tuple[Floats, Floats]:
+            found, rate = self.groups[0].at(x)[:, columns].T
+            half = 0.5 * (found - value)
+            if turns:
+                return np.sin(half), 0.5 * np.cos(half) * rate
+            return half, 0.5 * rate
+
+        edges = self.groups[0].edges
+        parts = np.arange(8) / 8
+        grid = (edges[:-1, None] + parts * np.diff(edges)[:, None]).ravel()
+        return zeros(gap, np.append(grid, edges[-1])).places
+
+    def with_torque(self, torque: str) -> "OnlineModel":
+        """Return the model with a torque (N m) at the input as one more load.
+
+        Parameters
+        ----------
+        torque
+            An expression in pair variables, their rates and the time, as in a file.
+
+        Raises
+        ------
+        ModelError
+            If the expression breaks the grammar, or there is such a torque already.
+        """
+        heading = self.heading
+        if any(load.name == DRIVE for load in heading.loads):
+            raise ModelError(f"{heading.mechanism}: torque: the model has one already")
+        try:
+            parse(torque, load_names(heading.angles))
+        except ModelError as error:
+            raise ModelError(f"{heading.mechanism}: torque: {error}") from None
+        works_on = heading.derivative(f"theta_{heading.input}")
+        drive = StoredLoad(DRIVE, (works_on,), (torque,))
+        return OnlineModel(replace(heading, loads=(*heading.loads, drive)), self.groups)
+
+    @cached_property
+    def state(self) -> SingleState:
+        """Inertia and generalised force in single states."""
+        return SingleState(self.heading, self.groups)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.
@@ -268,24 +248,17 @@ class OnlineModel:
         write_bytes(path, stream.getvalue())
 
     @cached_property
-    def _place(self) -> Mapping[str, tuple[int, int]]:
-        """Group and column of each function."""
-        return {
-            each.name: (k, column)
-            for k, group in enumerate(self.heading.groups)
-            for column, each in enumerate(group)
-        }
+    def _poles(self) -> dict[str, SingleFunctions]:
+        """Directions at single places, by the pole's name, once asked for."""
+        return {}
 
-    def _found(self, name: str) -> tuple[int, int]:
-        if name not in self._place:
-            raise SolveError(
-                f'{self.heading.mechanism}: "{name}" is not stored'
-                f"{nearest(name, self._place) or ';'} Stored are {listing(self._place)}"
-            )
-        return self._place[name]
+    @cached_property
+    def _values(self) -> dict[str, SingleFunctions]:
+        """Functions at single places, by name, once asked for."""
+        return {}
 
-    def _derivative(self, name: str) -> str:
-        return f"d({name})/d{self.heading.coordinate}"
+    def _column(self, rows: Floats, name: str) -> Floats:
+        return np.asarray(rows[..., self.heading.place(name)[1]])
 
     def _pole(self, name: str) -> str:
         known = self.heading.poles
@@ -310,7 +283,7 @@ class OnlineModel:
         if not heading.periodic:
             good &= (x >= low - slack) & (x <= high + slack)
         if not np.all(good):
-            raise _outside(heading, float(x[~good][0]))
+            raise heading.outside(float(x[~good][0]))
         laps = np.floor((x - low) / (high - low)) if heading.periodic else np.zeros_like(x)
         found = self.groups[number].at((x - laps * (high - low)).ravel())
         found = found.reshape(*x.shape, -1)
@@ -318,80 +291,19 @@ class OnlineModel:
             found[..., : len(heading.rise)] += laps[..., None] * np.array(heading.rise)
         return found
 
-    def _one(self, number: int, x: float) -> Floats:
-        """Return the functions of a group (m,) at one x."""
-        low, period, high = self._range
-        if low <= x < high:
-            return self.groups[number].one(x)
-        heading = self.heading
-        if not math.isfinite(x):
-            raise _outside(heading, x)
-        if not heading.periodic:
-            if not low - SLACK * period <= x <= high + SLACK * period:
-                raise _outside(heading, x)
-            return self.groups[number].one(x)
-        laps = math.floor((x - low) / period)
-        row = self.groups[number].one(x - laps * period)
-        if number == 0:
-            row[: len(heading.rise)] += laps * np.array(heading.rise)
-        return row
-
-    @cached_property
-    def _range(self) -> tuple[float, float, float]:
-        low, high = self.heading.low, self.heading.high
-        return low, high - low, high
-
-    @cached_property
-    def _inertia_columns(self) -> tuple[int, int]:
-        return self._found("B")[1], self._found(self._derivative("B"))[1]
-
-    @cached_property
-    def _parts(self) -> tuple[tuple[int, StoredLoad, int], ...]:
-        return tuple(
-            (self._place[column][1], load, k)
-            for load in self.heading.loads
-            for k, column in enumerate(load.columns)
-        )
-
-    @cached_property
-    def _magnitudes(self) -> tuple[tuple[int, RowMagnitude], ...]:
-        """The column of each load component, and its magnitude at a row of floats."""
-        variables, pairs = self.heading.variables, self.heading.angles
-        count = len(variables)
-        read: dict[str, RowMagnitude] = {"t": itemgetter(-2)}
-        for pair in pairs:
-            k = variables.index(f"theta_{pair}")
-            read[f"theta_{pair}"] = itemgetter(k)
-            read[f"dtheta_{pair}"] = _rate_at(count + k)
-        names = load_names(pairs)
-        return tuple(
-            (
-                column,
-                parse(load.components[k], names).scalar(read)
-                if load.components
-                else _tabulated(load.table),
-            )
-            for column, load, k in self._parts
-        )
-
     def _forces(self, rows: Floats, dx: Floats, t: Floats) -> Floats:
         """Return the generalised force of each load component (..., components)."""
-        variables, pairs = self.heading.variables, self.heading.angles
-        count = len(variables)
-        known: dict[str, Floats] = {"t": t}
-        for pair in pairs:
-            k = variables.index(f"theta_{pair}")
-            known[f"theta_{pair}"] = rows[..., k]
-            known[f"dtheta_{pair}"] = rows[..., count + k] * dx
-        names = load_names(pairs)
-        found = np.empty((*np.broadcast(rows[..., 0], dx, t).shape, len(self._parts)))
-        for number, (column, load, k) in enumerate(self._parts):
-            magnitude = (
-                parse(load.components[k], names).evaluate(known)
-                if load.components
-                else load.table.at(t)
-            )
-            found[..., number] = magnitude * rows[..., column]
+        heading = self.heading
+        known = {"t": t}
+        for name, (function, is_rate) in heading.read().items():
+            column = self._column(rows, function)
+            known[name] = column * dx if is_rate else column
+        works_on = [name for load in heading.loads for name in load.works_on]
+        shape = np.broadcast_shapes(rows.shape[:-1], dx.shape, t.shape)
+        found = np.empty((*shape, len(works_on)))
+        for k, (law, name) in enumerate(zip(heading.magnitudes(), works_on, strict=True)):
+            magnitude = law.at(t) if isinstance(law, TorqueTable) else law.evaluate(known)
+            found[..., k] = magnitude * self._column(rows, name)
         return found
 
 
@@ -444,7 +356,8 @@ def _heading(header: dict[str, Any]) -> Heading:
 
 
 def _stored_load(given: dict[str, Any]) -> StoredLoad:
-    lists = {name: tuple(given[name]) for name in ("components", "times", "torques")}
+    names = ("works_on", "components", "times", "torques")
+    lists = {name: tuple(given[name]) for name in names}
     return StoredLoad(**{**given, **lists})
 
 
@@ -476,21 +389,3 @@ def _groups(
             )
         found.append(AdaptiveChebyshev(edges, series))
     return tuple(found)
-
-
-def _outside(heading: Heading, x: float) -> SolveError:
-    allowed = "is finite"
-    if not heading.periodic:
-        allowed = f"lies within {heading.low:.9g} to {heading.high:.9g} rad"
-    return SolveError(
-        f"{heading.mechanism}: the model is asked for {heading.coordinate} = {x:.9g}, but "
-        f"the coordinate {allowed}"
-    )
-
-
-def _rate_at(column: int) -> RowMagnitude:
-    return lambda row: row[column] * row[-1]
-
-
-def _tabulated(table: TorqueTable) -> RowMagnitude:
-    return lambda row: float(table.at(row[-2]))

@@ -78,12 +78,24 @@ def cannot_leave(problem: Problem, why: str) -> SolveError:
 
 @final
 @dataclass(frozen=True)
+class Forecast:
+    """What each engine was expected to take (s), compiling included."""
+
+    numpy: float
+    compiled: float
+
+    def __str__(self) -> str:
+        return f"expected NumPy {self.numpy:.2g} s, compiled {self.compiled:.2g} s"
+
+
+@final
+@dataclass(frozen=True)
 class EngineReport:
     """Which engine found a simulation, and what that cost.
 
-    `reason` says why it was not the compiled one, "" where it was. `compile_seconds` is
-    what compiling took now, 0 where it had been compiled before; `seconds` what solving
-    took.
+    `reason` says why it was this one. `compile_seconds` is what compiling took now, 0
+    where it had been compiled before; `seconds` what solving took; `forecast` what the
+    choice went by, None where there was none to make.
     """
 
     name: Literal["numpy", "compiled"]
@@ -91,6 +103,7 @@ class EngineReport:
     compile_seconds: float
     seconds: float
     steps: int
+    forecast: Forecast | None = None
 
 
 @final

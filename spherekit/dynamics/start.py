@@ -10,7 +10,7 @@ from spherekit.conventions import STATUS_MEANING, Status, listing
 from spherekit.dynamics.inertia import need_inertia
 from spherekit.dynamics.state import EquationOfMotion
 from spherekit.errors import SolveError
-from spherekit.model.dynamics import PairTorque, TorqueTable
+from spherekit.model.dynamics import DRIVE, PairTorque, TorqueTable
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
@@ -19,9 +19,6 @@ from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
-
-DRIVE = "driving_torque"
-"""Name of the load that the torque at the input becomes."""
 
 NEAR = 0.1
 """A given configuration may be this far (rad) from one that closes."""
@@ -192,14 +189,6 @@ def _check_stops(mechanism: Mechanism, values: Floats) -> None:
 def _knots(mechanism: Mechanism, until: float) -> Iterable[float]:
     """Yield the times at which torque tables have kinks, and check that they reach."""
     for load in mechanism.loads:
-        if not isinstance(load, TorqueTable):
-            continue
-        load.at(np.array([0.0, until]))
-        if not load.periodic:
-            yield from load.times
-            continue
-        period = load.times[-1] - load.times[0]
-        first = int(np.floor((0.0 - load.times[-1]) / period))
-        last = int(np.ceil((until - load.times[0]) / period))
-        for turn in range(first, last + 1):
-            yield from (t + turn * period for t in load.times)
+        if isinstance(load, TorqueTable):
+            load.at(np.array([0.0, until]))
+            yield from load.knots(0.0, until)

@@ -11,27 +11,37 @@ is an invariant of these equations, so nothing has to be solved or stabilised.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from threading import Lock
 from typing import Any, Literal, final
 
 import numpy as np
 
 from spherekit.engine.algebra import dot, vector
-from spherekit.engine.cache import cached
+from spherekit.engine.cache import cached, known
 from spherekit.engine.compiler import (
     Event,
     Function,
     Integrator,
+    available,
     compile_function,
     compile_integrator,
     compile_with_rates,
+    heyoka,
 )
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import Flow, Structure
 from spherekit.engine.loads import FULL_TURN, Moving, Switches, generalised_force
 from spherekit.engine.pose import place_by_variables
 from spherekit.engine.terms import Expr, Term, power, symbols, varies
-from spherekit.model.dynamics import Stop, TorqueTable
+from spherekit.engine.turns import turning_pairs
+from spherekit.model.dynamics import (
+    Gravity,
+    Moment,
+    PointForce,
+    Stop,
+    TorqueTable,
+)
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -97,7 +107,8 @@ class CompiledEquation:
     of the integrator's events, with the variable they are about. `tau` gives the rates of
     all variables by the homogeneous parameter, `tangent` their length. `conditions` gives
     what the switches depend on, then its rates by time, from the state, the time and all
-    parameters.
+    parameters. The integrator holds the state of a run, so `lock` is held while one
+    lasts; the functions may be called by several threads at once.
     """
 
     structure: Structure
@@ -106,6 +117,7 @@ class CompiledEquation:
     events: tuple[tuple[EventKind, int], ...]
     tau: Function
     conditions: Function | None
+    lock: Lock = field(default_factory=Lock, repr=False, compare=False)
 
     @property
     def switches(self) -> int:
@@ -146,9 +158,47 @@ def compiled_equation(
     EngineError
         If the mechanism cannot be compiled.
     """
-    tolerance = min(tolerance, LOOSEST)
-    request = repr(("motion", tolerance, compact, number.__name__))
-    common = replace(
+    common = _common(mechanism)
+    fresh: list[bool] = []
+
+    def make() -> CompiledEquation:
+        fresh.append(True)
+        return _compile(common, min(tolerance, LOOSEST), compact, number)
+
+    return cached(common, _request(tolerance, compact, number), make), not fresh
+
+
+def compiling_time(mechanism: Mechanism, tolerance: float, compact: bool) -> float:
+    """Return about how long `compiled_equation` will take (s), 0 where it is kept.
+
+    Fitted to the shipped mechanisms with up to ten loads, on one core; half and twice as
+    much occur. Machine code that heyoka has kept on disk takes less and is not noticed.
+
+    Raises
+    ------
+    EngineError
+        If heyoka is not installed, or a profile cannot be compiled.
+    """
+    turning_pairs(mechanism)
+    if not available():
+        heyoka()
+    if known(_common(mechanism), _request(tolerance, compact, float)):
+        return 0.0
+    variables = len(mechanism.variable_names)
+    on_links = sum(isinstance(x, Gravity | PointForce | Moment) for x in mechanism.loads)
+    at_pairs = len(mechanism.loads) - on_links
+    if compact:
+        return max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs
+    return 0.06 * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
+
+
+def _request(tolerance: float, compact: bool, number: type[Any]) -> str:
+    return repr(("motion", min(tolerance, LOOSEST), compact, number.__name__))
+
+
+def _common(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism without what is set for each run."""
+    return replace(
         mechanism,
         loads=tuple(
             replace(load, times=(0.0, 1.0), torques=(0.0, 0.0), periodic=False)
@@ -158,13 +208,6 @@ def compiled_equation(
         ),
         stops=tuple(Stop(stop.pair, -1.0, 1.0) for stop in mechanism.stops),
     )
-    fresh: list[bool] = []
-
-    def make() -> CompiledEquation:
-        fresh.append(True)
-        return _compile(common, tolerance, compact, number)
-
-    return cached(common, request, make), not fresh
 
 
 def _compile(

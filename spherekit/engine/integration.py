@@ -156,6 +156,8 @@ def integrate(
 ) -> Run:
     """Return the run from a start at t = 0 to the last of the targets.
 
+    Runs of one equation in several threads wait for each other.
+
     Parameters
     ----------
     equation, mechanism
@@ -170,7 +172,8 @@ def integrate(
     close
         Puts a configuration back onto its curve, and says what its residual was.
     """
-    return _Integration(equation, mechanism, values, momentum, unit, close).run(targets)
+    with equation.lock:
+        return _Integration(equation, mechanism, values, momentum, unit, close).run(targets)
 
 
 @final

@@ -1,10 +1,8 @@
 """Loads as expressions of the generalised force they exert on the motion.
 
-A load's generalised force for the homogeneous parameter p is its power per unit rate of p:
-a torque times dtheta/dp of its pair, a moment times the angular velocity of its link per
-unit of p (Di Gregorio 2024, eq. (12)). Where an expression is not smooth it asks for a
-switch, a factor +1 or -1 that the integration changes exactly where a condition passes
-through zero.
+What loads do is said in `spherekit.model.actions`; here the coordinate is the homogeneous
+parameter p. Where an expression is not smooth it asks for a switch, a factor +1 or -1 that
+the integration changes exactly where a condition passes through zero.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,19 +14,10 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.kinematics import Flow
 from spherekit.engine.terms import Expr, function, power
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    Load,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-)
-from spherekit.model.expression import Call, Name, Node, Number, load_names, parse
+from spherekit.model.actions import components
+from spherekit.model.dynamics import Load, TorqueTable, Vector
+from spherekit.model.expression import Call, Expression, Name, Node, Number
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
 
 FULL_TURN = 6.283185307179586
 
@@ -100,68 +89,40 @@ class Switches:
 
 def generalised_force(load: Load, moving: Moving) -> Expr:
     """Return the power of a load per unit rate of the homogeneous parameter."""
-    if isinstance(load, Gravity):
-        return _gravity(load, moving)
-    if isinstance(load, PointForce | Moment):
-        return _on_link(load, moving)
-    return _torque(load, moving) * moving.coefficient(load.pair)
-
-
-def _torque(load: Load, moving: Moving) -> Expr:
-    """Return the torque of a load at a pair."""
-    if isinstance(load, PairTorque):
-        return _expression(load.torque, moving)
-    if isinstance(load, Spring):
-        return -load.stiffness * (moving.angle(load.pair) - load.rest)
-    if isinstance(load, Damper):
-        return -load.damping * moving.rate(load.pair)
-    if isinstance(load, Friction):
-        rate = moving.rate(load.pair)
-        dry = load.torque * function("tanh", rate * (1.0 / load.speed))
-        return -1.0 * (dry + load.viscous * rate)
-    return moving.table(load.name)
-
-
-def _gravity(load: Gravity, moving: Moving) -> Expr:
-    flow, total = moving.flow, 0.0
-    g = vector([float(each) for each in load.acceleration])
-    for mass in moving.mechanism.masses:
-        link = moving.mechanism.link_number[mass.link]
-        if link and mass.mass and mass.centre is not None and any(mass.centre):
-            arm = _direction(flow, link, mass.mass * np.array(mass.centre))
-            total = total + dot(flow.w[0][link], cross(arm, g))
+    total: Expr = 0.0
+    on_links: dict[tuple[str, str, Vector | None], Exprs] = {}
+    for part in components(moving.mechanism, load):
+        magnitude = _magnitude(part.magnitude, moving)
+        if part.pair:
+            total = total + magnitude * moving.coefficient(part.pair)
+        for moment in part.moments:
+            key = moment.link, moment.axes, moment.arm
+            along = vector([magnitude * each for each in moment.direction])
+            on_links[key] = on_links[key] + along if key in on_links else along
+    for (link, axes, arm), along in on_links.items():
+        number = moving.mechanism.link_number[link]
+        if number and not (arm is not None and not any(arm)):
+            turning = _moment(moving.flow, number, axes, arm, along)
+            total = total + dot(moving.flow.w[0][number], turning)
     return total
 
 
-def _on_link(load: PointForce | Moment, moving: Moving) -> Expr:
-    """Return the power of a moment about O, that of a force included."""
-    flow = moving.flow
-    link = moving.mechanism.link_number[load.link]
-    in_link = load.axes == "link"
-    if isinstance(load, Moment):
-        moment = vector([_expression(text, moving) for text in load.moment])
-    else:
-        force = vector([_expression(text, moving) for text in load.force])
-        point = np.array(load.point)
-        arm = vector(list(map(float, point)))
-        moment = cross(arm if in_link else _direction(flow, link, point), force)
-    if in_link:
-        placed = flow.placed[link]
-        moment = np.asarray(placed.basis @ (constants(placed.within) @ moment))
-    return dot(flow.w[0][link], moment)
+def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) -> Exprs:
+    """Return a moment (3,), or that of a force with an arm, in ground axes."""
+    if axes == "ground":
+        if arm is None:
+            return along
+        size = float(np.linalg.norm(arm))
+        return cross(flow.placed[link].direction(np.array(arm) / size) * size, along)
+    own = along if arm is None else cross(vector(list(arm)), along)
+    placed = flow.placed[link]
+    return np.asarray(placed.basis @ (constants(placed.within) @ own))
 
 
-def _direction(flow: Flow, link: int, given: Floats) -> Exprs:
-    """Return a vector (3,) of any length, fixed in a link, in ground axes."""
-    size = float(np.linalg.norm(given))
-    if size == 0.0:
-        return vector([0.0, 0.0, 0.0])
-    return np.asarray(flow.placed[link].direction(given / size) * size)
-
-
-def _expression(text: str, moving: Moving) -> Expr:
-    pairs = [pair.name for pair in moving.mechanism.pairs if pair.type == "R"]
-    return _convert(parse(text, load_names(pairs)).root, moving, moving.angle)
+def _magnitude(law: Expression | TorqueTable, moving: Moving) -> Expr:
+    if isinstance(law, TorqueTable):
+        return moving.table(law.name)
+    return _convert(law.root, moving, moving.angle)
 
 
 def _convert(node: Node, moving: Moving, angle: Callable[[str], Expr]) -> Expr:

@@ -1,5 +1,6 @@
 """A mechanism to a TOML file of format 1, in canonical order."""
 
+import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
@@ -69,6 +70,11 @@ def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
         If the user data holds what TOML lacks.
     """
     return "\n".join([*_lines(mechanism, angle_unit), ""])
+
+
+def mechanism_hash(mechanism: Mechanism) -> str:
+    """Return the SHA-256 of a mechanism's canonical file in radians, in hexadecimal."""
+    return hashlib.sha256(canonical_text(mechanism, "rad").encode()).hexdigest()
 
 
 def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:

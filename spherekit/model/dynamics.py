@@ -1,5 +1,7 @@
 """What acts on the links of a mechanism: inertia, loads, and stops of pairs."""
 
+from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, final
 
@@ -16,6 +18,9 @@ Axes = Literal["ground", "link"]
 """Whether components are along the axes of the ground or of the link acted on."""
 
 AXES: tuple[Axes, ...] = ("ground", "link")
+
+DRIVE = "driving_torque"
+"""Name of the load that a torque at the input becomes."""
 
 
 @final
@@ -163,6 +168,29 @@ class TorqueTable:
                 "periodic = true"
             )
         return np.asarray(np.interp(t, self.times, self.torques), dtype=np.float64)
+
+    def one(self, t: float) -> float:
+        """Return the torque (N m) at one time (s): the same as `at`, in less time."""
+        first, last = self.times[0], self.times[-1]
+        if self.periodic:
+            t = first + (t - first) % (last - first)
+        elif not first <= t <= last:
+            return float(self.at(t))
+        after = min(bisect_right(self.times, t), len(self.times) - 1)
+        start, before = self.times[after - 1], self.torques[after - 1]
+        slope = (self.torques[after] - before) / (self.times[after] - start)
+        return before + slope * (t - start)
+
+    def knots(self, start: float, stop: float) -> Iterator[float]:
+        """Yield the times (s) at which the slope changes, all between two and others."""
+        if not self.periodic:
+            yield from self.times
+            return
+        period = self.times[-1] - self.times[0]
+        first = int(np.floor((start - self.times[-1]) / period))
+        last = int(np.ceil((stop - self.times[0]) / period))
+        for turn in range(first, last + 1):
+            yield from (t + turn * period for t in self.times)
 
 
 Load = PairTorque | Gravity | PointForce | Moment | Spring | Damper | Friction | TorqueTable

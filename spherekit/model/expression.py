@@ -46,6 +46,9 @@ FUNCTIONS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
 )
 """Fewest and most arguments of each function; `log` is the natural logarithm."""
 
+KINKED = ("abs", "sign", "min", "max")
+"""The functions among them that are not smooth."""
+
 _OPERATORS: Mapping[type[ast.operator], str] = MappingProxyType(
     {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 )
@@ -116,6 +119,11 @@ class Expression:
     text: str
     names: frozenset[str]
     root: Node
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it uses none of the functions that have kinks or jumps."""
+        return _smooth(self.root)
 
     def evaluate(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
         """Return the expression's value for every sample.
@@ -287,10 +295,6 @@ class _Reader:
 
 _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
     {
-        "+": operator.add,
-        "-": operator.sub,
-        "*": operator.mul,
-        "/": operator.truediv,
         "**": math.pow,
         "negative": operator.neg,
         "sign": lambda a: a if a != a else float((a > 0.0) - (a < 0.0)),
@@ -305,20 +309,53 @@ _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
 def _scalar(
     node: Node, read: Mapping[str, Callable[[Sequence[float]], float]]
 ) -> Callable[[Sequence[float]], float]:
-    if isinstance(node, Number):
-        value = node.value
-        return lambda row: value
     if isinstance(node, Name):
         return read[node.name]
-    function = _SCALAR.get(node.function) or getattr(math, node.function)
+    if _constant(node):
+        with np.errstate(all="ignore"):
+            value = float(_value(node, {}))
+        return lambda row: value
+    assert isinstance(node, Call)
     parts = [_scalar(each, read) for each in node.arguments]
+    if node.function in _INLINE:
+        return _inline(node, parts)
+    function = _SCALAR.get(node.function) or getattr(math, node.function)
     if len(parts) == 1:
         (one,) = parts
         return lambda row: function(one(row))
-    if len(parts) == 2:
-        first, second = parts
-        return lambda row: function(first(row), second(row))
     return lambda row: function(*(part(row) for part in parts))
+
+
+def _smooth(node: Node) -> bool:
+    if not isinstance(node, Call):
+        return True
+    return node.function not in KINKED and all(map(_smooth, node.arguments))
+
+
+_INLINE = ("+", "-", "*", "/")
+
+
+def _inline(
+    node: Call, parts: Sequence[Callable[[Sequence[float]], float]]
+) -> Callable[[Sequence[float]], float]:
+    """Return a sum, product or quotient with as few calls as possible."""
+    first, second = parts
+    if node.function == "+":
+        return lambda row: first(row) + second(row)
+    if node.function == "-":
+        return lambda row: first(row) - second(row)
+    if node.function == "/":
+        return lambda row: first(row) / second(row)
+    if _constant(node.arguments[0]):
+        factor = first(())
+        return lambda row: factor * second(row)
+    return lambda row: first(row) * second(row)
+
+
+def _constant(node: Node) -> bool:
+    if isinstance(node, Call):
+        return all(map(_constant, node.arguments))
+    return isinstance(node, Number)
 
 
 def _value(node: Node, arrays: Mapping[str, NDArray[np.float64]]) -> Any:

@@ -1,10 +1,7 @@
 """Functions of one variable as Chebyshev series on cells as narrow as each place needs."""
 
-from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from math import acos
 from typing import final
 
 import numpy as np
@@ -37,14 +34,15 @@ class AdaptiveChebyshev:
         size: Floats,
         tolerance: float = 1e-13,
         cells: int = 1,
+        degree: int = DEGREE,
     ) -> "AdaptiveChebyshev":
-        """Return the interpolant of a function (n,) -> (n, m).
+        """Return the interpolant of a function (n,) -> (n, m), of this degree.
 
         Starting from equal `cells`, each is halved until its error, measured at the
         extrema of the next Chebyshev polynomial, is below `tolerance` times `size` (m,)
         for every function, or is rounding, or there are `MOST_CELLS`.
         """
-        count = DEGREE + 1
+        count = degree + 1
         angles = (np.arange(count) + 0.5) * np.pi / count
         between = np.arange(count + 1) * np.pi / count
         orders = np.arange(count)
@@ -86,25 +84,6 @@ class AdaptiveChebyshev:
         low, high = self.edges[cell], self.edges[cell + 1]
         place = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
         return _sum(self.coefficients, cell, place)
-
-    def one(self, x: float) -> Floats:
-        """Return the functions (m,) at one x: the way of least time."""
-        edges = self._edges
-        cell = min(max(bisect_right(edges, x) - 1, 0), len(edges) - 2)
-        low, high = edges[cell], edges[cell + 1]
-        place = (2.0 * x - low - high) / (high - low)
-        angle = acos(min(max(place, -1.0), 1.0))
-        row: Floats = np.cos(self._orders * angle).dot(self.coefficients[cell])
-        return row
-
-    @cached_property
-    def _edges(self) -> list[float]:
-        found: list[float] = self.edges.tolist()
-        return found
-
-    @cached_property
-    def _orders(self) -> Floats:
-        return np.arange(self.coefficients.shape[1], dtype=float)
 
 
 def _sum(series: Floats, cell: NDArray[np.intp], x: Floats) -> Floats:

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from math import acos
 from typing import final
 
 import numpy as np
@@ -78,21 +77,9 @@ class PiecewiseChebyshev:
         cell, x = self._within(np.asarray(s, dtype=float))
         return self._sum(self._slopes, cell, x)
 
-    def one(self, s: float) -> Floats:
-        """Return the functions (m,) at one s within [low, high]: the way of least time."""
-        place = (s - self.low) * self._rate
-        cell = min(max(int(place), 0), len(self.coefficients) - 1)
-        angle = acos(min(max(2.0 * (place - cell) - 1.0, -1.0), 1.0))
-        row: Floats = np.cos(self._orders * angle).dot(self.coefficients[cell])
-        return row
-
     @cached_property
     def _rate(self) -> float:
         return len(self.coefficients) / (self.high - self.low)
-
-    @cached_property
-    def _orders(self) -> Floats:
-        return np.arange(self.coefficients.shape[1], dtype=float)
 
     @cached_property
     def _slopes(self) -> Floats:

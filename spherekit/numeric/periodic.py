@@ -3,13 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from math import floor
 from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.numeric.chebyshev import Floats, PiecewiseChebyshev
+from spherekit.numeric.chebyshev import Floats
 
 FEWEST_SAMPLES = 32
 MOST_SAMPLES = 2**14
@@ -78,17 +77,6 @@ class Periodic:
         turned = self._amplitudes * (2j * np.pi / self.period * self._orders[:, None])
         turned[-1] = 0.0
         return self._sum(turned, s) + self.rise / self.period
-
-    def one(self, s: float) -> Floats:
-        """Return the functions (m,) at one s: the way of least time, see `local`."""
-        laps = floor(s / self.period)
-        row = self.local.one(s - laps * self.period)
-        return row + laps * self.rise if laps else row
-
-    @cached_property
-    def local(self) -> PiecewiseChebyshev:
-        """One period as polynomials on equal cells; made once, its error measured."""
-        return PiecewiseChebyshev.fit(self.at, 0.0, self.period, 1e-14, 4 * self.samples)
 
     @cached_property
     def _orders(self) -> Floats:
