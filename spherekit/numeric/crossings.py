@@ -1,0 +1,151 @@
+"""All changes of sign of an analytic function of one variable, its derivative unknown.
+
+The range is cut into cells until a Chebyshev polynomial of known degree is the function
+to a small part of its largest value in the cell, as far as its last coefficients and
+samples between its nodes tell (the way of L. N. Trefethen, Approximation Theory and
+Approximation Practice, 2013, chapter 18: the zeros of the polynomial are eigenvalues).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from spherekit.numeric.chebyshev import Floats
+
+DEGREE = 32
+CELLS = 4
+"""Cells of the first division."""
+DEEPEST = 12
+"""Halvings of a cell before it is given up."""
+FITTED = 1e-8
+"""Largest error of a polynomial, over the largest value in its cell."""
+CERTAIN = 4.0
+"""An extremum is not zero if it is so many times larger than the error."""
+TAIL = 4
+"""Last coefficients that show the error of the polynomial."""
+ON_THE_AXIS = 1e-6
+"""A zero whose imaginary part, in half cells, is smaller is taken for real."""
+
+_ANGLES = np.pi * np.arange(DEGREE + 1) / DEGREE
+_NODES = np.cos(_ANGLES)
+_BETWEEN = np.array([-0.7385, 0.0491, 0.6173])
+"""Places in a cell, -1 to 1, at which the polynomial is compared with the function."""
+_FITTING = np.cos(np.outer(np.arange(DEGREE + 1), _ANGLES)) * (2.0 / DEGREE)
+_FITTING[:, [0, -1]] *= 0.5
+_FITTING[[0, -1]] *= 0.5
+_CHECKING = np.cos(np.outer(np.arange(DEGREE + 1), np.arccos(_BETWEEN)))
+
+
+@final
+@dataclass(frozen=True)
+class Crossings:
+    """Where a function changes its sign, and where that could not be told.
+
+    `places` (k,) rise. `doubtful` (d, 2) are first and last places of what is left open:
+    extrema that are zero to the error of the function, and cells in which it is not
+    known or not smooth.
+    """
+
+    places: Floats
+    doubtful: Floats
+
+
+def crossings(function: Callable[[Floats], Floats], low: float, high: float) -> Crossings:
+    """Return the changes of sign of a function (n,) -> (n,) from `low` to `high`.
+
+    Samples that are NaN make their cell doubtful. A pair of zeros is found if the
+    function between them is larger than its error there.
+    """
+    edges = np.linspace(low, high, CELLS + 1)
+    cells = np.stack([edges[:-1], edges[1:]], axis=1)
+    places: list[float] = []
+    doubtful: list[tuple[float, float]] = []
+    for depth in range(DEEPEST + 1):
+        last = depth == DEEPEST
+        middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
+        inside = np.concatenate([_NODES, _BETWEEN])
+        given = middle[:, None] + half[:, None] * inside
+        values = function(given.ravel()).reshape(given.shape)
+        again = []
+        for cell, value in zip(cells, values, strict=True):
+            known, checked = value[: DEGREE + 1], value[DEGREE + 1 :]
+            series = _FITTING @ known
+            gap = float(np.max(np.abs(series @ _CHECKING - checked)))
+            error = max(gap, float(np.max(np.abs(series[-TAIL:]))))
+            if not error <= FITTED * float(np.max(np.abs(known))):
+                if last:
+                    doubtful.append((float(cell[0]), float(cell[1])))
+                else:
+                    again.append(cell)
+                continue
+            zeros, touches = _zeros(series, error)
+            if len(touches) and not last:
+                again.append(cell)
+                continue
+            centre, reach = 0.5 * (cell[0] + cell[1]), 0.5 * (cell[1] - cell[0])
+            places += [centre + reach * zero for zero in zeros]
+            doubtful += [(centre + reach * a, centre + reach * b) for a, b in touches]
+        if not again:
+            break
+        split = np.array(again)
+        middle = split.mean(axis=1)
+        cells = np.concatenate(
+            [
+                np.stack([split[:, 0], middle], axis=1),
+                np.stack([middle, split[:, 1]], axis=1),
+            ]
+        )
+    return Crossings(np.sort(np.array(places)), np.array(sorted(doubtful)).reshape(-1, 2))
+
+
+def _zeros(series: Floats, error: float) -> tuple[list[float], list[tuple[float, float]]]:
+    """Return the changes of sign of a series on [-1, 1], and its doubtful extrema."""
+    series = _trimmed(series, 1e-3 * error)
+    if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
+        return [], []
+    slope = chebyshev.chebder(series)
+    extrema = _real(slope)
+    heights = np.abs(chebyshev.chebval(extrema, series))
+    touches = []
+    for place in extrema[heights <= CERTAIN * error]:
+        bend = abs(float(chebyshev.chebval(place, chebyshev.chebder(slope))))
+        reach = min(1.0, float(np.sqrt(4.0 * CERTAIN * error / (bend or error))))
+        touches.append((max(float(place) - reach, -1.0), min(float(place) + reach, 1.0)))
+    cuts = np.unique(np.concatenate([[-1.0], extrema, [1.0]]))
+    values = chebyshev.chebval(cuts, series)
+    zeros = []
+    for a, b, fa, fb in zip(cuts[:-1], cuts[1:], values[:-1], values[1:], strict=True):
+        if (fa >= 0.0) != (fb >= 0.0):
+            zeros.append(_between(series, float(a), float(b), float(fa)))
+    return zeros, touches
+
+
+def _trimmed(series: Floats, size: float) -> Floats:
+    """Return a series without its last terms that are smaller than `size`."""
+    (large,) = np.nonzero(np.abs(series) > size)
+    return np.asarray(series[: max(2, large[-1] + 1 if len(large) else 0)])
+
+
+def _real(series: Floats) -> Floats:
+    """Return the real zeros of a series on (-1, 1)."""
+    largest = float(np.max(np.abs(series)))
+    series = _trimmed(series, 1e-15 * largest)
+    if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
+        return np.zeros(0)
+    roots = chebyshev.chebroots(series)
+    real = roots.real[np.abs(roots.imag) < ON_THE_AXIS]
+    return np.asarray(np.sort(real[np.abs(real) < 1.0]))
+
+
+def _between(series: Floats, a: float, b: float, at_a: float) -> float:
+    """Return the zero of a series that is monotone from a to b, by halving."""
+    for _ in range(52):
+        middle = 0.5 * (a + b)
+        if (float(chebyshev.chebval(middle, series)) >= 0.0) == (at_a >= 0.0):
+            a = middle
+        else:
+            b = middle
+    return 0.5 * (a + b)
