@@ -8,13 +8,15 @@ function of the input, and changes its sign exactly where two real modes meet.
 """
 
 from dataclasses import dataclass
-from typing import final
+from typing import Protocol, final
 
 import numpy as np
 
 from spherekit.model.geometry import Revolute
 from spherekit.motion.bars import bars_of
 from spherekit.motion.branches import Solver
+from spherekit.motion.elimination import all_determinants, count_orders
+from spherekit.motion.groups import group_closure
 from spherekit.planning.assembly import Group
 from spherekit.sphere.complex_rotation import Complexes, at_arcs, dot, taking, triple
 from spherekit.sphere.quadrics import COMMON_POINTS, arc_quadric, common_points
@@ -29,16 +31,8 @@ ALIKE = 1e-9
 """Determinants that differ by less, over the largest, are the same in all modes."""
 
 
-def has_all_complex_modes(solver: Solver) -> bool:
-    """Return whether every group of a mechanism with one input is a dyad or a triad."""
-    if len(solver.driven) != 1:
-        return False
-    counts = [_count(group) for group in solver.assembly.groups]
-    return 0 not in counts and int(np.prod(counts)) <= MOST_COMPLEX
-
-
 def _count(group: Group) -> int:
-    """Return the number of complex modes of a group, 0 if they are not all known here."""
+    """Return the number of complex modes of a dyad or triad, 0 for other groups."""
     if group.is_dyad:
         return 2
     return COMMON_POINTS if _platform(group) is not None else 0
@@ -54,12 +48,75 @@ def _platform(group: Group) -> tuple[int, int] | None:
     return bars[0].bodies
 
 
-@final
-class Meetings:
+class Meetings(Protocol):
     """The real analytic functions of an input whose sign changes where modes meet.
 
-    There is one for each group. A group that stands beside earlier ones does not see
-    their modes: those are no factors of its function, which would only be a power.
+    There is one for each group. `cost` is about the time (s) of one value of all.
+    """
+
+    groups: tuple[Group, ...]
+    cost: float
+
+    def __call__(self, part: int, q: Floats) -> Floats:
+        """Return the function (n,) of group `part` at inputs q (n,) rad.
+
+        NaN where a complex mode is missing, infinite, or one of infinitely many.
+        """
+
+
+def meetings_of(solver: Solver, most_cost: float = np.inf) -> Meetings | None:
+    """Return the functions of a mechanism with one input, None if they are not known.
+
+    They are for chains of dyads and triads, and for a single group of seven bodies.
+    """
+    groups = solver.assembly.groups
+    if len(solver.driven) != 1:
+        return None
+    counts = [_count(group) for group in groups]
+    if 0 not in counts and int(np.prod(counts)) <= MOST_COMPLEX:
+        return _Chain(solver)
+    if len(groups) == 1 and _Seven.cost <= most_cost and count_orders(groups[0]):
+        return _Seven.of(solver)
+    return None
+
+
+@final
+class _Seven:
+    """The function of a single group of seven bodies."""
+
+    cost = 1e-2
+
+    def __init__(self, solver: Solver, which: int) -> None:
+        self.solver, self.which = solver, which
+        self.groups = solver.assembly.groups
+
+    @staticmethod
+    def of(solver: Solver) -> "_Seven | None":
+        """Return it with an order of elimination that finds all modes, None without."""
+        for which in range(count_orders(solver.assembly.groups[0])):
+            made = _Seven(solver, which)
+            if np.all(np.isfinite(made(0, np.array(TRIED)))):
+                return made
+        return None
+
+    def __call__(self, part: int, q: Floats) -> Floats:
+        """Return the function (n,) at inputs q (n,) rad, NaN where a mode is missing."""
+        group, ends = self.groups[part], self.solver.mechanism.ends
+        out = np.full(len(q), np.nan)
+        for row, value in enumerate(q):
+            closure = group_closure(self.solver.start(np.array([[value]])), group, ends)
+            found = all_determinants(group, closure, self.which)
+            if found is not None:
+                out[row] = np.prod(found).real
+        return out
+
+
+@final
+class _Chain:
+    """The functions of a chain of dyads and triads.
+
+    A group that stands beside earlier ones does not see their modes: those are no
+    factors of its function, which would only be a power.
     """
 
     def __init__(self, solver: Solver) -> None:
@@ -69,12 +126,14 @@ class Meetings:
         every = frozenset(range(len(self.groups)))
         self._seen = [every] * len(self.groups)
         self._seen = [self._dependence(part) for part in range(len(self.groups))]
+        self.cost = sum(
+            (5e-4 if group.loops > 1 else 1e-5)
+            * np.prod([self._counts[earlier] for earlier in seen])
+            for group, seen in zip(self.groups, self._seen, strict=True)
+        )
 
     def __call__(self, part: int, q: Floats) -> Floats:
-        """Return the function (n,) of group `part` at inputs q (n,) rad.
-
-        NaN where modes are infinitely many, or infinite.
-        """
+        """Return the function (n,) of group `part` at inputs q (n,) rad."""
         return np.asarray(np.prod(self._determinants(part, q), axis=1).real)
 
     def _determinants(self, part: int, q: Floats) -> Complexes:

@@ -20,6 +20,9 @@ CELLS = 4
 """Cells of the first division."""
 DEEPEST = 12
 """Halvings of a cell before it is given up."""
+MOST_CELLS = 400
+TOGETHER = 1e-6
+"""Doubtful parts whose distance is less, over their length, are one."""
 FITTED = 1e-8
 """Largest error of a polynomial, over the largest value in its cell."""
 CERTAIN = 4.0
@@ -53,59 +56,76 @@ class Crossings:
     doubtful: Floats
 
 
-def crossings(function: Callable[[Floats], Floats], low: float, high: float) -> Crossings:
+def crossings(
+    function: Callable[[Floats], Floats], low: float, high: float, most: int = MOST_CELLS
+) -> Crossings:
     """Return the changes of sign of a function (n,) -> (n,) from `low` to `high`.
 
     Samples that are NaN make their cell doubtful. A pair of zeros is found if the
-    function between them is larger than its error there.
+    function between them is larger than its error there. No more than about `most` cells
+    of 36 samples are looked at.
     """
     edges = np.linspace(low, high, CELLS + 1)
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
-    places: list[float] = []
-    doubtful: list[tuple[float, float]] = []
+    places: list[Floats] = []
+    doubtful: list[Floats] = []
+    looked = 0
     for depth in range(DEEPEST + 1):
-        last = depth == DEEPEST
+        looked += len(cells)
+        last = depth == DEEPEST or looked + 2 * len(cells) > most
         middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
-        inside = np.concatenate([_NODES, _BETWEEN])
-        given = middle[:, None] + half[:, None] * inside
+        given = middle[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
         values = function(given.ravel()).reshape(given.shape)
         again = []
-        for cell, value in zip(cells, values, strict=True):
-            known, checked = value[: DEGREE + 1], value[DEGREE + 1 :]
-            series = _FITTING @ known
-            gap = float(np.max(np.abs(series @ _CHECKING - checked)))
-            error = max(gap, float(np.max(np.abs(series[-TAIL:]))))
-            if not error <= FITTED * float(np.max(np.abs(known))):
-                if last:
-                    doubtful.append((float(cell[0]), float(cell[1])))
-                else:
-                    again.append(cell)
+        for number, value in enumerate(values):
+            found = _in_cell(value)
+            if found is None:
+                zeros, open_parts = np.zeros(0), np.array([[-1.0, 1.0]])
+            else:
+                zeros, open_parts = found
+            if len(open_parts) and not last:
+                again.append(cells[number])
                 continue
-            zeros, touches = _zeros(series, error)
-            if len(touches) and not last:
-                again.append(cell)
-                continue
-            centre, reach = 0.5 * (cell[0] + cell[1]), 0.5 * (cell[1] - cell[0])
-            places += [centre + reach * zero for zero in zeros]
-            doubtful += [(centre + reach * a, centre + reach * b) for a, b in touches]
+            places.append(middle[number] + half[number] * zeros)
+            doubtful.append(middle[number] + half[number] * open_parts)
         if not again:
             break
         split = np.array(again)
-        middle = split.mean(axis=1)
-        cells = np.concatenate(
-            [
-                np.stack([split[:, 0], middle], axis=1),
-                np.stack([middle, split[:, 1]], axis=1),
-            ]
-        )
-    return Crossings(np.sort(np.array(places)), np.array(sorted(doubtful)).reshape(-1, 2))
+        inner = split.mean(axis=1)
+        cells = np.stack([split[:, 0], inner, inner, split[:, 1]], axis=1).reshape(-1, 2)
+    return Crossings(np.sort(np.concatenate(places)), _merged(np.concatenate(doubtful)))
 
 
-def _zeros(series: Floats, error: float) -> tuple[list[float], list[tuple[float, float]]]:
+def _in_cell(values: Floats) -> tuple[Floats, Floats] | None:
+    """Return zeros (k,) and doubtful parts (d, 2) of a cell on [-1, 1].
+
+    None where the polynomial is not the function given by its samples.
+    """
+    known, checked = values[: DEGREE + 1], values[DEGREE + 1 :]
+    series = _FITTING @ known
+    gap = float(np.max(np.abs(series @ _CHECKING - checked)))
+    error = max(gap, float(np.max(np.abs(series[-TAIL:]))))
+    if not error <= FITTED * float(np.max(np.abs(known))) or not np.any(known):
+        return None
+    return _zeros(series, error)
+
+
+def _merged(parts: Floats) -> Floats:
+    """Return parts (d, 2) of a line in order, those that touch as one."""
+    merged: list[list[float]] = []
+    for start, stop in parts[np.argsort(parts[:, 0])]:
+        if merged and start <= merged[-1][1] + TOGETHER * abs(stop - start):
+            merged[-1][1] = max(merged[-1][1], float(stop))
+        else:
+            merged.append([float(start), float(stop)])
+    return np.array(merged).reshape(-1, 2)
+
+
+def _zeros(series: Floats, error: float) -> tuple[Floats, Floats]:
     """Return the changes of sign of a series on [-1, 1], and its doubtful extrema."""
     series = _trimmed(series, 1e-3 * error)
     if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
-        return [], []
+        return np.zeros(0), np.zeros((0, 2))
     slope = chebyshev.chebder(series)
     extrema = _real(slope)
     heights = np.abs(chebyshev.chebval(extrema, series))
@@ -120,7 +140,7 @@ def _zeros(series: Floats, error: float) -> tuple[list[float], list[tuple[float,
     for a, b, fa, fb in zip(cuts[:-1], cuts[1:], values[:-1], values[1:], strict=True):
         if (fa >= 0.0) != (fb >= 0.0):
             zeros.append(_between(series, float(a), float(b), float(fa)))
-    return zeros, touches
+    return np.array(zeros), np.array(touches).reshape(-1, 2)
 
 
 def _trimmed(series: Floats, size: float) -> Floats:
