@@ -51,11 +51,16 @@ def _platform(group: Group) -> tuple[int, int] | None:
 class Meetings(Protocol):
     """The real analytic functions of an input whose sign changes where modes meet.
 
-    There is one for each group. `cost` is about the time (s) of one value of all.
+    There is one for each group.
     """
 
-    groups: tuple[Group, ...]
-    cost: float
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The groups of the mechanism in solving order."""
+
+    @property
+    def cost(self) -> float:
+        """About the time (s) that one value of all functions takes."""
 
     def __call__(self, part: int, q: Floats) -> Floats:
         """Return the function (n,) of group `part` at inputs q (n,) rad.
@@ -128,7 +133,7 @@ class _Chain:
         self._seen = [self._dependence(part) for part in range(len(self.groups))]
         self.cost = sum(
             (5e-4 if group.loops > 1 else 1e-5)
-            * np.prod([self._counts[earlier] for earlier in seen])
+            * float(np.prod([self._counts[earlier] for earlier in seen]))
             for group, seen in zip(self.groups, self._seen, strict=True)
         )
 
@@ -175,7 +180,7 @@ class _Modes:
     def grown(
         self, solver: Solver, group: Group, placed: bool
     ) -> "tuple[_Modes, Complexes]":
-        """Return the modes with a group placed, if wanted, and its determinants (n, all)."""
+        """Return the modes with a group placed, if wanted, and its determinants."""
         ends = solver.mechanism.ends
         axes = {}
         for number, bodies in enumerate(group.ends):
@@ -188,17 +193,12 @@ class _Modes:
         rotations, determinants = place(group, axes)
         if not placed:
             return self, determinants
-        within = list(self.within)
         modes = determinants.shape[1] // self.within[0].shape[1]
-        for body, links in enumerate(group.bodies):
-            for link in links:
-                same = np.repeat(self.within[link], modes, axis=1)
-                within[link] = rotations[body] @ same if body else same
-        spread = [
-            w if w.shape[1] == determinants.shape[1] else np.repeat(w, modes, axis=1)
-            for w in within
-        ]
-        return _Modes(tuple(spread)), determinants
+        within = [np.repeat(turned, modes, axis=1) for turned in self.within]
+        for body, members in enumerate(group.bodies):
+            for link in members if body else ():
+                within[link] = rotations[body] @ within[link]
+        return _Modes(tuple(within)), determinants
 
     def every(self, step: int) -> "_Modes":
         """Return one of each `step` modes."""

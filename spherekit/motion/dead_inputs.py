@@ -37,7 +37,7 @@ class DeadInputs:
     doubtful: Floats
 
     def gap(self, step: float) -> float:
-        """Return the longest part (rad) that no input of `probes(step)` is in, 0 if none."""
+        """Return the longest part (rad) without an input of `probes(step)`, 0 if none."""
         widths = np.diff(self.doubtful, axis=1)[:, 0]
         return float(np.max(widths / np.ceil(widths / step), initial=0.0))
 
@@ -65,11 +65,13 @@ class DeadInputs:
             return Claim(Guarantee.COMPLETE, "all modes at the only input")
         gap = self.gap(step)
         if not gap:
-            words = f"all modes between the {len(self.places)} dead inputs of the range"
+            count = len(self.places)
+            words = f"between the {count} inputs of the range at which they meet"
+            words = f"all modes, {words if count else 'which meet nowhere in the range'}"
             return Claim(Guarantee.COMPLETE, words)
         words = f"all modes at {len(self.probes(step))} inputs"
         if len(self.places):
-            words += f", {len(self.places)} dead inputs known"
+            words += f", and between {len(self.places)} at which they are known to meet"
         return Claim(Guarantee.TO_BOX, words, gap)
 
 

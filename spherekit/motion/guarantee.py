@@ -1,6 +1,5 @@
 """What a result says about what it may have missed."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import final
@@ -24,11 +23,6 @@ class Guarantee(Enum):
     SAMPLED = "sampled"
     """What samples or random starts met is there."""
 
-    @property
-    def rank(self) -> int:
-        """0 for the best guarantee, more for less."""
-        return list(Guarantee).index(self)
-
 
 @final
 @dataclass(frozen=True)
@@ -44,8 +38,3 @@ class Claim:
         if self.guarantee is Guarantee.TO_BOX:
             words = f"complete to a box of {np.degrees(self.box):.3g} deg"
         return f"{words}: {self.reason}"
-
-
-def weakest(claims: Iterable[Claim]) -> Claim:
-    """Return the claim that guarantees least; of two to a box the larger box."""
-    return max(claims, key=lambda claim: (claim.guarantee.rank, claim.box))

@@ -139,9 +139,7 @@ def _limited(claim: Claim, count: int) -> Claim:
     """Return what is claimed of so many branches."""
     if count < MOST_BRANCHES:
         return claim
-    return Claim(
-        Guarantee.SAMPLED, f"stopped at {MOST_BRANCHES} modes; there may be more"
-    )
+    return Claim(Guarantee.SAMPLED, f"stopped at {MOST_BRANCHES} modes; there may be more")
 
 
 def _range(lattice: Lattice) -> tuple[float, float]:

@@ -126,7 +126,7 @@ def _zeros(series: Floats, error: float) -> tuple[Floats, Floats]:
     series = _trimmed(series, 1e-3 * error)
     if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
         return np.zeros(0), np.zeros((0, 2))
-    slope = chebyshev.chebder(series)
+    slope: Floats = np.asarray(chebyshev.chebder(series), dtype=float)
     extrema = _real(slope)
     heights = np.abs(chebyshev.chebval(extrema, series))
     touches = []
