@@ -15,7 +15,7 @@ import numpy as np
 from spherekit.model.geometry import Revolute
 from spherekit.motion.bars import bars_of
 from spherekit.motion.branches import Solver
-from spherekit.motion.elimination import all_determinants, count_orders
+from spherekit.motion.elimination import all_solutions, count_orders
 from spherekit.motion.groups import group_closure
 from spherekit.planning.assembly import Group
 from spherekit.sphere.complex_rotation import Complexes, at_arcs, dot, taking, triple
@@ -108,11 +108,14 @@ class _Seven:
         """Return the function (n,) at inputs q (n,) rad, NaN where a mode is missing."""
         group, ends = self.groups[part], self.solver.mechanism.ends
         out = np.full(len(q), np.nan)
-        for row, value in enumerate(q):
-            closure = group_closure(self.solver.start(np.array([[value]])), group, ends)
-            found = all_determinants(group, closure, self.which)
+        near = None
+        for row in np.argsort(q):
+            state = self.solver.start(np.array([[q[row]]]))
+            closure = group_closure(state, group, ends)
+            found = all_solutions(group, closure, self.which, near)
             if found is not None:
-                out[row] = np.prod(found).real
+                near = found.angles
+                out[row] = np.prod(found.determinants).real
         return out
 
 
@@ -160,7 +163,7 @@ class _Chain:
         return frozenset(
             earlier
             for earlier in range(part)
-            if not np.max(np.ptp(np.abs(values), axis=1 + earlier)) < ALIKE * size
+            if not np.max(np.abs(np.diff(values, axis=1 + earlier))) < ALIKE * size
         )
 
 

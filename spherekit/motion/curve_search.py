@@ -117,20 +117,15 @@ class CurveSearch:
                 )
 
     def compare(self, drive: Solver, dead: DeadInputs) -> None:
-        """Compare the dead points of the curves with the inputs at which modes meet."""
-        turning = [turning_inputs(c, drive.single, dead.low) for c in self.curves]
-        inside = np.concatenate([np.zeros(0), *turning])
-        inside = inside[(inside > dead.low + NEAR_DEAD) & (inside < dead.high - NEAR_DEAD)]
+        """Check that curves turn back only where modes of `drive` meet."""
         name = drive.mechanism.pairs[drive.assembly.input].name
-        for some, others, words in (
-            (inside, dead.places, "a curve turns back, but no modes meet"),
-            (dead.places, inside, "modes meet, but no curve turns back"),
-        ):
-            for q in some:
-                doubtful = np.any((dead.doubtful[:, 0] <= q) & (q <= dead.doubtful[:, 1]))
-                if doubtful or np.any(np.abs(others - q) < SAME_INPUT):
-                    continue
-                self.problems.append(f"{name} = {np.degrees(q):.6g} deg: {words}")
+        for curve in self.curves:
+            for q in turning_inputs(curve, drive.single, dead.low):
+                if not dead.has(q, SAME_INPUT):
+                    self.problems.append(
+                        f"{name} = {np.degrees(q):.6g} deg: a curve turns back, but no "
+                        "modes meet"
+                    )
 
 
 def _modes(solver: Solver, q: float) -> tuple[Floats, bool]:

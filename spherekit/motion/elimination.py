@@ -30,6 +30,7 @@ from spherekit.sphere.trigonometric import (
     common_angles,
     determinants,
     eliminated_degree,
+    followed,
 )
 
 NEARLY_REAL = 0.03
@@ -211,22 +212,40 @@ def count_orders(group: Group) -> int:
     return len(_orders(group)[:MOST_ORDERS]) if _has_elimination(group) else 0
 
 
-def all_determinants(group: Group, closure: Closure, which: int) -> Complexes | None:
-    """Return the determinants of all complex solutions of a group of seven bodies.
+@final
+@dataclass(frozen=True)
+class AllSolutions:
+    """All complex solutions of a group of seven bodies at one sample.
+
+    `angles` (k, 3) complex are those of the tree, `determinants` (k,) those of its
+    equations.
+    """
+
+    angles: Complexes
+    determinants: Complexes
+
+
+def all_solutions(
+    group: Group, closure: Closure, which: int, near: Complexes | None
+) -> AllSolutions | None:
+    """Return all complex solutions of a group of seven bodies, None if one is missing.
 
     `which` is the number of the order of elimination: another one has other equations,
-    and other determinants. None if a solution is missing. `closure` is the group's own,
-    with a single sample.
+    and other determinants. `near` are the angles at a neighbouring sample, tried first:
+    from wherever they are reached, as many solutions as there are roots are all.
+    `closure` is the group's own, with a single sample.
     """
     order = _orders(group)[which]
     frames = Frames.of(group, closure)
     arcs = frames.arcs(order.bars)
     equations = np.stack([_equation(frames, order, arcs, k) for k in range(3)])
     with np.errstate(all="ignore"):
-        found = common_angles(equations, order.involves, farthest=np.inf)
-    if len(found.angles) != 2 * order.degree:
-        return None
-    return determinants(equations, found.angles)
+        angles = near if near is None else followed(equations, near)
+        if angles is None or len(angles) != 2 * order.degree:
+            angles = common_angles(equations, order.involves, farthest=np.inf).angles
+        if len(angles) != 2 * order.degree:
+            return None
+        return AllSolutions(angles, determinants(equations, angles))
 
 
 _TURN = np.zeros((3, 3, 3))

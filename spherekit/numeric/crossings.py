@@ -21,6 +21,9 @@ CELLS = 4
 DEEPEST = 12
 """Halvings of a cell before it is given up."""
 MOST_CELLS = 400
+POLISHING_STEPS = 3
+MOVED = 1e-3
+"""A zero of a polynomial is not farther than this from that of the function."""
 TOGETHER = 1e-6
 """Doubtful parts whose distance is less, over their length, are one."""
 FITTED = 1e-8
@@ -68,6 +71,7 @@ def crossings(
     edges = np.linspace(low, high, CELLS + 1)
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
     places: list[Floats] = []
+    slopes: list[Floats] = []
     doubtful: list[Floats] = []
     looked = 0
     for depth in range(DEEPEST + 1):
@@ -80,24 +84,37 @@ def crossings(
         for number, value in enumerate(values):
             found = _in_cell(value)
             if found is None:
-                zeros, open_parts = np.zeros(0), np.array([[-1.0, 1.0]])
+                zeros, rates, open_parts = np.zeros(0), np.zeros(0), np.array([[-1.0, 1.0]])
             else:
-                zeros, open_parts = found
+                zeros, rates, open_parts = found
             if len(open_parts) and not last:
                 again.append(cells[number])
                 continue
             places.append(middle[number] + half[number] * zeros)
+            slopes.append(rates / half[number])
             doubtful.append(middle[number] + half[number] * open_parts)
         if not again:
             break
         split = np.array(again)
         inner = split.mean(axis=1)
         cells = np.stack([split[:, 0], inner, inner, split[:, 1]], axis=1).reshape(-1, 2)
-    return Crossings(np.sort(np.concatenate(places)), _merged(np.concatenate(doubtful)))
+    exact = _polished(function, np.concatenate(places), np.concatenate(slopes))
+    return Crossings(np.sort(exact), _merged(np.concatenate(doubtful)))
 
 
-def _in_cell(values: Floats) -> tuple[Floats, Floats] | None:
-    """Return zeros (k,) and doubtful parts (d, 2) of a cell on [-1, 1].
+def _polished(
+    function: Callable[[Floats], Floats], places: Floats, slopes: Floats
+) -> Floats:
+    """Return zeros (k,) of a function, those of its polynomials and their slopes given."""
+    for _ in range(POLISHING_STEPS if len(places) else 0):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = -function(places) / slopes
+        places = places + np.where(np.abs(step) < MOVED, step, 0.0)
+    return places
+
+
+def _in_cell(values: Floats) -> tuple[Floats, Floats, Floats] | None:
+    """Return zeros (k,), slopes there and doubtful parts (d, 2) of a cell on [-1, 1].
 
     None where the polynomial is not the function given by its samples.
     """
@@ -121,11 +138,11 @@ def _merged(parts: Floats) -> Floats:
     return np.array(merged).reshape(-1, 2)
 
 
-def _zeros(series: Floats, error: float) -> tuple[Floats, Floats]:
-    """Return the changes of sign of a series on [-1, 1], and its doubtful extrema."""
+def _zeros(series: Floats, error: float) -> tuple[Floats, Floats, Floats]:
+    """Return changes of sign of a series on [-1, 1], slopes, and doubtful extrema."""
     series = _trimmed(series, 1e-3 * error)
     if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
-        return np.zeros(0), np.zeros((0, 2))
+        return np.zeros(0), np.zeros(0), np.zeros((0, 2))
     slope: Floats = np.asarray(chebyshev.chebder(series), dtype=float)
     extrema = _real(slope)
     heights = np.abs(chebyshev.chebval(extrema, series))
@@ -140,7 +157,9 @@ def _zeros(series: Floats, error: float) -> tuple[Floats, Floats]:
     for a, b, fa, fb in zip(cuts[:-1], cuts[1:], values[:-1], values[1:], strict=True):
         if (fa >= 0.0) != (fb >= 0.0):
             zeros.append(_between(series, float(a), float(b), float(fa)))
-    return np.array(zeros), np.array(touches).reshape(-1, 2)
+    places = np.array(zeros)
+    rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
+    return places, rates, np.array(touches).reshape(-1, 2)
 
 
 def _trimmed(series: Floats, size: float) -> Floats:

@@ -206,14 +206,7 @@ def _solutions(
     good = found.residual < CLOSED
     good &= np.abs(found.angles[:, 0] - start[held, 0]) < CLUSTER
     angles, flat = found.angles[good], found.flat[good]
-    turns = np.exp(1j * angles)
-    new = np.array(
-        [
-            not np.any(np.all(np.abs(turn / turns[:k] - 1.0) < SAME, axis=1))
-            for k, turn in enumerate(turns)
-        ],
-        dtype=bool,
-    )
+    new = _are_new(angles)
     angles, flat = angles[new], flat[new]
     turned = np.exp(1j * first)[:, None]
     with_roots = np.sum(np.abs(turned / turned.T - 1.0) < CLUSTER, axis=1)
@@ -256,6 +249,24 @@ def _polished(equations: Floats, angles: Complexes) -> _Polished:
     residual = np.max(np.abs(values), axis=1, initial=0.0) / size
     reach = np.prod(np.linalg.norm(jacobian, axis=1), axis=1)
     return _Polished(angles, residual, determinant < FLAT * reach)
+
+
+def followed(equations: Floats, angles: Complexes) -> Complexes:
+    """Return the solutions that Newton's method reaches from angles (n, 3), all distinct.
+
+    As many as the equations have are all of them, wherever the angles came from.
+    """
+    found = _polished(equations, angles)
+    reached = found.angles[found.residual < CLOSED]
+    return np.asarray(reached[_are_new(reached)])
+
+
+def _are_new(angles: Complexes) -> Bools:
+    """Return (n,) which of angles (n, 3) are no copies of earlier ones."""
+    turns = np.exp(1j * angles)
+    apart = np.abs(turns[:, None] / turns - 1.0)
+    copies = np.tril(np.all(apart < SAME, axis=2), -1)
+    return np.asarray(~np.any(copies, axis=1))
 
 
 def determinants(equations: Floats, angles: Complexes) -> Complexes:
