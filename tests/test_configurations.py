@@ -70,7 +70,7 @@ def check_against_search(chain, axes, driven, inputs, starts, random):
 
 
 def check_counts(tracer, found):
-    """Check that the modes change by two wherever a curve turns back, found on their own."""
+    """Check that the modes, found on their own, change by two where curves turn back."""
     solver = tracer.solver
     turning = [turning_inputs(c.curve, solver.single, 0.0) for c in found.curves]
     turning = np.sort(np.concatenate(turning))

@@ -4,6 +4,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.model.geometry import Contact
 from spherekit.motion.arc_curve import ArcCurve
@@ -22,6 +23,8 @@ DRY = 4
 MOST_SEARCHES = 24
 NEAR_DEAD = 1e-6
 """Inputs (rad) nearer to a dead point than this are not counted at."""
+NEAR_CROSSING = 1e-3
+"""Configurations (rad) nearer to a crossing of curves than this are no start of one."""
 SAME_INPUT = 1e-5
 """Dead points (rad) found in two ways may differ by this."""
 
@@ -44,6 +47,7 @@ class CurveSearch:
     def add(self, values: Floats) -> int:
         """Follow new curves from configurations (n, variables); return how many."""
         known = len(self.curves)
+        failed: list[tuple[Floats, str]] = []
         for curve in self.curves:
             values = _elsewhere(curve, values)
         while len(values):
@@ -52,10 +56,13 @@ class CurveSearch:
             try:
                 curve = follow_arc(self.solver.closure, given, longest=self.longest)
             except SolveError as problem:
-                self.problems.append(str(problem))
+                failed.append((given, str(problem)))
                 continue
             self.curves.append(curve)
             values = _elsewhere(curve, values)
+        for given, problem in failed:
+            if not any(_ends_at(curve, given) for curve in self.curves):
+                self.problems.append(problem)
         return len(self.curves) - known
 
     def sweep(self, drive: Solver, dead: DeadInputs, step: float) -> Claim:
@@ -134,6 +141,16 @@ def _modes(solver: Solver, q: float) -> tuple[Floats, bool]:
     count = len(solver.mechanism.variable_owners)
     values = np.array([values for _, values in found.modes]).reshape(-1, count)
     return values, all(m is None or m.is_complete for m in found.methods)
+
+
+def _ends_at(curve: ArcCurve, values: Floats) -> bool:
+    """Return whether a curve ends at a configuration because others cross it there."""
+    ends = zip(curve.ends, curve.nodes.values[[0, -1]], strict=True)
+    return any(
+        status == Status.AT_SINGULARITY
+        and np.max(np.abs(curve.wrapped(values - end))) < NEAR_CROSSING
+        for status, end in ends
+    )
 
 
 def _elsewhere(curve: ArcCurve, values: Floats) -> Floats:

@@ -34,6 +34,8 @@ TAIL = 4
 """Last coefficients that show the error of the polynomial."""
 ON_THE_AXIS = 1e-6
 """A zero whose imaginary part, in half cells, is smaller is taken for real."""
+BEYOND = 1e-2
+"""Extrema so little beyond a cell, in half cells, are looked at from both sides."""
 
 _ANGLES = np.pi * np.arange(DEGREE + 1) / DEGREE
 _NODES = np.cos(_ANGLES)
@@ -99,7 +101,8 @@ def crossings(
         inner = split.mean(axis=1)
         cells = np.stack([split[:, 0], inner, inner, split[:, 1]], axis=1).reshape(-1, 2)
     exact = _polished(function, np.concatenate(places), np.concatenate(slopes))
-    return Crossings(np.sort(exact), _merged(np.concatenate(doubtful)))
+    parts = _merged(np.concatenate(doubtful))
+    return Crossings(*(np.clip(found, low, high) for found in (np.sort(exact), parts)))
 
 
 def _polished(
@@ -149,9 +152,9 @@ def _zeros(series: Floats, error: float) -> tuple[Floats, Floats, Floats]:
     touches = []
     for place in extrema[heights <= CERTAIN * error]:
         bend = abs(float(chebyshev.chebval(place, chebyshev.chebder(slope))))
-        reach = min(1.0, float(np.sqrt(4.0 * CERTAIN * error / (bend or error))))
-        touches.append((max(float(place) - reach, -1.0), min(float(place) + reach, 1.0)))
-    cuts = np.unique(np.concatenate([[-1.0], extrema, [1.0]]))
+        reach = min(2.0, float(np.sqrt(4.0 * CERTAIN * error / (bend or error))))
+        touches.append((float(place) - reach, float(place) + reach))
+    cuts = np.unique(np.concatenate([[-1.0], np.clip(extrema, -1.0, 1.0), [1.0]]))
     values = chebyshev.chebval(cuts, series)
     zeros = []
     for a, b, fa, fb in zip(cuts[:-1], cuts[1:], values[:-1], values[1:], strict=True):
@@ -169,14 +172,14 @@ def _trimmed(series: Floats, size: float) -> Floats:
 
 
 def _real(series: Floats) -> Floats:
-    """Return the real zeros of a series on (-1, 1)."""
+    """Return the real zeros of a series on [-1, 1], and a little beyond."""
     largest = float(np.max(np.abs(series)))
     series = _trimmed(series, 1e-15 * largest)
     if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
         return np.zeros(0)
     roots = chebyshev.chebroots(series)
     real = roots.real[np.abs(roots.imag) < ON_THE_AXIS]
-    return np.asarray(np.sort(real[np.abs(real) < 1.0]))
+    return np.asarray(np.sort(real[np.abs(real) < 1.0 + BEYOND]))
 
 
 def _between(series: Floats, a: float, b: float, at_a: float) -> float:
