@@ -60,9 +60,9 @@ class CurveSearch:
                 continue
             self.curves.append(curve)
             values = _elsewhere(curve, values)
-        for given, problem in failed:
+        for given, words in failed:
             if not any(_ends_at(curve, given) for curve in self.curves):
-                self.problems.append(problem)
+                self.problems.append(words)
         return len(self.curves) - known
 
     def sweep(self, drive: Solver, dead: DeadInputs, step: float) -> Claim:

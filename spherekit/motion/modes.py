@@ -6,7 +6,7 @@ groups are all found by elimination or some by a search, and each new one is fol
 far as it goes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -15,6 +15,8 @@ import numpy as np
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
 from spherekit.model.geometry import Contact
+from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Branch, Solver, determinant_signs
 from spherekit.motion.dead_inputs import dead_inputs
 from spherekit.motion.distinct import are_far
@@ -32,6 +34,7 @@ from spherekit.motion.pairs import pair_axes
 from spherekit.motion.sheet import Sheet, spread
 from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solutions
 from spherekit.motion.steps import walk
+from spherekit.motion.stretches import Stretches
 from spherekit.planning.assembly import Group
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.sphere.rotation import Floats
@@ -202,14 +205,17 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
             methods = [
                 least_complete(*both) for both in zip(methods, here.methods, strict=True)
             ]
-            known = _known_at(solver, lattice, branches, q)
-            for _, values in here.modes:
-                placed, _ = solver.closure.place(values[None])
-                if len(branches) < MOST_BRANCHES and all(
-                    are_far(placed[0], other) for other in known
-                ):
-                    add(values)
-                    known.append(placed[0])
+            add_new([values for _, values in here.modes], q)
+
+    def add_new(modes: Sequence[Floats], q: Floats) -> None:
+        known = _known_at(solver, lattice, branches, q)
+        for values in modes:
+            placed, _ = solver.closure.place(values[None])
+            if len(branches) < MOST_BRANCHES and all(
+                are_far(placed[0], other) for other in known
+            ):
+                add(values)
+                known.append(placed[0])
 
     if search or not branches:
         if len(driven) > 1:
@@ -228,6 +234,9 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
                 apart = np.abs(finer[:, None] - done).min(axis=1) > 1e-9
                 probe(finer[apart, None])
             complete = all(method is None or method.is_complete for method in methods)
+            if dead.gap(step) and not rolls:
+                for values in _beyond_dead_centres(solver, lattice, branches):
+                    add_new([values], values[driven])
             claim = dead.claim(step)
             if rolls or not complete:
                 claim = Claim(Guarantee.SAMPLED, f"modes found at {_inputs(probes)}")
@@ -239,6 +248,28 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
         )
     claim = _limited(claim, len(branches))
     return Found(tuple(branches), probes, tuple(methods), claim)
+
+
+def _beyond_dead_centres(
+    solver: Solver, lattice: Lattice, branches: Sequence[Branch]
+) -> Iterator[Floats]:
+    """Yield configurations (variables,) of all modes on the curves of branches.
+
+    Only branches that end within the range lead to others.
+    """
+    curves: list[ArcCurve] = []
+    for branch in tuple(branches):
+        guide = branch.guide
+        if not isinstance(guide, Curve) or guide.ends == (Status.OK, Status.OK):
+            continue
+        values = guide.values[len(guide.values) // 2]
+        if any(np.isfinite(curve.find(values[None])[0]) for curve in curves):
+            continue
+        try:
+            curves.append(follow_arc(solver.closure, values))
+        except SolveError:
+            continue
+        yield from Stretches.of(curves[-1], solver.single, *_range(lattice)).middles
 
 
 def _inputs(count: int) -> str:
