@@ -466,7 +466,7 @@ def test_starts_that_cannot_be_followed(no_crank):
 
 def test_modes_that_meet_at_dead_points_are_one_curve():
     tracer = Tracer(four_bar(NO_CRANK))
-    (found,) = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
+    (found,) = configuration_curves(tracer.solver, tracer.branches, *tracer.range).curves
     numbers = [piece.branch for piece in found.pieces]
     assert set(numbers) == {0, 1}
     curve = found.curve
@@ -488,7 +488,7 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
 @pytest.mark.slow
 def test_two_modes_of_the_double_butterfly_are_one_closed_curve():
     tracer = Tracer(sk.load("double_butterfly"))
-    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
+    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range).curves
     assert sorted(p.branch for c in found for p in c.pieces) == list(range(8))
     assert all(c.curve.closed for c in found)
     assert sorted(len(c.pieces) for c in found) == [1, 1, 1, 1, 1, 1, 2]

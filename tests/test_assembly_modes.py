@@ -56,11 +56,12 @@ def poses(solver, found):
     return placed, solver.closure.residual(placed, states)
 
 
-def multi_start(edges, driven, axes, random, starts, steps=26):
+def multi_start(edges, driven, axes, random, starts, steps=26, q=0.0):
     """Return the distinct orientations (k, bodies, 3, 3) that close the pairs.
 
     Gauss-Newton steps from random orientations of all bodies; the equations say that
-    every axis has one direction in space. Bodies are the links joined by driven pairs.
+    every axis has one direction in space. Bodies are the links joined by driven pairs;
+    a single one may be turned by q (rad), its second link then has its axes elsewhere.
     """
     names = [f"p{a}_{b}" for a, b in edges]
     locked = nx.Graph(
@@ -71,7 +72,14 @@ def multi_start(edges, driven, axes, random, starts, steps=26):
     body = {link: k for k, links in enumerate(bodies) for link in links}
     left = [k for k, name in enumerate(names) if name not in driven]
     first, second = np.array([[body[link] for link in edges[k]] for k in left]).T
-    u, row = axes[left, :, None], np.arange(len(left))
+    u, row = np.stack([axes[left], axes[left]]), np.arange(len(left))
+    if q:
+        (lock,) = (k for k, name in enumerate(names) if name in driven)
+        turn = Rotation.from_rotvec(q * axes[lock])
+        for side in (0, 1):
+            on = [edges[k][side] == edges[lock][1] for k in left]
+            u[side, on] = turn.apply(u[side, on])
+    u = u[..., None]
     count = len(bodies)
     turns = Rotation.random(starts * count, rng=random).as_matrix()
     turns = turns.reshape(starts, count, 3, 3)
@@ -83,7 +91,7 @@ def multi_start(edges, driven, axes, random, starts, steps=26):
         return np.transpose(rows, (3, 2, 0, 1))
 
     for step in range(steps + 1):
-        one, other = (turns[:, ends] @ u for ends in (first, second))
+        one, other = turns[:, first] @ u[0], turns[:, second] @ u[1]
         gaps = (one - other)[..., 0]
         jacobian = np.zeros((starts, len(left), 3, count, 3))
         jacobian[:, row, :, first] -= skew(one[..., 0])
@@ -444,15 +452,17 @@ def test_a_bar_without_arc_is_searched_and_said_to_be():
     [
         (
             "eight_bar_07",
-            "all modes that close at one of 5 inputs; dyad: closed form; "
-            "triad: elimination: all 8 complex roots",
+            "complete: all modes, between the 2 inputs of the range at which they meet; "
+            "dyad: closed form; triad: elimination: all 8 complex roots",
         ),
         (
             "bevel_pair",
-            "modes found, some may be missed, at 1 input; "
-            "over-constrained group of 2 bodies: search",
+            "sampled: modes found at 1 input; over-constrained group of 2 bodies: search",
         ),
-        ("watt", "all modes of dyads that close at one of 721 inputs"),
+        (
+            "watt",
+            "complete: all modes, which meet nowhere in the range; dyad: closed form",
+        ),
     ],
 )
 def test_the_summary_tells_the_method(name, words):
@@ -461,7 +471,7 @@ def test_the_summary_tells_the_method(name, words):
 
 def test_no_search_is_told_too():
     made = mechanism(STEPHENSON, random_axes(np.random.default_rng(13), 7), "p1_6")
-    words = "the mode of the reference pose; no others were looked for"
+    words = "component only: the mode of the reference pose; no others were looked for"
     assert Tracer(made, search=False).search == words
 
 

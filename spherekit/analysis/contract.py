@@ -172,7 +172,7 @@ class Batch:
 
     @property
     def tracer(self) -> Tracer:
-        """The tracer of the run: its solver, its branches and their curves."""
+        """The tracer of the run: its solver, its branches, all configuration curves."""
         if not self.needs.tracer or self._tracer is None:
             raise UndeclaredNeed("the tracer was read; declare Needs(tracer=True)")
         return self._tracer

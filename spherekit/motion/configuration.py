@@ -2,6 +2,10 @@
 
 A branch is one assembly mode over the range of an input; it ends where the input has a
 dead centre, and there another one begins. Followed in arc length they are one curve.
+
+The curves do not depend on which pair is called the input. So they are looked for with
+the pair whose modes, and the inputs at which these meet, are known with the least work;
+what the given input says is an independent check.
 """
 
 from collections.abc import Sequence
@@ -12,16 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
-from spherekit.errors import SolveError
 from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.curve_search import CurveSearch
+from spherekit.motion.dead_inputs import dead_inputs
+from spherekit.motion.drive import easiest_drive
+from spherekit.motion.guarantee import Claim, Guarantee
+from spherekit.motion.stretches import Stretches
 from spherekit.sphere.rotation import Floats
 
 PROBED = 181
 """Inputs over the range from which curves are followed where none is known yet."""
 SAME_CONFIGURATION = 1e-6
 """A branch and a curve whose variables differ by less (rad) agree."""
+STEP = np.radians(2.0)
+"""Distance (rad) of inputs with all modes where those at which they meet are not known."""
 
 
 @final
@@ -49,14 +58,55 @@ class ConfigurationCurve:
     pieces: tuple[Piece, ...]
 
 
+@final
+@dataclass(frozen=True)
+class Configurations:
+    """The configuration curves that meet an input range, and what is known of others.
+
+    Attributes
+    ----------
+    curves
+        Those found.
+    claim
+        What is guaranteed: no curve is missing, none that the pair `drive` turns by more
+        than a box along, or none that a search met.
+    drive
+        Name of the pair by whose values the curves were looked for.
+    inputs, counts
+        (k,) values (rad) of the given input at which all real modes were found, or
+        looked for, on their own, and (k,) how many there are.
+    mismatches
+        What the checks found wrong, in words: inputs at which the modes and the curves
+        do not agree, dead points that modes do not meet at. Empty if all agrees.
+    """
+
+    curves: tuple[ConfigurationCurve, ...]
+    claim: Claim
+    drive: str
+    inputs: Floats
+    counts: NDArray[np.int64]
+    mismatches: tuple[str, ...]
+
+    @property
+    def guarantee(self) -> Guarantee:
+        """The guarantee of the claim."""
+        return self.claim.guarantee
+
+    @property
+    def box(self) -> float:
+        """The size of the box (rad) to which no curve is missing, 0 without one."""
+        return self.claim.box
+
+
 def configuration_curves(
     solver: Solver,
     branches: Sequence[Branch],
     low: float,
     high: float,
     longest: float = 200.0,
-) -> tuple[ConfigurationCurve, ...]:
-    """Return the configuration curves that branches over an input range lie on.
+    step: float = STEP,
+) -> Configurations:
+    """Return the configuration curves of a mechanism that meet an input range.
 
     Parameters
     ----------
@@ -64,61 +114,54 @@ def configuration_curves(
         The mechanism, and its branches over inputs from `low` to `high` (rad).
     longest
         Length (rad) after which a curve that does not close is ended.
-
-    Curves on which no branch was found are not found either.
+    step
+        Distance (rad) of the inputs at which all modes are looked for where it is not
+        known at which inputs they meet.
     """
-    curves: list[ArcCurve] = []
+    found = CurveSearch(solver, low, high, longest)
     inputs = np.linspace(low, high, PROBED)
     for branch in branches:
         there = solver.evaluate(branch, inputs[:, None])
-        todo = there.values[there.status == Status.OK]
-        for curve in curves:
-            todo = _elsewhere(curve, todo)
-        while len(todo):
-            middle = len(todo) // 2
-            given, todo = todo[middle], np.delete(todo, middle, axis=0)
-            try:
-                curves.append(follow_arc(solver.closure, given, longest=longest))
-            except SolveError:
-                continue
-            todo = _elsewhere(curves[-1], todo)
-    return tuple(
-        ConfigurationCurve(curve, _pieces(solver, branches, curve, low, high))
-        for curve in curves
+        found.add(there.values[there.status == Status.OK])
+    drive = easiest_drive(solver)
+    dead = dead_inputs(drive, *((low, high) if drive is solver else (-np.pi, np.pi)))
+    claim = found.sweep(drive, dead, step)
+    complete = claim.guarantee is not Guarantee.SAMPLED
+    if not complete:
+        claim = found.search()
+    stretches = [Stretches.of(each, solver.single, low, high) for each in found.curves]
+    found.count(stretches, complete)
+    if complete:
+        found.compare(drive, dead)
+    if found.problems:
+        words = f"{len(found.problems)} checks failed, the first: {found.problems[0]}"
+        claim = Claim(Guarantee.SAMPLED, words)
+    inputs, counts = np.array(found.counted).reshape(-1, 2).T
+    return Configurations(
+        tuple(
+            ConfigurationCurve(curve, _pieces(solver, branches, curve, parts))
+            for curve, parts in zip(found.curves, stretches, strict=True)
+            if len(parts.starts)
+        ),
+        claim,
+        drive.mechanism.pairs[drive.assembly.input].name,
+        inputs,
+        counts.astype(np.int64),
+        tuple(found.problems),
     )
-
-
-def _elsewhere(curve: ArcCurve, values: Floats) -> Floats:
-    return np.asarray(values[np.isnan(curve.find(values))])
 
 
 def _pieces(
-    solver: Solver, branches: Sequence[Branch], curve: ArcCurve, low: float, high: float
+    solver: Solver, branches: Sequence[Branch], curve: ArcCurve, stretches: Stretches
 ) -> tuple[Piece, ...]:
-    driven = solver.single
-    cuts = np.unique(
-        np.concatenate(
-            [
-                curve.dead_points(driven).places,
-                curve.at_input(driven, low).places,
-                curve.at_input(driven, high).places,
-            ]
-        )
-    )
-    if curve.closed:
-        first = cuts[0] if len(cuts) else 0.0
-        cuts = np.append(cuts if len(cuts) else first, first + curve.length)
-    else:
-        cuts = np.concatenate([[0.0], cuts, [curve.length]])
-    cuts = cuts[np.append(True, np.diff(cuts) > SAME_CONFIGURATION)]
-    starts, stops = cuts[:-1], cuts[1:]
-    middles = curve.at(0.5 * (starts + stops)).values
-    q = low + np.mod(middles[:, driven] - low, 2.0 * np.pi)
-    inside = q <= high
-    numbers = _branches_at(solver, branches, curve, middles[inside], q[inside])
+    """Return the parts of a curve within the input range, each with its branch."""
+    q = stretches.middles[:, solver.single]
+    numbers = _branches_at(solver, branches, curve, stretches.middles, q)
     return tuple(
         Piece(number, float(start), float(stop))
-        for number, start, stop in zip(numbers, starts[inside], stops[inside], strict=True)
+        for number, start, stop in zip(
+            numbers, stretches.starts, stretches.stops, strict=True
+        )
     )
 
 

@@ -24,7 +24,14 @@ from spherekit.sphere.quadrics import (
     nearest_real,
 )
 from spherekit.sphere.rotation import Floats, about_z, from_quaternion
-from spherekit.sphere.trigonometric import Bools, common_angles, eliminated_degree
+from spherekit.sphere.trigonometric import (
+    Bools,
+    Complexes,
+    common_angles,
+    determinants,
+    eliminated_degree,
+    followed,
+)
 
 NEARLY_REAL = 0.03
 """Roots with a smaller imaginary part are tried: double ones have some by rounding."""
@@ -58,10 +65,14 @@ def candidates(group: Group, closure: Closure) -> Candidates | None:
 
     `closure` is the group's own, with a single sample.
     """
-    if not group.revolute or len(group.bodies) not in (5, 7):
+    if not _has_elimination(group):
         return None
     frames = Frames.of(group, closure)
     return _triad(group, frames) or _tree(group, frames)
+
+
+def _has_elimination(group: Group) -> bool:
+    return group.revolute and len(group.bodies) in (5, 7)
 
 
 def _triad(group: Group, frames: Frames) -> Candidates | None:
@@ -194,6 +205,47 @@ def _tree(group: Group, frames: Frames) -> Candidates | None:
     values = np.concatenate([part.values for part in parts])
     real = np.concatenate([part.real for part in parts])
     return Candidates(values, real, parts[-1].roots, parts[-1].problem)
+
+
+def count_orders(group: Group) -> int:
+    """Return in how many ways four bodies in a tree with three bars can be eliminated."""
+    return len(_orders(group)[:MOST_ORDERS]) if _has_elimination(group) else 0
+
+
+@final
+@dataclass(frozen=True)
+class AllSolutions:
+    """All complex solutions of a group of seven bodies at one sample.
+
+    `angles` (k, 3) complex are those of the tree, `determinants` (k,) those of its
+    equations.
+    """
+
+    angles: Complexes
+    determinants: Complexes
+
+
+def all_solutions(
+    group: Group, closure: Closure, which: int, near: Complexes | None
+) -> AllSolutions | None:
+    """Return all complex solutions of a group of seven bodies, None if one is missing.
+
+    `which` is the number of the order of elimination: another one has other equations,
+    and other determinants. `near` are the angles at a neighbouring sample, tried first:
+    from wherever they are reached, as many solutions as there are roots are all.
+    `closure` is the group's own, with a single sample.
+    """
+    order = _orders(group)[which]
+    frames = Frames.of(group, closure)
+    arcs = frames.arcs(order.bars)
+    equations = np.stack([_equation(frames, order, arcs, k) for k in range(3)])
+    with np.errstate(all="ignore"):
+        angles = near if near is None else followed(equations, near)
+        if angles is None or len(angles) != 2 * order.degree:
+            angles = common_angles(equations, order.involves, farthest=np.inf).angles
+        if len(angles) != 2 * order.degree:
+            return None
+        return AllSolutions(angles, determinants(equations, angles))
 
 
 _TURN = np.zeros((3, 3, 3))

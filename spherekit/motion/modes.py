@@ -1,11 +1,12 @@
 """Finding the assembly modes of a mechanism over the ranges of its inputs.
 
-All modes of dyads are enumerated. Those of irreducible groups are found at several
-inputs, all of them by elimination or some by a search, and each new one is followed as
+With one input they are looked for between all inputs at which modes meet, where those
+are known, else at several. All modes of dyads are enumerated; those of irreducible
+groups are all found by elimination or some by a search, and each new one is followed as
 far as it goes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -14,7 +15,10 @@ import numpy as np
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
 from spherekit.model.geometry import Contact
+from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Branch, Solver, determinant_signs
+from spherekit.motion.dead_inputs import dead_inputs
 from spherekit.motion.distinct import are_far
 from spherekit.motion.follow import Curve, follow
 from spherekit.motion.groups import (
@@ -24,11 +28,13 @@ from spherekit.motion.groups import (
     place_dyad,
     place_group,
 )
+from spherekit.motion.guarantee import Claim, Guarantee
 from spherekit.motion.lattice import Lattice
 from spherekit.motion.pairs import pair_axes
 from spherekit.motion.sheet import Sheet, spread
 from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solutions
 from spherekit.motion.steps import walk
+from spherekit.motion.stretches import Stretches
 from spherekit.planning.assembly import Group
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.sphere.rotation import Floats
@@ -38,9 +44,15 @@ MOST_BRANCHES = 64
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
 PROBES = 5
-"""Inputs at which all modes of irreducible groups are looked for."""
+"""Inputs at which modes are looked for where those at which they meet are not known."""
+FINER = 3
+"""So many times more of them where elimination finds all modes at an input."""
+MOST_COST = 3e-3
+"""Time (s) that a value of the functions of meeting modes may take here."""
 NEAREST = 8
 """Samples nearest to a reference pose that straight ways are tried to."""
+
+REFERENCE_ONLY = Claim(Guarantee.COMPONENT, "the mode of the reference pose")
 
 
 @final
@@ -50,20 +62,20 @@ class Found:
 
     `probes` is the number of inputs at which modes were looked for, 0 if a reference
     pose was enough; `methods[g]` the least complete way in which those of group g were
-    found at any of them, None if at none.
+    found at any of them, None if at none. `claim` says what holds of their number.
     """
 
     branches: tuple[Branch, ...]
     probes: int
     methods: tuple[Method | None, ...]
+    claim: Claim
 
 
 def find_branches(solver: Solver, lattice: Lattice, search: bool = True) -> Found:
     """Return the branches that have at least one configuration at the inputs given.
 
-    The mode of a given reference pose comes first. Modes are looked for at many inputs
-    if all groups are dyads, else at several. For one input the range between the first
-    and the last sample is what counts; for several the samples of the lattice.
+    The mode of a given reference pose comes first. For one input the range between the
+    first and the last sample is what counts; for several the samples of the lattice.
 
     Raises
     ------
@@ -103,22 +115,34 @@ def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     if reference is not None:
         own = _signs_at(solver, reference)
     probes, methods = 0, tuple[Method | None, ...]([None] * len(groups))
+    claim = REFERENCE_ONLY
     if search or own is None:
-        probed = _probed(lattice)
+        probed, claim = _probed(solver, lattice)
         probes, methods = len(probed), (CLOSED_FORM,) * len(groups)
         with np.errstate(invalid="ignore", divide="ignore"):
             extend(solver.start(probed), ())
     if own is not None:
         found = [own, *(signs for signs in found if signs != own)][:MOST_BRANCHES]
     branches = tuple(Branch(number, signs) for number, signs in enumerate(found))
-    return Found(branches, probes, methods)
+    return Found(branches, probes, methods, _limited(claim, len(branches)))
 
 
-def _probed(lattice: Lattice) -> Floats:
+def _probed(solver: Solver, lattice: Lattice) -> tuple[Floats, Claim]:
     """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
-    if lattice.q.shape[1] == 1:
-        return np.linspace(*_range(lattice), PROBED_INPUTS)[:, None]
-    return lattice.thinned(PROBED_INPUTS).q
+    if lattice.q.shape[1] > 1:
+        q = lattice.thinned(PROBED_INPUTS).q
+        return q, Claim(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
+    low, high = _range(lattice)
+    dead = dead_inputs(solver, low, high, MOST_COST)
+    step = (high - low) / (PROBED_INPUTS - 1)
+    return dead.probes(step)[:, None], dead.claim(step)
+
+
+def _limited(claim: Claim, count: int) -> Claim:
+    """Return what is claimed of so many branches."""
+    if count < MOST_BRANCHES:
+        return claim
+    return Claim(Guarantee.SAMPLED, f"stopped at {MOST_BRANCHES} modes; there may be more")
 
 
 def _range(lattice: Lattice) -> tuple[float, float]:
@@ -168,9 +192,12 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
         add(values)
     probes = 0
     methods: list[Method | None] = [None] * len(solver.assembly.groups)
-    if search or not branches:
-        rolls = any(isinstance(j, Contact) and j.rolling for j in solver.joints)
-        for q in _probes(solver, lattice):
+    claim = REFERENCE_ONLY
+    rolls = any(isinstance(j, Contact) and j.rolling for j in solver.joints)
+
+    def probe(inputs: Floats) -> None:
+        nonlocal probes, methods
+        for q in inputs:
             if rolls and branches:
                 break
             here = assemblies(solver, q)
@@ -178,30 +205,86 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
             methods = [
                 least_complete(*both) for both in zip(methods, here.methods, strict=True)
             ]
-            for _, values in here.modes:
-                if len(branches) < MOST_BRANCHES and not _is_known(
-                    solver, lattice, branches, values
-                ):
-                    add(values)
+            add_new([values for _, values in here.modes], q)
+
+    def add_new(modes: Sequence[Floats], q: Floats) -> None:
+        known = _known_at(solver, lattice, branches, q)
+        for values in modes:
+            placed, _ = solver.closure.place(values[None])
+            if len(branches) < MOST_BRANCHES and all(
+                are_far(placed[0], other) for other in known
+            ):
+                add(values)
+                known.append(placed[0])
+
+    if search or not branches:
+        if len(driven) > 1:
+            probe(_scattered(lattice))
+            claim = Claim(Guarantee.SAMPLED, f"modes at {probes} of the samples")
+        else:
+            dead = dead_inputs(solver, *_range(lattice), MOST_COST)
+            step = np.ptp(lattice.q) / PROBES
+            probe(lattice.q[:1] if rolls else np.zeros((0, 1)))
+            probe(dead.probes(step)[:, None])
+            complete = all(method is None or method.is_complete for method in methods)
+            if complete and dead.gap(step) and not rolls:
+                done = dead.probes(step)
+                step = step / FINER
+                finer = dead.probes(step)
+                apart = np.abs(finer[:, None] - done).min(axis=1) > 1e-9
+                probe(finer[apart, None])
+            complete = all(method is None or method.is_complete for method in methods)
+            if dead.gap(step) and not rolls:
+                for values in _beyond_dead_centres(solver, lattice, branches):
+                    add_new([values], values[driven])
+            claim = dead.claim(step)
+            if rolls or not complete:
+                claim = Claim(Guarantee.SAMPLED, f"modes found at {_inputs(probes)}")
     if freedoms and not branches and min(freedoms) != len(driven):
         raise PlanError(
             f"{solver.mechanism.name}: mobility {min(freedoms)} by rank with "
             f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
             f"{len(driven)}; {inputs_to_declare(min(freedoms))}"
         )
-    return Found(tuple(branches), probes, tuple(methods))
+    claim = _limited(claim, len(branches))
+    return Found(tuple(branches), probes, tuple(methods), claim)
+
+
+def _beyond_dead_centres(
+    solver: Solver, lattice: Lattice, branches: Sequence[Branch]
+) -> Iterator[Floats]:
+    """Yield configurations (variables,) of all modes on the curves of branches.
+
+    Only branches that end within the range lead to others.
+    """
+    curves: list[ArcCurve] = []
+    for branch in tuple(branches):
+        guide = branch.guide
+        if not isinstance(guide, Curve) or guide.ends == (Status.OK, Status.OK):
+            continue
+        values = guide.values[len(guide.values) // 2]
+        if any(np.isfinite(curve.find(values[None])[0]) for curve in curves):
+            continue
+        try:
+            curves.append(follow_arc(solver.closure, values))
+        except SolveError:
+            continue
+        yield from Stretches.of(curves[-1], solver.single, *_range(lattice)).middles
+
+
+def _inputs(count: int) -> str:
+    return "1 input" if count == 1 else f"{count} inputs"
 
 
 def _guide(solver: Solver, lattice: Lattice, values: Floats) -> Curve | Sheet | None:
-    """Return the guide through a closed configuration, None if it meets no sample."""
+    """Return the guide through a closed configuration, None if it is out of range."""
     driven = list(solver.driven)
     here = values[driven]
     if len(driven) == 1:
         low, high = _range(lattice)
         q = float(here[0])
         curve = follow(solver.closure, driven[0], values, min(low, q), max(high, q))
-        covered = curve.covers(np.linspace(low, high, PROBED_INPUTS))
-        return curve if np.any(covered) else None
+        return curve if curve.inputs[0] <= high and curve.inputs[-1] >= low else None
     near = lattice.nearest(here, NEAREST)
     start = np.repeat(values[None], len(near), axis=0)
     found, status = walk(solver.closure, driven, start, lattice.q[near])
@@ -210,25 +293,6 @@ def _guide(solver: Solver, lattice: Lattice, values: Floats) -> Curve | Sheet | 
         return None
     first = arrived[0]
     return spread(solver.closure, driven, lattice, int(near[first]), found[first])
-
-
-def _probes(solver: Solver, lattice: Lattice) -> Floats:
-    """Return the inputs (k, inputs) at which modes are looked for.
-
-    Wheels mesh again after every turn, in another position of the train: those positions
-    are one motion, so a mechanism with rolling pairs is assembled at the first of these
-    inputs where it can be, and of modes that differ by whole turns of wheels the one
-    nearest to the start is kept.
-    """
-    if len(solver.driven) == 1:
-        low, high = _range(lattice)
-        parts = (np.arange(PROBES) + 0.5) / PROBES
-        inside = (low + parts * (high - low))[:, None]
-    else:
-        inside = _scattered(lattice)
-    if any(isinstance(j, Contact) and j.rolling for j in solver.joints):
-        return np.concatenate([lattice.q[:1], inside])
-    return inside
 
 
 def _scattered(lattice: Lattice) -> Floats:
@@ -259,22 +323,19 @@ def _with_determinants(solver: Solver, branch: Branch, values: Floats) -> Branch
     return Branch(branch.number, branch.signs, branch.guide, tuple(determinants))
 
 
-def _is_known(
-    solver: Solver, lattice: Lattice, branches: Sequence[Branch], values: Floats
-) -> bool:
-    """Return whether a configuration at a probed input lies on one of the branches."""
-    q = values[None, list(solver.driven)]
-    row = lattice.nearest(q[0], 1)
+def _known_at(
+    solver: Solver, lattice: Lattice, branches: Sequence[Branch], q: Floats
+) -> list[Floats]:
+    """Return the orientations (links, 3, 3) that branches have at an input (inputs,)."""
+    row = lattice.nearest(q, 1)
+    known = []
     for branch in branches:
-        if isinstance(branch.guide, Curve) and not branch.guide.covers(q[0])[0]:
+        if isinstance(branch.guide, Curve) and not branch.guide.covers(q)[0]:
             continue
-        there = solver.evaluate(branch, q, row)
-        placed, _ = solver.closure.place(values[None])
-        if there.status[0] in (Status.OK, Status.AT_SINGULARITY) and not are_far(
-            there.rotations[0], placed[0]
-        ):
-            return True
-    return False
+        there = solver.evaluate(branch, q[None], row)
+        if there.status[0] in (Status.OK, Status.AT_SINGULARITY):
+            known.append(there.rotations[0])
+    return known
 
 
 def _why_nothing_closes(solver: Solver, lattice: Lattice) -> str:
@@ -285,7 +346,7 @@ def _why_nothing_closes(solver: Solver, lattice: Lattice) -> str:
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
-    state = solver.start(_probed(lattice))
+    state = solver.start(lattice.thinned(PROBED_INPUTS).q)
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
             pairs = ", ".join(solver.mechanism.pairs[p].name for p in group.pairs)

@@ -14,9 +14,9 @@ from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import lattice as lattices
 from spherekit.motion.branches import Branch, Solver
-from spherekit.motion.configuration import ConfigurationCurve, configuration_curves
+from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.lattice import Lattice, given_path
-from spherekit.motion.modes import MOST_BRANCHES, find_branches
+from spherekit.motion.modes import find_branches
 from spherekit.motion.pairs import (
     PairRates,
     PairStates,
@@ -204,7 +204,8 @@ class Tracer:
         self.assembly = plan_assembly(self.mechanism, self.by_rank)
         self.solver = Solver(self.mechanism, self.assembly)
         found = find_branches(self.solver, self.lattice, search)
-        self.methods, self._probes = found.methods, found.probes
+        self.methods, self.claim = found.methods, found.claim
+        self._probes = found.probes
         return found.branches
 
     def _assembled_against(self, counted: CountError, search: bool) -> tuple[Branch, ...]:
@@ -234,25 +235,18 @@ class Tracer:
     @property
     def search(self) -> str:
         """How the assembly modes were found, and what that says of their number."""
-        if len(self.branches) >= MOST_BRANCHES:
-            return f"stopped at {MOST_BRANCHES} modes; there may be more"
         if not self._probes:
-            return "the mode of the reference pose; no others were looked for"
-        if self.assembly.has_closed_form:
-            return f"all modes of dyads that close at one of {self._probes} inputs"
+            return f"{self.claim}; no others were looked for"
         used = [
             f"{group.kind}: {method}"
             for group, method in zip(self.assembly.groups, self.methods, strict=True)
             if method is not None
         ]
-        complete = all(method is None or method.is_complete for method in self.methods)
-        what = "all modes that close" if complete else "modes found, some may be missed,"
-        inputs = "1 input" if self._probes == 1 else f"one of {self._probes} inputs"
-        return f"{what} at {inputs}; " + "; ".join(dict.fromkeys(used))
+        return "; ".join(dict.fromkeys([str(self.claim), *used]))
 
     @cached_property
-    def curves(self) -> tuple[ConfigurationCurve, ...]:
-        """The configuration curves that the branches lie on; `PlanError` as `range`."""
+    def configurations(self) -> Configurations:
+        """All configuration curves that meet the input's range; `PlanError` as `range`."""
         return configuration_curves(self.solver, self.branches, *self.range)
 
     def at(self, q: Floats, first_sample: int = 0) -> Motion:

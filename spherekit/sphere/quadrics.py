@@ -8,6 +8,7 @@ matrix (D. Cox, J. Little and D. O'Shea, Using Algebraic Geometry, 2005, chapter
 """
 
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +26,15 @@ Below, rounding cannot tell isolated points from a curve or surface of them.
 """
 
 
-def arc_quadric(fixed: Floats, moving: Floats, cosine: Floats) -> Floats:
+def arc_quadric(
+    fixed: NDArray[Any], moving: NDArray[Any], cosine: NDArray[Any]
+) -> NDArray[Any]:
     """Return the quadrics of rotations R with fixed . (R moving) = cosine.
 
     Parameters
     ----------
     fixed, moving
-        Unit vectors (..., 3), `moving` in the axes that R turns.
+        Unit vectors (..., 3), real or complex, `moving` in the axes that R turns.
     cosine
         (...,) cosine of the arc between the two axes.
 
@@ -43,7 +46,7 @@ def arc_quadric(fixed: Floats, moving: Floats, cosine: Floats) -> Floats:
     """
     dot = np.sum(fixed * moving, axis=-1)
     outer = fixed[..., :, None] * moving[..., None, :]
-    quadric = np.empty((*dot.shape, 4, 4))
+    quadric = np.empty((*dot.shape, 4, 4), dtype=outer.dtype)
     quadric[..., :3, :3] = outer + np.swapaxes(outer, -1, -2)
     quadric[..., :3, :3] -= (dot + cosine)[..., None, None] * np.eye(3)
     quadric[..., :3, 3] = quadric[..., 3, :3] = cross(moving, fixed)
@@ -68,13 +71,13 @@ _FORMS = np.array([[0.61, -0.47, 0.53, 0.36], [-0.29, 0.58, 0.66, -0.38]])
 _RANK = len(_QUARTIC) - COMMON_POINTS
 
 
-def common_points(quadrics: Floats) -> NDArray[np.complex128]:
+def common_points(quadrics: NDArray[Any]) -> NDArray[np.complex128]:
     """Return the eight complex points that three quadrics have in common.
 
     Parameters
     ----------
     quadrics
-        (n, 3, 4, 4) symmetric matrices.
+        (n, 3, 4, 4) symmetric matrices, real or complex.
 
     Returns
     -------
@@ -85,22 +88,23 @@ def common_points(quadrics: Floats) -> NDArray[np.complex128]:
     """
     n = len(quadrics)
     multiples = len(_QUADRATIC)
-    macaulay = np.zeros((n, 3, multiples, len(_QUARTIC)))
+    macaulay = np.zeros((n, 3, multiples, len(_QUARTIC)), dtype=quadrics.dtype)
     coefficients = _WEIGHTS * quadrics[..., _ROWS, _COLUMNS]
     macaulay[:, :, np.arange(multiples)[:, None], _PRODUCTS] = coefficients[:, :, None]
     _, values, right = np.linalg.svd(macaulay.reshape(n, 3 * multiples, len(_QUARTIC)))
     isolated = values[:, _RANK - 1] > ISOLATED * values[:, 0]
     points = np.full((n, COMMON_POINTS, 4), np.nan, dtype=complex)
-    points[isolated] = _points(np.swapaxes(right[isolated, _RANK:], 1, 2))
+    points[isolated] = _points(np.swapaxes(right[isolated, _RANK:].conj(), 1, 2))
     return points
 
 
-def _points(kernel: Floats) -> NDArray[np.complex128]:
+def _points(kernel: NDArray[Any]) -> NDArray[np.complex128]:
     """Return the points (n, 8, 4) whose quartic monomials span kernels (n, 35, 8)."""
     shifted = kernel[:, _SHIFTED]
     one, other = np.moveaxis(np.einsum("hx,nxmk->nhmk", _FORMS, shifted), 1, 0)
     basis, triangle = np.linalg.qr(other)
-    _, vectors = np.linalg.eig(np.linalg.solve(triangle, np.swapaxes(basis, 1, 2) @ one))
+    adjoint = np.swapaxes(basis, 1, 2).conj()
+    _, vectors = np.linalg.eig(np.linalg.solve(triangle, adjoint @ one))
     multiples = np.einsum("nxmk,nkp->npmx", shifted, vectors)
     best = np.argmax(np.sum(np.abs(multiples) ** 2, axis=3), axis=2)
     points = np.take_along_axis(multiples, best[:, :, None, None], axis=2)[:, :, 0]

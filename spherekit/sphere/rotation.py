@@ -1,5 +1,7 @@
 """Batched rotations: matrices (n, 3, 3) acting on columns, quaternions xyzw."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -119,8 +121,11 @@ def quaternion(matrix: Floats) -> Floats:
     return np.asarray(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))
 
 
-def from_quaternion(quaternions: Floats) -> Floats:
-    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) xyzw."""
+def from_quaternion(quaternions: NDArray[Any]) -> NDArray[Any]:
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) xyzw.
+
+    Complex ones are taken as they are: the squares of their parts must have the sum 1.
+    """
     vector, scalar = quaternions[..., :3], quaternions[..., 3, None, None]
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     out = 2 * vector[..., :, None] * vector[..., None, :]

@@ -54,7 +54,8 @@ STILL = 1e-9
 class Solutions:
     """What the elimination of two of three angles found.
 
-    `angles` (k, 3) complex, rad: solutions whose first angle is near the real axis.
+    `angles` (k, 3) complex, rad: solutions whose first angle is near the real axis, or
+    as far from it as was asked for.
     `roots` (2 degree,) complex: all values of e^(ix) of the first angle x. `excess`: the
     coefficients beyond the degree, relative. `problem` says why real solutions may be
     missing; empty if none can be.
@@ -79,7 +80,9 @@ def eliminated_degree(involves: Bools) -> int:
     return 2 * power * int(x[0]) + 4 * int(x[1] + x[2])
 
 
-def common_angles(equations: Floats, involves: Bools) -> Solutions:
+def common_angles(
+    equations: Floats, involves: Bools, farthest: float = POLISHED
+) -> Solutions:
     """Return the solutions of three equations in three angles.
 
     Parameters
@@ -88,6 +91,8 @@ def common_angles(equations: Floats, involves: Bools) -> Solutions:
         (3, 3, 3, 3): equation, then the places of the points of the three angles.
     involves
         (3, 3) as in `eliminated_degree`, whose result must not be 0.
+    farthest
+        Largest imaginary part (rad) of a root that is made solutions.
 
     Notes
     -----
@@ -112,7 +117,7 @@ def common_angles(equations: Floats, involves: Bools) -> Solutions:
     excess = float(np.max(np.abs(spectrum[degree + 1 : count - degree])) / largest)
     powers = np.concatenate([spectrum[degree::-1], spectrum[: -degree - 1 : -1]])
     roots = np.roots(powers) * np.exp(1j * OFFSET)
-    angles, unmatched = _solutions(equations, roots)
+    angles, unmatched = _solutions(equations, roots, farthest)
     problem = ""
     if not excess < EXCESS:
         problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
@@ -182,10 +187,12 @@ class _Steps:
         return _Steps(known[:, 0, :, 0], seconds, forms, resultants, scales, weight)
 
 
-def _solutions(equations: Floats, roots: Complexes) -> tuple[Complexes, int]:
+def _solutions(
+    equations: Floats, roots: Complexes, farthest: float
+) -> tuple[Complexes, int]:
     """Return solutions (k, 3) that roots (n,) lead to, and how many roots lost some."""
     first = -1j * np.log(roots[roots != 0.0])
-    first = first[np.abs(first.imag) < POLISHED]
+    first = first[np.abs(first.imag) < farthest]
     steps = _Steps.at(equations, point(first))
     sizes = np.linalg.norm(steps.forms[..., 1:], axis=3)
     better = np.argmax(sizes, axis=2)[..., None, None]
@@ -199,14 +206,7 @@ def _solutions(equations: Floats, roots: Complexes) -> tuple[Complexes, int]:
     good = found.residual < CLOSED
     good &= np.abs(found.angles[:, 0] - start[held, 0]) < CLUSTER
     angles, flat = found.angles[good], found.flat[good]
-    turns = np.exp(1j * angles)
-    new = np.array(
-        [
-            not np.any(np.all(np.abs(turn / turns[:k] - 1.0) < SAME, axis=1))
-            for k, turn in enumerate(turns)
-        ],
-        dtype=bool,
-    )
+    new = _are_new(angles)
     angles, flat = angles[new], flat[new]
     turned = np.exp(1j * first)[:, None]
     with_roots = np.sum(np.abs(turned / turned.T - 1.0) < CLUSTER, axis=1)
@@ -234,14 +234,7 @@ def _polished(equations: Floats, angles: Complexes) -> _Polished:
     for step in range(NEWTON_STEPS + 1):
         points = np.moveaxis(point(angles), 1, 0)
         values = _values(equations, points)
-        rates = np.moveaxis(_point_rate(angles), 1, 0)
-        jacobian = np.stack(
-            [
-                _values(equations, np.where(turned[:, None, None], rates, points))
-                for turned in np.eye(3, dtype=bool)
-            ],
-            axis=2,
-        )
+        jacobian = _jacobian(equations, angles)
         determinant = np.abs(np.linalg.det(jacobian))
         if step == NEWTON_STEPS or largest < STILL:
             break
@@ -256,6 +249,40 @@ def _polished(equations: Floats, angles: Complexes) -> _Polished:
     residual = np.max(np.abs(values), axis=1, initial=0.0) / size
     reach = np.prod(np.linalg.norm(jacobian, axis=1), axis=1)
     return _Polished(angles, residual, determinant < FLAT * reach)
+
+
+def followed(equations: Floats, angles: Complexes) -> Complexes:
+    """Return the solutions that Newton's method reaches from angles (n, 3), all distinct.
+
+    As many as the equations have are all of them, wherever the angles came from.
+    """
+    found = _polished(equations, angles)
+    reached = found.angles[found.residual < CLOSED]
+    return np.asarray(reached[_are_new(reached)])
+
+
+def _are_new(angles: Complexes) -> Bools:
+    """Return (n,) which of angles (n, 3) are no copies of earlier ones."""
+    turns = np.exp(1j * angles)
+    apart = np.abs(turns[:, None] / turns - 1.0)
+    copies = np.tril(np.all(apart < SAME, axis=2), -1)
+    return np.asarray(~np.any(copies, axis=1))
+
+
+def determinants(equations: Floats, angles: Complexes) -> Complexes:
+    """Return the determinants (n,) of the equations' derivatives by angles (n, 3)."""
+    return np.asarray(np.linalg.det(_jacobian(equations, angles)))
+
+
+def _jacobian(equations: Floats, angles: Complexes) -> Complexes:
+    """Return the derivatives (n, 3, 3) of the equations by the angles (n, 3)."""
+    points = np.moveaxis(point(angles), 1, 0)
+    rates = np.moveaxis(_point_rate(angles), 1, 0)
+    columns = [
+        _values(equations, np.where(turned[:, None, None], rates, points))
+        for turned in np.eye(3, dtype=bool)
+    ]
+    return np.stack(columns, axis=2)
 
 
 def _values(equations: Floats, points: Numbers) -> Complexes:

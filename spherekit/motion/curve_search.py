@@ -1,0 +1,157 @@
+"""Looking for the configuration curves of a mechanism, and checking what was found."""
+
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import Status
+from spherekit.errors import SolveError
+from spherekit.model.geometry import Contact
+from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.branches import Solver
+from spherekit.motion.dead_inputs import DeadInputs
+from spherekit.motion.guarantee import Claim, Guarantee
+from spherekit.motion.modes import assemblies
+from spherekit.motion.stretches import Stretches, turning_inputs
+from spherekit.sphere.rotation import Floats
+
+CHECKED = 12
+"""Inputs over the range at which modes are counted besides those they were sought at."""
+DRY = 4
+"""Searches in a row without a new curve that end a search from random starts."""
+MOST_SEARCHES = 24
+NEAR_DEAD = 1e-6
+"""Inputs (rad) nearer to a dead point than this are not counted at."""
+NEAR_CROSSING = 1e-3
+"""Configurations (rad) nearer to a crossing of curves than this are no start of one."""
+SAME_INPUT = 1e-5
+"""Dead points (rad) found in two ways may differ by this."""
+
+
+@final
+class CurveSearch:
+    """The curves found so far over a range of the input, and what went wrong on the way.
+
+    `counted` are inputs and the numbers of real modes that were found there without the
+    curves; `problems` says in words what does not agree.
+    """
+
+    def __init__(self, solver: Solver, low: float, high: float, longest: float) -> None:
+        self.solver, self.low, self.high = solver, low, high
+        self.longest = longest
+        self.curves: list[ArcCurve] = []
+        self.counted: list[tuple[float, int]] = []
+        self.problems: list[str] = []
+
+    def add(self, values: Floats) -> int:
+        """Follow new curves from configurations (n, variables); return how many."""
+        known = len(self.curves)
+        failed: list[tuple[Floats, str]] = []
+        for curve in self.curves:
+            values = _elsewhere(curve, values)
+        while len(values):
+            middle = len(values) // 2
+            given, values = values[middle], np.delete(values, middle, axis=0)
+            try:
+                curve = follow_arc(self.solver.closure, given, longest=self.longest)
+            except SolveError as problem:
+                failed.append((given, str(problem)))
+                continue
+            self.curves.append(curve)
+            values = _elsewhere(curve, values)
+        for given, words in failed:
+            if not any(_ends_at(curve, given) for curve in self.curves):
+                self.problems.append(words)
+        return len(self.curves) - known
+
+    def sweep(self, drive: Solver, dead: DeadInputs, step: float) -> Claim:
+        """Follow the curves of all modes of `drive` between its dead inputs."""
+        for q in dead.probes(step):
+            values, complete = _modes(drive, float(q))
+            if not complete:
+                words = "no elimination finds all modes at an input"
+                return Claim(Guarantee.SAMPLED, words)
+            if drive is self.solver:
+                self.counted.append((float(q), len(values)))
+            self.add(values)
+        return dead.claim(step)
+
+    def search(self) -> Claim:
+        """Follow curves that searches at random inputs meet, until no new ones do.
+
+        The modes that curves from other inputs lead to say how many a search misses.
+        """
+        if any(isinstance(j, Contact) and j.rolling for j in self.solver.joints):
+            return Claim(Guarantee.COMPONENT, "wheels in mesh as in the branches given")
+        random = np.random.default_rng(20240616)
+        dry = searches = known = met = 0
+        while dry < DRY and searches < MOST_SEARCHES:
+            q = float(random.uniform(self.low, self.high))
+            values, _ = _modes(self.solver, q)
+            for curve in self.curves:
+                known += len(curve.at_input(self.solver.single, q).places)
+                met += int(np.sum(~np.isnan(curve.find(values))))
+            self.counted.append((q, len(values)))
+            searches += 1
+            dry = 0 if self.add(values) else dry + 1
+        words = (
+            f"searches at {searches} random inputs, the last {dry} without a new curve, "
+            f"met {met} of the {known} modes there of curves known before"
+        )
+        return Claim(Guarantee.SAMPLED, words)
+
+    def count(self, stretches: list[Stretches], complete: bool) -> None:
+        """Compare the number of modes with that of the curves' crossings.
+
+        Where the modes at an input are complete, at inputs spread over the range too.
+        """
+        if complete:
+            parts = (np.arange(CHECKED) + 0.5) / CHECKED
+            for q in self.low + parts * (self.high - self.low):
+                values, all_found = _modes(self.solver, float(q))
+                if all_found:
+                    self.counted.append((float(q), len(values)))
+        for q, modes in self.counted:
+            ends = [end for part in stretches for end in (*part.lowest, *part.highest)]
+            if np.min(np.abs(np.array(ends) - q), initial=np.inf) < NEAR_DEAD:
+                continue
+            crossings = sum(part.count(q) for part in stretches)
+            if crossings < modes or (complete and crossings != modes):
+                self.problems.append(
+                    f"at the input {np.degrees(q):.6g} deg there are {modes} modes, but "
+                    f"the curves have {crossings}"
+                )
+
+    def compare(self, drive: Solver, dead: DeadInputs) -> None:
+        """Check that curves turn back only where modes of `drive` meet."""
+        name = drive.mechanism.pairs[drive.assembly.input].name
+        for curve in self.curves:
+            for q in turning_inputs(curve, drive.single, dead.low):
+                if not dead.has(q, SAME_INPUT):
+                    self.problems.append(
+                        f"{name} = {np.degrees(q):.6g} deg: a curve turns back, but no "
+                        "modes meet"
+                    )
+
+
+def _modes(solver: Solver, q: float) -> tuple[Floats, bool]:
+    """Return the variables (n, variables) of all modes at an input, and whether all."""
+    found = assemblies(solver, np.array([q]))
+    count = len(solver.mechanism.variable_owners)
+    values = np.array([values for _, values in found.modes]).reshape(-1, count)
+    return values, all(m is None or m.is_complete for m in found.methods)
+
+
+def _ends_at(curve: ArcCurve, values: Floats) -> bool:
+    """Return whether a curve ends at a configuration because others cross it there."""
+    ends = zip(curve.ends, curve.nodes.values[[0, -1]], strict=True)
+    return any(
+        status == Status.AT_SINGULARITY
+        and np.max(np.abs(curve.wrapped(values - end))) < NEAR_CROSSING
+        for status, end in ends
+    )
+
+
+def _elsewhere(curve: ArcCurve, values: Floats) -> Floats:
+    return np.asarray(values[np.isnan(curve.find(values))])

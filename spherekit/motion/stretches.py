@@ -1,0 +1,73 @@
+"""The parts of a configuration curve on which the input only rises or only falls."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.motion.arc_curve import ArcCurve
+from spherekit.sphere.rotation import Floats
+
+SHORTEST = 1e-6
+"""Cuts of a curve (rad) nearer to each other than this are one."""
+
+
+@final
+@dataclass(frozen=True)
+class Stretches:
+    """The k parts of a curve whose input lies in a range of at most a turn, in order.
+
+    `starts` and `stops` (k,) are s (rad), the last stop perhaps beyond the length of a
+    closed curve; `middles` (k, variables) their middle points, the input in the range;
+    `lowest`, `highest` (k,) the input at their ends.
+    """
+
+    starts: Floats
+    stops: Floats
+    middles: Floats
+    lowest: Floats
+    highest: Floats
+
+    @staticmethod
+    def of(curve: ArcCurve, driven: int, low: float, high: float) -> "Stretches":
+        """Return those of a curve for the variable `driven` from `low` to `high` (rad)."""
+        cuts = np.unique(
+            np.concatenate(
+                [
+                    curve.dead_points(driven).places,
+                    curve.at_input(driven, low).places,
+                    curve.at_input(driven, high).places,
+                ]
+            )
+        )
+        if curve.closed:
+            first = cuts[0] if len(cuts) else 0.0
+            cuts = np.append(cuts if len(cuts) else first, first + curve.length)
+        else:
+            cuts = np.concatenate([[0.0], cuts, [curve.length]])
+        cuts = cuts[np.append(True, np.diff(cuts) > SHORTEST)]
+        starts, stops = cuts[:-1], cuts[1:]
+        middles = curve.at(0.5 * (starts + stops)).values
+        turned = low + np.mod(middles[:, driven] - low, 2.0 * np.pi)
+        shift = turned - middles[:, driven]
+        ends = [curve.at(cut).values[:, driven] + shift for cut in (starts, stops)]
+        middles[:, driven] = turned
+        inside = turned <= high
+        return Stretches(
+            starts[inside],
+            stops[inside],
+            middles[inside],
+            np.minimum(*ends)[inside],
+            np.maximum(*ends)[inside],
+        )
+
+    def count(self, q: float) -> int:
+        """Return how many have the input q."""
+        return int(np.sum((self.lowest < q) & (q < self.highest)))
+
+
+def turning_inputs(curve: ArcCurve, driven: int, low: float) -> Floats:
+    """Return the values (k,) from `low` on at which a variable turns back on a curve."""
+    found = curve.dead_points(driven)
+    values = curve.at(found.places[~found.double]).values[:, driven]
+    return np.asarray(low + np.mod(values - low, 2.0 * np.pi))

@@ -1,0 +1,193 @@
+"""All changes of sign of an analytic function of one variable, its derivative unknown.
+
+The range is cut into cells until a Chebyshev polynomial of known degree is the function
+to a small part of its largest value in the cell, as far as its last coefficients and
+samples between its nodes tell (the way of L. N. Trefethen, Approximation Theory and
+Approximation Practice, 2013, chapter 18: the zeros of the polynomial are eigenvalues).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from spherekit.numeric.chebyshev import Floats
+
+DEGREE = 32
+CELLS = 4
+"""Cells of the first division."""
+DEEPEST = 12
+"""Halvings of a cell before it is given up."""
+MOST_CELLS = 400
+POLISHING_STEPS = 3
+MOVED = 1e-3
+"""A zero of a polynomial is not farther than this from that of the function."""
+TOGETHER = 1e-6
+"""Doubtful parts whose distance is less, over their length, are one."""
+FITTED = 1e-8
+"""Largest error of a polynomial, over the largest value in its cell."""
+CERTAIN = 4.0
+"""An extremum is not zero if it is so many times larger than the error."""
+TAIL = 4
+"""Last coefficients that show the error of the polynomial."""
+ON_THE_AXIS = 1e-6
+"""A zero whose imaginary part, in half cells, is smaller is taken for real."""
+BEYOND = 1e-2
+"""Extrema so little beyond a cell, in half cells, are looked at from both sides."""
+
+_ANGLES = np.pi * np.arange(DEGREE + 1) / DEGREE
+_NODES = np.cos(_ANGLES)
+_BETWEEN = np.array([-0.7385, 0.0491, 0.6173])
+"""Places in a cell, -1 to 1, at which the polynomial is compared with the function."""
+_FITTING = np.cos(np.outer(np.arange(DEGREE + 1), _ANGLES)) * (2.0 / DEGREE)
+_FITTING[:, [0, -1]] *= 0.5
+_FITTING[[0, -1]] *= 0.5
+_CHECKING = np.cos(np.outer(np.arange(DEGREE + 1), np.arccos(_BETWEEN)))
+
+
+@final
+@dataclass(frozen=True)
+class Crossings:
+    """Where a function changes its sign, and where that could not be told.
+
+    `places` (k,) rise. `doubtful` (d, 2) are first and last places of what is left open:
+    extrema that are zero to the error of the function, and cells in which it is not
+    known or not smooth.
+    """
+
+    places: Floats
+    doubtful: Floats
+
+
+def crossings(
+    function: Callable[[Floats], Floats], low: float, high: float, most: int = MOST_CELLS
+) -> Crossings:
+    """Return the changes of sign of a function (n,) -> (n,) from `low` to `high`.
+
+    Samples that are NaN make their cell doubtful. A pair of zeros is found if the
+    function between them is larger than its error there. No more than about `most` cells
+    of 36 samples are looked at.
+    """
+    edges = np.linspace(low, high, CELLS + 1)
+    cells = np.stack([edges[:-1], edges[1:]], axis=1)
+    places: list[Floats] = []
+    slopes: list[Floats] = []
+    doubtful: list[Floats] = []
+    looked = 0
+    for depth in range(DEEPEST + 1):
+        looked += len(cells)
+        last = depth == DEEPEST or looked + 2 * len(cells) > most
+        middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
+        given = middle[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
+        values = function(given.ravel()).reshape(given.shape)
+        again = []
+        for number, value in enumerate(values):
+            found = _in_cell(value)
+            if found is None:
+                zeros, rates, open_parts = np.zeros(0), np.zeros(0), np.array([[-1.0, 1.0]])
+            else:
+                zeros, rates, open_parts = found
+            if len(open_parts) and not last:
+                again.append(cells[number])
+                continue
+            places.append(middle[number] + half[number] * zeros)
+            slopes.append(rates / half[number])
+            doubtful.append(middle[number] + half[number] * open_parts)
+        if not again:
+            break
+        split = np.array(again)
+        inner = split.mean(axis=1)
+        cells = np.stack([split[:, 0], inner, inner, split[:, 1]], axis=1).reshape(-1, 2)
+    exact = _polished(function, np.concatenate(places), np.concatenate(slopes))
+    parts = _merged(np.concatenate(doubtful))
+    return Crossings(*(np.clip(found, low, high) for found in (np.sort(exact), parts)))
+
+
+def _polished(
+    function: Callable[[Floats], Floats], places: Floats, slopes: Floats
+) -> Floats:
+    """Return zeros (k,) of a function, those of its polynomials and their slopes given."""
+    for _ in range(POLISHING_STEPS if len(places) else 0):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = -function(places) / slopes
+        places = places + np.where(np.abs(step) < MOVED, step, 0.0)
+    return places
+
+
+def _in_cell(values: Floats) -> tuple[Floats, Floats, Floats] | None:
+    """Return zeros (k,), slopes there and doubtful parts (d, 2) of a cell on [-1, 1].
+
+    None where the polynomial is not the function given by its samples.
+    """
+    known, checked = values[: DEGREE + 1], values[DEGREE + 1 :]
+    series = _FITTING @ known
+    gap = float(np.max(np.abs(series @ _CHECKING - checked)))
+    error = max(gap, float(np.max(np.abs(series[-TAIL:]))))
+    if not error <= FITTED * float(np.max(np.abs(known))) or not np.any(known):
+        return None
+    return _zeros(series, error)
+
+
+def _merged(parts: Floats) -> Floats:
+    """Return parts (d, 2) of a line in order, those that touch as one."""
+    merged: list[list[float]] = []
+    for start, stop in parts[np.argsort(parts[:, 0])]:
+        if merged and start <= merged[-1][1] + TOGETHER * abs(stop - start):
+            merged[-1][1] = max(merged[-1][1], float(stop))
+        else:
+            merged.append([float(start), float(stop)])
+    return np.array(merged).reshape(-1, 2)
+
+
+def _zeros(series: Floats, error: float) -> tuple[Floats, Floats, Floats]:
+    """Return changes of sign of a series on [-1, 1], slopes, and doubtful extrema."""
+    series = _trimmed(series, 1e-3 * error)
+    if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
+        return np.zeros(0), np.zeros(0), np.zeros((0, 2))
+    slope: Floats = np.asarray(chebyshev.chebder(series), dtype=float)
+    extrema = _real(slope)
+    heights = np.abs(chebyshev.chebval(extrema, series))
+    touches = []
+    for place in extrema[heights <= CERTAIN * error]:
+        bend = abs(float(chebyshev.chebval(place, chebyshev.chebder(slope))))
+        reach = min(2.0, float(np.sqrt(4.0 * CERTAIN * error / (bend or error))))
+        touches.append((float(place) - reach, float(place) + reach))
+    cuts = np.unique(np.concatenate([[-1.0], np.clip(extrema, -1.0, 1.0), [1.0]]))
+    values = chebyshev.chebval(cuts, series)
+    zeros = []
+    for a, b, fa, fb in zip(cuts[:-1], cuts[1:], values[:-1], values[1:], strict=True):
+        if (fa >= 0.0) != (fb >= 0.0):
+            zeros.append(_between(series, float(a), float(b), float(fa)))
+    places = np.array(zeros)
+    rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
+    return places, rates, np.array(touches).reshape(-1, 2)
+
+
+def _trimmed(series: Floats, size: float) -> Floats:
+    """Return a series without its last terms that are smaller than `size`."""
+    (large,) = np.nonzero(np.abs(series) > size)
+    return np.asarray(series[: max(2, large[-1] + 1 if len(large) else 0)])
+
+
+def _real(series: Floats) -> Floats:
+    """Return the real zeros of a series on [-1, 1], and a little beyond."""
+    largest = float(np.max(np.abs(series)))
+    series = _trimmed(series, 1e-15 * largest)
+    if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
+        return np.zeros(0)
+    roots = chebyshev.chebroots(series)
+    real = roots.real[np.abs(roots.imag) < ON_THE_AXIS]
+    return np.asarray(np.sort(real[np.abs(real) < 1.0 + BEYOND]))
+
+
+def _between(series: Floats, a: float, b: float, at_a: float) -> float:
+    """Return the zero of a series that is monotone from a to b, by halving."""
+    for _ in range(52):
+        middle = 0.5 * (a + b)
+        if (float(chebyshev.chebval(middle, series)) >= 0.0) == (at_a >= 0.0):
+            a = middle
+        else:
+            b = middle
+    return 0.5 * (a + b)

@@ -1,0 +1,73 @@
+"""Complex rotations: matrices R with R^T R = 1 and complex entries.
+
+Real solutions of trigonometric equations meet and become complex ones; what is to stay
+analytic while they do has to be known on both. Products here are bilinear, a . b = sum
+a_k b_k without conjugation, so a formula for real unit vectors holds word for word.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Complexes = NDArray[np.complex128]
+
+
+def dot(a: Complexes, b: Complexes) -> Complexes:
+    """Return a . b (...,) of arrays (..., 3), without conjugation."""
+    return np.asarray(np.sum(a * b, axis=-1))
+
+
+def cross(a: Complexes, b: Complexes) -> Complexes:
+    """Return a x b of arrays (..., 3)."""
+    return np.asarray(np.cross(a, b), dtype=complex)
+
+
+def triple(a: Complexes, b: Complexes, c: Complexes) -> Complexes:
+    """Return a . (b x c) (...,) of arrays (..., 3)."""
+    return dot(a, cross(b, c))
+
+
+def at_arcs(
+    first: Complexes, second: Complexes, near: NDArray[Any], far: NDArray[Any]
+) -> Complexes:
+    """Return both axes (..., 2, 3) at given arcs from two others.
+
+    Parameters
+    ----------
+    first, second
+        Unit vectors (..., 3).
+    near, far
+        (...,) cosines of the arcs from `first` and from `second`.
+
+    Notes
+    -----
+    The axis is a first + b second + c first x second; the third part is the square root
+    of a Gram determinant, which is where both axes meet. Infinite where `first` and
+    `second` lie on one line.
+    """
+    base = dot(first, second)
+    square = 1.0 - base * base
+    a, b = (near - base * far) / square, (far - base * near) / square
+    gram = square - near * near - far * far + 2.0 * base * near * far
+    c = np.sqrt(gram.astype(complex)) / square
+    flat = a[..., None] * first + b[..., None] * second
+    normal = c[..., None] * cross(first, second)
+    return np.stack([flat + normal, flat - normal], axis=-2)
+
+
+def taking(
+    first: NDArray[Any], second: NDArray[Any], to_first: Complexes, to_second: Complexes
+) -> Complexes:
+    """Return the rotations (..., 3, 3) that take two unit vectors (..., 3) to two others.
+
+    Both pairs have the same scalar product; NaN where it is 1 or -1.
+    """
+    base = dot(first, second)
+    square = 1.0 - base * base
+    dual = (first - base[..., None] * second, second - base[..., None] * first)
+    normal, to_normal = cross(first, second), cross(to_first, to_second)
+    out = to_first[..., :, None] * dual[0][..., None, :]
+    out = out + to_second[..., :, None] * dual[1][..., None, :]
+    out = out + to_normal[..., :, None] * normal[..., None, :]
+    return np.asarray(out / square[..., None, None])

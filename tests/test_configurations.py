@@ -1,0 +1,298 @@
+"""All components of the configuration curve, against searches that share no equation."""
+
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
+from scipy.spatial.transform import Rotation
+from test_assembly_modes import multi_start
+
+import spherekit as sk
+from spherekit.motion.branches import Solver
+from spherekit.motion.complex_modes import meetings_of
+from spherekit.motion.configuration import configuration_curves
+from spherekit.motion.dead_inputs import DeadInputs, dead_inputs
+from spherekit.motion.drive import easiest_drive
+from spherekit.motion.guarantee import Guarantee
+from spherekit.motion.modes import assemblies
+from spherekit.motion.motion import Tracer
+from spherekit.motion.stretches import Stretches, turning_inputs
+from spherekit.numeric.crossings import crossings
+from spherekit.planning.assembly import plan_assembly
+from spherekit.sphere.complex_rotation import at_arcs, dot, taking
+
+TURN = 2.0 * np.pi
+
+
+def solver_of(made):
+    return Solver(made, plan_assembly(made))
+
+
+def with_curves(chain, axes, driven, span=(0.0, TURN)):
+    """Return a tracer over the whole turn of an input, and all its curves."""
+    tracer = Tracer(mechanism(chain, axes, driven, span=span))
+    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
+    return tracer, found
+
+
+def crossing_values(tracer, found, q):
+    """Return the configurations (n, variables) of all curves at an input."""
+    points = [
+        item.curve.at(item.curve.at_input(tracer.solver.single, q).places).values
+        for item in found.curves
+    ]
+    return np.concatenate(points)
+
+
+def check_against_search(chain, axes, driven, inputs, starts, random):
+    """Compare curves with independent searches at random inputs; return both counts.
+
+    What the search finds has to lie on the curves; it may miss some.
+    """
+    tracer, found = with_curves(chain, axes, driven)
+    assert not found.mismatches
+    assert found.guarantee is Guarantee.COMPLETE
+    edges = joints(chain)
+    here = there = 0
+    for q in random.uniform(0.0, TURN, inputs):
+        values = crossing_values(tracer, found, q)
+        placed, states = tracer.solver.closure.place(values)
+        assert (
+            np.max(np.abs(tracer.solver.closure.residual(placed, states)), initial=0.0)
+            < 1e-12
+        )
+        searched, links = multi_start(edges, (driven,), axes, random, starts, q=q)
+        for turn in searched:
+            gaps = np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))
+            assert np.min(gaps) < 1e-5
+        here, there = here + len(values), there + len(searched)
+    return here, there
+
+
+def check_counts(tracer, found):
+    """Check that the modes, found on their own, change by two where curves turn back."""
+    solver = tracer.solver
+    turning = [turning_inputs(c.curve, solver.single, 0.0) for c in found.curves]
+    turning = np.sort(np.concatenate(turning))
+    counted = 0
+    for k, q in enumerate(turning):
+        if np.min(np.abs(np.delete(turning, k) - q), initial=1.0) < 1e-3:
+            continue
+        before, after = (
+            len(assemblies(solver, np.array([q + way])).modes) for way in (-2e-4, 2e-4)
+        )
+        assert abs(after - before) == 2
+        counted += 1
+    return counted
+
+
+def test_sign_changes_of_a_function_without_its_derivative():
+    def function(x):
+        return (np.cos(3.0 * x) - 0.5) * (np.sin(x - 0.7) - 0.3) * np.exp(np.sin(5 * x))
+
+    found = crossings(function, 0.0, TURN)
+    angles = np.arange(3)[:, None] * TURN / 3.0 + np.pi / 9.0 * np.array([1.0, -1.0])
+    true = np.sort(
+        np.mod([*angles.ravel(), 0.7 + np.arcsin(0.3), 0.7 + np.pi - np.arcsin(0.3)], TURN)
+    )
+    assert len(found.places) == 8 and not len(found.doubtful)
+    assert np.max(np.abs(found.places - true)) < 1e-12
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-5])
+def test_two_near_zeros_are_parted_or_doubtful_but_never_lost(gap):
+    found = crossings(
+        lambda x: (np.cos(x - 1.2345) - np.cos(gap)) * np.exp(np.cos(2.0 * x)), 0.0, TURN
+    )
+    assert np.max(np.abs(found.places - 1.2345 - [-gap, gap])) < 1e-9
+    close = crossings(lambda x: 1.0 - np.cos(x - 1.2345), 0.0, TURN)
+    assert not len(close.places)
+    ((start, stop),) = close.doubtful
+    assert start < 1.2345 < stop and stop - start < 1e-5
+
+
+def test_what_is_no_smooth_function_is_doubtful():
+    holed = crossings(lambda x: np.where(np.abs(x - 1.0) < 0.1, np.nan, 1.0), 0.0, 4.0)
+    ((start, stop),) = holed.doubtful
+    assert start <= 0.9 < 1.1 <= stop < 1.3
+    nothing = crossings(np.zeros_like, 0.0, 4.0, most=40)
+    assert nothing.doubtful.tolist() == [[0.0, 4.0]]
+    kinked = crossings(lambda x: np.abs(x - 1.0) - 0.5, 0.0, 4.0)
+    assert np.allclose(kinked.places, [0.5, 1.5], rtol=0, atol=1e-12)
+
+
+def test_complex_axes_keep_their_arcs():
+    """Whether the arcs can reach each other or not."""
+    random = np.random.default_rng(1)
+    first, second = random_axes(random, 200).reshape(2, 100, 3).astype(complex)
+    near, far = random.uniform(-1.0, 1.0, (2, 100))
+    both = at_arcs(first, second, near, far)
+    for axis in np.moveaxis(both, 1, 0):
+        size = np.sum(np.abs(axis) ** 2, axis=1)
+        assert np.max(np.abs(dot(axis, axis) - 1.0) / size) < 1e-12
+        assert np.max(np.abs(dot(first, axis) - near) / size) < 1e-12
+        assert np.max(np.abs(dot(second, axis) - far) / size) < 1e-12
+    assert np.sum(np.abs(both[:, 0].imag).max(axis=1) > 1e-3) > 20
+    real = Rotation.random(100, rng=random).as_matrix()
+    to_first, to_second = ((real @ v[..., None])[..., 0] for v in (first, second))
+    assert np.max(np.abs(taking(first, second, to_first, to_second) - real)) < 1e-9
+
+
+def test_dead_inputs_of_a_four_bar_are_where_its_links_are_stretched():
+    """The arc between the outer axes is then the sum of the lengths of both links."""
+    random = np.random.default_rng(2)
+    for _ in range(5):
+        axes = random_axes(random, 4)
+        solver = solver_of(mechanism("1-2 2-3 3-4 1-4", axes, "p1_2"))
+        d, a, b, c = (
+            np.arccos(axes[i] @ axes[j]) for i, j in ((3, 0), (0, 1), (1, 2), (2, 3))
+        )
+        limits = [
+            (np.cos(reach) - np.cos(a) * np.cos(d)) / (np.sin(a) * np.sin(d))
+            for reach in (b + c, b - c)
+        ]
+        angles = [np.arccos(limit) for limit in limits if abs(limit) < 1.0]
+        normal_in, normal_out = np.cross(axes[0], axes[3]), np.cross(axes[0], axes[1])
+        start = np.arctan2(
+            axes[0] @ np.cross(normal_in, normal_out), normal_in @ normal_out
+        )
+        true = np.mod([way * q - start for q in angles for way in (1.0, -1.0)], TURN)
+        found = dead_inputs(solver, 0.0, TURN)
+        assert not len(found.doubtful)
+        assert np.allclose(found.places, np.sort(true), rtol=0, atol=1e-9)
+    crank = Tracer(sk.load("four_bar")).solver
+    assert not len(dead_inputs(crank, 0.0, TURN).places)
+
+
+def test_the_function_of_a_triad_has_the_degree_of_its_discriminant():
+    """Three quadrics touch in a hypersurface of degree 16 in each of them."""
+    random = np.random.default_rng(3)
+    solver = solver_of(mechanism(STEPHENSON, random_axes(random, 7), "p5_6"))
+    meetings = meetings_of(solver)
+    values = meetings(0, TURN * np.arange(64) / 64)
+    size = np.abs(np.fft.rfft(values))
+    assert np.max(size[17:]) < 1e-9 * np.max(size)
+
+
+def test_a_group_beside_another_does_not_see_its_modes():
+    """Two dyads on the input link: the function would be a square."""
+    solver = solver_of(
+        mechanism(EIGHT_BARS[0], random_axes(np.random.default_rng(4), 10), "p1_2")
+    )
+    found = dead_inputs(solver, 0.0, TURN)
+    assert not len(found.doubtful)
+    counts = [len(assemblies(solver, np.array([q])).modes) for q in found.probes(0.1)]
+    for q in np.random.default_rng(5).uniform(0.0, TURN, 40):
+        place = int(np.searchsorted(found.places, q))
+        assert len(assemblies(solver, np.array([q])).modes) == counts[place]
+
+
+LOOSE = DeadInputs(0.0, 2.0, np.array([0.4]), np.array([[1.0, 1.3], [1.7, 1.70001]]))
+
+
+def test_a_doubtful_part_is_sampled_and_said_to_be():
+    probes = LOOSE.probes(0.11)
+    assert np.allclose(probes, [0.2, 0.7, 1.05, 1.15, 1.25, 1.5, 1.850005])
+    claim = LOOSE.claim(0.11)
+    assert claim.guarantee is Guarantee.TO_BOX
+    assert claim.box == pytest.approx(0.1)
+    assert str(claim).startswith("complete to a box of 5.73 deg: all modes at 7 inputs")
+
+
+HIDDEN = [
+    [0.76, 0.19, -0.63],
+    [0.87, 0.17, -0.47],
+    [0.83, 0.02, -0.56],
+    [-0.54, -0.84, 0.04],
+    [0.90, -0.27, 0.35],
+    [0.83, -0.54, 0.11],
+    [-0.20, -0.70, -0.68],
+]
+"""Axes of a six-bar whose curve has four components: one through the reference pose, two
+for inputs of 119 to 141 and of 324.2 to 346.3 deg only."""
+
+
+def test_components_between_five_equally_spaced_inputs_are_found():
+    axes = np.array(HIDDEN) / np.linalg.norm(HIDDEN, axis=1, keepdims=True)
+    tracer, found = with_curves(STEPHENSON, axes, "p5_6")
+    solver = tracer.solver
+    assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
+    assert sorted(p.branch for c in found.curves for p in c.pieces) == list(range(10))
+    assert len(tracer.branches) == 10
+    probed = TURN * (np.arange(5) + 0.5) / 5.0
+    met = [values for q in probed for _, values in assemblies(solver, np.array([q])).modes]
+    hidden = [c.curve for c in found.curves if np.all(np.isnan(c.curve.find(met)))]
+    spans = [np.degrees(np.sort(turning_inputs(c, solver.single, 0.0))) for c in hidden]
+    spans = sorted(span.tolist() for span in spans)
+    assert np.allclose(spans[0], [4.040, 352.884], atol=2e-3)
+    assert np.allclose(spans[1:], [[118.793, 140.852], [324.223, 346.282]], atol=2e-3)
+
+
+def test_the_range_of_the_input_decides_which_curves_are_wanted():
+    axes = np.array(HIDDEN) / np.linalg.norm(HIDDEN, axis=1, keepdims=True)
+    _, found = with_curves(STEPHENSON, axes, "p5_6", span=(2.1, 2.4))
+    (only,) = found.curves
+    assert found.guarantee is Guarantee.COMPLETE
+    assert {piece.branch for piece in only.pieces} == {0, 1}
+
+
+def test_curves_do_not_depend_on_the_pair_that_finds_them():
+    """Driven at a triad or at two dyads: the same curves, of the same lengths."""
+    random = np.random.default_rng(7)
+    axes = random_axes(random, 7)
+    lengths = []
+    for driven in ("p5_6", "p1_2"):
+        _, found = with_curves(STEPHENSON, axes, driven)
+        assert found.guarantee is Guarantee.COMPLETE
+        lengths.append(sorted(item.curve.length for item in found.curves))
+    assert np.allclose(*lengths, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("chain", "driven", "seed", "inputs"),
+    [(STEPHENSON, "p5_6", 11, 50), (WATT, "p1_2", 12, 50), (EIGHT_BARS[3], "p1_2", 13, 12)],
+)
+def test_curves_have_every_mode_that_a_search_finds(chain, driven, seed, inputs):
+    random = np.random.default_rng(seed)
+    axes = random_axes(random, len(joints(chain)))
+    here, there = check_against_search(chain, axes, driven, inputs, 24, random)
+    assert here >= there > 0.85 * here > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(16))
+def test_curves_of_all_eight_bars_have_every_mode_that_a_search_finds(number):
+    chain = EIGHT_BARS[number]
+    random = np.random.default_rng(100 + number)
+    edges = joints(chain)
+    a, b = edges[random.integers(10)]
+    axes = random_axes(random, 10)
+    here, there = check_against_search(chain, axes, f"p{a}_{b}", 50, 96, random)
+    assert here >= there > 0.85 * here
+
+
+@pytest.mark.parametrize(
+    ("chain", "driven", "seed"), [(STEPHENSON, "p5_6", 5), (WATT, "p1_2", 14)]
+)
+def test_modes_change_by_two_where_a_curve_turns_back(chain, driven, seed):
+    axes = random_axes(np.random.default_rng(seed), len(joints(chain)))
+    tracer, found = with_curves(chain, axes, driven)
+    assert check_counts(tracer, found) >= 2
+    parts = [Stretches.of(c.curve, tracer.solver.single, 0.0, TURN) for c in found.curves]
+    for q, count in zip(found.inputs, found.counts, strict=True):
+        assert sum(part.count(q) for part in parts) == count
+
+
+def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
+    """The single flier is one group of seven bodies, or a dyad and a triad."""
+    axes = random_axes(np.random.default_rng(15), 10)
+    solver = solver_of(mechanism(EIGHT_BARS[5], axes, "p5_6", span=(0.0, TURN)))
+    assert len(solver.assembly.groups) == 1
+    drive = easiest_drive(solver)
+    assert [len(group.bodies) for group in drive.assembly.groups] == [3, 5]
+
+
+def test_a_contact_is_searched_and_said_to_be():
+    tracer = Tracer(sk.load("bevel_pair"))
+    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
+    assert found.guarantee is Guarantee.COMPONENT
+    assert "wheels in mesh" in str(found.claim)
