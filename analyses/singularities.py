@@ -1,6 +1,6 @@
 """Singularities: where a mechanism locks or loses control, and how near it comes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
@@ -21,45 +21,28 @@ from spherekit.analysis.scene import (
 from spherekit.analysis.stage import link_bodies
 from spherekit.analysis.tables import (
     BRANCH,
-    INPUT,
     INPUTS,
     SAMPLE,
     STATUS,
     Column,
     Table,
     TableData,
-    input_columns,
 )
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.configuration import ConfigurationCurve
-from spherekit.singular.nearness import nearness, singular_values
-from spherekit.singular.record import AlongOutput, RelationAt, Singularities, Type
-from spherekit.singular.relation import Kind, SixPoles
-from spherekit.singular.single import SingleFreedom, ordered_pole
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.singular.record import RelationAt, SingularPoint, Type
+from spherekit.singular.relation import SixPoles
+from spherekit.singular.sampled import Measures, SampledSingularities
+from spherekit.singular.single import ordered_pole
+
+Floats = NDArray[np.float64]
 
 Row = dict[str, Any]
 
+LINE_TONE = 4
 TONES = {"I": 1, "II": 2, "III": 3, "apparent": 0}
 DRAWN = 721
 """Points with which a whole configuration curve is drawn."""
-
-
-@final
-@dataclass(frozen=True)
-class _Single:
-    """What is computed once for a mechanism with one input.
-
-    `curve`, `s` (n,) say on which configuration curve a row lies and where, -1 and NaN
-    for rows without configuration.
-    """
-
-    analysis: SingleFreedom
-    report: Singularities
-    curves: tuple[ConfigurationCurve, ...]
-    curve: NDArray[np.int64]
-    s: Floats
 
 
 @final
@@ -106,7 +89,7 @@ class SingularityAnalysis(AbstractAnalysis):
             (
                 SAMPLE,
                 BRANCH,
-                INPUT,
+                INPUTS,
                 Column("output", "", "link relative to link: y'", "text"),
                 Column("form", "", "i or ii", "text"),
                 Column("c", "", "coefficient of the output rate"),
@@ -157,39 +140,38 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of singularities and of the relation along the motion."""
-        single = self._single(batch)
         return {
-            "singularities": self._points(batch, single),
-            "relation": self._relation(batch, single),
+            "singularities": self._points(batch),
+            "relation": self._relation(batch),
         }
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of each branch, and a page of the singular configurations."""
-        single = self._single(batch)
         pages = [
-            Scene(number, tuple(self._plots(batch, single, rows)))
+            Scene(number, tuple(self._plots(batch, rows)))
             for number, rows in batch.branch_rows().items()
         ]
-        points = self._points(batch, single)
-        if len(points["kind"]):
-            pages.append(self._gallery(batch, single, points))
+        if len(self._points(batch)["kind"]):
+            pages.append(self._gallery(batch))
         return tuple(pages)
 
     def findings(self, batch: Batch) -> Findings:
         """Return how many singularities there are, and where a branch comes near one."""
-        single = self._single(batch)
-        relation = self._relation(batch, single)
-        kinds = self._points(batch, single)["kind"]
-        figures = {
+        found = self._found(batch)
+        relation = self._relation(batch)
+        kinds = self._points(batch)["kind"]
+        figures: dict[str, Any] = {
             "singularities": {
                 str(kind): int(np.sum(kinds == kind)) for kind in np.unique(kinds)
             },
-            "curves": len(single.curves),
-            "notes": list(single.report.notes),
+            "configuration_curves": len(found.curves),
+            "guarantee": str(found.configurations.claim),
+            "checks_failed": list(found.configurations.mismatches),
+            "notes": list(found.report.notes),
         }
-        if single.report.everywhere is not None:
-            figures["freedoms_everywhere"] = single.report.everywhere
-        warnings = list(single.report.notes)
+        if found.report.everywhere is not None:
+            figures["freedoms_everywhere"] = found.report.everywhere
+        warnings = [*found.report.notes, *found.configurations.mismatches]
         for kind, rate in (("I", "output_rate"), ("II", "input_rate")):
             slow = np.abs(relation[rate]) <= np.sin(np.radians(self.near))
             angles = np.where(slow, np.degrees(relation[f"angle_{kind}"]), np.inf)
@@ -207,197 +189,129 @@ class SingularityAnalysis(AbstractAnalysis):
                 )
         return Findings(figures, tuple(warnings))
 
-    def _single(self, batch: Batch) -> _Single:
-        return batch.once("single", lambda: self._found(batch))
+    def _found(self, batch: Batch) -> SampledSingularities:
+        return batch.once(
+            "found",
+            lambda: SampledSingularities(
+                batch.tracer, self.outputs(batch.mechanism), batch.values, batch.branch
+            ),
+        )
 
-    def _found(self, batch: Batch) -> _Single:
-        curves = batch.tracer.curves
-        outputs = self.outputs(batch.mechanism)
-        analysis = SingleFreedom(batch.tracer, [item.curve for item in curves], outputs)
-        report = analysis.report()
-        where = np.full(len(batch), -1)
-        s = np.full(len(batch), np.nan)
-        known = np.all(np.isfinite(batch.values), axis=1)
-        for elsewhere in (False, True):
-            for number, item in enumerate(curves):
-                own = [piece.branch for piece in item.pieces]
-                expected = np.isin(batch.branch, [b for b in own if b is not None])
-                (todo,) = np.nonzero(known & (where < 0) & (expected != elsewhere))
-                places = item.curve.find(batch.values[todo])
-                on = np.isfinite(places)
-                where[todo[on]], s[todo[on]] = number, places[on]
-        return _Single(analysis, report, curves, where, s)
+    def _points(self, batch: Batch) -> Row:
+        return batch.once("points", lambda: self._listed(batch))
 
-    def _points(self, batch: Batch, single: _Single) -> Row:
+    def _listed(self, batch: Batch) -> Row:
+        """Return the main table: points on curves, then where curves cross."""
+        found = self._found(batch)
+        claim = found.configurations.guarantee.value
         rows: list[Row] = []
-        inputs: list[Floats] = []
-        driven = batch.tracer.solver.single
-        low = batch.tracer.range[0]
-        claim = "component only"
-
-        def add(values: Floats, row: Row) -> None:
-            q = low + np.mod(values[driven] - low + 1e-12, 2.0 * np.pi) - 1e-12
-            inputs.append(np.array([q]))
-            rows.append({**row, "guarantee": claim})
-
-        for point in single.report.points:
+        for point in found.report.points:
             if point.type is Type.APPARENT:
                 continue
-            turns = [
-                word
-                for word, turned in (
-                    ("input", point.input_turns and point.type is not Type.I),
-                    ("output", point.output_turns and point.type is not Type.II),
-                )
-                if turned
-            ]
-            held = [item for at in point.relations for item in at.conditions]
-            add(
-                point.values,
+            words = [item.words for at in point.relations for item in at.conditions]
+            rows.append(
                 {
                     "kind": str(point.type),
                     **_conditions(point.relations),
-                    "branch": _branches(single.curves[point.curve], point.s),
+                    "branch": _joined(found.branches_at(point.curve, point.s)),
+                    "q": found.input_at(point.curve, np.array([point.s]))[0],
                     "output": _named(batch.mechanism, point.output),
                     "curve": point.curve,
                     "s": point.s,
                     "error": point.error,
-                    "turns": " and ".join(turns),
+                    "turns": " and ".join(_turns(point)),
                     "double": "yes" if point.double else "no",
                     "decided": "yes" if point.decided else "no",
-                    "note": "; ".join(
-                        filter(None, [point.note, *dict.fromkeys(h.words for h in held)])
-                    ),
-                },
+                    "guarantee": claim,
+                    "note": "; ".join(filter(None, [point.note, *dict.fromkeys(words)])),
+                }
             )
-        for crossing in single.report.crossings:
-            curve, at_start = crossing.ends[0]
-            own = single.curves[curve]
-            place = 0.0 if at_start else own.curve.length
-            met = ", ".join(str(number) for number, _ in crossing.ends)
-            for output, relations in zip(
-                single.report.outputs,
-                crossing.relations or [()] * len(single.report.outputs),
-                strict=True,
-            ):
-                flat = tuple(at for branch in relations for at in branch)
-                count = 0 if crossing.crossing is None else len(crossing.crossing.tangents)
-                words = f"{count} curves cross; ends of curves {met}"
-                add(
-                    crossing.values,
+        for crossing in found.report.crossings:
+            ends = [
+                (curve, 0.0 if at_start else found.curves[curve].length)
+                for curve, at_start in crossing.ends
+            ]
+            touched = {b for end in ends for b in found.branches_at(*end)}
+            met = crossing.crossing
+            count = 0 if met is None else len(met.tangents)
+            words = [
+                f"{count} curves cross" if count else "curves end",
+                "ends of curves " + _joined(sorted({curve for curve, _ in ends}), ", "),
+                crossing.note,
+            ]
+            curve, s = ends[0]
+            for output, links in enumerate(found.report.outputs):
+                on_branches = crossing.relations[output] if crossing.relations else ()
+                rows.append(
                     {
                         "kind": "III",
-                        **_conditions(flat),
-                        "branch": _branches(own, place),
-                        "output": _named(batch.mechanism, output),
+                        **_conditions([at for own in on_branches for at in own]),
+                        "branch": _joined(sorted(touched)),
+                        "q": found.input_at(curve, np.array([s]))[0],
+                        "output": _named(batch.mechanism, links),
                         "curve": curve,
-                        "s": place,
-                        "error": np.nan
-                        if crossing.crossing is None
-                        else crossing.crossing.error,
+                        "s": s,
+                        "error": np.nan if met is None else met.error,
                         "turns": "",
                         "double": "no",
                         "decided": "yes" if crossing.decided else "no",
-                        "note": "; ".join(filter(None, [words, crossing.note])),
-                    },
-                )
-        names = [c.name for c in self.tables[0].columns]
-        values = np.array(inputs).reshape(-1, 1)
-        columns = {
-            name: _column([row[name] for row in rows], name)
-            for name in names
-            if name != INPUTS.name
-        }
-        made = {**columns, **input_columns(batch.mechanism, values)}
-        return {name: made[name] for name in names}
-
-    def _relation(self, batch: Batch, single: _Single) -> Row:
-        return batch.once("relation", lambda: self._related(batch, single))
-
-    def _related(self, batch: Batch, single: _Single) -> Row:
-        n = len(batch)
-        sigma, flatness = np.full(n, np.nan), np.full(n, np.nan)
-        along: list[dict[tuple[int, int], Row]] = []
-        for number, item in enumerate(single.curves):
-            (rows,) = np.nonzero(single.curve == number)
-            if not len(rows):
-                continue
-            closure = item.curve.segments.closure
-            points = item.curve.at(single.s[rows])
-            placed, states = closure.place(points.values)
-            vectors = closure.vectors(placed, states)
-            driven = [batch.tracer.solver.single]
-            sigma[rows], flatness[rows] = singular_values(closure.tree, vectors, driven)
-            for output in range(len(single.report.outputs)):
-                at = single.analysis.at(number, single.s[rows], output)
-                along.append(self._filled(batch, single, number, output, rows, at))
-        parts: list[Row] = []
-        for output, links in enumerate(single.report.outputs):
-            forms = sorted({key[1] for own in along for key in own if key[0] == output})
-            for form in forms:
-                columns = {name: np.full(n, np.nan) for name in _MEASURED}
-                for own in along:
-                    found = own.get((output, form))
-                    if found is None:
-                        continue
-                    for name in _MEASURED:
-                        columns[name][found["rows"]] = found[name]
-                parts.append(
-                    {
-                        "sample": batch.sample,
-                        "branch": batch.branch,
-                        "q": batch.q,
-                        "output": np.full(n, _named(batch.mechanism, links)),
-                        "form": np.full(n, "i" if form == 0 else "ii"),
-                        **columns,
-                        "sigma": sigma,
-                        "flatness": flatness,
-                        "status": batch.status,
+                        "guarantee": claim,
+                        "note": "; ".join(filter(None, words)),
                     }
                 )
-        names = [column.name for column in self.tables[1].columns]
-        if not parts:
-            return {name: np.zeros(0) for name in names}
-        return {name: np.concatenate([part[name] for part in parts]) for name in names}
-
-    def _filled(
-        self,
-        batch: Batch,
-        single: _Single,
-        number: int,
-        output: int,
-        rows: NDArray[np.intp],
-        at: AlongOutput,
-    ) -> dict[tuple[int, int], Row]:
-        found = {}
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rate = at.output_rate / at.input_rate
-        to = {
-            kind: _to_nearest(batch, single, number, output, kind, at.s)
-            for kind in ("I", "II")
+        return {
+            column.name: np.array(
+                [row[column.name] for row in rows], dtype=_DTYPES[column.kind]
+            )
+            for column in self.tables[0].columns
         }
-        for form, (relation, links, poles) in enumerate(
-            zip(at.relations, at.links, at.poles, strict=True)
-        ):
-            near = nearness(relation, links, poles)
-            found[output, form] = {
-                "rows": rows,
-                "c": relation.c,
-                "d": relation.d,
-                "rate": rate,
-                "angle_I": near.type_i,
-                "angle_II": near.type_ii,
-                "output_rate": at.output_rate,
-                "input_rate": at.input_rate,
-                "transmission": near.transmission,
-                "to_I": to["I"],
-                "to_II": to["II"],
-            }
-        return found
 
-    def _plots(self, batch: Batch, single: _Single, rows: slice) -> list[Primitive]:
-        relation = self._relation(batch, single)
+    def _relation(self, batch: Batch) -> Row:
+        return batch.once("relation", lambda: self._measured(batch))
+
+    def _measured(self, batch: Batch) -> Row:
+        found = self._found(batch)
+        sigma, flatness = found.singular_values()
         n = len(batch)
+
+        def ratio(own: Measures) -> Floats:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return np.asarray(own.output_rate / own.input_rate)
+
+        parts: list[Row] = [
+            {
+                "sample": batch.sample,
+                "branch": batch.branch,
+                "q": batch.q,
+                "output": np.full(
+                    n, _named(batch.mechanism, found.report.outputs[own.output])
+                ),
+                "form": np.full(n, str(own.form)),
+                "c": own.c,
+                "d": own.d,
+                "rate": ratio(own),
+                "output_rate": own.output_rate,
+                "input_rate": own.input_rate,
+                "angle_I": own.type_i,
+                "angle_II": own.type_ii,
+                "transmission": own.transmission,
+                "to_I": own.to_i,
+                "to_II": own.to_ii,
+                "sigma": sigma,
+                "flatness": flatness,
+                "status": batch.status,
+            }
+            for own in found.measures()
+        ]
+        return {
+            column.name: np.concatenate([part[column.name] for part in parts])
+            if parts
+            else np.zeros(0, dtype=_DTYPES[column.kind])
+            for column in self.tables[1].columns
+        }
+
+    def _plots(self, batch: Batch, rows: slice) -> list[Primitive]:
+        relation, n = self._relation(batch), len(batch)
         parts: list[Primitive] = []
         for start in range(0, len(relation["c"]), n):
             output, form = relation["output"][start], relation["form"][start]
@@ -407,80 +321,100 @@ class SingularityAnalysis(AbstractAnalysis):
             for name in ("c", "d"):
                 label = f"{name}, output {output}"
                 parts.append(Series(f"{where}/{name}", label, group, relation[name][own]))
-            for name, words in (
-                ("angle_I", "to type I"),
-                ("angle_II", "to type II"),
-                ("transmission", "transmission angle"),
-            ):
+            for name, words in _ANGLES.items():
                 values = np.degrees(relation[name][own])
                 if np.any(np.isfinite(values)):
                     label = f"{words}, output {output}"
                     angles = f"angles, form {form}, deg"
                     parts.append(Series(f"{where}/{name}", label, angles, values))
-        for output in range(len(single.report.outputs)):
-            parts.append(_input_output(batch, single, output, rows))
+        for output in range(len(self._found(batch).report.outputs)):
+            parts.append(self._input_output(batch, output, rows))
         return parts
 
-    def _gallery(self, batch: Batch, single: _Single, points: Row) -> Scene:
-        """Return a page on which row k is singularity k, with what coincides there."""
-        curves = single.curves
-        values = np.stack(
-            [
-                curves[c].curve.at(s).values[0]
-                for c, s in zip(points["curve"], points["s"], strict=True)
-            ]
+    def _input_output(self, batch: Batch, output: int, rows: slice) -> Portrait:
+        """Return the output against the input, all curves drawn, singularities marked."""
+        found = self._found(batch)
+        links = found.report.outputs[output]
+        curves: list[tuple[Floats, int]] = []
+        marks: list[Mark] = []
+        x, y = np.full(len(batch), np.nan), np.full(len(batch), np.nan)
+        for number, curve in enumerate(found.curves):
+            s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
+            q, turned = found.input_at(number, s), found.output_angle(number, output, s)
+            line = np.degrees(np.stack([q, turned], axis=1))
+            jumps = np.max(np.abs(np.diff(line, axis=0, prepend=line[:1])), axis=1) > 180.0
+            line[jumps] = np.nan
+            curves.append((line, LINE_TONE))
+            (own,) = np.nonzero(found.curve == number)
+            nearest = np.clip(np.searchsorted(s, found.s[own]), 0, DRAWN - 1)
+            x[own], y[own] = np.degrees(batch.q[own]), line[nearest, 1]
+            for point in found.report.points:
+                if point.curve == number and point.output == links:
+                    place = line[int(np.argmin(np.abs(s - point.s)))]
+                    if point.type is not Type.APPARENT and np.all(np.isfinite(place)):
+                        marks.append(Mark(str(point.type), place, TONES[str(point.type)]))
+        every = np.concatenate([line for line, _ in curves] or [np.zeros((1, 2))])
+        (left, low), (right, high) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+        name = _named(batch.mechanism, links)
+        return Portrait(
+            f"plots/input_output/{name.replace('/', '_')}",
+            f"output {name} against the input",
+            x[rows],
+            y[rows],
+            "input, deg",
+            f"output {name}, deg",
+            (float(left), float(right)),
+            (float(low), float(high)),
+            curves,
+            marks,
         )
-        placed, _ = curves[0].curve.segments.closure.place(values)
-        mechanism = batch.mechanism
-        parts: list[Primitive] = [*link_bodies(mechanism, placed)]
-        normals = np.full((len(values), 2, 3), np.nan)
-        axes = {name: np.full((len(values), 3), np.nan) for name in _AXES}
-        for output, links in enumerate(single.report.outputs):
-            own = points["output"] == _named(mechanism, links)
-            for number in np.unique(points["curve"][own]):
-                (rows,) = np.nonzero(own & (points["curve"] == number))
-                at = single.analysis.at(int(number), points["s"][rows], output)
-                six, kind = at.poles[-1], at.relations[-1].kind
+
+    def _gallery(self, batch: Batch) -> Scene:
+        """Return a page on which row k is singularity k, with what coincides there."""
+        found, points = self._found(batch), self._points(batch)
+        n = len(points["kind"])
+        places = list(zip(points["curve"].tolist(), points["s"].tolist(), strict=True))
+        turned = np.stack([found.configuration(*place) for place in places])
+        planes = np.full((n, 2, 3), np.nan)
+        axes = {name: np.full((n, 3), np.nan) for name in _AXES}
+        names = [_named(batch.mechanism, links) for links in found.report.outputs]
+        for k, (curve, s) in enumerate(places):
+            at = found.at(curve, np.array([s]), names.index(points["output"][k]))
+            if at.poles:
                 for name in _AXES:
-                    axes[name][rows] = getattr(six, name)
-                if kind is Kind.FOUR_LINKS:
-                    for k, row in enumerate(rows):
-                        normals[row] = _planes(six, k, points["kind"][row])
-        parts += [
-            Arrow(f"pole/{name}", words, axes[name], False)
-            for name, words in _AXES.items()
-            if np.any(np.isfinite(axes[name]))
-        ]
-        parts += [
-            GreatCircle(f"plane/{k}", words, normals[:, k])
-            for k, words in enumerate(("plane of one triplet", "plane of the other"))
+                    axes[name][k] = getattr(at.poles[-1], name)[0]
+                planes[k] = _planes(at.poles[-1], points["kind"][k])
+        parts: list[Primitive] = [
+            *link_bodies(batch.mechanism, turned),
+            *(
+                Arrow(f"pole/{name}", words, axes[name], False)
+                for name, words in _AXES.items()
+                if np.any(np.isfinite(axes[name]))
+            ),
+            *(
+                GreatCircle(f"plane/{k}", words, planes[:, k])
+                for k, words in enumerate(("plane of one triplet", "plane of the other"))
+            ),
         ]
         lines = [
             "| sample | kind | condition | branch | q, deg | output | what coincides |"
         ]
         lines.append("|---|---|---|---|---|---|---|")
-        for k in range(len(values)):
+        for k in range(n):
             lines.append(
                 f"| {k} | {points['kind'][k]} | {points['condition'][k]} | "
                 f"{points['branch'][k]} | {np.degrees(points['q'][k]):.6f} | "
                 f"{points['output'][k]} | {points['note'][k]} |"
             )
         parts.append(Text("list", "Singularities", "\n".join(lines)))
-        return Scene("Singularities", tuple(parts), len(values))
+        return Scene("Singularities", tuple(parts), n)
 
 
-_MEASURED = (
-    "c",
-    "d",
-    "rate",
-    "angle_I",
-    "angle_II",
-    "output_rate",
-    "input_rate",
-    "transmission",
-    "to_I",
-    "to_II",
-)
+_ANGLES = {
+    "angle_I": "to type I",
+    "angle_II": "to type II",
+    "transmission": "transmission angle",
+}
 _AXES = {
     "ir": "input",
     "or_": "output link and r",
@@ -488,6 +422,12 @@ _AXES = {
     "io": "input link and output link",
     "is_": "input link and s",
     "rs": "references",
+}
+_DTYPES: Mapping[str, Any] = {
+    "number": float,
+    "integer": np.int64,
+    "text": str,
+    "status": np.int8,
 }
 
 
@@ -499,13 +439,21 @@ def _named(mechanism: Mechanism, links: tuple[int, int]) -> str:
     return "/".join(mechanism.links[k] for k in links)
 
 
-def _column(values: list[Any], name: str) -> NDArray[Any]:
-    if name in ("s", "error", "residual"):
-        return np.array(values, dtype=float)
-    return np.array(values, dtype=np.int64 if name == "curve" else str)
+def _joined(numbers: Iterable[int], sign: str = "+") -> str:
+    return sign.join(map(str, numbers))
 
 
-def _conditions(relations: tuple[RelationAt, ...]) -> Row:
+def _turns(point: SingularPoint) -> list[str]:
+    """Return what reverses at a singularity."""
+    turns = []
+    if point.input_turns and point.type is not Type.I:
+        turns.append("input")
+    if point.output_turns and point.type is not Type.II:
+        turns.append("output")
+    return turns
+
+
+def _conditions(relations: Iterable[RelationAt]) -> Row:
     """Return the labels of the conditions that hold, and the least residual of them."""
     held = [item for at in relations for item in at.conditions]
     labels = dict.fromkeys(h.label + ("" if h.decided else "?") for h in held)
@@ -513,123 +461,18 @@ def _conditions(relations: tuple[RelationAt, ...]) -> Row:
     return {"condition": " ".join(labels), "residual": least}
 
 
-def _branches(item: ConfigurationCurve, s: float) -> str:
-    """Return the branches whose pieces of a curve hold or touch the place s."""
-    length = item.curve.length
-    slack = 1e-6
-    found: list[int] = []
-    for piece in item.pieces:
-        places = [s, s + length, s - length] if item.curve.closed else [s]
-        near = any(piece.start - slack <= p <= piece.stop + slack for p in places)
-        if near and piece.branch is not None:
-            found.append(piece.branch)
-    return "+".join(map(str, sorted(set(found))))
-
-
-def _to_nearest(
-    batch: Batch, single: _Single, number: int, output: int, kind: str, s: Floats
-) -> Floats:
-    """Return (n,) by how much the input has to move to reach a type of singularity."""
-    curve = single.curves[number].curve
-    driven = batch.tracer.solver.single
-    links = single.report.outputs[output]
-    places = [
-        point.s
-        for point in single.report.points
-        if point.curve == number and point.output == links and point.type in (kind, "III")
-    ]
-    for crossing in single.report.crossings:
-        places += [
-            0.0 if at_start else curve.length
-            for own, at_start in crossing.ends
-            if own == number
-        ]
-    if not places:
-        return np.full(len(s), np.nan)
-    at = np.sort(np.array(places))
-    if curve.closed:
-        at = np.concatenate([at - curve.length, at, at + curve.length])
-    there = curve.at(at).values[:, driven]
-    here = curve.at(s).values[:, driven]
-    after = np.searchsorted(at, s)
-    ways = []
-    for beside in (after - 1, after):
-        inside = (beside >= 0) & (beside < len(at))
-        way = np.abs(there[np.clip(beside, 0, len(at) - 1)] - here)
-        ways.append(np.where(inside, way, np.inf))
-    return np.asarray(np.minimum(*ways))
-
-
-def _planes(six: SixPoles, row: int, kind: str) -> Floats:
+def _planes(six: SixPoles, kind: str) -> Floats:
     """Return the normals (2, 3) of the planes that coincide in a type of singularity."""
-    sets = {
+    triplets = {
         "I": (("io", "os", "is_"), ("ir", "is_", "rs")),
         "II": (("or_", "os", "rs"), ("io", "os", "is_")),
     }[kind if kind != "III" else "II"]
     found = np.full((2, 3), np.nan)
-    for k, names in enumerate(sets):
-        vectors = np.stack([getattr(six, name)[row] for name in names])
-        normals = cross(vectors, np.roll(vectors, -1, axis=0))
-        sizes = np.linalg.norm(normals, axis=1)
-        if np.max(np.nan_to_num(sizes)) > 0.0:
-            best = int(np.nanargmax(sizes))
+    for k, names in enumerate(triplets):
+        vectors = np.stack([getattr(six, name)[0] for name in names])
+        normals = np.cross(vectors, np.roll(vectors, -1, axis=0))
+        sizes = np.nan_to_num(np.linalg.norm(normals, axis=1))
+        best = int(np.argmax(sizes))
+        if sizes[best] > 0.0:
             found[k] = normals[best] / sizes[best]
     return found
-
-
-def _input_output(batch: Batch, single: _Single, output: int, rows: slice) -> Portrait:
-    """Return the output against the input, all curves drawn, singularities marked."""
-    links = single.report.outputs[output]
-    driven = batch.tracer.solver.single
-    low = batch.tracer.range[0]
-    curves: list[tuple[Floats, int]] = []
-    marks: list[Mark] = []
-    x, y = np.full(len(batch), np.nan), np.full(len(batch), np.nan)
-    for number, item in enumerate(single.curves):
-        s = np.linspace(0.0, item.curve.length, DRAWN)
-        turned = _turned(batch.mechanism, single, number, output, s)
-        q = item.curve.at(s * (1.0 - 1e-15)).values[:, driven]
-        q = low + np.mod(q - low, 2.0 * np.pi)
-        line = np.degrees(np.stack([q, turned], axis=1))
-        jumps = np.max(np.abs(np.diff(line, axis=0, prepend=line[:1])), axis=1) > 180.0
-        line[jumps] = np.nan
-        curves.append((line, 4))
-        (own,) = np.nonzero(single.curve == number)
-        x[own] = np.degrees(batch.q[own])
-        y[own] = np.degrees(np.interp(single.s[own], s, turned))
-        for point in single.report.points:
-            if point.curve == number and point.output == links and point.type != "apparent":
-                k = int(np.argmin(np.abs(s - point.s)))
-                if np.all(np.isfinite(line[k])):
-                    marks.append(Mark(str(point.type), line[k], TONES[str(point.type)]))
-    every = np.concatenate([line for line, _ in curves]) if curves else np.zeros((1, 2))
-    (left, bottom), (right, top) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-    name = _named(batch.mechanism, links)
-    return Portrait(
-        f"plots/input_output/{name.replace('/', '_')}",
-        f"output {name} against the input",
-        x[rows],
-        y[rows],
-        "input, deg",
-        f"output {name}, deg",
-        (float(left), float(right)),
-        (float(bottom), float(top)),
-        curves,
-        marks,
-    )
-
-
-def _turned(
-    mechanism: Mechanism, single: _Single, number: int, output: int, s: Floats
-) -> Floats:
-    """Return (n,) rad: the variable of the R pair of two links, or how far one turned."""
-    o, ref = single.report.outputs[output]
-    curve = single.curves[number].curve
-    for pair, ends in zip(mechanism.pairs, mechanism.ends, strict=True):
-        if pair.type == "R" and set(ends) == {o, ref}:
-            (variable,) = mechanism.variables_of(mechanism.pair_number[pair.name])
-            values = curve.at(s * (1.0 - 1e-15)).values[:, variable]
-            return np.asarray(np.mod(values + np.pi, 2.0 * np.pi) - np.pi)
-    rate = single.analysis.at(number, s, output).output_rate
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
-    return np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])

@@ -36,6 +36,7 @@ SIBLINGS = {
     "dynamics": {"singular"},
 }
 PLUGINS_MAY_IMPORT = {
+    "singular",
     "analysis",
     "dynamics",
     "sphere",

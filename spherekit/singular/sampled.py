@@ -1,0 +1,234 @@
+"""Singularities of a mechanism with one input, and how near the rows of a motion come.
+
+Each row is found on its configuration curve; there everything is regular, also at the
+dead centres at which rates by the input are infinite.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.motion.configuration import Configurations
+from spherekit.motion.motion import Tracer
+from spherekit.singular.nearness import nearness, singular_values
+from spherekit.singular.record import AlongOutput, Singularities, Type
+from spherekit.singular.relation import Form
+from spherekit.singular.single import SingleFreedom
+from spherekit.sphere.rotation import Floats
+
+TOUCHES = 1e-6
+"""A piece of a curve holds what is nearer than this to its ends (rad of arc length)."""
+
+
+@final
+@dataclass(frozen=True)
+class Measures:
+    """The relation c y' = d q' of one output in one form at n rows; NaN where unknown.
+
+    Attributes
+    ----------
+    output, form
+        Position of the output, and which relation.
+    c, d
+        (n,) its coefficients.
+    input_rate, output_rate
+        (n,) of q and y by the arc length of all variables.
+    type_i, type_ii, transmission
+        (n,) rad, see `spherekit.singular.nearness.Nearness`.
+    to_i, to_ii
+        (n,) rad: change of the input along the curve to the nearest singularity.
+    """
+
+    output: int
+    form: Form
+    c: Floats
+    d: Floats
+    input_rate: Floats
+    output_rate: Floats
+    type_i: Floats
+    type_ii: Floats
+    transmission: Floats
+    to_i: Floats
+    to_ii: Floats
+
+
+@final
+class SampledSingularities:
+    """The singularities on all configuration curves, and measures at given rows.
+
+    Parameters
+    ----------
+    tracer
+        A mechanism with one freedom.
+    outputs
+        Relative motions (o, s), numbers of links.
+    values, branch
+        Configurations (n, variables) of the rows in rad, NaN for none, and their branch.
+
+    Attributes
+    ----------
+    configurations, report
+        All curves, and the singularities on them.
+    curve, s
+        (n,) the number of the curve of each row, -1 without one, and the place on it.
+    """
+
+    def __init__(
+        self,
+        tracer: Tracer,
+        outputs: Sequence[tuple[int, int]],
+        values: Floats,
+        branch: NDArray[np.int64],
+    ) -> None:
+        self.tracer = tracer
+        self.configurations: Configurations = tracer.configurations
+        self.curves = [item.curve for item in self.configurations.curves]
+        self.analysis = SingleFreedom(tracer, self.curves, outputs)
+        self.report: Singularities = self.analysis.report()
+        self.curve = np.full(len(values), -1)
+        self.s = np.full(len(values), np.nan)
+        known = np.all(np.isfinite(values), axis=1)
+        for elsewhere in (False, True):
+            for number, item in enumerate(self.configurations.curves):
+                own = [piece.branch for piece in item.pieces if piece.branch is not None]
+                expected = np.isin(branch, own) != elsewhere
+                (todo,) = np.nonzero(known & (self.curve < 0) & expected)
+                places = item.curve.find(values[todo])
+                on = np.isfinite(places)
+                self.curve[todo[on]], self.s[todo[on]] = number, places[on]
+
+    def branches_at(self, curve: int, s: float) -> tuple[int, ...]:
+        """Return the branches whose pieces of a curve hold or touch the place s."""
+        item = self.configurations.curves[curve]
+        length = item.curve.length
+        places = [s, s + length, s - length] if item.curve.closed else [s]
+        return tuple(
+            sorted(
+                {
+                    piece.branch
+                    for piece in item.pieces
+                    if piece.branch is not None
+                    and any(
+                        piece.start - TOUCHES <= place <= piece.stop + TOUCHES
+                        for place in places
+                    )
+                }
+            )
+        )
+
+    def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
+        """Return rates and relations of an output at places s (n,) of a curve."""
+        return self.analysis.at(curve, s, output)
+
+    def input_at(self, curve: int, s: Floats) -> Floats:
+        """Return the input (n,) at places s, less whole turns from the range's start."""
+        low = self.tracer.range[0]
+        q = self.curves[curve].at(s).values[:, self.tracer.solver.single]
+        return low + np.mod(q - low + 1e-12, 2.0 * np.pi) - 1e-12
+
+    def measures(self) -> list[Measures]:
+        """Return the measures of every output in each form."""
+        n = len(self.s)
+        found: dict[tuple[int, Form], dict[str, Floats]] = {}
+        for number in range(len(self.curves)):
+            (rows,) = np.nonzero(self.curve == number)
+            if not len(rows):
+                continue
+            s = self.s[rows]
+            for output in range(len(self.report.outputs)):
+                at = self.at(number, s, output)
+                own = {
+                    "input_rate": at.input_rate,
+                    "output_rate": at.output_rate,
+                    "to_i": self._to_nearest(number, output, Type.I, s),
+                    "to_ii": self._to_nearest(number, output, Type.II, s),
+                }
+                made = zip(at.relations, at.links, at.poles, strict=True)
+                for relation, links, poles in made:
+                    near = nearness(relation, links, poles)
+                    columns = found.setdefault((output, relation.form), {})
+                    for name, part in {
+                        **own,
+                        "c": relation.c,
+                        "d": relation.d,
+                        "type_i": near.type_i,
+                        "type_ii": near.type_ii,
+                        "transmission": near.transmission,
+                    }.items():
+                        columns.setdefault(name, np.full(n, np.nan))[rows] = part
+        return [
+            Measures(output, form, **columns)
+            for (output, form), columns in sorted(found.items())
+        ]
+
+    def singular_values(self) -> tuple[Floats, Floats]:
+        """Return (n,) what `spherekit.singular.nearness.singular_values` does."""
+        smallest = np.full(len(self.s), np.nan)
+        ratio = smallest.copy()
+        for number, curve in enumerate(self.curves):
+            (rows,) = np.nonzero(self.curve == number)
+            if len(rows):
+                closure = curve.segments.closure
+                placed, states = closure.place(curve.at(self.s[rows]).values)
+                smallest[rows], ratio[rows] = singular_values(
+                    closure.tree,
+                    closure.vectors(placed, states),
+                    [self.tracer.solver.single],
+                )
+        return smallest, ratio
+
+    def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
+        """Return (n,) rad at rising s: the variable of the output's R pair in (-pi, pi].
+
+        Where no R pair joins its links: how far one has turned about the pole since s[0].
+        """
+        mechanism = self.tracer.mechanism
+        links = set(self.report.outputs[output])
+        for number, (pair, ends) in enumerate(
+            zip(mechanism.pairs, mechanism.ends, strict=True)
+        ):
+            if pair.type == "R" and set(ends) == links:
+                (variable,) = mechanism.variables_of(number)
+                values = self.curves[curve].at(s).values[:, variable]
+                return np.asarray(np.pi - np.mod(np.pi - values, 2.0 * np.pi))
+        rate = np.nan_to_num(self.at(curve, s, output).output_rate)
+        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def configuration(self, curve: int, s: float) -> Floats:
+        """Return the orientations (links, 3, 3) of all links at a place of a curve."""
+        found = self.curves[curve]
+        placed, _ = found.segments.closure.place(found.at([s]).values)
+        return np.asarray(placed[0])
+
+    def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
+        curve = self.curves[number]
+        links = self.report.outputs[output]
+        places = [
+            point.s
+            for point in self.report.points
+            if point.curve == number
+            and point.output == links
+            and point.type in (kind, Type.III)
+        ]
+        for crossing in self.report.crossings:
+            for own, at_start in crossing.ends:
+                if own == number:
+                    places.append(0.0 if at_start else curve.length)
+        if not places:
+            return np.full(len(s), np.nan)
+        at = np.sort(np.array(places))
+        if curve.closed:
+            at = np.concatenate([at - curve.length, at, at + curve.length])
+        driven = self.tracer.solver.single
+        there, here = curve.at(at).values[:, driven], curve.at(s).values[:, driven]
+        after = np.searchsorted(at, s)
+        ways = []
+        for beside in (after - 1, after):
+            inside = (beside >= 0) & (beside < len(at))
+            way = np.abs(there[np.clip(beside, 0, len(at) - 1)] - here)
+            ways.append(np.where(inside, way, np.inf))
+        return np.asarray(np.minimum(*ways))
