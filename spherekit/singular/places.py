@@ -65,14 +65,14 @@ def located(along: AlongCurve, pole: Pole) -> Places:
     s = found.places
     if not len(s):
         return Places(s, found.double, s)
-    rate = along.signed(pole, s, along.curve.at(s))
+    rate = along.signed(pole, s)
     error = place_error(along.curve, rate.error, rate.dw)
     if np.any(found.double):
         step = 1e-3 * along.curve.length
         beside = s[found.double] + step
         if not along.curve.closed:
             beside = np.where(beside > along.curve.length, beside - 2.0 * step, beside)
-        bend = along.signed(pole, beside, along.curve.at(beside)).dw / step
+        bend = along.signed(pole, beside).dw / step
         touched = np.sqrt(2.0 * rate.error[found.double] / np.maximum(np.abs(bend), EPS))
         error[found.double] = np.minimum(touched, along.curve.length)
     return Places(s, found.double, error)

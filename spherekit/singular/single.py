@@ -8,6 +8,7 @@ badly chosen: those are found as well and are called apparent.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import final
 
@@ -41,6 +42,7 @@ from spherekit.singular.record import (
 )
 from spherekit.singular.relation import (
     FourLinks,
+    Kind,
     Relation,
     SixPoles,
     best_fourth,
@@ -58,9 +60,15 @@ WIDE = 1e-9
 DECIDED_MISS = 1e-14
 """A crossing that is missed by more (rad) may be none: rounding of sizes decides."""
 SAME_CROSSING = 1e-7
+"""Crossings whose variables differ by less (rad) are one."""
+ONE_BRANCH = (
+    "c and d are those of this branch: its motion says where the third pole is, which the "
+    "configuration leaves open"
+)
 ALWAYS = 1e-12
-"""Products that never exceed this on a curve vanish everywhere."""
+"""Triple products that never exceed this on a curve vanish everywhere."""
 SAMPLED = 9
+"""Configurations at which a mechanism without curves is asked for its freedoms."""
 
 
 @final
@@ -130,12 +138,10 @@ class SingleFreedom:
         and d, are NaN.
         """
         along = self.along[curve]
-        points = along.curve.at(s)
-        rates = along.rates(points)
         links = self.first_links[output]
-        q, dq, _ = _rate(along, links.i, links.r, s, rates)
-        y, dy, _ = _rate(along, links.o, links.s, s, rates)
-        axes = along.oriented(s, points, self._poles(output))
+        q, dq = _rate(along, links.i, links.r, s)
+        y, dy = _rate(along, links.o, links.s, s)
+        axes = along.oriented(s, self._poles(output))
         made = tuple(relation for _, _, relation in self._relations(output, axes))
         return AlongOutput(s, q, y, dq, dy, made)
 
@@ -153,7 +159,7 @@ class SingleFreedom:
         wanted = [pole_of(a, k) for k in candidates for a in (links.o, links.i)]
         found: dict[int, list[list[Floats]]] = {k: [[], []] for k in candidates}
         for along in self.along:
-            axes = along.axes(along.curve.nodes, wanted)
+            axes = along.axes(along.curve.s, wanted)
             for k in candidates:
                 for n, a in enumerate((links.o, links.i)):
                     found[k][n].append(axes[pole_of(a, k)].unit)
@@ -213,14 +219,13 @@ class SingleFreedom:
         if not groups:
             return []
         s = np.array([group.s for group in groups])
-        points = along.curve.at(s)
-        rates = along.rates(points)
-        axes = along.oriented(s, points, self._poles(output))
+        points = along.points(s)
+        axes = along.oriented(s, self._poles(output))
         links = self.first_links[output]
-        q, dq, _ = _rate(along, links.i, links.r, s, rates)
-        y, dy, _ = _rate(along, links.o, links.s, s, rates)
+        q, dq = _rate(along, links.i, links.r, s)
+        y, dy = _rate(along, links.o, links.s, s)
         kinds = [group.kind(driven, wanted) for group in groups]
-        made = self._made(output, axes, along, s, rates, groups)
+        made = self._made(output, axes, along, s, groups)
         notes = _doubts(groups, driven, wanted, along.curve)
         found = []
         for k, (group, kind) in enumerate(zip(groups, kinds, strict=True)):
@@ -256,15 +261,14 @@ class SingleFreedom:
         axes: dict[Pole, Axis],
         along: AlongCurve,
         s: Floats,
-        rates: LinkRates,
         groups: list[Group],
     ) -> list[list[RelationAt]]:
         """Return for each form its relation at each group."""
         driven = pole_of(*self.input)
         out = []
         for links, six, relation in self._relations(output, axes):
-            q, _, _ = _rate(along, links.i, links.r, s, rates)
-            y, _, _ = _rate(along, *relation.output, s, rates)
+            q, _ = _rate(along, links.i, links.r, s)
+            y, _ = _rate(along, *relation.output, s)
             facts = [group.kind(driven, pole_of(*relation.output)) for group in groups]
             errors = _errors(links, axes)
             resting = [group.resting(links) for group in groups]
@@ -335,7 +339,7 @@ class SingleFreedom:
             grid = np.unique(np.concatenate([along.sense(p).s for p in poles_of(links)]))
 
             def function(s: Floats, links: FourLinks = links) -> tuple[Floats, Floats]:
-                return _volume(along.rates(along.curve.at(s)), links)
+                return _volume(along.rates(s), links)
 
             value, _ = function(grid)
             if np.max(np.abs(value)) < ALWAYS:
@@ -356,7 +360,7 @@ class SingleFreedom:
             else:
                 fresh = np.ones(len(found.places), dtype=bool)
             s = found.places[fresh]
-            rates = along.rates(along.curve.at(s))
+            rates = along.rates(s)
             _, slope = _volume(rates, links)
             error = place_error(along.curve, rounding_of(rates), slope)
             out.append(Places(s, found.double[fresh], error))
@@ -422,7 +426,7 @@ class SingleFreedom:
         branches: list[list[RelationAt]] = [[] for _ in range(count)]
         for links, six, relation in self._relations(output, axes):
             q, y = (
-                np.linalg.norm(rates.w[:, a] - rates.w[:, b], axis=1)
+                np.sum((rates.w[:, a] - rates.w[:, b]) * axes[pole_of(a, b)].unit, axis=1)
                 for a, b in ((links.i, links.r), relation.output)
             )
             errors = _errors(links, axes)
@@ -430,6 +434,8 @@ class SingleFreedom:
                 links, six, relation, q, y, errors, [Type.III] * count, [[]] * count
             )
             for own, each in zip(branches, judged, strict=True):
+                if each.type is None and each.kind != Kind.SAME_POLE:
+                    each = replace(each, note=ONE_BRANCH)
                 own.append(each)
         return tuple(tuple(own) for own in branches)
 
@@ -472,13 +478,11 @@ def ordered_pole(
     return ordered_pole(mechanism, "/".join(str(word) for word in words))
 
 
-def _rate(
-    along: AlongCurve, of: int, to: int, s: Floats, rates: LinkRates
-) -> tuple[Floats, Floats, Floats]:
-    """Return the rate of a link relative to another, its slope and its error, (n,)."""
-    found = along.signed_of(pole_of(of, to), s, rates)
+def _rate(along: AlongCurve, of: int, to: int, s: Floats) -> tuple[Floats, Floats]:
+    """Return the rate of a link relative to another at s, and its slope, (n,)."""
+    found = along.signed(pole_of(of, to), s)
     sign = 1.0 if of > to else -1.0
-    return sign * found.w, sign * found.dw, found.error
+    return sign * found.w, sign * found.dw
 
 
 def _errors(links: FourLinks, axes: dict[Pole, Axis]) -> Floats:
@@ -533,22 +537,22 @@ def _disagreement(
     """Return why the coefficients say something else than the rates."""
     if kind == fact:
         return ""
-    o, s = relation.output
+    if relation.kind == Kind.SAME_POLE:
+        return "the output is the input, and c and d are constant"
     if kind == Type.III:
-        own = {pole_of(o, s)}
-        bodies = [p for p in resting if p not in own]
+        own = pole_of(*relation.output)
+        still = [f"{names[a]} and {names[b]}" for a, b in resting if (a, b) != own]
         cause = (
-            "links "
-            + " and ".join(f"{names[a]}/{names[b]}" for a, b in bodies)
-            + " stand still relative to each other"
-            if bodies
+            "links " + ", ".join(still) + " stand still relative to each other"
+            if still
             else "the six axes of the chosen links lie in one plane"
         )
         what = "neither rate vanishes" if fact is None else f"the rates say type {fact}"
-        return f"c = d = 0, but {what}: {cause}; other links decide"
-    told = "none" if kind is None else f"type {kind}"
-    wanted = "none" if fact is None else f"type {fact}"
+        return f"c = d = 0, but {what}: {cause}; a relation of other links decides"
+    told, wanted = (
+        "nothing vanishes" if each is None else f"type {each}" for each in (kind, fact)
+    )
     return (
-        f"c and d say {told}, the rates {wanted}: a coefficient is small beside its error, "
-        "or nearly vanishes"
+        f"c and d say: {told}; the rates: {wanted}; a coefficient nearly vanishes, or is "
+        "not known well enough"
     )
