@@ -212,6 +212,7 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
                 assert abs(gap) < 1e-12
                 assert three.residual < 1e-12
         if degrees == (60, 40, 60, 40):
+            assert report.whole == ()
             check_slopes(arcs, crossing, q, y)
 
 
@@ -240,6 +241,13 @@ def exact_unit(v):
     return v / mp.norm(v)
 
 
+def exact_rotation(r):
+    r = mp.matrix(r.tolist())
+    for _ in range(3):
+        r = r * (3 * mp.eye(3) - r.T * r) / 2
+    return r
+
+
 def put(matrix, row, column, link, block):
     """Add a block to the columns of a link; the first link does not move."""
     if link:
@@ -258,7 +266,7 @@ def exact(made, rotations, w, links, along):
     """
     first, second = revolute_frames(made)
     count = len(made.links)
-    turn = [mp.matrix(r.tolist()) for r in rotations]
+    turn = [exact_rotation(r) for r in rotations]
     rate = [mp.matrix(x.tolist()) for x in w]
     start, scale = [r.copy() for r in turn], [x.copy() for x in rate]
     along = mp.matrix(along.tolist())

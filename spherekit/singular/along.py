@@ -31,6 +31,8 @@ TURNS = 0.7
 SWING = np.array([-8.0, -4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 """Places about a near miss, in the length that its swing takes."""
 MOST_HALVINGS = 24
+AT_REST = 100.0
+"""Relative rates below this times the bound of their rounding error vanish."""
 KEPT = 16
 """Sets of places on a curve whose rates are kept: all poles are asked for at the same."""
 FOLLOWED = 0.1
@@ -218,6 +220,11 @@ class AlongCurve:
         with np.errstate(invalid="ignore", divide="ignore"):
             return _signed(self.sense(pole), s, self.rates(s), i, j)
 
+    def rests(self, pole: Pole) -> bool:
+        """Return whether two links move as one on the whole curve."""
+        w, _, rounding = self._relative(pole, self.curve.s)
+        return bool(np.all(np.linalg.norm(w, axis=1) <= AT_REST * rounding))
+
     def zeros(self, pole: Pole) -> Zeros:
         """Return all s at which two links stand still relative to each other."""
 
@@ -297,7 +304,7 @@ class AlongCurve:
             wide = np.abs(seen.turns) < TURNS
             if np.any(wide):
                 more = 0.5 * (seen.s[1:] + seen.s[:-1])[wide]
-            elif pole in self._primary:
+            elif pole in self._primary or self.rests(pole):
                 break
             else:
                 more = self._near_misses(pole, seen)
@@ -333,7 +340,7 @@ class AlongCurve:
                 break
         w, dw, rounding = self._relative(pole, s)
         size, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
-        missed = size > 100.0 * rounding
+        missed = size > AT_REST * rounding
         width = np.outer((size / growth)[missed], SWING)
         around = s[missed, None] + width
         inside = (around > low[missed, None]) & (around < high[missed, None])
@@ -379,9 +386,14 @@ class AlongCurve:
 
 
 def rounding_of(rates: LinkRates) -> Floats:
-    """Return (n,) a bound of the rounding error of the rates of links."""
-    size = np.max(np.linalg.norm(rates.w, axis=2), axis=1)
-    return np.asarray(8.0 * EPS * np.maximum(size, 1.0) / np.maximum(rates.flatness, EPS))
+    """Return (n,) a bound of the rounding error of the rates of links.
+
+    Beside a crossing of curves the configuration itself is known to EPS / flatness only,
+    and what follows from it to EPS / flatness^2.
+    """
+    size = np.maximum(np.max(np.linalg.norm(rates.w, axis=2), axis=1), 1.0)
+    flat = np.maximum(rates.flatness, EPS)
+    return np.asarray(EPS * size * (8.0 / flat + 0.25 / flat**2))
 
 
 def _along_rate(rates: LinkRates, i: int, j: int) -> Axis:

@@ -39,6 +39,7 @@ from spherekit.singular.record import (
     Singularities,
     SingularPoint,
     Type,
+    WholeCurve,
 )
 from spherekit.singular.relation import (
     FourLinks,
@@ -113,10 +114,11 @@ class SingleFreedom:
         self.outputs = tuple(ordered_pole(mechanism, each) for each in outputs)
         self.first_links = tuple(FourLinks(*self.input, *out) for out in self.outputs)
         self.second_links = tuple(self._second_links(links) for links in self.first_links)
-        self.notes: list[str] = []
 
     def report(self) -> Singularities:
         """Return all singularities on all curves."""
+        self.notes: list[str] = []
+        self.whole: list[WholeCurve] = []
         points: list[list[SingularPoint]] = [[] for _ in self.outputs]
         for number, along in enumerate(self.along):
             for found, new in zip(points, self._on_curve(number, along), strict=True):
@@ -127,6 +129,7 @@ class SingleFreedom:
             tuple(None if each is None else each.s for each in self.second_links),
             tuple(point for found in points for point in found),
             self._crossings(),
+            tuple(self.whole),
             self._everywhere(),
             tuple(self.notes),
         )
@@ -214,6 +217,11 @@ class SingleFreedom:
         own: list[tuple[Pole | None, Places]] = [
             (pole, places[pole]) for pole in self._poles(output)
         ]
+        still, resting = places[driven].always, places[wanted].always
+        if still or resting:
+            kind = (Type.III if resting else Type.II) if still else Type.I
+            self.whole.append(WholeCurve(kind, self.outputs[output], number))
+            return []
         own += [(None, more) for more in self._coplanar(number, along, output, own)]
         groups = groups_of(along.curve, own)
         if not groups:
@@ -232,7 +240,7 @@ class SingleFreedom:
             relations = tuple(each[k] for each in made)
             if kind == Type.APPARENT and all(r.type is None for r in relations):
                 continue
-            still, resting = group.double(driven), group.double(wanted)
+            one, other = group.double(driven), group.double(wanted)
             found.append(
                 SingularPoint(
                     type=kind,
@@ -245,9 +253,9 @@ class SingleFreedom:
                     output_rate=float(y[k]),
                     input_slope=float(dq[k]),
                     output_slope=float(dy[k]),
-                    input_turns=still is False,
-                    output_turns=resting is False,
-                    double=bool(still or resting),
+                    input_turns=one is False,
+                    output_turns=other is False,
+                    double=bool(one or other),
                     decided=not notes[k],
                     note=notes[k],
                     relations=relations,
