@@ -485,6 +485,31 @@ def test_jacobian_rates_are_the_slope_of_the_jacobian():
         assert np.max(np.abs((high - low) / (2.0 * h) - found[k])) < 1e-8
 
 
+@pytest.mark.parametrize(("coaxial", "freedoms"), [(3, 2), (4, 3)])
+def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms):
+    """Three or four of the four axes are one: link 2 turns whatever link 3 does."""
+    z, slant = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
+    axes = np.array([z] * coaxial + [slant] * (4 - coaxial))
+    tracer = Tracer(mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0)), samples=9)
+    report = singularities(tracer, all_curves(tracer), ["3/1"])
+    assert report.points == report.crossings == ()
+    assert report.everywhere == freedoms
+
+
+def test_links_that_move_as_one_on_a_whole_curve():
+    """A four-bar of equal arcs also turns folded: two links rest or two turn together."""
+    tracer = Tracer(four_bar(np.radians([50.0] * 4)))
+    analysis = SingleFreedom(tracer, all_curves(tracer), ["4/1", "3/1"])
+    report = analysis.report()
+    folded = [each for each in report.whole if each.output == (3, 0)]
+    assert len(folded) == 2
+    for each in folded:
+        assert each.type == Type.I
+        along = analysis.along[each.curve]
+        s = np.linspace(0.1, along.curve.length - 0.1, 20)
+        assert np.max(np.abs(along.rates(s).w[:, 3])) < 1e-13
+
+
 def test_wrong_links_are_errors():
     tracer = Tracer(load("four_bar"), samples=9)
     with pytest.raises(PlanError, match="is no pole"):

@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import Status
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
@@ -448,12 +448,21 @@ class SingleFreedom:
         return tuple(tuple(own) for own in branches)
 
     def _everywhere(self) -> int | None:
-        """Return the freedoms of a mechanism that nowhere has just one, if it is one."""
+        """Return the freedoms of a mechanism that nowhere has just one, if it is one.
+
+        Asked for at configurations of its branches, and where all variables are zero if
+        the loops close there: the reference pose.
+        """
         if self.along:
             return None
-        motion = self.tracer.sparse(SAMPLED)
-        good = np.flatnonzero(~motion.failed)
-        freedoms = [self.tracer.solver.freedoms(motion.values[row]) for row in good]
+        solver, motion = self.tracer.solver, self.tracer.sparse(SAMPLED)
+        reference = np.zeros((1, motion.values.shape[1]))
+        placed, states = solver.closure.place(reference)
+        gap = solver.closure.residual(placed, states)
+        known = motion.values[~motion.failed]
+        if np.all(np.abs(gap) < CLOSURE_TOLERANCE):
+            known = np.concatenate([reference, known])
+        freedoms = [solver.freedoms(values) for values in known]
         return min(freedoms) if freedoms and min(freedoms) > 1 else None
 
 
