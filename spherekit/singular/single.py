@@ -202,6 +202,7 @@ class SingleFreedom:
         """Return the singular points of each output on one curve."""
         every = [self._poles(output) for output in range(len(self.outputs))]
         along.follow([pole for poles in every for pole in poles])
+        self._note_gaps(number, along, [pole for poles in every for pole in poles])
         places: dict[Pole, Places] = {}
         for pole in dict.fromkeys(pole for poles in every for pole in poles):
             places[pole] = located(along, pole)
@@ -209,6 +210,24 @@ class SingleFreedom:
             self._of_output(number, along, output, places)
             for output in range(len(self.outputs))
         ]
+
+    def _note_gaps(self, number: int, along: AlongCurve, poles: list[Pole]) -> None:
+        """Note where zeros may be missed: lost axes, and curves that could not go on."""
+        names = self.tracer.mechanism.links
+        for a, b in dict.fromkeys(poles):
+            if along.rests((a, b)):
+                continue
+            for low, high in along.sense((a, b)).lost:
+                self.notes.append(
+                    f"curve {number}: the axis {names[b]}/{names[a]} turns too fast to be "
+                    f"followed from s = {low:.6g} to {high:.6g} rad; zeros of its rate "
+                    "there may be missed or invented"
+                )
+        if Status.BRANCH_LOST in along.curve.ends:
+            self.notes.append(
+                f"curve {number} was not followed to its end; singularities beyond are "
+                "not known"
+            )
 
     def _of_output(
         self, number: int, along: AlongCurve, output: int, places: dict[Pole, Places]
