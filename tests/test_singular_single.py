@@ -20,7 +20,7 @@ from spherekit.motion.segments import curve_points
 from spherekit.planning.poles import all_poles, plan, pole_of
 from spherekit.rates.core import driven_rates
 from spherekit.rates.lines import evaluate_lines
-from spherekit.singular.crossing import continuations, jacobian_rates
+from spherekit.singular.crossing import continuations, crossing_near, jacobian_rates
 from spherekit.singular.record import Type
 from spherekit.singular.relation import FourLinks, SixPoles, form_i, form_ii
 from spherekit.singular.single import SingleFreedom, singularities
@@ -214,6 +214,53 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
         if degrees == (60, 40, 60, 40):
             assert report.whole == ()
             check_slopes(arcs, crossing, q, y)
+
+
+def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
+    """Both loops of a Watt chain lie flat, and each goes on in two ways."""
+    common = np.array([1.0, 0.0, 0.0])
+
+    def flat(degrees, side):
+        angles = np.radians(degrees)[:, None]
+        return np.cos(angles) * common + np.sin(angles) * np.array(side)
+
+    p12, p23, p34 = flat([60.0, 100.0, 40.0], [0.0, 1.0, 0.0])
+    p16, p56, p45 = flat([50.0, 85.0, 35.0], [0.0, 0.6, 0.8])
+    both = np.array([p12, p23, p34, common, p45, p56, p16])
+    closure = Tracer(mechanism(WATT, both, span=(-1.0, 1.0)), samples=3).solver.closure
+    crossing = crossing_near(closure, np.full(7, 1e-6))
+    assert (crossing.rank, crossing.freedoms) == (4, 3)
+    assert np.max(np.abs(crossing.values)) < 1e-15
+    found = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
+    slopes = []
+    for axes in ([p12, p23, p34, common], [common, p45, p56, p16]):
+        text = "1-2 2-3 3-4 1-4"
+        one = Tracer(mechanism(text, np.array(axes), span=(-1.0, 1.0)), samples=3)
+        alone = crossing_near(one.solver.closure, np.full(4, 1e-6))
+        slopes.append(alone.tangents[:, 3] / alone.tangents[:, 0])
+    wanted = np.array([[a, b] for a in slopes[0] for b in slopes[1]])
+    order = [np.lexsort(np.round(each, 9).T) for each in (found, wanted)]
+    assert np.max(np.abs(found[order[0]] - wanted[order[1]])) < 1e-12
+    starts = continuations(closure, crossing)
+    assert len(starts) == 8
+    ahead, _ = curve_points(closure, starts, np.tile(crossing.tangents, (2, 1)))
+    assert np.max(ahead.residual) < 1e-13
+
+
+def test_an_axis_that_swings_round_is_no_zero():
+    """Links 3 and 6 of the Stephenson mechanism nearly stand still, once a lap."""
+    tracer = Tracer(load("stephenson"), samples=9)
+    (first, *_) = tracer.branches
+    values = tracer.solver.evaluate(first, np.zeros((1, 1))).values[0]
+    curve = follow_arc(tracer.solver.closure, values)
+    along = SingleFreedom(tracer, [curve], []).along[0]
+    s = np.linspace(0.0, curve.length, 5001)
+    w = along.rates(s).w
+    size = np.linalg.norm(w[:, 5] - w[:, 2], axis=1)
+    assert len(along.zeros((2, 5)).places) == 0
+    assert 1e-4 < np.min(size) < 1e-3
+    rates = along.signed((2, 5), s).w
+    assert np.all(rates * rates[0] > 0.0)
 
 
 def check_slopes(arcs, crossing, q, y):
