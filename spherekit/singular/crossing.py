@@ -204,7 +204,7 @@ def _directions(forms: Floats) -> Floats | None:
 
 
 def _lines(form: Floats) -> Floats | None:
-    """Return the lines (0 or 2, 2) of a form; on (cos a, sin a) it is m + r cos(2 a - b)."""
+    """Return the lines (0 or 2, 2) where a form m + r cos(2 a - b) of the angle is zero."""
     mean, half = 0.5 * (form[0, 0] + form[1, 1]), 0.5 * (form[0, 0] - form[1, 1])
     reach = float(np.hypot(half, form[0, 1]))
     if abs(abs(mean) - reach) < DEGENERATE:

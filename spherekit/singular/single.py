@@ -137,8 +137,8 @@ class SingleFreedom:
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve.
 
-        Derivatives are by arc length. Axes of curves that are not smooth there, and so c
-        and d, are NaN.
+        Derivatives are by arc length. c and d are NaN where an axis is not known, and
+        their derivatives also where it is known as a limit only.
         """
         along = self.along[curve]
         links = self.first_links[output]
