@@ -151,7 +151,7 @@ class SingularityAnalysis(AbstractAnalysis):
             Scene(number, tuple(self._plots(batch, rows)))
             for number, rows in batch.branch_rows().items()
         ]
-        if len(self._points(batch)["kind"]):
+        if np.any(np.isfinite(self._points(batch)["s"])):
             pages.append(self._gallery(batch))
         return tuple(pages)
 
@@ -259,6 +259,26 @@ class SingularityAnalysis(AbstractAnalysis):
                         "note": "; ".join(filter(None, words)),
                     }
                 )
+        for whole in found.report.whole:
+            own = found.configurations.curves[whole.curve].pieces
+            rows.append(
+                {
+                    "kind": str(whole.type),
+                    "condition": "",
+                    "branch": _joined(sorted({p.branch for p in own} - {None})),
+                    "q": np.nan,
+                    "output": _named(batch.mechanism, whole.output),
+                    "curve": whole.curve,
+                    "s": np.nan,
+                    "error": np.nan,
+                    "residual": 0.0,
+                    "turns": "",
+                    "double": "no",
+                    "decided": "yes",
+                    "guarantee": claim,
+                    "note": f"at rest on the whole of curve {whole.curve}",
+                }
+            )
         return {
             column.name: np.array(
                 [row[column.name] for row in rows], dtype=_DTYPES[column.kind]
@@ -371,7 +391,8 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def _gallery(self, batch: Batch) -> Scene:
         """Return a page on which row k is singularity k, with what coincides there."""
-        found, points = self._found(batch), self._points(batch)
+        found, every = self._found(batch), self._points(batch)
+        points = {k: v[np.isfinite(every["s"])] for k, v in every.items()}
         n = len(points["kind"])
         places = list(zip(points["curve"].tolist(), points["s"].tolist(), strict=True))
         turned = np.stack([found.configuration(*place) for place in places])

@@ -31,6 +31,10 @@ TURNS = 0.7
 SWING = np.array([-8.0, -4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 """Places about a near miss, in the length that its swing takes."""
 MOST_HALVINGS = 24
+AT_REST = 100.0
+"""Relative rates below this times the bound of their rounding error vanish."""
+KEPT = 16
+"""Sets of places on a curve whose rates are kept: all poles are asked for at the same."""
 FOLLOWED = 0.1
 """Axes with a larger error bound (rad) do not say where the pole is."""
 
@@ -82,9 +86,10 @@ class SignedRate:
 
 @final
 @dataclass(frozen=True)
-class _Moving:
-    """Configurations with the motion of their pairs and links by arc length."""
+class Moving:
+    """Points of a curve with the rates of their pairs and links by arc length."""
 
+    points: CurvePoints
     motion: Motion
     turned: PairRates
     rates: LinkRates
@@ -133,14 +138,25 @@ class AlongCurve:
         self.tracer, self.curve = tracer, curve
         self.closure = curve.segments.closure
         self._senses: dict[Pole, Sense] = {}
+        self._kept: dict[bytes, Moving] = {}
         self._plans: dict[tuple[Pole, ...], Plan | None] = {}
+        mechanism = tracer.mechanism
+        self._primary = {
+            pole_of(*ends): number
+            for number, ends in enumerate(mechanism.ends)
+            if mechanism.pairs[number].type != "Cs"
+        }
 
-    def rates(self, points: CurvePoints) -> LinkRates:
+    def points(self, s: Floats) -> CurvePoints:
+        """Return the curve at s (n,)."""
+        return self._moving(s).points
+
+    def rates(self, s: Floats) -> LinkRates:
         """Return the rates of all links relative to the ground, by arc length."""
-        return self._moving(points).rates
+        return self._moving(s).rates
 
-    def axes(self, points: CurvePoints, poles: Iterable[Pole]) -> dict[Pole, Axis]:
-        """Return the axes of poles at points of the curve, in either sense.
+    def axes(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
+        """Return the axes of poles at s (n,), in either sense.
 
         By the great circles of the plan where those are well conditioned. Otherwise along
         the relative angular velocity, or its derivative where that vanishes: what has the
@@ -148,13 +164,11 @@ class AlongCurve:
         """
         wanted = tuple(dict.fromkeys(pole_of(*pole) for pole in poles))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            return self._axes(points, wanted)
+            return self._axes(self._moving(s), wanted)
 
-    def oriented(
-        self, s: Floats, points: CurvePoints, poles: Iterable[Pole]
-    ) -> dict[Pole, Axis]:
+    def oriented(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
         """Return the axes with senses that are continuous along the curve."""
-        found = self.axes(points, poles)
+        found = self.axes(s, poles)
         out = {}
         for pole, axis in found.items():
             sign = self.sense(pole).signs(s, axis.unit)[:, None]
@@ -175,9 +189,8 @@ class AlongCurve:
         wanted = {pole_of(*pole) for pole in poles}
         with np.errstate(invalid="ignore", divide="ignore"):
             out = {pole: _along_rate(rates, *pole) for pole in wanted}
-        for number, pair in enumerate(self.tracer.mechanism.pairs):
-            pole = pole_of(*self.tracer.mechanism.ends[number])
-            if pair.type != "Cs" and pole in wanted:
+        for pole, number in self._primary.items():
+            if pole in wanted:
                 unit = motion.axes[:, number]
                 nothing = np.full_like(unit, np.nan)
                 out[pole] = Axis(unit, nothing, np.full(len(unit), EPS))
@@ -198,24 +211,25 @@ class AlongCurve:
         if wanted:
             self._senses.update(self._followed(wanted))
 
-    def signed(self, pole: Pole, s: Floats, points: CurvePoints) -> SignedRate:
+    def signed(self, pole: Pole, s: Floats) -> SignedRate:
         """Return the rate of a pole's second link relative to its first at s (n,).
 
         Its sign is that of the sense of the axis, so it is smooth through zero.
         """
-        return self.signed_of(pole, s, self.rates(points))
-
-    def signed_of(self, pole: Pole, s: Floats, rates: LinkRates) -> SignedRate:
-        """Return what `signed` does, given the rates of the links at s (n,)."""
         i, j = pole
         with np.errstate(invalid="ignore", divide="ignore"):
-            return _signed(self.sense(pole), s, rates, i, j)
+            return _signed(self.sense(pole), s, self.rates(s), i, j)
+
+    def rests(self, pole: Pole) -> bool:
+        """Return whether two links move as one on the whole curve."""
+        w, _, rounding = self._relative(pole, self.curve.s)
+        return bool(np.all(np.linalg.norm(w, axis=1) <= AT_REST * rounding))
 
     def zeros(self, pole: Pole) -> Zeros:
         """Return all s at which two links stand still relative to each other."""
 
         def function(s: Floats) -> tuple[Floats, Floats]:
-            found = self.signed(pole, s, self.curve.at(s))
+            found = self.signed(pole, s)
             return found.w, found.dw
 
         return self.locate(function, self.sense(pole).s)
@@ -230,8 +244,16 @@ class AlongCurve:
         once = found.places < self.curve.length * (1.0 - 1e-12)
         return Zeros(found.places[once], found.double[once])
 
-    def _moving(self, points: CurvePoints) -> _Moving:
-        """Return the velocity equations solved at points of the curve."""
+    def _moving(self, s: Floats) -> Moving:
+        """Return the velocity equations solved at s (n,); the last results are kept."""
+        key = s.tobytes()
+        if key not in self._kept:
+            while len(self._kept) >= KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[key] = self._solved(self.curve.at(s))
+        return self._kept[key]
+
+    def _solved(self, points: CurvePoints) -> Moving:
         motion, tree = self._motion(points.values), self.closure.tree
         vectors = motion.vectors
         w = tree.body_rates(vectors, points.tangents)
@@ -243,7 +265,7 @@ class AlongCurve:
         size = np.linalg.norm(jacobian, axis=(1, 2))
         inverse = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
         flatness = np.nan_to_num(1.0 / (inverse * size))
-        return _Moving(motion, turned, LinkRates(w, dw, flatness))
+        return Moving(points, motion, turned, LinkRates(w, dw, flatness))
 
     def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:
         """Return the plan for some poles; None where counting freedoms gives none."""
@@ -256,8 +278,7 @@ class AlongCurve:
             self._plans[poles] = made
         return self._plans[poles]
 
-    def _axes(self, points: CurvePoints, poles: tuple[Pole, ...]) -> dict[Pole, Axis]:
-        moving = self._moving(points)
+    def _axes(self, moving: Moving, poles: tuple[Pole, ...]) -> dict[Pole, Axis]:
         planned = self._plan(poles)
         lines = None
         if planned is not None:
@@ -283,6 +304,8 @@ class AlongCurve:
             wide = np.abs(seen.turns) < TURNS
             if np.any(wide):
                 more = 0.5 * (seen.s[1:] + seen.s[:-1])[wide]
+            elif pole in self._primary or self.rests(pole):
+                break
             else:
                 more = self._near_misses(pole, seen)
             added = self._seen(more, [pole])[pole] if len(more) else None
@@ -310,14 +333,14 @@ class AlongCurve:
         part = along[cells] / (along[cells] - along[cells + 1])
         s = low + part * (high - low)
         for _ in range(12):
-            w, dw, rounding = self._relative(pole, s)
+            w, dw, _ = self._relative(pole, s)
             step = np.sum(w * dw, axis=1) / np.sum(dw * dw, axis=1)
             s = np.clip(s - step, low, high)
-            if np.all(np.abs(step) < 1e-14 * self.curve.length):
+            if np.all(np.abs(step) < 1e-10 * self.curve.length):
                 break
         w, dw, rounding = self._relative(pole, s)
         size, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
-        missed = size > 100.0 * rounding
+        missed = size > AT_REST * rounding
         width = np.outer((size / growth)[missed], SWING)
         around = s[missed, None] + width
         inside = (around > low[missed, None]) & (around < high[missed, None])
@@ -326,14 +349,13 @@ class AlongCurve:
 
     def _relative(self, pole: Pole, s: Floats) -> tuple[Floats, Floats, Floats]:
         """Return w, dw (n, 3) of a pole's links at s, and the rounding error (n,)."""
-        rates = self.rates(self.curve.at(s))
+        rates = self.rates(s)
         i, j = pole
         w, dw = rates.w[:, j] - rates.w[:, i], rates.dw[:, j] - rates.dw[:, i]
         return w, dw, rounding_of(rates)
 
     def _seen(self, s: Floats, poles: list[Pole]) -> dict[Pole, _Seen]:
-        points = self.curve.at(s)
-        axes, rates = self.axes(points, poles), self.rates(points)
+        axes, rates = self.axes(s, poles), self.rates(s)
         out = {}
         for i, j in poles:
             axis = axes[i, j]
@@ -364,9 +386,14 @@ class AlongCurve:
 
 
 def rounding_of(rates: LinkRates) -> Floats:
-    """Return (n,) a bound of the rounding error of the rates of links."""
-    size = np.max(np.linalg.norm(rates.w, axis=2), axis=1)
-    return np.asarray(8.0 * EPS * np.maximum(size, 1.0) / np.maximum(rates.flatness, EPS))
+    """Return (n,) a bound of the rounding error of the rates of links.
+
+    Beside a crossing of curves the configuration itself is known to EPS / flatness only,
+    and what follows from it to EPS / flatness^2.
+    """
+    size = np.maximum(np.max(np.linalg.norm(rates.w, axis=2), axis=1), 1.0)
+    flat = np.maximum(rates.flatness, EPS)
+    return np.asarray(EPS * size * (8.0 / flat + 0.25 / flat**2))
 
 
 def _along_rate(rates: LinkRates, i: int, j: int) -> Axis:

@@ -143,7 +143,7 @@ def conditions(
         words = _words(condition, links, names)
         for row in np.flatnonzero(residual <= UNDECIDED * allowed):
             size = float(residual[row])
-            found = Holding(condition.label, words, size, size <= allowed[row])
+            found = Holding(condition.label, words, size, bool(size <= allowed[row]))
             rows[row].append(found)
     return [_decided_first(row) for row in rows]
 

@@ -4,8 +4,8 @@ There the velocity equations have k > 1 independent solutions. The configuration
 basis T of them solve F(x) = 0, J(x) T = 0 together, and these equations are regular where
 the second-order terms below are not degenerate. A motion x' = T y goes on to second order
 if y . B y = 0 for B = T' (l . dJ/dx) T and every l with l J = 0: for k = 2 these are the
-directions of no, one or two curves (Keller 1977 calls them the algebraic bifurcation
-equations).
+directions of no or two curves, for k = 3 of up to four (Keller 1977 calls them the
+algebraic bifurcation equations).
 """
 
 from dataclasses import dataclass
@@ -186,24 +186,68 @@ def _second_order(closure: Closure, x: Floats, left: Floats, null: Floats) -> Fl
 
 
 def _directions(forms: Floats) -> Floats | None:
-    """Return unit vectors (branches, 2) on which all forms vanish, None if undecided.
+    """Return unit vectors (branches, k) on which all forms vanish, None if undecided.
 
-    For y = (cos a, sin a) a form is m + r cos(2 a - b); equations that repeat others give
-    forms that vanish.
+    Equations that repeat others give forms that vanish or repeat others.
     """
-    if forms.shape[1] != 2:
+    size = forms.shape[1]
+    upper = np.triu_indices(size)
+    _, sizes, right = np.linalg.svd(forms[:, *upper])
+    if sizes[0] < DEGENERATE or size not in (2, 3):
         return None
-    rows = np.stack([forms[:, 0, 0], forms[:, 0, 1], forms[:, 1, 1]], axis=1)
-    _, sizes, right = np.linalg.svd(rows)
-    if sizes[0] < DEGENERATE or np.any(sizes[1:] > DEGENERATE * sizes[0]):
+    if int(np.sum(sizes > DEGENERATE * sizes[0])) != size - 1:
         return None
-    a, b, c = right[0]
-    mean, half = 0.5 * (a + c), 0.5 * (a - c)
-    reach = float(np.hypot(half, b))
+    kept = np.zeros((size - 1, size, size))
+    kept[:, *upper] = right[: size - 1]
+    kept[:, upper[1], upper[0]] = kept[:, *upper]
+    return _lines(kept[0]) if size == 2 else _conics(kept[0], kept[1])
+
+
+def _lines(form: Floats) -> Floats | None:
+    """Return the lines (0 or 2, 2) where a form m + r cos(2 a - b) of the angle is zero."""
+    mean, half = 0.5 * (form[0, 0] + form[1, 1]), 0.5 * (form[0, 0] - form[1, 1])
+    reach = float(np.hypot(half, form[0, 1]))
     if abs(abs(mean) - reach) < DEGENERATE:
         return None
     if abs(mean) > reach:
         return np.zeros((0, 2))
-    middle, swing = np.arctan2(b, half), np.arccos(-mean / reach)
+    middle, swing = np.arctan2(form[0, 1], half), np.arccos(-mean / reach)
     angles = 0.5 * np.array([middle - swing, middle + swing])
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _conics(first: Floats, second: Floats) -> Floats | None:
+    """Return the common points of two conics, unit vectors (0 to 4, 3).
+
+    In turned coordinates (u, v, 1) the resultant by v is a polynomial of degree four in
+    u; its real roots are polished on the forms. None where two points are one.
+    """
+    turn = np.linalg.qr(np.cos(1.0 + np.arange(9.0)).reshape(3, 3))[0]
+    a, b = (turn.T @ form @ turn for form in (first, second))
+    powers = []
+    for form in (a, b):
+        powers.append(
+            (
+                np.array([form[1, 1]]),
+                np.array([2.0 * form[0, 1], 2.0 * form[1, 2]]),
+                np.array([form[0, 0], 2.0 * form[0, 2], form[2, 2]]),
+            )
+        )
+    (a2, a1, a0), (b2, b1, b0) = powers
+    across: Floats = np.polysub(np.polymul(a2, b0), np.polymul(b2, a0))
+    linear = np.polysub(np.polymul(a2, b1), np.polymul(b2, a1))
+    last = np.polysub(np.polymul(a1, b0), np.polymul(b1, a0))
+    roots = np.roots(np.polysub(np.polymul(across, across), np.polymul(linear, last)))
+    apart = np.abs(roots[:, None] - roots)[~np.eye(len(roots), dtype=bool)]
+    if len(roots) < 4 or np.min(apart) < 1e-5 * np.max(np.abs(roots)):
+        return None
+    found = []
+    for u in roots[np.abs(roots.imag) < 1e-7].real:
+        v = -np.polyval(across, u) / np.polyval(linear, u)
+        y = np.array([u, v, 1.0])
+        for _ in range(4):
+            y /= np.linalg.norm(y)
+            matrix = np.stack([2.0 * a @ y, 2.0 * b @ y, y])
+            y = y - np.linalg.solve(matrix, np.array([y @ a @ y, y @ b @ y, 0.0]))
+        found.append(turn @ (y / np.linalg.norm(y)))
+    return np.array(found).reshape(-1, 3)

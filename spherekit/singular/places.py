@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import EPS
+from spherekit.conventions import EPS, Status
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.singular.along import AlongCurve
@@ -19,11 +19,15 @@ from spherekit.sphere.rotation import Floats
 @final
 @dataclass(frozen=True)
 class Places:
-    """Zeros at s (k,), whether each is double, and bounds of the errors of s."""
+    """Zeros at s (k,), whether each is double, and bounds of the errors of s.
+
+    `always` says that the links move as one on the whole curve; then there are no others.
+    """
 
     s: Floats
     double: NDArray[np.bool_]
     error: Floats
+    always: bool = False
 
 
 @final
@@ -61,21 +65,33 @@ def poles_of(links: FourLinks) -> list[Pole]:
 
 def located(along: AlongCurve, pole: Pole) -> Places:
     """Return all zeros of the rate of a pole with bounds of their errors."""
+    if along.rests(pole):
+        return Places(np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0), True)
     found = along.zeros(pole)
     s = found.places
     if not len(s):
         return Places(s, found.double, s)
-    rate = along.signed(pole, s, along.curve.at(s))
+    rate = along.signed(pole, s)
     error = place_error(along.curve, rate.error, rate.dw)
     if np.any(found.double):
         step = 1e-3 * along.curve.length
         beside = s[found.double] + step
         if not along.curve.closed:
             beside = np.where(beside > along.curve.length, beside - 2.0 * step, beside)
-        bend = along.signed(pole, beside, along.curve.at(beside)).dw / step
+        bend = along.signed(pole, beside).dw / step
         touched = np.sqrt(2.0 * rate.error[found.double] / np.maximum(np.abs(bend), EPS))
         error[found.double] = np.minimum(touched, along.curve.length)
-    return Places(s, found.double, error)
+    inside = _inside(along.curve, s, error)
+    return Places(s[inside], found.double[inside], error[inside])
+
+
+def _inside(curve: ArcCurve, s: Floats, error: Floats) -> NDArray[np.bool_]:
+    """Return which places (n,) are not those of a crossing of curves at an end."""
+    inside = np.ones(len(s), dtype=bool)
+    for why, way in zip(curve.ends, (s, curve.length - s), strict=True):
+        if why == Status.AT_SINGULARITY:
+            inside &= way > 4.0 * error
+    return inside
 
 
 def place_error(curve: ArcCurve, error: Floats, slope: Floats) -> Floats:

@@ -142,6 +142,19 @@ class CrossingPoint:
 
 @final
 @dataclass(frozen=True)
+class WholeCurve:
+    """A curve on all of which an output or the input stands still: no points on it.
+
+    `type` is I where the output (o, s) rests, II where the input does, III for both.
+    """
+
+    type: Type
+    output: tuple[int, int]
+    curve: int
+
+
+@final
+@dataclass(frozen=True)
 class AlongOutput:
     """Rates and relations of one output at n places s of a curve.
 
@@ -175,6 +188,8 @@ class Singularities:
         By output, curve and arc length.
     crossings
         Where curves cross.
+    whole
+        Curves that are singular throughout.
     everywhere
         The freedoms by rank of a mechanism that is singular in all its configurations,
         which has no curves; otherwise None.
@@ -187,5 +202,6 @@ class Singularities:
     fourth: tuple[int | None, ...]
     points: tuple[SingularPoint, ...]
     crossings: tuple[CrossingPoint, ...]
+    whole: tuple[WholeCurve, ...]
     everywhere: int | None
     notes: tuple[str, ...]

@@ -8,12 +8,13 @@ badly chosen: those are found as well and are called apparent.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import final
 
 import numpy as np
 
-from spherekit.conventions import Status
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
@@ -38,9 +39,11 @@ from spherekit.singular.record import (
     Singularities,
     SingularPoint,
     Type,
+    WholeCurve,
 )
 from spherekit.singular.relation import (
     FourLinks,
+    Kind,
     Relation,
     SixPoles,
     best_fourth,
@@ -58,9 +61,15 @@ WIDE = 1e-9
 DECIDED_MISS = 1e-14
 """A crossing that is missed by more (rad) may be none: rounding of sizes decides."""
 SAME_CROSSING = 1e-7
+"""Crossings whose variables differ by less (rad) are one."""
+ONE_BRANCH = (
+    "c and d are those of this branch: its motion says where the third pole is, which the "
+    "configuration leaves open"
+)
 ALWAYS = 1e-12
-"""Products that never exceed this on a curve vanish everywhere."""
+"""Triple products that never exceed this on a curve vanish everywhere."""
 SAMPLED = 9
+"""Configurations at which a mechanism without curves is asked for its freedoms."""
 
 
 @final
@@ -105,10 +114,11 @@ class SingleFreedom:
         self.outputs = tuple(ordered_pole(mechanism, each) for each in outputs)
         self.first_links = tuple(FourLinks(*self.input, *out) for out in self.outputs)
         self.second_links = tuple(self._second_links(links) for links in self.first_links)
-        self.notes: list[str] = []
 
     def report(self) -> Singularities:
         """Return all singularities on all curves."""
+        self.notes: list[str] = []
+        self.whole: list[WholeCurve] = []
         points: list[list[SingularPoint]] = [[] for _ in self.outputs]
         for number, along in enumerate(self.along):
             for found, new in zip(points, self._on_curve(number, along), strict=True):
@@ -119,6 +129,7 @@ class SingleFreedom:
             tuple(None if each is None else each.s for each in self.second_links),
             tuple(point for found in points for point in found),
             self._crossings(),
+            tuple(self.whole),
             self._everywhere(),
             tuple(self.notes),
         )
@@ -126,17 +137,14 @@ class SingleFreedom:
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve.
 
-        Derivatives are by arc length. Axes of curves that are not smooth there, and so c
-        and d, are NaN.
+        Derivatives are by arc length. c and d are NaN where an axis is not known, and
+        their derivatives also where it is known as a limit only.
         """
         along = self.along[curve]
-        points = along.curve.at(s)
-        rates = along.rates(points)
         links = self.first_links[output]
-        q, dq, _ = _rate(along, links.i, links.r, s, rates)
-        y, dy, _ = _rate(along, links.o, links.s, s, rates)
-        axes = along.oriented(s, points, self._poles(output))
-        made = self._relations(output, axes)
+        q, dq = _rate(along, links.i, links.r, s)
+        y, dy = _rate(along, links.o, links.s, s)
+        made = self._relations(output, along.oriented(s, self._poles(output)))
         return AlongOutput(
             s,
             q,
@@ -162,7 +170,7 @@ class SingleFreedom:
         wanted = [pole_of(a, k) for k in candidates for a in (links.o, links.i)]
         found: dict[int, list[list[Floats]]] = {k: [[], []] for k in candidates}
         for along in self.along:
-            axes = along.axes(along.curve.nodes, wanted)
+            axes = along.axes(along.curve.s, wanted)
             for k in candidates:
                 for n, a in enumerate((links.o, links.i)):
                     found[k][n].append(axes[pole_of(a, k)].unit)
@@ -202,6 +210,7 @@ class SingleFreedom:
         """Return the singular points of each output on one curve."""
         every = [self._poles(output) for output in range(len(self.outputs))]
         along.follow([pole for poles in every for pole in poles])
+        self._note_gaps(number, along, [pole for poles in every for pole in poles])
         places: dict[Pole, Places] = {}
         for pole in dict.fromkeys(pole for poles in every for pole in poles):
             places[pole] = located(along, pole)
@@ -210,6 +219,24 @@ class SingleFreedom:
             for output in range(len(self.outputs))
         ]
 
+    def _note_gaps(self, number: int, along: AlongCurve, poles: list[Pole]) -> None:
+        """Note where zeros may be missed: lost axes, and curves that could not go on."""
+        names = self.tracer.mechanism.links
+        for a, b in dict.fromkeys(poles):
+            if along.rests((a, b)):
+                continue
+            for low, high in along.sense((a, b)).lost:
+                self.notes.append(
+                    f"curve {number}: the axis {names[b]}/{names[a]} turns too fast to be "
+                    f"followed from s = {low:.6g} to {high:.6g} rad; zeros of its rate "
+                    "there may be missed or invented"
+                )
+        if Status.BRANCH_LOST in along.curve.ends:
+            self.notes.append(
+                f"curve {number} was not followed to its end; singularities beyond are "
+                "not known"
+            )
+
     def _of_output(
         self, number: int, along: AlongCurve, output: int, places: dict[Pole, Places]
     ) -> list[SingularPoint]:
@@ -217,26 +244,30 @@ class SingleFreedom:
         own: list[tuple[Pole | None, Places]] = [
             (pole, places[pole]) for pole in self._poles(output)
         ]
+        still, resting = places[driven].always, places[wanted].always
+        if still or resting:
+            kind = (Type.III if resting else Type.II) if still else Type.I
+            self.whole.append(WholeCurve(kind, self.outputs[output], number))
+            return []
         own += [(None, more) for more in self._coplanar(number, along, output, own)]
         groups = groups_of(along.curve, own)
         if not groups:
             return []
         s = np.array([group.s for group in groups])
-        points = along.curve.at(s)
-        rates = along.rates(points)
-        axes = along.oriented(s, points, self._poles(output))
+        points = along.points(s)
+        axes = along.oriented(s, self._poles(output))
         links = self.first_links[output]
-        q, dq, _ = _rate(along, links.i, links.r, s, rates)
-        y, dy, _ = _rate(along, links.o, links.s, s, rates)
+        q, dq = _rate(along, links.i, links.r, s)
+        y, dy = _rate(along, links.o, links.s, s)
         kinds = [group.kind(driven, wanted) for group in groups]
-        made = self._made(output, axes, along, s, rates, groups)
+        made = self._made(output, axes, along, s, groups)
         notes = _doubts(groups, driven, wanted, along.curve)
         found = []
         for k, (group, kind) in enumerate(zip(groups, kinds, strict=True)):
             relations = tuple(each[k] for each in made)
             if kind == Type.APPARENT and all(r.type is None for r in relations):
                 continue
-            still, resting = group.double(driven), group.double(wanted)
+            one, other = group.double(driven), group.double(wanted)
             found.append(
                 SingularPoint(
                     type=kind,
@@ -249,9 +280,9 @@ class SingleFreedom:
                     output_rate=float(y[k]),
                     input_slope=float(dq[k]),
                     output_slope=float(dy[k]),
-                    input_turns=still is False,
-                    output_turns=resting is False,
-                    double=bool(still or resting),
+                    input_turns=one is False,
+                    output_turns=other is False,
+                    double=bool(one or other),
                     decided=not notes[k],
                     note=notes[k],
                     relations=relations,
@@ -265,15 +296,14 @@ class SingleFreedom:
         axes: dict[Pole, Axis],
         along: AlongCurve,
         s: Floats,
-        rates: LinkRates,
         groups: list[Group],
     ) -> list[list[RelationAt]]:
         """Return for each form its relation at each group."""
         driven = pole_of(*self.input)
         out = []
         for links, six, relation in self._relations(output, axes):
-            q, _, _ = _rate(along, links.i, links.r, s, rates)
-            y, _, _ = _rate(along, *relation.output, s, rates)
+            q, _ = _rate(along, links.i, links.r, s)
+            y, _ = _rate(along, *relation.output, s)
             facts = [group.kind(driven, pole_of(*relation.output)) for group in groups]
             errors = _errors(links, axes)
             resting = [group.resting(links) for group in groups]
@@ -344,7 +374,7 @@ class SingleFreedom:
             grid = np.unique(np.concatenate([along.sense(p).s for p in poles_of(links)]))
 
             def function(s: Floats, links: FourLinks = links) -> tuple[Floats, Floats]:
-                return _volume(along.rates(along.curve.at(s)), links)
+                return _volume(along.rates(s), links)
 
             value, _ = function(grid)
             if np.max(np.abs(value)) < ALWAYS:
@@ -365,7 +395,7 @@ class SingleFreedom:
             else:
                 fresh = np.ones(len(found.places), dtype=bool)
             s = found.places[fresh]
-            rates = along.rates(along.curve.at(s))
+            rates = along.rates(s)
             _, slope = _volume(rates, links)
             error = place_error(along.curve, rounding_of(rates), slope)
             out.append(Places(s, found.double[fresh], error))
@@ -431,7 +461,7 @@ class SingleFreedom:
         branches: list[list[RelationAt]] = [[] for _ in range(count)]
         for links, six, relation in self._relations(output, axes):
             q, y = (
-                np.linalg.norm(rates.w[:, a] - rates.w[:, b], axis=1)
+                np.sum((rates.w[:, a] - rates.w[:, b]) * axes[pole_of(a, b)].unit, axis=1)
                 for a, b in ((links.i, links.r), relation.output)
             )
             errors = _errors(links, axes)
@@ -439,16 +469,27 @@ class SingleFreedom:
                 links, six, relation, q, y, errors, [Type.III] * count, [[]] * count
             )
             for own, each in zip(branches, judged, strict=True):
+                if each.type is None and each.kind != Kind.SAME_POLE:
+                    each = replace(each, note=ONE_BRANCH)
                 own.append(each)
         return tuple(tuple(own) for own in branches)
 
     def _everywhere(self) -> int | None:
-        """Return the freedoms of a mechanism that nowhere has just one, if it is one."""
+        """Return the freedoms of a mechanism that nowhere has just one, if it is one.
+
+        Asked for at configurations of its branches, and where all variables are zero if
+        the loops close there: the reference pose.
+        """
         if self.along:
             return None
-        motion = self.tracer.sparse(SAMPLED)
-        good = np.flatnonzero(~motion.failed)
-        freedoms = [self.tracer.solver.freedoms(motion.values[row]) for row in good]
+        solver, motion = self.tracer.solver, self.tracer.sparse(SAMPLED)
+        reference = np.zeros((1, motion.values.shape[1]))
+        placed, states = solver.closure.place(reference)
+        gap = solver.closure.residual(placed, states)
+        known = motion.values[~motion.failed]
+        if np.all(np.abs(gap) < CLOSURE_TOLERANCE):
+            known = np.concatenate([reference, known])
+        freedoms = [solver.freedoms(values) for values in known]
         return min(freedoms) if freedoms and min(freedoms) > 1 else None
 
 
@@ -481,13 +522,11 @@ def ordered_pole(
     return ordered_pole(mechanism, "/".join(str(word) for word in words))
 
 
-def _rate(
-    along: AlongCurve, of: int, to: int, s: Floats, rates: LinkRates
-) -> tuple[Floats, Floats, Floats]:
-    """Return the rate of a link relative to another, its slope and its error, (n,)."""
-    found = along.signed_of(pole_of(of, to), s, rates)
+def _rate(along: AlongCurve, of: int, to: int, s: Floats) -> tuple[Floats, Floats]:
+    """Return the rate of a link relative to another at s, and its slope, (n,)."""
+    found = along.signed(pole_of(of, to), s)
     sign = 1.0 if of > to else -1.0
-    return sign * found.w, sign * found.dw, found.error
+    return sign * found.w, sign * found.dw
 
 
 def _errors(links: FourLinks, axes: dict[Pole, Axis]) -> Floats:
@@ -542,22 +581,22 @@ def _disagreement(
     """Return why the coefficients say something else than the rates."""
     if kind == fact:
         return ""
-    o, s = relation.output
+    if relation.kind == Kind.SAME_POLE:
+        return "the output is the input, and c and d are constant"
     if kind == Type.III:
-        own = {pole_of(o, s)}
-        bodies = [p for p in resting if p not in own]
+        own = pole_of(*relation.output)
+        still = [f"{names[a]} and {names[b]}" for a, b in resting if (a, b) != own]
         cause = (
-            "links "
-            + " and ".join(f"{names[a]}/{names[b]}" for a, b in bodies)
-            + " stand still relative to each other"
-            if bodies
+            "links " + ", ".join(still) + " stand still relative to each other"
+            if still
             else "the six axes of the chosen links lie in one plane"
         )
         what = "neither rate vanishes" if fact is None else f"the rates say type {fact}"
-        return f"c = d = 0, but {what}: {cause}; other links decide"
-    told = "none" if kind is None else f"type {kind}"
-    wanted = "none" if fact is None else f"type {fact}"
+        return f"c = d = 0, but {what}: {cause}; a relation of other links decides"
+    told, wanted = (
+        "nothing vanishes" if each is None else f"type {each}" for each in (kind, fact)
+    )
     return (
-        f"c and d say {told}, the rates {wanted}: a coefficient is small beside its error, "
-        "or nearly vanishes"
+        f"c and d say: {told}; the rates: {wanted}; a coefficient nearly vanishes, or is "
+        "not known well enough"
     )
