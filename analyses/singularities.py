@@ -247,7 +247,7 @@ class SingularityAnalysis(AbstractAnalysis):
                         "kind": "III",
                         **_conditions([at for own in on_branches for at in own]),
                         "branch": _joined(sorted(touched)),
-                        "q": found.input_at(curve, np.array([s]))[0],
+                        "q": found.input_of(crossing.values[None])[0],
                         "output": _named(batch.mechanism, links),
                         "curve": curve,
                         "s": s,

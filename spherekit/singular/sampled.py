@@ -19,6 +19,8 @@ from spherekit.singular.relation import Form
 from spherekit.singular.single import SingleFreedom
 from spherekit.sphere.rotation import Floats
 
+ROUNDED = 1e-12
+"""An input below the range's start by less (rad) is at its start."""
 TOUCHES = 1e-6
 """A piece of a curve holds what is nearer than this to its ends (rad of arc length)."""
 
@@ -125,9 +127,13 @@ class SampledSingularities:
 
     def input_at(self, curve: int, s: Floats) -> Floats:
         """Return the input (n,) at places s, less whole turns from the range's start."""
+        return self.input_of(self.curves[curve].at(s).values)
+
+    def input_of(self, values: Floats) -> Floats:
+        """Return the input (n,) in configurations, less whole turns like `input_at`."""
         low = self.tracer.range[0]
-        q = self.curves[curve].at(s).values[:, self.tracer.solver.single]
-        return low + np.mod(q - low + 1e-12, 2.0 * np.pi) - 1e-12
+        past = values[:, self.tracer.solver.single] - low
+        return np.asarray(low + np.mod(past + ROUNDED, 2.0 * np.pi) - ROUNDED)
 
     def measures(self) -> list[Measures]:
         """Return the measures of every output in each form."""
