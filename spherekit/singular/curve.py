@@ -165,6 +165,31 @@ def _sense(basis: Floats, nodes: LocusPoints, points: LocusPoints) -> Floats:
     return np.asarray(np.sign(own) * carried[rows])
 
 
+def predict(
+    nodes: LocusPoints, which: NDArray[np.intp], parts: Floats
+) -> tuple[Floats, Floats]:
+    """Return Hermite values of the variables and motions, (n, V) each.
+
+    Their projections on the chords after nodes `which` (n,) are at `parts` (n,), 0 to 1.
+    """
+    ahead = which + 1
+    way = nodes.values[ahead] - nodes.values[which]
+    chord = np.linalg.norm(way, axis=1, keepdims=True)
+    x = parts[:, None]
+    guesses = []
+    for what, rates in ((nodes.values, nodes.tangents), (nodes.motions, nodes.turns)):
+        ends = []
+        for node in (which, ahead):
+            speed = np.sum(nodes.tangents[node, :, 0] * way, axis=1, keepdims=True)
+            ends.append(rates[node, :, 0] * (chord**2 / speed))
+        guesses.append(
+            what[which] * (1 + 2 * x) * (1 - x) ** 2
+            + what[ahead] * x * x * (3 - 2 * x)
+            + x * (1 - x) * ((1 - x) * ends[0] - x * ends[1])
+        )
+    return guesses[0], guesses[1]
+
+
 def between(
     locus: Locus, nodes: LocusPoints, which: NDArray[np.intp], parts: Floats
 ) -> LocusPoints:
@@ -172,25 +197,13 @@ def between(
 
     `which` (n,) are the nodes, `parts` (n,) from 0 to 1.
     """
-    ahead = which + 1
-    way = nodes.values[ahead] - nodes.values[which]
+    way = nodes.values[which + 1] - nodes.values[which]
     chord = np.linalg.norm(way, axis=1, keepdims=True)
     direction = way / chord
-    x = parts[:, None]
-    guesses = []
-    for what, rates in ((nodes.values, nodes.tangents), (nodes.motions, nodes.turns)):
-        ends = []
-        for node in (which, ahead):
-            speed = np.sum(nodes.tangents[node, :, 0] * direction, axis=1, keepdims=True)
-            ends.append(rates[node, :, 0] * chord / speed)
-        a, b = what[which], what[ahead]
-        guesses.append(
-            a * (1 + 2 * x) * (1 - x) ** 2
-            + b * x * x * (3 - 2 * x)
-            + x * (1 - x) * ((1 - x) * ends[0] - x * ends[1])
-        )
-    targets = np.sum(direction * nodes.values[which], axis=1, keepdims=True) + x * chord
-    found = locus.correct(guesses[0], guesses[1], direction[:, None], targets)
+    values, motions = predict(nodes, which, parts)
+    targets = np.sum(direction * nodes.values[which], axis=1, keepdims=True)
+    targets = targets + parts[:, None] * chord
+    found = locus.correct(values, motions, direction[:, None], targets)
     sense = np.sum(found.tangents[:, :, 0] * direction, axis=1)
     flip = np.where(sense < 0.0, -1.0, 1.0)[:, None, None]
     found.tangents[:] *= flip

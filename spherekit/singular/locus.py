@@ -136,8 +136,7 @@ class Locus:
             turned = np.swapaxes(slopes, 2, 3) @ small[:, None]
             slopes = turned + np.swapaxes(turned, 2, 3)
             small = np.swapaxes(small, 1, 2) @ small
-        adjugate = _adjugate(small)
-        gradient = np.einsum("nab,njba->nj", adjugate, slopes)
+        gradient = np.einsum("nab,njba->nj", adjugate(small), slopes)
         value = np.linalg.det(small)
         return Measure(value, gradient, smallest, motion, signed)
 
@@ -260,7 +259,7 @@ def _inverse(matrices: Floats) -> Floats:
     return np.asarray(np.linalg.pinv(clean, rcond=REDUNDANT))
 
 
-def _adjugate(matrices: Floats) -> Floats:
+def adjugate(matrices: Floats) -> Floats:
     """Return the adjugates of square matrices (n, k, k), exact where those are singular."""
     n, size, _ = matrices.shape
     out = np.empty_like(matrices)

@@ -59,6 +59,12 @@ class OutputRest:
     pointing: tuple[float, float, float] | None = None
 
     @property
+    def pole(self) -> tuple[int, int]:
+        """The two links, smaller number first."""
+        a, b = sorted((self.link, self.relative_to))
+        return a, b
+
+    @property
     def count(self) -> int:
         """The freedoms that the output has: 3 of an orientation, 2 of a direction."""
         return 3 if self.pointing is None else 2

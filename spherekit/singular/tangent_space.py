@@ -5,14 +5,14 @@ freedoms are a manifold of g dimensions, and the rates that close the loops, J x
 its tangent space. Both are regular where inputs or the output are singular.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import final
 
 import numpy as np
 
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import REDUNDANT
-from spherekit.motion.pairs import pair_rates, variable_vectors
+from spherekit.motion.pairs import PairStates, pair_rates, variable_vectors
 from spherekit.sphere.rotation import Floats
 
 
@@ -112,14 +112,18 @@ def tangent_space(
     basis[~finite] = inverse[~finite] = np.nan
     residual = closure.residual(placed, states)
     closing = -np.einsum("nve,ne->nv", inverse, residual)
-    turned = np.empty((n, freedoms + 1, count, 3))
-    bends = np.empty((n, freedoms + 1, count, count))
-    for j in range(freedoms + 1):
-        direction = basis[:, :, j] if j < freedoms else closing
-        w = closure.tree.body_rates(vectors, direction)
-        first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
-        turned[:, j] = pair_rates(closure.joints, frames, states, first, second).vectors
-        bends[:, j] = -inverse @ closure.tree.jacobian(turned[:, j])
+    ways = np.concatenate([basis, closing[:, :, None]], axis=2)
+    many = freedoms + 1
+    w = closure.tree.body_rates(
+        np.repeat(vectors, many, axis=0), np.swapaxes(ways, 1, 2).reshape(-1, count)
+    )
+    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
+    repeated = PairStates(
+        *(np.repeat(getattr(states, item.name), many, axis=0) for item in fields(states))
+    )
+    frames = np.repeat(frames, many, axis=0)
+    turned = pair_rates(closure.joints, frames, repeated, first, second).vectors
+    bends = -inverse[:, None] @ closure.tree.jacobian(turned).reshape(n, many, rows, count)
     return TangentSpace(
         closure,
         values,
@@ -129,7 +133,7 @@ def tangent_space(
         basis,
         inverse,
         closing,
-        turned,
+        turned.reshape(n, many, count, 3),
         bends,
         sizes[:, rank - 1] / np.maximum(sizes[:, 0], np.finfo(float).tiny),
         rows == rank and like is None,

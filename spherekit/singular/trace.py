@@ -13,17 +13,17 @@ import numpy as np
 
 from spherekit.conventions import Status
 from spherekit.motion.arc_length import periods_of
-from spherekit.singular.curve import SingularCurve, between
+from spherekit.singular.curve import SingularCurve, predict
 from spherekit.singular.locus import ON_LOCUS, Locus, LocusPoints
 from spherekit.sphere.rotation import Floats
 
-LARGEST_STEP = 0.2
+LARGEST_STEP = 0.3
 """Longest step (rad of arc length)."""
 LARGEST_CHANGE = 0.6
 """Change of the bordered equations in one step, relative; at 1 they may be singular."""
 LARGEST_CORRECTION = 0.05
 """A prediction may be wrong by this part of the step."""
-LARGEST_MIDDLE = 2e-3
+LARGEST_MIDDLE = 1e-3
 """The prediction of the middle from both ends may be wrong by this part of the step."""
 SMALLEST_STEP = 1e-6
 """A step below this (rad) ends the curve."""
@@ -151,7 +151,7 @@ class _March:
         )
         if not np.all(found.good):
             return None
-        if np.any(found.first_step > LARGEST_CORRECTION * step + 1e-9):
+        if np.any(found.first_step > LARGEST_CORRECTION * abs(step) + 1e-9):
             return None
         if np.any((found.first_step > 1e-6) & (found.ratio > 0.1)):
             return None
@@ -173,8 +173,9 @@ class _March:
         both = LocusPoints.joined([at, node])
         chord = (node.values - at.values)[0]
         part = (found.values[0] - at.values[0]) @ chord / (chord @ chord)
-        middle = between(self.locus, both, np.zeros(1, dtype=np.intp), np.array([part]))
-        if not middle.first_step[0] < LARGEST_MIDDLE * step + 1e-9:
+        middle, _ = predict(both, np.zeros(1, dtype=np.intp), np.array([part]))
+        miss = np.max(np.abs(middle[0] - found.values[0]))
+        if not miss < LARGEST_MIDDLE * abs(step) + 1e-9:
             return None
         return node, max(moved)
 
