@@ -67,7 +67,9 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
     pairs = [pair for pair in range(len(tree.ends)) if pair not in locked]
     place = {pair: k for k, pair in enumerate(pairs)}
     kept = tuple(v for v, owner in enumerate(tree.owners) if owner not in locked)
-    ends = tuple((number[body[a]], number[body[b]]) for a, b in (tree.ends[p] for p in pairs))
+    ends = tuple(
+        (number[body[a]], number[body[b]]) for a, b in (tree.ends[p] for p in pairs)
+    )
     leads = []
     for which, given in ((0, closure.lead_first), (1, closure.lead_second)):
         own = np.stack([lift[tree.ends[pair][which]] for pair in pairs])

@@ -125,7 +125,9 @@ class SingularCurve:
                 break
             split = at_high - at_low
             part = np.where(split == 0.0, 0.5, -at_low / np.where(split, split, 1.0))
-            part = low + np.where(step % 3 == 2, 0.5, np.clip(part, 0.0, 1.0)) * (high - low)
+            part = low + np.where(step % 3 == 2, 0.5, np.clip(part, 0.0, 1.0)) * (
+                high - low
+            )
             here = function(self.on(which, part))
             left = (here >= 0.0) == (at_low >= 0.0)
             low, at_low = np.where(left, part, low), np.where(left, here, at_low)

@@ -6,61 +6,19 @@ configuration curves; each seed that lies on no curve yet is followed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.segments import CurvePoints
 from spherekit.singular.curve import SingularCurve
 from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.rest import InputsRest, OutputRest, Rest, output_of
-from spherekit.singular.slices import Slice, slices, solver_of
+from spherekit.singular.points import Kind, SingularPoints, View, loci_of
+from spherekit.singular.rest import output_of
+from spherekit.singular.slices import seeds, slices, solver_of
 from spherekit.singular.trace import LARGEST_STEP, trace_curve
 from spherekit.sphere.rotation import Floats
-
-Kind = Literal["I", "II"]
-
-MOVES = 1e-9
-"""A singular motion whose rate of inputs or output is below this leaves them at rest."""
-
-
-@final
-@dataclass(frozen=True)
-class SingularPoints:
-    """n singular configurations, as what stands still and what moves sees them.
-
-    Attributes
-    ----------
-    kind
-        II: the inputs stand still in the singular motion; I: the output does.
-    values, motion
-        The variables and the unit rates of the singular motion, (n, V).
-    inputs
-        (n, g) values of the inputs (rad).
-    inside
-        (n,) whether all inputs are within their declared ranges, whole turns apart.
-    orientation, pointing
-        (n, 3, 3) from the output link's axes to those of its reference link, and the
-        output direction (n, 3) there, or None.
-    input_rate, output_rate
-        (n,) norms of the rates of the inputs and of the output in the singular motion.
-        Type II with an output rate of zero leaves some other link loose, not the output.
-    residual
-        (n,) the larger of the loops' residual (rad) and that of the singularity.
-    """
-
-    kind: Kind
-    values: Floats
-    motion: Floats
-    inputs: Floats
-    inside: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    orientation: Floats
-    pointing: Floats | None
-    input_rate: Floats
-    output_rate: Floats
-    residual: Floats
 
 
 @final
@@ -158,24 +116,24 @@ def singular_curves(
             f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
             "configurations are those of a mechanism with two"
         )
-    chosen: dict[Kind, Rest] = {"II": InputsRest(solver.driven), "I": rest}
-    locus = Locus(solver.closure, 2, chosen[kind])
-    other = Locus(solver.closure, 2, chosen["I" if kind == "II" else "II"])
+    locus, other = loci_of(solver, rest, kind)
     ranges = [
         (-np.pi, np.pi) if whole_turn else (item.start, item.stop)
         for item in mechanism.inputs
     ]
     traced: list[SingularCurve] = []
     stray: list[Floats] = []
-    count, seeds, box = 0, 0, []
+    count, hits, box = 0, 0, []
     for number, (low, high) in enumerate(ranges):
         gap = (high - low) / slices_of_each
         box.append(gap)
         spread = low + gap * (np.arange(slices_of_each) + 0.5)
-        for each in slices(solver, number, spread):
+        held = np.zeros((slices_of_each, 2))
+        held[:, number] = spread
+        for each in slices(solver, 1 - number, held):
             count += 1
-            points = _seeds(each, locus)
-            seeds += len(points)
+            points = seeds(each, locus)
+            hits += len(points)
             left = np.ones(len(points), dtype=bool)
             for curve in traced:
                 left[left] &= ~curve.find(points.values[left], points.motions[left])
@@ -188,76 +146,25 @@ def singular_curves(
                     continue
                 traced.append(found)
                 left[left] &= ~found.find(points.values[left], points.motions[left])
-    watch = _Watch(mechanism, solver.driven, rest, kind)
+    view = View(mechanism, solver.driven, rest, kind)
     return SingularCurves(
         kind,
-        tuple(_found(curve, other, watch) for curve in traced),
+        tuple(_found(curve, other, view) for curve in traced),
         (box[0], box[1]),
         count,
-        seeds,
+        hits,
         np.array(stray).reshape(-1, len(mechanism.variable_owners)),
     )
 
 
-def _seeds(each: Slice, locus: Locus) -> LocusPoints:
-    """Return the singular configurations on a slice."""
-
-    def along(points: CurvePoints) -> tuple[Floats, Floats]:
-        space = locus.space(each.locked.whole(points.values))
-        measure = locus.measure(space)
-        ways = np.swapaxes(space.basis, 1, 2) @ each.locked.rates(points.tangents)[..., None]
-        return measure.value, np.sum(measure.gradient * ways[..., 0], axis=1)
-
-    places = each.curve.locate(along).places
-    values = each.locked.whole(each.curve.at(places).values)
-    found = locus.onto(values)
-    return found.rows(np.flatnonzero(found.good))
-
-
-@final
-@dataclass(frozen=True)
-class _Watch:
-    """What of singular configurations is reported."""
-
-    mechanism: Mechanism
-    driven: tuple[int, ...]
-    output: OutputRest
-    kind: Kind
-
-    def points(self, locus: Locus, nodes: LocusPoints) -> SingularPoints:
-        space = locus.space(nodes.values)
-        inputs = nodes.values[:, list(self.driven)]
-        low = np.array([item.start for item in self.mechanism.inputs])
-        high = np.array([item.stop for item in self.mechanism.inputs])
-        lapped = low + np.mod(inputs - low, 2.0 * np.pi)
-        orientation = self.output.orientation(space)
-        pointing = None
-        if self.output.pointing is not None:
-            pointing = orientation @ np.array(self.output.pointing)
-        rows, _ = self.output.rows(space)
-        moving = np.einsum("nmv,nv->nm", rows, nodes.motions)
-        return SingularPoints(
-            self.kind,
-            nodes.values,
-            nodes.motions,
-            inputs,
-            np.asarray(np.all(lapped <= high, axis=1)),
-            orientation,
-            pointing,
-            np.linalg.norm(nodes.motions[:, list(self.driven)], axis=1),
-            np.linalg.norm(moving, axis=1),
-            nodes.residual,
-        )
-
-
-def _found(curve: SingularCurve, other: Locus, watch: _Watch) -> FoundCurve:
+def _found(curve: SingularCurve, other: Locus, view: View) -> FoundCurve:
     def measured(nodes: LocusPoints) -> Floats:
         return other.measure(other.space(nodes.values)).value
 
     locus = curve.locus
     return FoundCurve(
         curve,
-        watch.points(locus, curve.nodes),
-        watch.points(locus, curve.cusps()),
-        watch.points(locus, curve.zeros(measured)),
+        view.points(locus, curve.nodes),
+        view.points(locus, curve.cusps()),
+        view.points(locus, curve.zeros(measured)),
     )

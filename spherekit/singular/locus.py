@@ -184,9 +184,7 @@ class Locus:
             ways = np.concatenate([change[:, : self.freedoms], np.ones((n, 1))], axis=1)
             turned = np.einsum("ng,ngvw,nw->nv", ways, space.bends, motions)
             turned += space.along(change[:, self.freedoms :])
-            size = np.maximum(
-                np.max(np.abs(moved), axis=1), np.max(np.abs(turned), axis=1)
-            )
+            size = np.maximum(np.max(np.abs(moved), axis=1), np.max(np.abs(turned), axis=1))
             part = np.minimum(1.0, TRUST / np.maximum(size, 1e-300))[:, None]
             values, motions = values + part * moved, motions + part * turned
             if step == 0:
@@ -261,7 +259,7 @@ def _inverse(matrices: Floats) -> Floats:
 
 def adjugate(matrices: Floats) -> Floats:
     """Return the adjugates of square matrices (n, k, k), exact where those are singular."""
-    n, size, _ = matrices.shape
+    size = matrices.shape[1]
     out = np.empty_like(matrices)
     for i in range(size):
         for j in range(size):

@@ -199,9 +199,7 @@ def _relation(
     return made.c, made.d, direction(o, s)
 
 
-def _by_motions(
-    motion: Motion, output: OutputRest, tolerance: float
-) -> OutputCoefficients:
+def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputCoefficients:
     """Return what the motions that close the loops say; poles are left empty."""
     held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     n, g = len(motion), len(held)
@@ -273,4 +271,3 @@ def _types(
     alone = np.any(~(rates > ALONE * tolerance), axis=(0, 2))
     group = np.select([(kind <= 0) | (kind > Type.III), alone], [0, 1], 2)
     return kind.astype(np.int8), group.astype(np.int8)
-

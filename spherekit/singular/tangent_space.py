@@ -65,7 +65,7 @@ class TangentSpace:
     @property
     def freedoms(self) -> int:
         """The number g of freedoms."""
-        return self.basis.shape[2]
+        return int(self.basis.shape[2])
 
     @property
     def directions(self) -> Floats:
@@ -106,8 +106,10 @@ def tangent_space(
         basis[:, :, -1] *= np.where(sense < 0.0, -1.0, 1.0)[:, None]
     floor = np.maximum(REDUNDANT * sizes[:, :1], np.finfo(float).tiny)
     kept = 1.0 / np.where(sizes[:, :rank] > floor, sizes[:, :rank], np.inf)
-    inverse = np.swapaxes(right[:, :rank], 1, 2) * kept[:, None] @ np.swapaxes(
-        left[:, :, :rank], 1, 2
+    inverse = (
+        np.swapaxes(right[:, :rank], 1, 2)
+        * kept[:, None]
+        @ np.swapaxes(left[:, :, :rank], 1, 2)
     )
     basis[~finite] = inverse[~finite] = np.nan
     residual = closure.residual(placed, states)
