@@ -33,7 +33,7 @@ ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
 
 
-class Type(IntEnum):
+class RowType(IntEnum):
     """Gosselin and Angeles's types; type III is I and II at once.
 
     At a LOOSE configuration inputs at rest allow a motion, but not of the output.
@@ -83,7 +83,7 @@ class OutputCoefficients:
     flatness
         (n,) relative smallest singular value of the closure Jacobian.
     type, group
-        (n,) `Type`, and the group of Di Gregorio's discussion: 1 for singularities of at
+        (n,) `RowType`, and the group of Di Gregorio's discussion: 1 for singularities of at
         least one of the single-freedom mechanisms, 2 for those that are of none, 0 for
         regular configurations.
     """
@@ -264,10 +264,17 @@ def _types(
             dead,
             first,
         ],
-        [Type.UNKNOWN, Type.BRANCHING, Type.III, Type.II, Type.LOOSE, Type.I],
-        Type.REGULAR,
+        [
+            RowType.UNKNOWN,
+            RowType.BRANCHING,
+            RowType.III,
+            RowType.II,
+            RowType.LOOSE,
+            RowType.I,
+        ],
+        RowType.REGULAR,
     )
     rates = np.stack([np.abs(found.input_rate), found.output_rate])
     alone = np.any(~(rates > ALONE * tolerance), axis=(0, 2))
-    group = np.select([(kind <= 0) | (kind > Type.III), alone], [0, 1], 2)
+    group = np.select([(kind <= 0) | (kind > RowType.III), alone], [0, 1], 2)
     return kind.astype(np.int8), group.astype(np.int8)

@@ -83,9 +83,9 @@ class SingularSurface:
         """What the mesh guarantees, in words."""
         sides = " by ".join(f"{np.degrees(side):.3g}" for side in self.box)
         return (
-            f"vertices are exact; between them the mesh is flat, with edges of about "
-            f"{np.degrees(self.side):.3g} deg; surfaces within a box of {sides} deg between "
-            "slices may be missing"
+            "vertices are exact; between them the mesh is flat, with edges of about "
+            f"{np.degrees(self.side):.3g} deg; surfaces within a box of {sides} deg "
+            "between slices may be missing"
         )
 
 
@@ -201,7 +201,7 @@ class _Front:
         return self.locus.onto(np.zeros((0, len(self.periods))))
 
     def away(self, origin: Floats, rows: NDArray[np.intp] | slice) -> Floats:
-        """Return differences (n, V) of vertices from a configuration, less whole periods."""
+        """Return vertices (n, V) as seen from a configuration, less whole periods."""
         difference = self.values[rows] - origin
         return np.asarray(difference - np.round(difference / self.periods) * self.finite)
 
@@ -213,7 +213,9 @@ class _Front:
 
     def grow(self, seed: LocusPoints) -> None:
         """Mesh the surface through a seed, unless a mesh covers it."""
-        if seed.flatness[0] < FLAT or not self._inside(seed):
+        if len(self.values) >= self.most or seed.flatness[0] < FLAT:
+            return
+        if not self._inside(seed):
             return
         if len(self.near(seed.values[0], seed.motions[0], self.side)):
             return

@@ -164,7 +164,11 @@ class _March:
         before = _bordered(at, tangent)
         inverse = np.linalg.pinv(before)
         moved = [
-            float(np.linalg.norm(inverse @ (_bordered(found.rows(slice(k, k + 1)), tangent) - before)))
+            float(
+                np.linalg.norm(
+                    inverse @ (_bordered(found.rows(slice(k, k + 1)), tangent) - before)
+                )
+            )
             for k in (0, 1)
         ]
         if not max(moved) < LARGEST_CHANGE:
