@@ -17,7 +17,7 @@ from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.points import Kind, SingularPoints, View, loci_of
 from spherekit.singular.rest import output_of
 from spherekit.singular.slices import seeds, slices, solver_of
-from spherekit.singular.trace import LARGEST_STEP, trace_curve
+from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curve
 from spherekit.sphere.rotation import Floats
 
 
@@ -55,6 +55,8 @@ class SingularCurves:
     two of each, and so within a box of these sides, may be missing. `slices` counts the
     configuration curves that were searched, `seeds` the singular configurations on them.
     `stray` (n, V) are singular configurations that no curve could be followed from.
+    `branching` (n, V) are configurations next to those in which slices end, as the motions
+    of the mechanism branch there: its closure equations lose rank, and no type is defined.
     """
 
     kind: Kind
@@ -63,6 +65,7 @@ class SingularCurves:
     slices: int
     seeds: int
     stray: Floats
+    branching: Floats
 
     @property
     def guarantee(self) -> str:
@@ -122,7 +125,8 @@ def singular_curves(
         for item in mechanism.inputs
     ]
     traced: list[SingularCurve] = []
-    stray: list[Floats] = []
+    none = np.zeros((0, len(mechanism.variable_owners)))
+    stray, branching = [none], [none]
     count, hits, box = 0, 0, []
     for number, (low, high) in enumerate(ranges):
         gap = (high - low) / slices_of_each
@@ -132,6 +136,8 @@ def singular_curves(
         held[:, number] = spread
         for each in slices(solver, 1 - number, held):
             count += 1
+            flat = locus.space(each.crossings).flatness < NEARLY_FLAT
+            branching.append(each.crossings[flat])
             points = seeds(each, locus)
             hits += len(points)
             left = np.ones(len(points), dtype=bool)
@@ -142,7 +148,7 @@ def singular_curves(
                 left[row] = False
                 found = trace_curve(locus, points.values[row], step=step)
                 if found is None:
-                    stray.append(points.values[row])
+                    stray.append(points.values[row : row + 1])
                     continue
                 traced.append(found)
                 left[left] &= ~found.find(points.values[left], points.motions[left])
@@ -153,7 +159,8 @@ def singular_curves(
         (box[0], box[1]),
         count,
         hits,
-        np.array(stray).reshape(-1, len(mechanism.variable_owners)),
+        np.concatenate(stray),
+        np.concatenate(branching),
     )
 
 

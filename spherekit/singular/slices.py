@@ -43,6 +43,16 @@ class Slice:
     locked: Locked
     curve: ArcCurve
 
+    @property
+    def crossings(self) -> Floats:
+        """Configurations (n, V) beside the crossings of curves that the curve ends in."""
+        ends = [
+            end
+            for end, why in zip((0, -1), self.curve.ends, strict=True)
+            if why == Status.AT_SINGULARITY
+        ]
+        return self.locked.whole(self.curve.nodes.values[ends])
+
 
 def solver_of(mechanism: Mechanism) -> Solver:
     """Return the solver of a mechanism, its modes not looked for.
