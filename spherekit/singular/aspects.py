@@ -21,7 +21,7 @@ from spherekit.motion.branches import Solver
 from spherekit.motion.lattice import Lattice
 from spherekit.motion.steps import walk
 from spherekit.singular.locus import Locus, Measure
-from spherekit.singular.points import Kind
+from spherekit.singular.points import TypeName
 from spherekit.singular.rest import InputsRest, OutputRest, output_of
 from spherekit.singular.slices import configurations, solver_of
 from spherekit.sphere.rotation import Floats
@@ -68,7 +68,7 @@ class Aspects:
     sign_two: NDArray[np.int8]
     sign_one: NDArray[np.int8]
     modes: NDArray[np.int64]
-    free_of: tuple[Kind, ...]
+    free_of: tuple[TypeName, ...]
 
     @property
     def guarantee(self) -> str:
@@ -83,7 +83,7 @@ class Aspects:
 def aspects(
     mechanism: Mechanism,
     samples: int | Sequence[int] = 21,
-    free_of: Sequence[Kind] = ("II",),
+    free_of: Sequence[TypeName] = ("II",),
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     whole_turn: bool = False,
@@ -250,7 +250,7 @@ class _Spread:
 
 
 def _labelled(
-    spread: _Spread, rest: OutputRest | None, free_of: tuple[Kind, ...]
+    spread: _Spread, rest: OutputRest | None, free_of: tuple[TypeName, ...]
 ) -> Aspects:
     n = len(spread.values)
     values = np.array(spread.values).reshape(n, len(spread.periods))

@@ -14,7 +14,7 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.curve import SingularCurve
 from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.points import Kind, SingularPoints, View, loci_of
+from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
 from spherekit.singular.rest import output_of
 from spherekit.singular.slices import seeds, slices, solver_of
 from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curve
@@ -59,7 +59,7 @@ class SingularCurves:
     of the mechanism branch there: its closure equations lose rank, and no type is defined.
     """
 
-    kind: Kind
+    kind: TypeName
     curves: tuple[FoundCurve, ...]
     box: tuple[float, float]
     slices: int
@@ -76,7 +76,7 @@ class SingularCurves:
 
 def singular_curves(
     mechanism: Mechanism,
-    kind: Kind = "II",
+    kind: TypeName = "II",
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     slices_of_each: int = 12,

@@ -14,7 +14,7 @@ from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.rest import InputsRest, OutputRest
 from spherekit.sphere.rotation import Floats
 
-Kind = Literal["I", "II"]
+TypeName = Literal["I", "II"]
 
 
 @final
@@ -42,7 +42,7 @@ class SingularPoints:
         (n,) the larger of the loops' residual (rad) and that of the singularity.
     """
 
-    kind: Kind
+    kind: TypeName
     values: Floats
     motion: Floats
     inputs: Floats
@@ -62,7 +62,7 @@ class View:
     mechanism: Mechanism
     driven: tuple[int, ...]
     output: OutputRest
-    kind: Kind
+    kind: TypeName
 
     def points(self, locus: Locus, nodes: LocusPoints) -> SingularPoints:
         """Return what points of a locus look like."""
@@ -91,7 +91,7 @@ class View:
         )
 
 
-def loci_of(solver: Solver, output: OutputRest, kind: Kind) -> tuple[Locus, Locus]:
+def loci_of(solver: Solver, output: OutputRest, kind: TypeName) -> tuple[Locus, Locus]:
     """Return the locus of a type, and that of the other type."""
     count = len(solver.driven)
     first = Locus(solver.closure, count, output)

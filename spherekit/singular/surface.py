@@ -17,7 +17,7 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
 from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.points import Kind, SingularPoints, View, loci_of
+from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
 from spherekit.singular.rest import output_of
 from spherekit.singular.slices import seeds, slices, solver_of
 from spherekit.sphere.rotation import Floats
@@ -67,7 +67,7 @@ class SingularSurface:
         Whether the mesh ended at the greatest number of vertices.
     """
 
-    kind: Kind
+    kind: TypeName
     points: SingularPoints
     triangles: NDArray[np.int64]
     border: NDArray[np.int64]
@@ -91,7 +91,7 @@ class SingularSurface:
 
 def singular_surface(
     mechanism: Mechanism,
-    kind: Kind = "II",
+    kind: TypeName = "II",
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     side: float = 0.15,
