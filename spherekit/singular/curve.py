@@ -18,8 +18,8 @@ NEAR = 1e-7
 BESIDE = 0.3
 """The curve is nowhere farther from the chord of two nodes than this part of it."""
 HALVINGS = 60
-NOTHING = 1e-9
-"""A function smaller than this at a node is taken to vanish there throughout."""
+NOTHING = 1e-6
+"""A function smaller than this at two nodes is taken to vanish between them."""
 
 Along = Callable[[LocusPoints], Floats]
 """A function (n,) of points of a curve."""
@@ -116,7 +116,7 @@ class SingularCurve:
         zero to rounding has no zeros.
         """
         value = function(self.nodes)
-        clear = np.minimum(np.abs(value[:-1]), np.abs(value[1:])) > NOTHING
+        clear = np.maximum(np.abs(value[:-1]), np.abs(value[1:])) > NOTHING
         (which,) = np.nonzero(clear & ((value[:-1] >= 0.0) != (value[1:] >= 0.0)))
         low, high = np.zeros(len(which)), np.ones(len(which))
         at_low, at_high = value[which], value[which + 1]
