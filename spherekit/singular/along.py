@@ -1,0 +1,436 @@
+"""Rates and pole axes along a configuration curve, per unit of its arc length.
+
+Per arc length every rate is finite, at the dead points of every pair too. The angular
+velocity of link j relative to i is w u with u a unit vector along their pole; w is smooth
+through its zeros, and there u is the limit that the derivative of w u points along.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import EPS, Status
+from spherekit.errors import PlanError
+from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.loops import left_inverse
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.pairs import PairRates
+from spherekit.motion.segments import CurvePoints, bordered
+from spherekit.numeric.zeros import Zeros, zeros
+from spherekit.planning.poles import Plan, Pole, plan, pole_of
+from spherekit.rates.core import LinkRates
+from spherekit.rates.lines import evaluate_line_rates, evaluate_lines
+from spherekit.sphere.rotation import Floats
+
+NEAR_REST = 1e-6
+"""Relative rates below this part of their derivative take its direction."""
+TURNS = 0.7
+"""Cosine of the angle by which an axis turns between two places, at most."""
+SWING = np.array([-8.0, -4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
+"""Places about a near miss, in the length that its swing takes."""
+MOST_HALVINGS = 24
+AT_REST = 100.0
+"""Relative rates below this times the bound of their rounding error vanish."""
+KEPT = 16
+"""Sets of places on a curve whose rates are kept: all poles are asked for at the same."""
+FOLLOWED = 0.1
+"""Axes with a larger error bound (rad) do not say where the pole is."""
+
+
+@final
+@dataclass(frozen=True)
+class Axis:
+    """Unit vectors (n, 3) along a pole, their derivatives by s, and error bounds (n,).
+
+    NaN with an error of 1 where the links do not move relative to each other and nothing
+    else says where their pole is.
+    """
+
+    unit: Floats
+    rate: Floats
+    error: Floats
+
+
+@final
+@dataclass(frozen=True)
+class Sense:
+    """Which way a pole's axis points along a curve: unit vectors (k, 3) at places s (k,).
+
+    They turn little from one to the next. `lost` are intervals (m, 2) of s in which the
+    axis could not be followed, however short the steps.
+    """
+
+    s: Floats
+    units: Floats
+    lost: Floats
+
+    def signs(self, s: Floats, vectors: Floats) -> Floats:
+        """Return +1 or -1 (n,): whether vectors (n, 3) at s (n,) point that way."""
+        k = np.clip(np.searchsorted(self.s, s) - 1, 0, len(self.s) - 2)
+        part = (s - self.s[k]) / (self.s[k + 1] - self.s[k])
+        there = (1.0 - part)[:, None] * self.units[k] + part[:, None] * self.units[k + 1]
+        return np.where(np.sum(vectors * there, axis=1) < 0.0, -1.0, 1.0)
+
+
+@final
+@dataclass(frozen=True)
+class SignedRate:
+    """w and dw/ds (n,) of a pole, and the bound of the rounding error of w (n,)."""
+
+    w: Floats
+    dw: Floats
+    error: Floats
+
+
+@final
+@dataclass(frozen=True)
+class Moving:
+    """Points of a curve with the rates of their pairs and links by arc length."""
+
+    points: CurvePoints
+    motion: Motion
+    turned: PairRates
+    rates: LinkRates
+
+
+@final
+@dataclass(frozen=True)
+class _Seen:
+    """A pole's axis in either sense and its rate vector (k, 3) at rising places s (k,)."""
+
+    s: Floats
+    unit: Floats
+    w: Floats
+
+    @property
+    def turns(self) -> Floats:
+        """(k - 1,) cosines of the angles between successive axes."""
+        return np.asarray(np.sum(self.unit[1:] * self.unit[:-1], axis=1))
+
+    @property
+    def chain(self) -> Floats:
+        """Signs (k,) with which each axis is turned to the side of the one before."""
+        return np.cumprod(np.append(1.0, np.where(self.turns < 0.0, -1.0, 1.0)))
+
+    def with_more(self, more: "_Seen") -> "_Seen":
+        """Return both sets of places in order."""
+        s = np.concatenate([self.s, more.s])
+        order = np.argsort(s)
+        unit = np.concatenate([self.unit, more.unit])[order]
+        return _Seen(s[order], unit, np.concatenate([self.w, more.w])[order])
+
+
+@final
+class AlongCurve:
+    """Rates and axes of the links of a mechanism along one of its configuration curves.
+
+    Parameters
+    ----------
+    tracer
+        The mechanism, with one freedom.
+    curve
+        One of its configuration curves.
+    """
+
+    def __init__(self, tracer: Tracer, curve: ArcCurve) -> None:
+        self.tracer, self.curve = tracer, curve
+        self.closure = curve.segments.closure
+        self._senses: dict[Pole, Sense] = {}
+        self._kept: dict[bytes, Moving] = {}
+        self._plans: dict[tuple[Pole, ...], Plan | None] = {}
+        mechanism = tracer.mechanism
+        self._primary = {
+            pole_of(*ends): number
+            for number, ends in enumerate(mechanism.ends)
+            if mechanism.pairs[number].type != "Cs"
+        }
+
+    def points(self, s: Floats) -> CurvePoints:
+        """Return the curve at s (n,)."""
+        return self._moving(s).points
+
+    def rates(self, s: Floats) -> LinkRates:
+        """Return the rates of all links relative to the ground, by arc length."""
+        return self._moving(s).rates
+
+    def axes(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
+        """Return the axes of poles at s (n,), in either sense.
+
+        By the great circles of the plan where those are well conditioned. Otherwise along
+        the relative angular velocity, or its derivative where that vanishes: what has the
+        least error bound.
+        """
+        wanted = tuple(dict.fromkeys(pole_of(*pole) for pole in poles))
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            return self._axes(self._moving(s), wanted)
+
+    def oriented(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
+        """Return the axes with senses that are continuous along the curve."""
+        found = self.axes(s, poles)
+        out = {}
+        for pole, axis in found.items():
+            sign = self.sense(pole).signs(s, axis.unit)[:, None]
+            out[pole] = Axis(sign * axis.unit, sign * axis.rate, axis.error)
+        return out
+
+    def leaving(
+        self, values: Floats, tangents: Floats, poles: Iterable[Pole]
+    ) -> tuple[dict[Pole, Axis], LinkRates]:
+        """Return axes and rates at configurations with given motions (n, variables).
+
+        At a crossing of curves a branch is given by its tangent. Second derivatives and
+        derivatives of axes are not known there: NaN.
+        """
+        motion, tree = self._motion(values), self.closure.tree
+        w = tree.body_rates(motion.vectors, tangents)
+        rates = LinkRates(w, np.full_like(w, np.nan), np.ones(len(values)))
+        wanted = {pole_of(*pole) for pole in poles}
+        with np.errstate(invalid="ignore", divide="ignore"):
+            out = {pole: _along_rate(rates, *pole) for pole in wanted}
+        for pole, number in self._primary.items():
+            if pole in wanted:
+                unit = motion.axes[:, number]
+                nothing = np.full_like(unit, np.nan)
+                out[pole] = Axis(unit, nothing, np.full(len(unit), EPS))
+        return out, rates
+
+    def sense(self, pole: Pole) -> Sense:
+        """Return the sense of a pole's axis, continuous from the start of the curve.
+
+        On a closed curve an axis may come back reversed.
+        """
+        if pole not in self._senses:
+            self.follow([pole])
+        return self._senses[pole]
+
+    def follow(self, poles: Iterable[Pole]) -> None:
+        """Find the senses of several poles at once, which costs less than one by one."""
+        wanted = [p for p in dict.fromkeys(poles) if p not in self._senses]
+        if wanted:
+            self._senses.update(self._followed(wanted))
+
+    def signed(self, pole: Pole, s: Floats) -> SignedRate:
+        """Return the rate of a pole's second link relative to its first at s (n,).
+
+        Its sign is that of the sense of the axis, so it is smooth through zero.
+        """
+        i, j = pole
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return _signed(self.sense(pole), s, self.rates(s), i, j)
+
+    def rests(self, pole: Pole) -> bool:
+        """Return whether two links move as one on the whole curve."""
+        w, _, rounding = self._relative(pole, self.curve.s)
+        return bool(np.all(np.linalg.norm(w, axis=1) <= AT_REST * rounding))
+
+    def zeros(self, pole: Pole) -> Zeros:
+        """Return all s at which two links stand still relative to each other."""
+
+        def function(s: Floats) -> tuple[Floats, Floats]:
+            found = self.signed(pole, s)
+            return found.w, found.dw
+
+        return self.locate(function, self.sense(pole).s)
+
+    def locate(
+        self, function: Callable[[Floats], tuple[Floats, Floats]], grid: Floats
+    ) -> Zeros:
+        """Return the zeros of a function of s and its derivative, once a lap."""
+        found = zeros(function, grid)
+        if not self.curve.closed:
+            return found
+        once = found.places < self.curve.length * (1.0 - 1e-12)
+        return Zeros(found.places[once], found.double[once])
+
+    def _moving(self, s: Floats) -> Moving:
+        """Return the velocity equations solved at s (n,); the last results are kept."""
+        key = s.tobytes()
+        if key not in self._kept:
+            while len(self._kept) >= KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[key] = self._solved(self.curve.at(s))
+        return self._kept[key]
+
+    def _solved(self, points: CurvePoints) -> Moving:
+        motion, tree = self._motion(points.values), self.closure.tree
+        vectors = motion.vectors
+        w = tree.body_rates(vectors, points.tangents)
+        first, second = (w[:, [pair[k] for pair in tree.ends]] for k in (0, 1))
+        turned = motion.rates_of_pairs(first, second)
+        dw = tree.body_rates(vectors, points.bends)
+        dw += tree.body_rates(turned.vectors, points.tangents)
+        jacobian = bordered(tree.jacobian(vectors), points.tangents)
+        size = np.linalg.norm(jacobian, axis=(1, 2))
+        inverse = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
+        flatness = np.nan_to_num(1.0 / (inverse * size))
+        return Moving(points, motion, turned, LinkRates(w, dw, flatness))
+
+    def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:
+        """Return the plan for some poles; None where counting freedoms gives none."""
+        if poles not in self._plans:
+            tracer = self.tracer
+            try:
+                made = plan(tracer.mechanism, poles, None, tracer.by_rank)
+            except PlanError:
+                made = None
+            self._plans[poles] = made
+        return self._plans[poles]
+
+    def _axes(self, moving: Moving, poles: tuple[Pole, ...]) -> dict[Pole, Axis]:
+        planned = self._plan(poles)
+        lines = None
+        if planned is not None:
+            lines = evaluate_lines(planned, moving.motion)
+            evaluate_line_rates(planned, lines, moving.motion, moving.turned)
+        out = {}
+        for pole in poles:
+            axis = _along_rate(moving.rates, *pole)
+            if lines is not None:
+                unit, rate = lines.unit[pole].T, lines.rate[pole].T
+                error = np.minimum(np.nan_to_num(lines.error[pole], nan=1.0), 1.0)
+                axis = _better(Axis(unit, rate, error), axis)
+            out[pole] = axis
+        return out
+
+    def _followed(self, poles: list[Pole]) -> dict[Pole, Sense]:
+        """Return senses of poles on a grid that is halved where an axis turns fast."""
+        first = self._seen(self.curve.s, poles)
+        return {pole: self._one_followed(pole, first[pole]) for pole in poles}
+
+    def _one_followed(self, pole: Pole, seen: _Seen) -> Sense:
+        for _ in range(MOST_HALVINGS):
+            wide = np.abs(seen.turns) < TURNS
+            if np.any(wide):
+                more = 0.5 * (seen.s[1:] + seen.s[:-1])[wide]
+            elif pole in self._primary or self.rests(pole):
+                break
+            else:
+                more = self._near_misses(pole, seen)
+            added = self._seen(more, [pole])[pole] if len(more) else None
+            if added is None or not len(added.s):
+                break
+            seen = seen.with_more(added)
+        if len(seen.s) < 2:
+            ends = np.array([0.0, self.curve.length])
+            return Sense(ends, np.zeros((2, 3)), ends[None])
+        lost = np.abs(seen.turns) < TURNS
+        gaps = np.stack([seen.s[:-1][lost], seen.s[1:][lost]], axis=1)
+        return Sense(seen.s, seen.unit * seen.chain[:, None], gaps)
+
+    def _near_misses(self, pole: Pole, seen: _Seen) -> Floats:
+        """Return places (m,) that resolve where w seems to reverse but does not vanish.
+
+        There the axis swings to the other side while the links nearly stand still. The
+        place nearest to rest is found by the Gauss-Newton method.
+        """
+        along = seen.chain * np.sum(seen.unit * seen.w, axis=1)
+        (cells,) = np.nonzero((along[1:] >= 0.0) != (along[:-1] >= 0.0))
+        if not len(cells):
+            return np.zeros(0)
+        low, high = seen.s[cells], seen.s[cells + 1]
+        part = along[cells] / (along[cells] - along[cells + 1])
+        s = low + part * (high - low)
+        for _ in range(12):
+            w, dw, _ = self._relative(pole, s)
+            step = np.sum(w * dw, axis=1) / np.sum(dw * dw, axis=1)
+            s = np.clip(s - step, low, high)
+            if np.all(np.abs(step) < 1e-10 * self.curve.length):
+                break
+        w, dw, rounding = self._relative(pole, s)
+        size, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
+        missed = size > AT_REST * rounding
+        width = np.outer((size / growth)[missed], SWING)
+        around = s[missed, None] + width
+        inside = (around > low[missed, None]) & (around < high[missed, None])
+        new = around[inside]
+        return np.asarray(new[~np.isin(new, seen.s)])
+
+    def _relative(self, pole: Pole, s: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return w, dw (n, 3) of a pole's links at s, and the rounding error (n,)."""
+        rates = self.rates(s)
+        i, j = pole
+        w, dw = rates.w[:, j] - rates.w[:, i], rates.dw[:, j] - rates.dw[:, i]
+        return w, dw, rounding_of(rates)
+
+    def _seen(self, s: Floats, poles: list[Pole]) -> dict[Pole, _Seen]:
+        axes, rates = self.axes(s, poles), self.rates(s)
+        out = {}
+        for i, j in poles:
+            axis = axes[i, j]
+            known = axis.error < FOLLOWED
+            w = rates.w[known, j] - rates.w[known, i]
+            out[i, j] = _Seen(s[known], axis.unit[known], w)
+        return out
+
+    def _motion(self, values: Floats) -> Motion:
+        """Return configurations (n, variables) as a motion of one nameless branch."""
+        placed, _ = self.closure.place(values)
+        n = len(values)
+        nothing = np.zeros(n, dtype=np.int64)
+        return Motion(
+            mechanism=self.tracer.mechanism,
+            joints=self.tracer.solver.joints,
+            assembly=self.tracer.assembly,
+            branches=self.tracer.branches,
+            samples=n,
+            sample=nothing,
+            branch=nothing,
+            inputs=values[:, [self.tracer.solver.single]],
+            values=values,
+            rotations=placed,
+            status=np.full(n, Status.OK, dtype=np.int8),
+            residual=np.zeros(n),
+        )
+
+
+def rounding_of(rates: LinkRates) -> Floats:
+    """Return (n,) a bound of the rounding error of the rates of links.
+
+    Beside a crossing of curves the configuration itself is known to EPS / flatness only,
+    and what follows from it to EPS / flatness^2.
+    """
+    size = np.maximum(np.max(np.linalg.norm(rates.w, axis=2), axis=1), 1.0)
+    flat = np.maximum(rates.flatness, EPS)
+    return np.asarray(EPS * size * (8.0 / flat + 0.25 / flat**2))
+
+
+def _along_rate(rates: LinkRates, i: int, j: int) -> Axis:
+    """Return the axis along w_j - w_i, or where that vanishes along its derivative.
+
+    At a distance x from a zero of w the derivative is off the axis by about x |u'|.
+    """
+    w, dw = rates.w[:, j] - rates.w[:, i], rates.dw[:, j] - rates.dw[:, i]
+    length, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
+    rounding = rounding_of(rates)
+    unit, limit = w / length[:, None], dw / growth[:, None]
+    rate = (dw - unit * np.sum(unit * dw, axis=1, keepdims=True)) / length[:, None]
+    error = np.minimum(np.nan_to_num(rounding / length, nan=1.0), 1.0)
+    swing = np.minimum(np.linalg.norm(rate, axis=1), 1.0 / np.maximum(error, EPS))
+    away = rounding / growth + length / growth * (1.0 + np.nan_to_num(swing))
+    away = np.minimum(np.nan_to_num(away, nan=1.0), 1.0)
+    nothing = np.full_like(limit, np.nan)
+    return _better(Axis(unit, rate, error), Axis(limit, nothing, away))
+
+
+def _better(first: Axis, second: Axis) -> Axis:
+    """Return at each row the axis with the smaller error bound, in doubt the first."""
+    take = (second.error < first.error)[:, None]
+    return Axis(
+        np.where(take, second.unit, first.unit),
+        np.where(take, second.rate, first.rate),
+        np.where(take[:, 0], second.error, first.error),
+    )
+
+
+def _signed(sense: Sense, s: Floats, rates: LinkRates, i: int, j: int) -> SignedRate:
+    w, dw = rates.w[:, j] - rates.w[:, i], rates.dw[:, j] - rates.dw[:, i]
+    length, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
+    resting = (length <= NEAR_REST * growth)[:, None]
+    unit = np.where(resting, dw, w) / np.where(resting[:, 0], growth, length)[:, None]
+    unit = np.nan_to_num(unit)
+    unit *= sense.signs(s, unit)[:, None]
+    return SignedRate(
+        np.sum(w * unit, axis=1), np.sum(dw * unit, axis=1), rounding_of(rates)
+    )

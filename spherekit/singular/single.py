@@ -1,0 +1,594 @@
+"""All singularities of single-freedom mechanisms with one input and any outputs.
+
+On a configuration curve the input w_ir and an output w_os, per arc length, are smooth
+functions. A zero of the output alone is a type I singularity, of the input alone type II,
+of both type III; so is a configuration in which curves cross. The coefficients c and d of
+the input-output relation vanish there too, and also at places where the four links are
+badly chosen: those are found as well and are called apparent.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.errors import PlanError
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import Pole, parse_pole, pole_of
+from spherekit.rates.core import LinkRates
+from spherekit.singular.along import AlongCurve, Axis, rounding_of
+from spherekit.singular.conditions import TOLERANCE, conditions
+from spherekit.singular.crossing import Crossing, crossing_near
+from spherekit.singular.places import (
+    Group,
+    Places,
+    groups_of,
+    located,
+    place_error,
+    poles_of,
+)
+from spherekit.singular.record import (
+    AlongOutput,
+    CrossingPoint,
+    RelationAt,
+    Singularities,
+    SingularPoint,
+    Type,
+    WholeCurve,
+)
+from spherekit.singular.relation import (
+    FourLinks,
+    Kind,
+    Relation,
+    SixPoles,
+    best_fourth,
+    form_i,
+    form_ii,
+)
+from spherekit.sphere.rotation import Floats, cross
+
+Make = Callable[[FourLinks, SixPoles, SixPoles | None], Relation | None]
+
+BESIDE = 100.0
+"""Places nearer than this times their error bounds, but not within, are undecided."""
+WIDE = 1e-9
+"""Places with a larger error bound (rad) are not told apart, nor said to agree."""
+DECIDED_MISS = 1e-14
+"""A crossing that is missed by more (rad) may be none: rounding of sizes decides."""
+SAME_CROSSING = 1e-7
+"""Crossings whose variables differ by less (rad) are one."""
+ONE_BRANCH = (
+    "c and d are those of this branch: its motion says where the third pole is, which the "
+    "configuration leaves open"
+)
+ALWAYS = 1e-12
+"""Triple products that never exceed this on a curve vanish everywhere."""
+SAMPLED = 9
+"""Configurations at which a mechanism without curves is asked for its freedoms."""
+
+
+@final
+class SingleFreedom:
+    """The singularity analysis of one input and some outputs along given curves.
+
+    Parameters
+    ----------
+    tracer
+        A mechanism with one freedom.
+    curves
+        Its configuration curves.
+    outputs
+        Relative motions (o, s): numbers or names of links, or text such as ``"4/1"``.
+    input
+        The input (i, r) in the same way; by default the second link of the driven pair
+        relative to the first.
+
+    Raises
+    ------
+    PlanError
+        If the mechanism has several inputs, a link is unknown, or two are one.
+    """
+
+    def __init__(
+        self,
+        tracer: Tracer,
+        curves: Sequence[ArcCurve],
+        outputs: Iterable[str | tuple[int | str, int | str]],
+        input: str | tuple[int | str, int | str] | None = None,
+    ) -> None:
+        mechanism = tracer.mechanism
+        if len(tracer.inputs) != 1:
+            raise PlanError(
+                f"{mechanism.name}: it has {len(tracer.inputs)} inputs; the relation of "
+                "one input and one output is that of a mechanism with a single freedom"
+            )
+        self.tracer = tracer
+        self.along = [AlongCurve(tracer, curve) for curve in curves]
+        first, second = mechanism.ends[tracer.assembly.input]
+        self.input = (second, first) if input is None else ordered_pole(mechanism, input)
+        self.outputs = tuple(ordered_pole(mechanism, each) for each in outputs)
+        self.first_links = tuple(FourLinks(*self.input, *out) for out in self.outputs)
+        self.second_links = tuple(self._second_links(links) for links in self.first_links)
+
+    def report(self) -> Singularities:
+        """Return all singularities on all curves."""
+        self.notes: list[str] = []
+        self.whole: list[WholeCurve] = []
+        points: list[list[SingularPoint]] = [[] for _ in self.outputs]
+        for number, along in enumerate(self.along):
+            for found, new in zip(points, self._on_curve(number, along), strict=True):
+                found += new
+        return Singularities(
+            self.input,
+            self.outputs,
+            tuple(None if each is None else each.s for each in self.second_links),
+            tuple(point for found in points for point in found),
+            self._crossings(),
+            tuple(self.whole),
+            self._everywhere(),
+            tuple(self.notes),
+        )
+
+    def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
+        """Return rates and relations of an output at places s (n,) of a curve.
+
+        Derivatives are by arc length. c and d are NaN where an axis is not known, and
+        their derivatives also where it is known as a limit only.
+        """
+        along = self.along[curve]
+        links = self.first_links[output]
+        q, dq = _rate(along, links.i, links.r, s)
+        y, dy = _rate(along, links.o, links.s, s)
+        axes = along.oriented(s, self._poles(output))
+        made = tuple(relation for _, _, relation in self._relations(output, axes))
+        return AlongOutput(s, q, y, dq, dy, made)
+
+    def _second_links(self, links: FourLinks) -> FourLinks | None:
+        """Return the links of form ii, with a fourth one where r and s are one."""
+        if links.o == links.r:
+            return None
+        if links.s != links.r or links.o == links.i:
+            return links
+        candidates = [
+            k
+            for k in range(len(self.tracer.mechanism.links))
+            if k not in (links.i, links.r, links.o)
+        ]
+        wanted = [pole_of(a, k) for k in candidates for a in (links.o, links.i)]
+        found: dict[int, list[list[Floats]]] = {k: [[], []] for k in candidates}
+        for along in self.along:
+            axes = along.axes(along.curve.s, wanted)
+            for k in candidates:
+                for n, a in enumerate((links.o, links.i)):
+                    found[k][n].append(axes[pole_of(a, k)].unit)
+        if not self.along:
+            return links.with_s(candidates[0]) if candidates else None
+        best = best_fourth(
+            {k: (np.concatenate(a), np.concatenate(b)) for k, (a, b) in found.items()}
+        )
+        return None if best is None else links.with_s(best)
+
+    def _poles(self, output: int) -> list[Pole]:
+        """Return the poles of an output's relations, each once."""
+        found: list[Pole] = []
+        for links in (self.first_links[output], self.second_links[output]):
+            if links is not None:
+                found += poles_of(links)
+        return list(dict.fromkeys(found))
+
+    def _relations(
+        self, output: int, axes: dict[Pole, Axis]
+    ) -> list[tuple[FourLinks, SixPoles, Relation]]:
+        """Return links, poles and relation of form i and, if there is one, form ii."""
+        out = []
+        second = self.second_links[output]
+        pairs: list[tuple[FourLinks, Make]] = [(self.first_links[output], form_i)]
+        if second is not None:
+            pairs.append((second, form_ii))
+        for links, make in pairs:
+            six = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].unit)
+            turned = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].rate)
+            relation = make(links, six, turned)
+            if relation is not None:
+                out.append((links, six, relation))
+        return out
+
+    def _on_curve(self, number: int, along: AlongCurve) -> list[list[SingularPoint]]:
+        """Return the singular points of each output on one curve."""
+        every = [self._poles(output) for output in range(len(self.outputs))]
+        along.follow([pole for poles in every for pole in poles])
+        self._note_gaps(number, along, [pole for poles in every for pole in poles])
+        places: dict[Pole, Places] = {}
+        for pole in dict.fromkeys(pole for poles in every for pole in poles):
+            places[pole] = located(along, pole)
+        return [
+            self._of_output(number, along, output, places)
+            for output in range(len(self.outputs))
+        ]
+
+    def _note_gaps(self, number: int, along: AlongCurve, poles: list[Pole]) -> None:
+        """Note where zeros may be missed: lost axes, and curves that could not go on."""
+        names = self.tracer.mechanism.links
+        for a, b in dict.fromkeys(poles):
+            if along.rests((a, b)):
+                continue
+            for low, high in along.sense((a, b)).lost:
+                self.notes.append(
+                    f"curve {number}: the axis {names[b]}/{names[a]} turns too fast to be "
+                    f"followed from s = {low:.6g} to {high:.6g} rad; zeros of its rate "
+                    "there may be missed or invented"
+                )
+        if Status.BRANCH_LOST in along.curve.ends:
+            self.notes.append(
+                f"curve {number} was not followed to its end; singularities beyond are "
+                "not known"
+            )
+
+    def _of_output(
+        self, number: int, along: AlongCurve, output: int, places: dict[Pole, Places]
+    ) -> list[SingularPoint]:
+        driven, wanted = pole_of(*self.input), pole_of(*self.outputs[output])
+        own: list[tuple[Pole | None, Places]] = [
+            (pole, places[pole]) for pole in self._poles(output)
+        ]
+        still, resting = places[driven].always, places[wanted].always
+        if still or resting:
+            kind = (Type.III if resting else Type.II) if still else Type.I
+            self.whole.append(WholeCurve(kind, self.outputs[output], number))
+            return []
+        own += [(None, more) for more in self._coplanar(number, along, output, own)]
+        groups = groups_of(along.curve, own)
+        if not groups:
+            return []
+        s = np.array([group.s for group in groups])
+        points = along.points(s)
+        axes = along.oriented(s, self._poles(output))
+        links = self.first_links[output]
+        q, dq = _rate(along, links.i, links.r, s)
+        y, dy = _rate(along, links.o, links.s, s)
+        kinds = [group.kind(driven, wanted) for group in groups]
+        made = self._made(output, axes, along, s, groups)
+        notes = _doubts(groups, driven, wanted, along.curve)
+        found = []
+        for k, (group, kind) in enumerate(zip(groups, kinds, strict=True)):
+            relations = tuple(each[k] for each in made)
+            if kind == Type.APPARENT and all(r.type is None for r in relations):
+                continue
+            one, other = group.double(driven), group.double(wanted)
+            found.append(
+                SingularPoint(
+                    type=kind,
+                    output=self.outputs[output],
+                    curve=number,
+                    s=group.s,
+                    error=group.error,
+                    values=points.values[k],
+                    input_rate=float(q[k]),
+                    output_rate=float(y[k]),
+                    input_slope=float(dq[k]),
+                    output_slope=float(dy[k]),
+                    input_turns=one is False,
+                    output_turns=other is False,
+                    double=bool(one or other),
+                    decided=not notes[k],
+                    note=notes[k],
+                    relations=relations,
+                )
+            )
+        return found
+
+    def _made(
+        self,
+        output: int,
+        axes: dict[Pole, Axis],
+        along: AlongCurve,
+        s: Floats,
+        groups: list[Group],
+    ) -> list[list[RelationAt]]:
+        """Return for each form its relation at each group."""
+        driven = pole_of(*self.input)
+        out = []
+        for links, six, relation in self._relations(output, axes):
+            q, _ = _rate(along, links.i, links.r, s)
+            y, _ = _rate(along, *relation.output, s)
+            facts = [group.kind(driven, pole_of(*relation.output)) for group in groups]
+            errors = _errors(links, axes)
+            resting = [group.resting(links) for group in groups]
+            out.append(self._judged(links, six, relation, q, y, errors, facts, resting))
+        return out
+
+    def _judged(
+        self,
+        links: FourLinks,
+        six: SixPoles,
+        relation: Relation,
+        q: Floats,
+        y: Floats,
+        errors: Floats,
+        facts: list[Type],
+        resting: list[list[tuple[int, int]]],
+    ) -> list[RelationAt]:
+        """Return a relation at n configurations, compared with what the rates say."""
+        names = self.tracer.mechanism.links
+        allowed = np.maximum(TOLERANCE, 10.0 * errors)
+        no_c, no_d = np.abs(relation.c) <= allowed, np.abs(relation.d) <= allowed
+        types = [
+            {(1, 1): Type.III, (1, 0): Type.II, (0, 1): Type.I}.get((int(a), int(b)))
+            for a, b in zip(no_c, no_d, strict=True)
+        ]
+        held = {
+            kind: conditions(relation, links, six, names, kind, errors)
+            for kind in {str(kind) for kind in types if kind is not None}
+        }
+        gaps = relation.residual(y, q)
+        out = []
+        for k, kind in enumerate(types):
+            fact = None if facts[k] == Type.APPARENT else facts[k]
+            out.append(
+                RelationAt(
+                    form=relation.form,
+                    kind=relation.kind,
+                    links=links,
+                    output=relation.output,
+                    c=float(relation.c[k]),
+                    d=float(relation.d[k]),
+                    error=float(errors[k]),
+                    residual=float(gaps[k]),
+                    type=kind,
+                    conditions=() if kind is None else held[str(kind)][k],
+                    agrees=kind == fact,
+                    note=_disagreement(names, kind, fact, relation, resting[k]),
+                )
+            )
+        return out
+
+    def _coplanar(
+        self,
+        number: int,
+        along: AlongCurve,
+        output: int,
+        known: Sequence[tuple[Pole | None, Places]],
+    ) -> list[Places]:
+        """Return where all six axes of four links lie in one plane, though all turn.
+
+        The determinant of three of their angular velocities vanishes there, and wherever
+        two of the links stand still relative to each other, which is known.
+        """
+        out = []
+        for links in dict.fromkeys([self.first_links[output], self.second_links[output]]):
+            if links is None or links.three:
+                continue
+            grid = np.unique(np.concatenate([along.sense(p).s for p in poles_of(links)]))
+
+            def function(s: Floats, links: FourLinks = links) -> tuple[Floats, Floats]:
+                return _volume(along.rates(s), links)
+
+            value, _ = function(grid)
+            if np.max(np.abs(value)) < ALWAYS:
+                names = self.tracer.mechanism.links
+                four = ", ".join(names[k] for k in (links.i, links.r, links.o, links.s))
+                self.notes.append(
+                    f"curve {number}: the six axes of the links {four} lie in one plane "
+                    "everywhere, so c = d = 0 says nothing; choose other links"
+                )
+                continue
+            found = along.locate(function, grid)
+            others = np.concatenate([each.s for _, each in known])
+            if len(others):
+                near = np.abs(found.places[:, None] - others)
+                if along.curve.closed:
+                    near = np.minimum(near, along.curve.length - near)
+                fresh = np.min(near, axis=1) > 1e-6
+            else:
+                fresh = np.ones(len(found.places), dtype=bool)
+            s = found.places[fresh]
+            rates = along.rates(s)
+            _, slope = _volume(rates, links)
+            error = place_error(along.curve, rounding_of(rates), slope)
+            out.append(Places(s, found.double[fresh], error))
+        return out
+
+    def _crossings(self) -> tuple[CrossingPoint, ...]:
+        """Return the configurations at which curves end because rank is lost."""
+        found: list[tuple[Crossing | None, Floats, list[tuple[int, bool]]]] = []
+        for number, along in enumerate(self.along):
+            curve = along.curve
+            for at_start, why in zip((True, False), curve.ends, strict=True):
+                if why != Status.AT_SINGULARITY:
+                    continue
+                last = curve.nodes.values[0 if at_start else -1]
+                crossing = crossing_near(along.closure, last)
+                values = last if crossing is None else crossing.values
+                for _, there, ends in found:
+                    if np.max(np.abs(curve.wrapped(values - there))) < SAME_CROSSING:
+                        ends.append((number, at_start))
+                        break
+                else:
+                    found.append((crossing, values, [(number, at_start)]))
+        return tuple(self._crossing(*each) for each in found)
+
+    def _crossing(
+        self, crossing: Crossing | None, values: Floats, ends: list[tuple[int, bool]]
+    ) -> CrossingPoint:
+        if crossing is None:
+            note = (
+                "the curve ends where the closure equations lose rank, but the "
+                "configuration was not located: the loss is of higher order"
+            )
+            return CrossingPoint(None, tuple(ends), values, False, note, ())
+        notes = []
+        if crossing.miss > DECIDED_MISS:
+            notes.append(
+                f"undecided within tolerance: the loops miss the crossing by "
+                f"{crossing.miss:.3g} rad, so two curves may pass each other instead"
+            )
+        if not crossing.resolved:
+            notes.append(
+                f"terms of second order do not tell how many curves there are among the "
+                f"{crossing.freedoms} freedoms"
+            )
+        along = self.along[ends[0][0]]
+        relations = tuple(
+            self._on_branches(along, crossing, output)
+            for output in range(len(self.outputs))
+        )
+        return CrossingPoint(
+            crossing, tuple(ends), values, not notes, "; ".join(notes), relations
+        )
+
+    def _on_branches(
+        self, along: AlongCurve, crossing: Crossing, output: int
+    ) -> tuple[tuple[RelationAt, ...], ...]:
+        """Return the relations on each branch through a crossing, by its own motion."""
+        count = len(crossing.tangents)
+        if not count:
+            return ()
+        values = np.tile(crossing.values, (count, 1))
+        axes, rates = along.leaving(values, crossing.tangents, self._poles(output))
+        branches: list[list[RelationAt]] = [[] for _ in range(count)]
+        for links, six, relation in self._relations(output, axes):
+            q, y = (
+                np.sum((rates.w[:, a] - rates.w[:, b]) * axes[pole_of(a, b)].unit, axis=1)
+                for a, b in ((links.i, links.r), relation.output)
+            )
+            errors = _errors(links, axes)
+            judged = self._judged(
+                links, six, relation, q, y, errors, [Type.III] * count, [[]] * count
+            )
+            for own, each in zip(branches, judged, strict=True):
+                if each.type is None and each.kind != Kind.SAME_POLE:
+                    each = replace(each, note=ONE_BRANCH)
+                own.append(each)
+        return tuple(tuple(own) for own in branches)
+
+    def _everywhere(self) -> int | None:
+        """Return the freedoms of a mechanism that nowhere has just one, if it is one.
+
+        Asked for at configurations of its branches, and where all variables are zero if
+        the loops close there: the reference pose.
+        """
+        if self.along:
+            return None
+        solver, motion = self.tracer.solver, self.tracer.sparse(SAMPLED)
+        reference = np.zeros((1, motion.values.shape[1]))
+        placed, states = solver.closure.place(reference)
+        gap = solver.closure.residual(placed, states)
+        known = motion.values[~motion.failed]
+        if np.all(np.abs(gap) < CLOSURE_TOLERANCE):
+            known = np.concatenate([reference, known])
+        freedoms = [solver.freedoms(values) for values in known]
+        return min(freedoms) if freedoms and min(freedoms) > 1 else None
+
+
+def singularities(
+    tracer: Tracer,
+    curves: Sequence[ArcCurve],
+    outputs: Iterable[str | tuple[int | str, int | str]],
+    input: str | tuple[int | str, int | str] | None = None,
+) -> Singularities:
+    """Return all singularities on configuration curves; see `SingleFreedom`."""
+    return SingleFreedom(tracer, curves, outputs, input).report()
+
+
+def ordered_pole(
+    mechanism: Mechanism, pole: str | tuple[int | str, int | str]
+) -> tuple[int, int]:
+    """Return two links, the first relative to the second, by their numbers.
+
+    Raises
+    ------
+    PlanError
+        If a link is unknown or they are one.
+    """
+    names = mechanism.links
+    if isinstance(pole, str):
+        a, b = parse_pole(mechanism, pole)
+        plain = pole.replace("/", "")
+        return (a, b) if names[a] + names[b] == plain else (b, a)
+    words = [names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole]
+    return ordered_pole(mechanism, "/".join(str(word) for word in words))
+
+
+def _rate(along: AlongCurve, of: int, to: int, s: Floats) -> tuple[Floats, Floats]:
+    """Return the rate of a link relative to another at s, and its slope, (n,)."""
+    found = along.signed(pole_of(of, to), s)
+    sign = 1.0 if of > to else -1.0
+    return sign * found.w, sign * found.dw
+
+
+def _errors(links: FourLinks, axes: dict[Pole, Axis]) -> Floats:
+    """Return (n,) the largest error bound of the axes of four links."""
+    found = np.stack([axes[pole].error for pole in poles_of(links)])
+    return np.asarray(np.max(found, axis=0))
+
+
+def _volume(rates: LinkRates, links: FourLinks) -> tuple[Floats, Floats]:
+    """Return (n,) the triple product of three relative rates of four links, and slope."""
+    (a, da), (b, db), (c, dc) = (
+        (
+            rates.w[:, link] - rates.w[:, links.r],
+            rates.dw[:, link] - rates.dw[:, links.r],
+        )
+        for link in (links.i, links.o, links.s)
+    )
+    normal = cross(b, c)
+    slope = np.sum(da * normal, axis=1)
+    slope += np.sum(a * (cross(db, c) + cross(b, dc)), axis=1)
+    return np.asarray(np.sum(a * normal, axis=1)), slope
+
+
+def _doubts(groups: list[Group], driven: Pole, wanted: Pole, curve: ArcCurve) -> list[str]:
+    """Return for each group why its type is not certain, or an empty string."""
+    notes = [""] * len(groups)
+    for k, group in enumerate(groups):
+        both = driven in group.members and wanted in group.members and driven != wanted
+        if both and group.error > WIDE:
+            notes[k] = (
+                f"undecided within tolerance: input and output vanish {group.spread:.3g} "
+                f"rad apart, and the places are known to {group.error:.3g} rad"
+            )
+    for k, (one, other) in enumerate(pairwise(groups)):
+        kinds = {one.kind(driven, wanted), other.kind(driven, wanted)}
+        gap, known = other.s - one.s, one.error + other.error
+        if Type.APPARENT not in kinds and len(kinds) == 2 and gap < BESIDE * known:
+            notes[k] = notes[k + 1] = (
+                f"undecided within tolerance: input and output vanish {gap:.3g} rad "
+                f"apart, and the places are known to {known:.3g} rad"
+            )
+    return notes
+
+
+def _disagreement(
+    names: Sequence[str],
+    kind: Type | None,
+    fact: Type | None,
+    relation: Relation,
+    resting: list[tuple[int, int]],
+) -> str:
+    """Return why the coefficients say something else than the rates."""
+    if kind == fact:
+        return ""
+    if relation.kind == Kind.SAME_POLE:
+        return "the output is the input, and c and d are constant"
+    if kind == Type.III:
+        own = pole_of(*relation.output)
+        still = [f"{names[a]} and {names[b]}" for a, b in resting if (a, b) != own]
+        cause = (
+            "links " + ", ".join(still) + " stand still relative to each other"
+            if still
+            else "the six axes of the chosen links lie in one plane"
+        )
+        what = "neither rate vanishes" if fact is None else f"the rates say type {fact}"
+        return f"c = d = 0, but {what}: {cause}; a relation of other links decides"
+    told, wanted = (
+        "nothing vanishes" if each is None else f"type {each}" for each in (kind, fact)
+    )
+    return (
+        f"c and d say: {told}; the rates: {wanted}; a coefficient nearly vanishes, or is "
+        "not known well enough"
+    )

@@ -1,0 +1,567 @@
+"""Singularities of one input: closed forms, 50 digits, and the velocity equations."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
+from closed_forms import four_bar_coefficients
+from oracles import revolute_frames
+
+from spherekit import load
+from spherekit.conventions import Status
+from spherekit.errors import PlanError, SolveError
+from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.configuration import configuration_curves
+from spherekit.motion.motion import Tracer
+from spherekit.motion.segments import curve_points
+from spherekit.planning.poles import all_poles, plan, pole_of
+from spherekit.rates.core import driven_rates
+from spherekit.rates.lines import evaluate_lines
+from spherekit.singular.crossing import continuations, crossing_near, jacobian_rates
+from spherekit.singular.record import Type
+from spherekit.singular.relation import FourLinks, SixPoles, form_i, form_ii
+from spherekit.singular.single import SingleFreedom, singularities
+
+TURN = 2.0 * np.pi
+
+
+def four_bar(arcs):
+    """Return the four-bar of the source with these arcs (rad)."""
+    made = load("four_bar")
+    links = {
+        link: replace(size, arcs=(float(arc),))
+        for (link, size), arc in zip(sorted(made.geometry.links.items()), arcs, strict=True)
+    }
+    return replace(made, geometry=replace(made.geometry, links=links), loads=())
+
+
+def curves_of(tracer):
+    """Return the curves through all configurations of a tracer."""
+    motion = tracer.motion()
+    todo = motion.values[motion.status == Status.OK]
+    curves = []
+    while len(todo):
+        middle = len(todo) // 2
+        given, todo = todo[middle], np.delete(todo, middle, axis=0)
+        try:
+            curves.append(follow_arc(tracer.solver.closure, given))
+        except SolveError:
+            continue
+        todo = todo[np.isnan(curves[-1].find(todo))]
+    return curves
+
+
+def all_curves(tracer):
+    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
+    return [each.curve for each in found]
+
+
+def in_line(first, other, third, fourth):
+    """Return the angles between arcs `first` and `other` where the two others are in line.
+
+    The cosine theorem: the diagonal is then their sum or their difference.
+    """
+    found = []
+    for way in (third + fourth, third - fourth):
+        cosine = np.cos(way) - np.cos(first) * np.cos(other)
+        cosine /= np.sin(first) * np.sin(other)
+        if abs(cosine) < 1.0:
+            found += [np.arccos(cosine), -np.arccos(cosine)]
+    return np.array(found)
+
+
+def matched(found, wanted):
+    """Return the largest distance (rad) of two sets of angles, matched one to one."""
+    assert len(found) == len(wanted), (found, wanted)
+    if not len(found):
+        return 0.0
+    gap = np.abs(np.mod(found[:, None] - wanted + np.pi, TURN) - np.pi)
+    nearest = np.argmin(gap, axis=1)
+    assert len(set(nearest)) == len(wanted)
+    return float(np.max(np.min(gap, axis=1)))
+
+
+def check_four_bar(arcs):
+    """Compare all singularities of input 21 and output 41 with triangles."""
+    ground, crank, coupler, rocker = arcs
+    tracer = Tracer(four_bar(arcs), samples=61)
+    report = singularities(tracer, curves_of(tracer), ["4/1"])
+    number = tracer.mechanism.pair_number
+    q, y = (tracer.mechanism.variables_of(number[name])[0] for name in ("21", "41"))
+    assert report.fourth == (tracer.mechanism.link_number["3"],)
+    assert not report.crossings
+    assert all(point.decided for point in report.points)
+    dead = np.array([p.values[q] for p in report.points if p.type == Type.II])
+    still = np.array([p.values[y] for p in report.points if p.type == Type.I])
+    for point in report.points:
+        assert all(r.agrees for r in point.relations) or point.type == Type.APPARENT
+        assert point.input_turns == (point.type == Type.II)
+    output = in_line(ground, rocker, crank, coupler)
+    return (
+        matched(dead, in_line(ground, crank, coupler, rocker)),
+        matched(still, np.pi - output),
+        len(report.points),
+    )
+
+
+def random_four_bars(seed, count):
+    """Yield arcs of random four-bars that close and are not nearly folding ones."""
+    random = np.random.default_rng(seed)
+    while count:
+        a, b, c, d = arcs = random.uniform(0.25, np.pi - 0.25, 4)
+        fold = [a - b + c - d, a - b - c + d, a + b - c - d, TURN - a - b - c - d]
+        closes = np.sum(arcs) > 2.0 * np.max(arcs)
+        closes &= np.sum(arcs) - 2.0 * np.min(arcs) < TURN
+        if np.min(np.abs(fold)) > 1e-3 and closes:
+            try:
+                Tracer(four_bar(arcs), samples=61)
+            except SolveError:
+                continue
+            yield arcs
+            count -= 1
+
+
+def check_four_bars(seed, count):
+    points = 0
+    for arcs in random_four_bars(seed, count):
+        dead, still, found = check_four_bar(arcs)
+        assert max(dead, still) < 1e-11, arcs
+        points += found
+    assert points > 3 * count
+
+
+def test_all_dead_points_of_random_four_bars_are_where_two_links_are_in_line():
+    check_four_bars(1, 20)
+
+
+@pytest.mark.slow
+def test_all_dead_points_of_a_thousand_four_bars():
+    check_four_bars(2, 1000)
+
+
+def test_a_tangential_zero_of_an_output_is_one_double_point():
+    """Two four-bars in a row, both with a dead point of the output in the pose given.
+
+    w61 is a product of two functions that vanish there; w41 is one of them.
+    """
+    random = np.random.default_rng(4)
+    p12, p23, p34, p14, p45, p56, p16 = random_axes(random, 7)
+    p12 = p23 + 0.7 * p34
+    p14 = p45 - 0.4 * p56
+    axes = np.array([p12, p23, p34, p14, p45, p56, p16])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    tracer = Tracer(mechanism(WATT, axes, span=(-0.3, 0.3)), samples=31)
+    curve = follow_arc(tracer.solver.closure, np.zeros(7))
+    (simple,), (double,) = (
+        report_at(tracer, curve, output, "2/1") for output in ("4/1", "6/1")
+    )
+    assert (simple.type, double.type) == (Type.I, Type.I)
+    assert (simple.double, double.double) == (False, True)
+    assert (simple.output_turns, double.output_turns) == (True, False)
+    assert simple.decided and double.decided
+    assert np.max(np.abs(double.values)) < 1e-7
+    assert np.max(np.abs(simple.values)) < 1e-13
+    (both,) = report_at(tracer, curve, "6/1", "4/1")
+    assert both.type == Type.III
+    assert (both.input_turns, both.output_turns) == (True, False)
+
+
+def report_at(tracer, curve, output, given):
+    """Return the real singular points in the reference pose."""
+    points = singularities(tracer, [curve], [output], given).points
+    return [
+        p
+        for p in points
+        if p.type != Type.APPARENT and np.max(np.abs(curve.wrapped(p.values))) < 1e-6
+    ]
+
+
+FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50)]
+
+
+@pytest.mark.parametrize("degrees", FOLDING)
+def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
+    arcs = np.radians(degrees)
+    tracer = Tracer(four_bar(arcs))
+    analysis = SingleFreedom(tracer, all_curves(tracer), ["4/1"])
+    report = analysis.report()
+    assert report.crossings
+    q, y = 0, 3
+    for point in report.crossings:
+        crossing = point.crossing
+        assert point.decided, point.note
+        assert (crossing.rank, crossing.freedoms, len(crossing.tangents)) == (2, 2, 2)
+        assert crossing.miss < 1e-15
+        assert np.max(np.abs(np.sin(crossing.values))) < 1e-14
+        closure = analysis.along[0].closure
+        starts = continuations(closure, crossing)
+        assert len(starts) == 4
+        ahead, _ = curve_points(closure, starts, np.tile(crossing.tangents, (2, 1)))
+        assert np.max(ahead.residual) < 1e-13
+        assert np.all(np.abs(ahead.bends) < 10.0)
+        (branches,) = point.relations
+        for tangent, (three, four) in zip(crossing.tangents, branches, strict=True):
+            assert four.type == Type.III
+            assert four.agrees
+            assert any(h.label == "III.a" and h.decided for h in four.conditions)
+            if three.type is None:
+                gap = three.c * tangent[y] - three.d * tangent[q]
+                assert abs(gap) < 1e-12
+                assert three.residual < 1e-12
+        if degrees == (60, 40, 60, 40):
+            assert report.whole == ()
+            check_slopes(arcs, crossing, q, y)
+
+
+def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
+    """Both loops of a Watt chain lie flat, and each goes on in two ways."""
+    common = np.array([1.0, 0.0, 0.0])
+
+    def flat(degrees, side):
+        angles = np.radians(degrees)[:, None]
+        return np.cos(angles) * common + np.sin(angles) * np.array(side)
+
+    p12, p23, p34 = flat([60.0, 100.0, 40.0], [0.0, 1.0, 0.0])
+    p16, p56, p45 = flat([50.0, 85.0, 35.0], [0.0, 0.6, 0.8])
+    both = np.array([p12, p23, p34, common, p45, p56, p16])
+    closure = Tracer(mechanism(WATT, both, span=(-1.0, 1.0)), samples=3).solver.closure
+    crossing = crossing_near(closure, np.full(7, 1e-6))
+    assert (crossing.rank, crossing.freedoms) == (4, 3)
+    assert np.max(np.abs(crossing.values)) < 1e-15
+    found = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
+    slopes = []
+    for axes in ([p12, p23, p34, common], [common, p45, p56, p16]):
+        text = "1-2 2-3 3-4 1-4"
+        one = Tracer(mechanism(text, np.array(axes), span=(-1.0, 1.0)), samples=3)
+        alone = crossing_near(one.solver.closure, np.full(4, 1e-6))
+        slopes.append(alone.tangents[:, 3] / alone.tangents[:, 0])
+    wanted = np.array([[a, b] for a in slopes[0] for b in slopes[1]])
+    order = [np.lexsort(np.round(each, 9).T) for each in (found, wanted)]
+    assert np.max(np.abs(found[order[0]] - wanted[order[1]])) < 1e-12
+    starts = continuations(closure, crossing)
+    assert len(starts) == 8
+    ahead, _ = curve_points(closure, starts, np.tile(crossing.tangents, (2, 1)))
+    assert np.max(ahead.residual) < 1e-13
+
+
+def test_an_axis_that_swings_round_is_no_zero():
+    """Links 3 and 6 of the Stephenson mechanism nearly stand still, once a lap."""
+    tracer = Tracer(load("stephenson"), samples=9)
+    (first, *_) = tracer.branches
+    values = tracer.solver.evaluate(first, np.zeros((1, 1))).values[0]
+    curve = follow_arc(tracer.solver.closure, values)
+    along = SingleFreedom(tracer, [curve], []).along[0]
+    s = np.linspace(0.0, curve.length, 5001)
+    w = along.rates(s).w
+    size = np.linalg.norm(w[:, 5] - w[:, 2], axis=1)
+    assert len(along.zeros((2, 5)).places) == 0
+    assert 1e-4 < np.min(size) < 1e-3
+    rates = along.signed((2, 5), s).w
+    assert np.all(rates * rates[0] > 0.0)
+
+
+def check_slopes(arcs, crossing, q, y):
+    """Compare dy/dq of both branches with the limits of the source's eq. (26b)."""
+    near = crossing.values[q] + np.array([-1e-4, 1e-4])
+    (a, b), (c, d) = (four_bar_coefficients(near, tuple(arcs), k)[1] for k in (0, 1))
+    found = np.sort(crossing.tangents[:, y] / crossing.tangents[:, q])
+    straight, across = np.sort([a + b, c + d]) / 2.0, np.sort([a + d, b + c]) / 2.0
+    gaps = [np.max(np.abs(pair - found)) for pair in (straight, across)]
+    assert min(gaps) < 1e-6
+
+
+def chain(text, seed):
+    """Return a chain with random axes."""
+    random = np.random.default_rng(seed)
+    return mechanism(text, random_axes(random, len(joints(text))), span=(-np.pi, np.pi))
+
+
+def skew(v):
+    return mp.matrix([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+
+def exact_unit(v):
+    v = mp.matrix(v.tolist())
+    return v / mp.norm(v)
+
+
+def exact_rotation(r):
+    r = mp.matrix(r.tolist())
+    for _ in range(3):
+        r = r * (3 * mp.eye(3) - r.T * r) / 2
+    return r
+
+
+def put(matrix, row, column, link, block):
+    """Add a block to the columns of a link; the first link does not move."""
+    if link:
+        for i in range(block.rows):
+            for j in range(3):
+                matrix[row + i, column + 3 * (link - 1) + j] += block[i, j]
+
+
+def exact(made, rotations, w, links, along):
+    """Return how far (rad) a configuration is from one where two links rest, 50 digits.
+
+    Unknown are the rotations of all links and their rates. The axes of each pair agree in
+    both links, the relative rate is along the axis, and the component of the relative
+    rate of `links` along a vector vanishes. Newton's method by least squares. The other
+    results are the residual left and the relative rate.
+    """
+    first, second = revolute_frames(made)
+    count = len(made.links)
+    turn = [exact_rotation(r) for r in rotations]
+    rate = [mp.matrix(x.tolist()) for x in w]
+    start, scale = [r.copy() for r in turn], [x.copy() for x in rate]
+    along = mp.matrix(along.tolist())
+    size, rows = 3 * (count - 1), 6 * len(made.ends) + 2
+    one, other = links
+    for _ in range(3):
+        matrix, rest = mp.matrix(rows, 2 * size), mp.matrix(rows, 1)
+        for k, (a, b) in enumerate(made.ends):
+            p, g = (
+                turn[a] * exact_unit(first[k, :, 2]),
+                turn[b] * exact_unit(second[k, :, 2]),
+            )
+            v = rate[b] - rate[a]
+            row = 6 * k
+            gap, slip = p - g, skew(v) * p
+            for i in range(3):
+                rest[row + i], rest[row + 3 + i] = gap[i], slip[i]
+            put(matrix, row, 0, a, -skew(p))
+            put(matrix, row, 0, b, skew(g))
+            put(matrix, row + 3, 0, a, -skew(v) * skew(p))
+            put(matrix, row + 3, size, a, skew(p))
+            put(matrix, row + 3, size, b, -skew(p))
+        last = rows - 2
+        rest[last] = sum((scale[k].T * (rate[k] - scale[k]))[0] for k in range(1, count))
+        for k in range(1, count):
+            put(matrix, last, size, k, scale[k].T)
+        rest[last + 1] = (along.T * (rate[one] - rate[other]))[0]
+        put(matrix, last + 1, size, one, along.T)
+        put(matrix, last + 1, size, other, -along.T)
+        step = mp.lu_solve(matrix.T * matrix, -matrix.T * rest)
+        for k in range(1, count):
+            here = [step[3 * (k - 1) + j] for j in range(3)]
+            angle = mp.sqrt(sum(x * x for x in here))
+            if angle:
+                n = skew([x / angle for x in here])
+                about = mp.eye(3) + mp.sin(angle) * n + (1 - mp.cos(angle)) * n * n
+                turn[k] = about * turn[k]
+            for j in range(3):
+                rate[k][j] += step[size + 3 * (k - 1) + j]
+    moved = max(abs(x) for a, b in zip(turn, start, strict=True) for x in (a - b))
+    left, resting = max(abs(x) for x in rest), max(abs(x) for x in rate[one] - rate[other])
+    return float(moved), float(left), float(resting)
+
+
+CHAINS = [(STEPHENSON, 3), (WATT, 4), (EIGHT_BARS[0], 1), (EIGHT_BARS[8], 2)]
+
+
+@pytest.mark.parametrize(("text", "seed"), CHAINS)
+def test_singular_points_of_random_chains_in_50_digits(text, seed, monkeypatch):
+    monkeypatch.setattr(mp.mp, "dps", 50)
+    made = chain(text, seed)
+    tracer = Tracer(made, samples=41)
+    last = made.links[-1]
+    outputs = [(last, made.links[0]), (last, "2")]
+    analysis = SingleFreedom(tracer, curves_of(tracer)[:2], outputs)
+    real = [p for p in analysis.report().points if p.type in (Type.I, Type.II)]
+    assert len(real) >= 2
+    for point in real:
+        for relation in point.relations:
+            assert relation.residual < 1e-12
+            if relation.output == point.output:
+                zero = relation.c if point.type == Type.II else relation.d
+                assert abs(zero) < 1e-12 + 10.0 * relation.error
+                assert relation.agrees, relation.note
+    for point in real[len(real) // 3 :: len(real)]:
+        along = analysis.along[point.curve]
+        rates = along.rates(np.array([point.s]))
+        placed, _ = along.closure.place(point.values[None])
+        links = analysis.input if point.type == Type.II else point.output
+        slope = rates.dw[0, links[0]] - rates.dw[0, links[1]]
+        moved, left, resting = exact(made, placed[0], rates.w[0], links, slope)
+        assert moved < 1e-12
+        assert max(left, resting) < 1e-28
+
+
+@pytest.mark.parametrize(("text", "seed"), CHAINS[::2])
+def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
+    """A relative rate reverses between two of many samples, and in finer ones vanishes."""
+    tracer = Tracer(chain(text, seed), samples=41)
+    along = SingleFreedom(tracer, curves_of(tracer)[:1], []).along[0]
+    every = all_poles(len(tracer.mechanism.links))
+    along.follow(every)
+    s = np.linspace(0.0, along.curve.length, 1501)
+    w = along.rates(s).w
+    for i, j in every:
+        rate = w[:, j] - w[:, i]
+        zeros = along.zeros((i, j)).places
+        (cells,) = np.nonzero(np.sum(rate[1:] * rate[:-1], axis=1) <= 0.0)
+        resting = 0
+        for k in cells:
+            fine = along.rates(np.linspace(s[k], s[k + 1], 201)).w
+            size = np.linalg.norm(fine[:, j] - fine[:, i], axis=1)
+            if np.min(size) > 0.02 * max(size[0], size[-1]):
+                continue
+            resting += 1
+            assert np.any((zeros > s[k] - 1e-9) & (zeros < s[k + 1] + 1e-9))
+        assert resting == len(zeros)
+        if len(zeros):
+            there = along.rates(zeros).w
+            assert np.max(np.abs(there[:, j] - there[:, i])) < 1e-12
+
+
+def test_the_lecture_relation_of_the_four_bar_along_a_turn():
+    tracer = Tracer(load("four_bar"))
+    analysis = SingleFreedom(tracer, all_curves(tracer), ["41"])
+    assert analysis.outputs == ((3, 0),)
+    first, _ = revolute_frames(tracer.mechanism)
+    owners = [a for a, _ in tracer.mechanism.ends]
+    for number, along in enumerate(analysis.along):
+        s = np.linspace(0.0, along.curve.length, 200)
+        found = analysis.at(number, s, 0)
+        placed, _ = along.closure.place(along.points(s).values)
+        axes = np.einsum("npij,pj->npi", placed[:, owners], first[:, :, 2])
+        u21, u32, u43, u41 = np.moveaxis(axes, 1, 0)
+        c = np.sum(u41 * np.cross(u43, u32), axis=1)
+        d = np.sum(u21 * np.cross(u43, u32), axis=1)
+        gap = c * found.output_rate - d * found.input_rate
+        assert np.max(np.abs(gap)) < 1e-12
+        for relation in found.relations:
+            assert np.max(np.abs(relation.c * d - relation.d * c)) < 1e-12
+            assert np.max(relation.residual(found.output_rate, found.input_rate)) < 1e-12
+            check_derivatives(relation, analysis, number, s[5:-5])
+
+
+def check_derivatives(relation, analysis, number, s):
+    """Compare c' and d' with central differences of c and d, whose error is h^2."""
+    h = 1e-4
+    low, high = (
+        next(
+            r for r in analysis.at(number, s + step, 0).relations if r.form == relation.form
+        )
+        for step in (-h, h)
+    )
+    for name in ("c", "d"):
+        before, after = getattr(low, name), getattr(high, name)
+        slope = getattr(relation, "d" + name)[5:-5]
+        assert np.max(np.abs((after - before) / (2.0 * h) - slope)) < 1e-5
+
+
+@pytest.mark.parametrize("text", [EIGHT_BARS[1], EIGHT_BARS[10]])
+def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations(text):
+    random = np.random.default_rng(11)
+    made = mechanism(text, random_axes(random, len(joints(text))), span=(-0.3, 0.3))
+    motion = Tracer(made, samples=7).motion()
+    motion = motion.rows(motion.status == Status.OK)
+    rates = driven_rates(motion, np.ones(len(motion), dtype=bool), 0)
+    lines = evaluate_lines(plan(made), motion)
+
+    def direction(a, b):
+        return lines.unit[pole_of(a, b)].T
+
+    every = list(permutations(range(8), 4))
+    quadruples = [every[k] for k in random.choice(len(every), 50, replace=False)]
+    quadruples += [(2, 0, 5, 0), (2, 0, 2, 5), (2, 0, 0, 5), (2, 0, 5, 2), (2, 0, 0, 2)]
+    for numbers in quadruples:
+        links = FourLinks(*numbers)
+        poles = SixPoles.of(links, direction)
+        error = np.max(
+            [lines.error[pole_of(a, b)] for a in numbers for b in numbers if a != b], axis=0
+        )
+        for make in (form_i, form_ii):
+            relation = make(links, poles)
+            if relation is None:
+                assert links.o == links.r
+                continue
+            output, driven = (
+                np.sum((rates.w[:, a] - rates.w[:, b]) * direction(a, b), axis=1)
+                for a, b in (relation.output, (links.i, links.r))
+            )
+            gap = relation.residual(output, driven)
+            assert np.all(gap <= 1e-12 + 10.0 * error), (numbers, relation.form)
+
+
+def test_near_and_on_singular_points():
+    tracer = Tracer(four_bar(np.radians([100.0, 50.0, 70.0, 40.0])), samples=61)
+    analysis = SingleFreedom(tracer, curves_of(tracer), ["4/1"])
+    away = np.append(0.0, 10.0 ** -np.arange(3.0, 15.0))
+    for point in analysis.report().points:
+        for side in (1.0, -1.0):
+            found = analysis.at(point.curve, point.s + side * away, 0)
+            for relation in found.relations:
+                gap = relation.residual(found.output_rate, found.input_rate)
+                assert np.all(gap < 1e-12)
+                dead = point.type == Type.II
+                zero = relation.c if dead else relation.d
+                slope = (relation.dc if dead else relation.dd)[4]
+                assert np.all(np.abs(zero - side * slope * away) < 1e-12 + 20.0 * away**2)
+
+
+@pytest.mark.parametrize("power", range(3, 15))
+def test_four_bars_that_nearly_fold(power):
+    """Beside a folding one: ordinary points by the triangles, or an undecided crossing."""
+    arcs = np.radians([60.0, 50.0, 70.0, 40.0])
+    arcs[0] += 10.0**-power
+    tracer = Tracer(four_bar(arcs), samples=61)
+    report = singularities(tracer, curves_of(tracer), ["4/1"])
+    dead = np.array([p.values[0] for p in report.points if p.type == Type.II])
+    if not report.crossings:
+        assert power < 13
+        assert matched(dead, in_line(*arcs)) < 1e-9
+    for crossing in report.crossings:
+        assert power > 8
+        assert crossing.decided or "undecided within tolerance" in crossing.note
+        assert not crossing.decided or power > 13
+
+
+def test_jacobian_rates_are_the_slope_of_the_jacobian():
+    tracer = Tracer(load("roller_cam"), samples=9)
+    motion = tracer.motion()
+    values = motion.values[~motion.failed][0]
+    closure = tracer.solver.closure
+    found = jacobian_rates(closure, values)
+    h = 1e-5
+    for k, step in enumerate(h * np.eye(len(values))):
+        low, high = (closure.linearise((values + s * step)[None])[1][0] for s in (-1, 1))
+        assert np.max(np.abs((high - low) / (2.0 * h) - found[k])) < 1e-8
+
+
+@pytest.mark.parametrize(("coaxial", "freedoms"), [(3, 2), (4, 3)])
+def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms):
+    """Three or four of the four axes are one: link 2 turns whatever link 3 does."""
+    z, slant = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
+    axes = np.array([z] * coaxial + [slant] * (4 - coaxial))
+    tracer = Tracer(mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0)), samples=9)
+    report = singularities(tracer, all_curves(tracer), ["3/1"])
+    assert report.points == report.crossings == ()
+    assert report.everywhere == freedoms
+
+
+def test_links_that_move_as_one_on_a_whole_curve():
+    """A four-bar of equal arcs also turns folded: two links rest or two turn together."""
+    tracer = Tracer(four_bar(np.radians([50.0] * 4)))
+    analysis = SingleFreedom(tracer, all_curves(tracer), ["4/1", "3/1"])
+    report = analysis.report()
+    folded = [each for each in report.whole if each.output == (3, 0)]
+    assert len(folded) == 2
+    for each in folded:
+        assert each.type == Type.I
+        along = analysis.along[each.curve]
+        s = np.linspace(0.1, along.curve.length - 0.1, 20)
+        assert np.max(np.abs(along.rates(s).w[:, 3])) < 1e-13
+
+
+def test_wrong_links_are_errors():
+    tracer = Tracer(load("four_bar"), samples=9)
+    with pytest.raises(PlanError, match="is no pole"):
+        singularities(tracer, [], ["4/9"])
+    with pytest.raises(PlanError, match="is no pole"):
+        singularities(tracer, [], [("4", "4")])
+    with pytest.raises(PlanError, match="has 2 inputs"):
+        singularities(Tracer(load("five_bar"), samples=3), [], ["4/1"])
