@@ -1,0 +1,295 @@
+"""Aspects: parts of the configuration manifold that no singular configuration divides.
+
+Configurations over a lattice of the inputs are joined where verified steps lead from one
+to its neighbour: those never pass a configuration of type II. Joined configurations are
+one aspect; the sign of a determinant tells others apart.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import Status
+from spherekit.errors import AnalysisError
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion import lattice as lattices
+from spherekit.motion.arc_length import periods_of
+from spherekit.motion.branches import Solver
+from spherekit.motion.lattice import Lattice
+from spherekit.motion.steps import walk
+from spherekit.singular.locus import Locus, Measure
+from spherekit.singular.points import TypeName
+from spherekit.singular.rest import InputsRest, OutputRest, output_of
+from spherekit.singular.slices import configurations, solver_of
+from spherekit.sphere.rotation import Floats
+
+PROBES = 5
+"""Samples along each axis at which modes of irreducible groups are looked for."""
+SAME = 1e-6
+"""Configurations whose variables differ by less (rad) are the same one."""
+MOST_CONFIGURATIONS = 200_000
+
+
+@final
+@dataclass(frozen=True)
+class Aspects:
+    """n configurations over a lattice of the inputs, and the aspect of each.
+
+    Attributes
+    ----------
+    lattice, row
+        The samples, and the sample (n,) of each configuration.
+    values, inputs
+        The variables (n, V) and inputs (n, g), rad.
+    label
+        (n,) number of the aspect, the one with most configurations first.
+    sizes
+        (aspects,) numbers of configurations.
+    sign_two, sign_one
+        (aspects,) sign of the determinant of type II and of that of type I, 0 where it has
+        none: the motions' sense is not fixed, or the output has more freedoms than there
+        are inputs. Aspects free of type II only may hold both signs of type I: 0 too.
+    modes
+        (aspects,) greatest number of configurations at one sample. More than one: the
+        mechanism changes its assembly mode within the aspect, without a singularity.
+    free_of
+        The types that divide aspects.
+    """
+
+    lattice: Lattice
+    row: NDArray[np.int64]
+    values: Floats
+    inputs: Floats
+    label: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    sign_two: NDArray[np.int8]
+    sign_one: NDArray[np.int8]
+    modes: NDArray[np.int64]
+    free_of: tuple[TypeName, ...]
+
+    @property
+    def guarantee(self) -> str:
+        """What the labels guarantee, in words."""
+        return (
+            "configurations of one aspect are joined by verified steps; two aspects of the "
+            "same signs may be one that the samples do not join, and parts between the "
+            "samples are not seen"
+        )
+
+
+def aspects(
+    mechanism: Mechanism,
+    samples: int | Sequence[int] = 21,
+    free_of: Sequence[TypeName] = ("II",),
+    output: str | None = None,
+    pointing: str | Sequence[float] | None = None,
+    whole_turn: bool = False,
+) -> Aspects:
+    """Return the aspects of a mechanism with any number of inputs.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with a freedom for each of its inputs.
+    samples
+        Number of values of each input.
+    free_of
+        Which types divide aspects: type II always does, type I if it is named.
+    output, pointing
+        Which output type I is about; see `spherekit.singular.rest.output_of`.
+    whole_turn
+        Whether every input runs through one turn, its ends joined, and not through its
+        declared range.
+
+    Raises
+    ------
+    AnalysisError
+        If a type is unknown, or there is no such output.
+    PlanError
+        If the mechanism has not one freedom for each input.
+    """
+    unknown = [kind for kind in free_of if kind not in ("I", "II")]
+    if unknown:
+        raise AnalysisError(f'aspects are free of "I" and "II", not of "{unknown[0]}"')
+    rest = output_of(mechanism, output, pointing) if mechanism.outputs else None
+    if rest is None and "I" in free_of:
+        rest = output_of(mechanism, output, pointing)
+    solver = solver_of(mechanism)
+    count = len(solver.driven)
+    each = list(samples) if isinstance(samples, Sequence) else [samples] * count
+    lattice, beside = _lattice(mechanism, each, whole_turn)
+    spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None)
+    for values, row in _starts(solver, lattice):
+        spread.add(values, row)
+    spread.run()
+    return _labelled(spread, rest, ("II", "I") if "I" in free_of else ("II",))
+
+
+def _lattice(
+    mechanism: Mechanism, samples: list[int], whole_turn: bool
+) -> tuple[Lattice, NDArray[np.intp]]:
+    """Return the lattice and its neighbours (2 axes, n), over the ends of whole turns."""
+    if not whole_turn:
+        made = lattices.grid(mechanism.inputs, samples)
+        return made, made.neighbours()
+    axes = [-np.pi + 2.0 * np.pi * np.arange(count) / count for count in samples]
+    mesh = np.meshgrid(*axes, indexing="ij")
+    made = Lattice(np.stack([axis.ravel() for axis in mesh], axis=1), tuple(samples))
+    number = np.arange(len(made)).reshape(made.shape)
+    rolled = [
+        np.roll(number, shift, axis).ravel()
+        for axis in range(len(samples))
+        for shift in (-1, 1)
+    ]
+    return made, np.stack(rolled)
+
+
+def _starts(solver: Solver, lattice: Lattice) -> list[tuple[Floats, int]]:
+    """Return configurations (V,) and their samples: all of dyads, of groups some."""
+    if solver.assembly.has_closed_form:
+        rows = np.arange(len(lattice))
+    else:
+        places = [
+            np.unique(np.linspace(0, count - 1, min(PROBES, count)).astype(int))
+            for count in lattice.shape
+        ]
+        mesh = np.meshgrid(*places, indexing="ij")
+        rows = np.ravel_multi_index([axis.ravel() for axis in mesh], lattice.shape)
+    values, which = configurations(solver, lattice.q[rows])
+    return [(own, int(rows[k])) for own, k in zip(values, which, strict=True)]
+
+
+class _Spread:
+    """Configurations at the samples of a lattice, and which are joined."""
+
+    def __init__(
+        self,
+        solver: Solver,
+        lattice: Lattice,
+        beside: NDArray[np.intp],
+        output: OutputRest | None,
+    ) -> None:
+        self.solver, self.lattice, self.beside = solver, lattice, beside
+        self.periods = periods_of(solver.closure)
+        self.output = output
+        self.values: list[Floats] = []
+        self.rows: list[int] = []
+        self.parent: list[int] = []
+        self.at: dict[int, list[int]] = {}
+        self.walked = 0
+
+    def locus(self, rest: InputsRest | OutputRest) -> Locus:
+        """Return the singular configurations with something at rest."""
+        return Locus(self.solver.closure, len(self.solver.driven), rest)
+
+    def root(self, node: int) -> int:
+        """Return the node that stands for all those joined to a node."""
+        while self.parent[node] != node:
+            self.parent[node] = self.parent[self.parent[node]]
+            node = self.parent[node]
+        return node
+
+    def add(self, values: Floats, row: int) -> int:
+        """Return the number of a configuration (V,) at a sample, new or known."""
+        for known in self.at.setdefault(row, []):
+            away = values - self.values[known]
+            finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+            away = away - np.round(away / self.periods) * finite
+            if np.max(np.abs(away)) < SAME:
+                return known
+        node = len(self.values)
+        self.values.append(values)
+        self.rows.append(row)
+        self.parent.append(node)
+        self.at[row].append(node)
+        return node
+
+    def run(self) -> None:
+        """Join every configuration to those that straight ways lead to."""
+        driven = list(self.solver.driven)
+        while self.walked < len(self.values) < MOST_CONFIGURATIONS:
+            new = np.arange(self.walked, len(self.values))
+            self.walked = len(self.values)
+            start = np.repeat(new, len(self.beside))
+            stop = self.beside[:, np.array(self.rows)[new]].T.ravel()
+            start, stop = start[stop >= 0], stop[stop >= 0]
+            values = np.array([self.values[node] for node in start])
+            goal = self.lattice.q[stop]
+            turns = np.round((values[:, driven] - goal) / (2.0 * np.pi))
+            goal = goal + 2.0 * np.pi * turns
+            arrived, status = walk(self.solver.closure, driven, values, goal)
+            good = status == Status.OK
+            good[good] = self._clear(values[good], arrived[good])
+            for k in np.flatnonzero(good):
+                node = self.add(arrived[k], int(stop[k]))
+                one, other = self.root(int(start[k])), self.root(node)
+                self.parent[max(one, other)] = min(one, other)
+
+    def _clear(self, start: Floats, stop: Floats) -> NDArray[np.bool_]:
+        """Return (n,) whether no type I lies between, by cubic polynomials."""
+        if self.output is None or not len(start):
+            return np.ones(len(start), dtype=bool)
+        locus = self.locus(self.output)
+        driven = list(self.solver.driven)
+        way = (stop - start)[:, driven]
+        control = []
+        for values, sense in ((start, 1.0), (stop, -1.0)):
+            space = locus.space(values)
+            found = locus.measure(space)
+            try:
+                along = np.linalg.solve(space.basis[:, driven], way[..., None])[..., 0]
+            except np.linalg.LinAlgError:
+                along = np.full_like(way, np.nan)
+            slope = np.sum(found.gradient * along, axis=1)
+            control += [found.value, found.value + sense * slope / 3.0]
+        signs = np.sign(np.stack(control))
+        return np.asarray((signs[0] != 0.0) & np.all(signs == signs[0], axis=0))
+
+
+def _labelled(
+    spread: _Spread, rest: OutputRest | None, free_of: tuple[TypeName, ...]
+) -> Aspects:
+    n = len(spread.values)
+    values = np.array(spread.values).reshape(n, len(spread.periods))
+    roots = np.array([spread.root(node) for node in range(n)], dtype=np.int64)
+    unique, label, sizes = np.unique(roots, return_inverse=True, return_counts=True)
+    order = np.argsort(-sizes, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    label, sizes = rank[label], sizes[order]
+    row = np.array(spread.rows, dtype=np.int64)
+    signs = []
+    for each in (InputsRest(spread.solver.driven), rest):
+        sign = np.zeros(len(unique), dtype=np.int8)
+        if each is not None and n:
+            locus = spread.locus(each)
+            sign = _signs(locus.measure(locus.space(values)), label, len(unique))
+        signs.append(sign)
+    modes = np.zeros(len(unique), dtype=np.int64)
+    pairs, often = np.unique(np.stack([label, row]), axis=1, return_counts=True)
+    np.maximum.at(modes, pairs[0], often)
+    return Aspects(
+        spread.lattice,
+        row,
+        values,
+        values[:, list(spread.solver.driven)],
+        label,
+        sizes,
+        signs[0],
+        signs[1],
+        modes,
+        free_of,
+    )
+
+
+def _signs(found: Measure, label: NDArray[np.int64], count: int) -> NDArray[np.int8]:
+    """Return the sign that all configurations of each aspect have, or 0."""
+    signs = np.zeros(count, dtype=np.int8)
+    if found.signed:
+        for number in range(count):
+            own = np.unique(np.sign(found.value[label == number]))
+            signs[number] = own[0] if len(own) == 1 else 0
+    return signs

@@ -1,0 +1,213 @@
+"""A curve of singular configurations of a mechanism with two freedoms."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import Status
+from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.sphere.rotation import Floats
+
+GAUSS = np.polynomial.legendre.leggauss(8)
+NEAR = 1e-7
+"""Configurations (rad) nearer than this to the curve lie on it."""
+BESIDE = 0.3
+"""The curve is nowhere farther from the chord of two nodes than this part of it."""
+HALVINGS = 60
+NOTHING = 1e-6
+"""A function smaller than this at two nodes is taken to vanish between them."""
+
+Along = Callable[[LocusPoints], Floats]
+"""A function (n,) of points of a curve."""
+
+
+@final
+@dataclass(frozen=True)
+class SingularCurve:
+    """A curve of a locus through verified nodes, in the arc length of the variables.
+
+    Attributes
+    ----------
+    locus
+        What the curve consists of.
+    nodes
+        The nodes in order, tangents running along; those of a closed curve end with the
+        first one, its variables grown by whole periods.
+    periods
+        (V,) growth of each variable that changes nothing.
+    closed
+        Whether the curve closes.
+    ends
+        Why it goes no further at its start and at its end: OK if it is closed or the
+        greatest length was reached, AT_SINGULARITY where curves cross, OFF_PROFILE,
+        BRANCH_LOST.
+    """
+
+    locus: Locus
+    nodes: LocusPoints
+    periods: Floats
+    closed: bool
+    ends: tuple[Status, Status]
+
+    @cached_property
+    def chords(self) -> Floats:
+        """Lengths (n - 1,) of the chords (rad)."""
+        return np.asarray(np.linalg.norm(np.diff(self.nodes.values, axis=0), axis=1))
+
+    @cached_property
+    def directions(self) -> Floats:
+        """Unit vectors (n - 1, V) of the chords."""
+        return np.asarray(np.diff(self.nodes.values, axis=0) / self.chords[:, None])
+
+    @cached_property
+    def s(self) -> Floats:
+        """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
+        places, weights = GAUSS
+        x = 0.5 * (places + 1.0)[:, None]
+        tangents = self.nodes.tangents[:, :, 0]
+        way = np.diff(self.nodes.values, axis=0)[:, None]
+        first = tangents[:-1, None] * self.chords[:, None, None]
+        last = tangents[1:, None] * self.chords[:, None, None]
+        speed = 6 * x * (1 - x) * way + (1 - x) * (1 - 3 * x) * first
+        speed = speed + x * (3 * x - 2) * last
+        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights)
+        return np.concatenate([[0.0], np.cumsum(lengths)])
+
+    @property
+    def length(self) -> float:
+        """The arc length of the curve, of one lap if it is closed (rad)."""
+        return float(self.s[-1])
+
+    def on(self, which: NDArray[np.intp], parts: Floats) -> LocusPoints:
+        """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
+        return between(self.locus, self.nodes, which, parts)
+
+    def find(self, values: Floats, motions: Floats) -> NDArray[np.bool_]:
+        """Return which configurations (n, V) with their singular motions are on the curve.
+
+        Whole periods of the variables and signs of the motions do not matter.
+        """
+        found = np.zeros(len(values), dtype=bool)
+        starts = self.nodes.values[:-1]
+        middles = starts + 0.5 * self.chords[:, None] * self.directions
+        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+        for row, (given, motion) in enumerate(zip(values, motions, strict=True)):
+            away = given - middles
+            away = away - np.round(away / self.periods) * finite
+            along = np.sum(away * self.directions, axis=1)
+            beside = np.max(np.abs(away - along[:, None] * self.directions), axis=1)
+            near = np.abs(along) < 0.51 * self.chords
+            (which,) = np.nonzero(near & (beside < BESIDE * self.chords + NEAR))
+            parts = np.clip(along[which] / self.chords[which] + 0.5, 0.0, 1.0)
+            points = self.on(which, parts)
+            miss = np.max(np.abs(middles[which] + away[which] - points.values), axis=1)
+            same = np.abs(points.motions @ motion) > 1.0 - 1e-6
+            found[row] = bool(np.any((miss < NEAR) & same))
+        return found
+
+    def zeros(self, function: Along) -> LocusPoints:
+        """Return the points at which a function of points changes its sign.
+
+        Those between the same two nodes are missed if they are two; a function that is
+        zero to rounding has no zeros.
+        """
+        value = function(self.nodes)
+        clear = np.maximum(np.abs(value[:-1]), np.abs(value[1:])) > NOTHING
+        (which,) = np.nonzero(clear & ((value[:-1] >= 0.0) != (value[1:] >= 0.0)))
+        low, high = np.zeros(len(which)), np.ones(len(which))
+        at_low, at_high = value[which], value[which + 1]
+        for step in range(HALVINGS):
+            if not len(which) or np.max(high - low) < 1e-14:
+                break
+            split = at_high - at_low
+            part = np.where(split == 0.0, 0.5, -at_low / np.where(split, split, 1.0))
+            part = low + np.where(step % 3 == 2, 0.5, np.clip(part, 0.0, 1.0)) * (
+                high - low
+            )
+            here = function(self.on(which, part))
+            left = (here >= 0.0) == (at_low >= 0.0)
+            low, at_low = np.where(left, part, low), np.where(left, here, at_low)
+            high, at_high = np.where(left, high, part), np.where(left, at_high, here)
+        return self.on(which, np.where(np.abs(at_low) < np.abs(at_high), low, high))
+
+    def cusps(self) -> LocusPoints:
+        """Return where the locus has a cusp in the plane of what stands still.
+
+        There the singular motion runs along the curve: seen in the inputs (type II) or at
+        the output (type I) the curve turns back.
+        """
+
+        def side(points: LocusPoints) -> Floats:
+            space = self.locus.space(points.values)
+            ways = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
+            inside = np.swapaxes(space.basis, 1, 2) @ ways
+            turned = np.linalg.det(inside)
+            if space.oriented:
+                return np.asarray(turned)
+            return np.asarray(turned * _sense(space.basis, self.nodes, points))
+
+        return self.zeros(side)
+
+
+def _sense(basis: Floats, nodes: LocusPoints, points: LocusPoints) -> Floats:
+    """Return the signs (n,) that bases have, by those of the nearest nodes."""
+    rows = np.argmin(
+        np.linalg.norm(points.values[:, None] - nodes.values[None], axis=2), axis=1
+    )
+    carried = np.empty(len(nodes.basis))
+    carried[0] = 1.0
+    for k in range(1, len(carried)):
+        step = np.linalg.det(nodes.basis[k - 1].T @ nodes.basis[k])
+        carried[k] = carried[k - 1] * np.sign(step)
+    own = np.linalg.det(np.swapaxes(nodes.basis[rows], 1, 2) @ basis)
+    return np.asarray(np.sign(own) * carried[rows])
+
+
+def predict(
+    nodes: LocusPoints, which: NDArray[np.intp], parts: Floats
+) -> tuple[Floats, Floats]:
+    """Return Hermite values of the variables and motions, (n, V) each.
+
+    Their projections on the chords after nodes `which` (n,) are at `parts` (n,), 0 to 1.
+    """
+    ahead = which + 1
+    way = nodes.values[ahead] - nodes.values[which]
+    chord = np.linalg.norm(way, axis=1, keepdims=True)
+    x = parts[:, None]
+    guesses = []
+    for what, rates in ((nodes.values, nodes.tangents), (nodes.motions, nodes.turns)):
+        ends = []
+        for node in (which, ahead):
+            speed = np.sum(nodes.tangents[node, :, 0] * way, axis=1, keepdims=True)
+            ends.append(rates[node, :, 0] * (chord**2 / speed))
+        guesses.append(
+            what[which] * (1 + 2 * x) * (1 - x) ** 2
+            + what[ahead] * x * x * (3 - 2 * x)
+            + x * (1 - x) * ((1 - x) * ends[0] - x * ends[1])
+        )
+    return guesses[0], guesses[1]
+
+
+def between(
+    locus: Locus, nodes: LocusPoints, which: NDArray[np.intp], parts: Floats
+) -> LocusPoints:
+    """Return the locus where its projection on the chord after a node is a part of it.
+
+    `which` (n,) are the nodes, `parts` (n,) from 0 to 1.
+    """
+    way = nodes.values[which + 1] - nodes.values[which]
+    chord = np.linalg.norm(way, axis=1, keepdims=True)
+    direction = way / chord
+    values, motions = predict(nodes, which, parts)
+    targets = np.sum(direction * nodes.values[which], axis=1, keepdims=True)
+    targets = targets + parts[:, None] * chord
+    found = locus.correct(values, motions, direction[:, None], targets)
+    sense = np.sum(found.tangents[:, :, 0] * direction, axis=1)
+    flip = np.where(sense < 0.0, -1.0, 1.0)[:, None, None]
+    found.tangents[:] *= flip
+    found.turns[:] *= flip
+    return found

@@ -1,0 +1,270 @@
+"""Where a mechanism is singular: its locus in the space of configurations, made regular.
+
+With x a unit vector of rates that close the loops, the singular configurations of a
+mechanism with g freedoms are those with E x = 0: the inputs stand still in a motion
+(type II), or the output does (type I). Configuration and x together solve a regular
+system: loops closed, J x = 0, E x = 0, |x| = 1, whose solutions have g - 1 dimensions.
+Newton's method works in the tangent space of the loops, with exact second derivatives.
+"""
+
+from dataclasses import dataclass, fields
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import REDUNDANT
+from spherekit.singular.rest import Rest
+from spherekit.singular.tangent_space import TangentSpace, tangent_space
+from spherekit.sphere.rotation import Floats
+
+MOST_CORRECTIONS = 8
+CORRECTED = 1e-10
+"""A Newton step (rad) below this leaves an error that its square bounds."""
+ON_LOCUS = CLOSURE_TOLERANCE
+"""Largest residual, of the loops (rad) and of E x, of a point that is given."""
+TINY = float(np.finfo(float).tiny)
+TRUST = 0.3
+"""Largest change of a variable (rad) in one step."""
+
+
+@final
+@dataclass(frozen=True)
+class Measure:
+    """How singular n configurations are.
+
+    `value` (n,) is the determinant of E on the tangent space, zero on the locus, and
+    `gradient` (n, g) its derivative along the basis; `smallest` (n,) the smallest singular
+    value and `motion` (n, V) its unit rates. Where `signed` is false, as E has more than g
+    rows or the sense of the basis is not fixed, `value` is the determinant of E^T E.
+    """
+
+    value: Floats
+    gradient: Floats
+    smallest: Floats
+    motion: Floats
+    signed: bool
+
+
+@final
+@dataclass(frozen=True)
+class LocusPoints:
+    """n points of a locus of k = g - 1 dimensions; NaN where Newton's method failed.
+
+    Attributes
+    ----------
+    values, motions
+        The variables (n, V), and the unit rates x (n, V) of the singular motion.
+    tangents, turns
+        (n, V, k) orthonormal changes of the variables along the locus, and the changes of
+        the singular motion with them.
+    residual
+        (n,) the larger of the loops' residual (rad) and that of E x.
+    flatness
+        (n,) reciprocal condition of the equations; 0 where the locus crosses itself.
+    first_step, ratio
+        (n,) size of Newton's first step, and of the second by the first.
+    equations
+        (n, m + 1, 2 g): the linear equations without borders.
+    basis
+        (n, V, g) the basis of the tangent space that `equations` refer to.
+    """
+
+    values: Floats
+    motions: Floats
+    tangents: Floats
+    turns: Floats
+    residual: Floats
+    flatness: Floats
+    first_step: Floats
+    ratio: Floats
+    equations: Floats
+    basis: Floats
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        """(n,) points on the locus."""
+        return np.asarray(self.residual < ON_LOCUS)
+
+    def rows(self, rows: NDArray[np.intp] | slice) -> "LocusPoints":
+        """Return some of the points."""
+        return LocusPoints(*(getattr(self, item.name)[rows] for item in fields(self)))
+
+    @staticmethod
+    def joined(parts: "list[LocusPoints]") -> "LocusPoints":
+        """Return the points of all parts in order."""
+        return LocusPoints(
+            *(
+                np.concatenate([getattr(part, item.name) for part in parts])
+                for item in fields(LocusPoints)
+            )
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Locus:
+    """Singular configurations of a closure with g freedoms, of one type."""
+
+    closure: Closure
+    freedoms: int
+    rest: Rest
+
+    def space(self, values: Floats, like: Floats | None = None) -> TangentSpace:
+        """Return the tangent spaces at configurations (n, V)."""
+        return tangent_space(self.closure, values, self.freedoms, like)
+
+    def measure(self, space: TangentSpace) -> Measure:
+        """Return how singular configurations are."""
+        rows, changes = self.rest.rows(space)
+        small = rows @ space.basis
+        finite = np.all(np.isfinite(small), axis=(1, 2))
+        _, sizes, right = np.linalg.svd(np.where(finite[:, None, None], small, 0.0))
+        last = self.freedoms - 1
+        smallest = np.where(finite, sizes[:, last], np.nan)
+        motion = space.along(right[:, last])
+        g = self.freedoms
+        slopes = changes[:, :g] @ space.basis[:, None]
+        slopes += rows[:, None] @ space.bends[:, :g] @ space.basis[:, None]
+        signed = space.oriented and small.shape[1] == g
+        if not signed:
+            turned = np.swapaxes(slopes, 2, 3) @ small[:, None]
+            slopes = turned + np.swapaxes(turned, 2, 3)
+            small = np.swapaxes(small, 1, 2) @ small
+        gradient = np.einsum("nab,njba->nj", adjugate(small), slopes)
+        value = np.linalg.det(small)
+        return Measure(value, gradient, smallest, motion, signed)
+
+    def onto(self, values: Floats) -> LocusPoints:
+        """Return the points that Newton's method leads to by the shortest steps."""
+        motion = self.measure(self.space(values)).motion
+        none = np.zeros((len(values), 0, values.shape[1]))
+        return self.correct(values, motion, none, np.zeros((len(values), 0)))
+
+    def correct(
+        self,
+        values: Floats,
+        motions: Floats,
+        borders: Floats,
+        targets: Floats,
+        like: Floats | None = None,
+    ) -> LocusPoints:
+        """Return the points with border . values = target, by Newton's method.
+
+        Parameters
+        ----------
+        values, motions
+            (n, V) starting values of variables and of singular motions.
+        borders, targets
+            (n, k, V) and (n, k) linear equations that pick a point of the locus; with
+            k = 0 the steps are the shortest ones.
+        like
+            (V, g) a basis that the equations' bases are turned to.
+        """
+        n = len(values)
+        first, ratio = np.zeros(n), np.zeros(n)
+        last = np.full(n, np.inf)
+        for step in range(MOST_CORRECTIONS + 1):
+            space = self.space(values, like)
+            motions, small, shift, equations = self._linearised(space, motions, borders)
+            off = np.einsum("nmv,nv->nm", small, motions)
+            residual = np.maximum(space.gap, np.max(np.abs(off), axis=1))
+            if step == MOST_CORRECTIONS or not np.any(last > CORRECTED):
+                break
+            shifted = values + space.closing
+            miss = targets - np.einsum("nkv,nv->nk", borders, shifted)
+            right = np.concatenate([-off - shift, np.zeros((n, 1)), miss], axis=1)
+            change = np.einsum("nij,nj->ni", _inverse(equations), right)
+            moved = space.closing + space.along(change[:, : self.freedoms])
+            ways = np.concatenate([change[:, : self.freedoms], np.ones((n, 1))], axis=1)
+            turned = np.einsum("ng,ngvw,nw->nv", ways, space.bends, motions)
+            turned += space.along(change[:, self.freedoms :])
+            size = np.maximum(np.max(np.abs(moved), axis=1), np.max(np.abs(turned), axis=1))
+            part = np.minimum(1.0, TRUST / np.maximum(size, 1e-300))[:, None]
+            values, motions = values + part * moved, motions + part * turned
+            if step == 0:
+                first = size
+            elif step == 1:
+                ratio = size / np.maximum(first, 1e-300)
+            last = size
+        equations = equations[:, : self.rest.count + 1]
+        tangents, turns, flatness = self._tangents(space, motions, equations)
+        bad = ~(residual < ON_LOCUS)
+        for array in (values, motions, tangents, turns, residual):
+            array[bad] = np.nan
+        return LocusPoints(
+            values,
+            motions,
+            tangents,
+            turns,
+            residual,
+            flatness,
+            first,
+            ratio,
+            equations,
+            space.basis,
+        )
+
+    def _linearised(
+        self, space: TangentSpace, motions: Floats, borders: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return unit motions, E, its change by closing, and the bordered equations.
+
+        The motions are made to close the loops. The unknowns are the way along the basis
+        and the change of the motion in it.
+        """
+        inside = np.einsum("nvg,nv->ng", space.basis, motions)
+        inside = inside / np.linalg.norm(inside, axis=1, keepdims=True)
+        motions = space.along(inside)
+        rows, changes = self.rest.rows(space)
+        slopes = np.einsum("ngmv,nv->nmg", changes, motions)
+        bent = np.einsum("ngvw,nw->nvg", space.bends, motions)
+        slopes += rows @ bent
+        g = self.freedoms
+        top = np.concatenate([slopes[:, :, :g], rows @ space.basis], axis=2)
+        unit = np.concatenate([np.zeros_like(inside), inside], axis=1)[:, None]
+        picked = borders @ space.basis
+        low = np.concatenate([picked, np.zeros_like(picked)], axis=2)
+        equations = np.concatenate([top, unit, low], axis=1)
+        return motions, rows, slopes[:, :, g], equations
+
+    def _tangents(
+        self, space: TangentSpace, motions: Floats, equations: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        g = self.freedoms
+        finite = np.all(np.isfinite(equations), axis=(1, 2))
+        clean = np.where(finite[:, None, None], equations, 0.0)
+        _, sizes, right = np.linalg.svd(clean)
+        kernel = np.swapaxes(right[:, g + 1 :], 1, 2)
+        ways, turned = kernel[:, :g], space.basis @ kernel[:, g:]
+        turned += np.einsum("ngk,ngvw,nw->nvk", ways, space.bends[:, :g], motions)
+        left, lengths, mixing = np.linalg.svd(ways, full_matrices=False)
+        scale = 1.0 / np.maximum(lengths, REDUNDANT)[:, None]
+        turns = turned @ np.swapaxes(mixing, 1, 2) * scale
+        flatness = sizes[:, g] * lengths[:, -1] / np.maximum(sizes[:, 0], TINY)
+        return space.basis @ left, turns, np.where(finite, flatness, 0.0)
+
+
+def _inverse(matrices: Floats) -> Floats:
+    """Return pseudo-inverses; zero where a matrix is not finite."""
+    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    clean = np.where(finite[:, None, None], matrices, 0.0)
+    return np.asarray(np.linalg.pinv(clean, rcond=REDUNDANT))
+
+
+def adjugate(matrices: Floats) -> Floats:
+    """Return the adjugates of square matrices (n, k, k), exact where those are singular."""
+    size = matrices.shape[1]
+    out = np.empty_like(matrices)
+    for i in range(size):
+        for j in range(size):
+            rows = [k for k in range(size) if k != j]
+            columns = [k for k in range(size) if k != i]
+            minor = matrices[:, rows][:, :, columns]
+            out[:, i, j] = (-1.0) ** (i + j) * np.linalg.det(minor)
+    return out

@@ -1,0 +1,124 @@
+"""Singular configurations as the inputs and the output see them."""
+
+from dataclasses import dataclass
+from typing import Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import Status
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.branches import Solver
+from spherekit.motion.motion import Motion
+from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.singular.rest import InputsRest, OutputRest
+from spherekit.sphere.rotation import Floats
+
+TypeName = Literal["I", "II"]
+
+
+@final
+@dataclass(frozen=True)
+class SingularPoints:
+    """n singular configurations, as what stands still and what moves sees them.
+
+    Attributes
+    ----------
+    kind
+        II: the inputs stand still in the singular motion; I: the output does.
+    values, motion
+        The variables and the unit rates of the singular motion, (n, V).
+    inputs
+        (n, g) values of the inputs (rad).
+    inside
+        (n,) whether all inputs are within their declared ranges, whole turns apart.
+    orientation, pointing
+        (n, 3, 3) from the output link's axes to those of its reference link, and the
+        output direction (n, 3) there, or None.
+    input_rate, output_rate
+        (n,) norms of the rates of the inputs and of the output in the singular motion.
+        Type II with an output rate of zero leaves some other link loose, not the output.
+    residual
+        (n,) the larger of the loops' residual (rad) and that of the singularity.
+    """
+
+    kind: TypeName
+    values: Floats
+    motion: Floats
+    inputs: Floats
+    inside: NDArray[np.bool_]
+    orientation: Floats
+    pointing: Floats | None
+    input_rate: Floats
+    output_rate: Floats
+    residual: Floats
+
+
+@final
+@dataclass(frozen=True)
+class View:
+    """What of singular configurations is reported, by their type."""
+
+    mechanism: Mechanism
+    driven: tuple[int, ...]
+    output: OutputRest
+    kind: TypeName
+
+    def points(self, locus: Locus, nodes: LocusPoints) -> SingularPoints:
+        """Return what points of a locus look like."""
+        space = locus.space(nodes.values)
+        inputs = nodes.values[:, list(self.driven)]
+        low = np.array([item.start for item in self.mechanism.inputs])
+        high = np.array([item.stop for item in self.mechanism.inputs])
+        lapped = low + np.mod(inputs - low, 2.0 * np.pi)
+        orientation = self.output.orientation(space)
+        pointing = None
+        if self.output.pointing is not None:
+            pointing = orientation @ np.array(self.output.pointing)
+        rows, _ = self.output.rows(space)
+        moving = np.einsum("nmv,nv->nm", rows, nodes.motions)
+        return SingularPoints(
+            self.kind,
+            nodes.values,
+            nodes.motions,
+            inputs,
+            np.asarray(np.all(lapped <= high, axis=1)),
+            orientation,
+            pointing,
+            np.linalg.norm(nodes.motions[:, list(self.driven)], axis=1),
+            np.linalg.norm(moving, axis=1),
+            nodes.residual,
+        )
+
+
+def loci_of(solver: Solver, output: OutputRest, kind: TypeName) -> tuple[Locus, Locus]:
+    """Return the locus of a type, and that of the other type."""
+    count = len(solver.driven)
+    first = Locus(solver.closure, count, output)
+    second = Locus(solver.closure, count, InputsRest(solver.driven))
+    return (first, second) if kind == "I" else (second, first)
+
+
+def motion_of(solver: Solver, values: Floats) -> Motion:
+    """Return closed configurations (n, V) as a motion of one nameless branch.
+
+    Singular ones are rows like others: their status is OK.
+    """
+    n = len(values)
+    placed, states = solver.closure.place(values)
+    gap = np.abs(solver.closure.residual(placed, states))
+    return Motion(
+        mechanism=solver.mechanism,
+        joints=solver.joints,
+        assembly=solver.assembly,
+        branches=(),
+        samples=n,
+        sample=np.arange(n),
+        branch=np.zeros(n, dtype=np.int64),
+        inputs=values[:, list(solver.driven)],
+        values=values,
+        rotations=placed,
+        status=np.full(n, Status.OK, dtype=np.int8),
+        residual=np.max(gap, axis=1, initial=0.0),
+        is_path=False,
+    )

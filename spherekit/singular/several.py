@@ -1,0 +1,280 @@
+"""Singularity of mechanisms with several inputs at given configurations.
+
+Each input i, moved alone with the others locked, makes a mechanism with one freedom, in
+which the output link turns about u_i with rate w_i, and c_i w_i = d_i q_i' (Di Gregorio
+2015). The same is said without poles by the motions that close the loops: with N a basis
+of them, N_a its rows of the inputs and E N the output's rates, type II is det N_a = 0 and
+type I a loss of rank of E N. All of these stay finite on singularities.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from itertools import combinations
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.motion.closure import Closure
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import Pole, pole_of
+from spherekit.rates.field import PoleField, evaluate
+from spherekit.rates.request import Request, request
+from spherekit.singular.locus import Locus, adjugate
+from spherekit.singular.relation import FourLinks, SixPoles, form_i
+from spherekit.singular.rest import InputsRest, OutputRest
+from spherekit.singular.tangent_space import TangentSpace
+from spherekit.sphere.rotation import Floats
+
+SINGULAR = 1e-8
+"""Singular values below this are zero, by default."""
+ALONE = 10.0
+"""A single-freedom mechanism is singular below this multiple of the tolerance."""
+
+
+class RowType(IntEnum):
+    """Gosselin and Angeles's types; type III is I and II at once.
+
+    At a LOOSE configuration inputs at rest allow a motion, but not of the output.
+    BRANCHING: the mechanism has more freedoms there than inputs, so that several of its
+    motions branch. UNKNOWN: no configuration.
+    """
+
+    REGULAR = 0
+    I = 1  # noqa: E741
+    II = 2
+    III = 3
+    LOOSE = 4
+    BRANCHING = 5
+    UNKNOWN = -1
+
+
+@final
+@dataclass(frozen=True)
+class OutputCoefficients:
+    """n rows of a motion with g inputs, each input moved alone, and all together.
+
+    NaN where the motion failed.
+
+    Attributes
+    ----------
+    w
+        (n, g, 3) angular velocity of the output per unit rate of each input, in ground
+        axes; NaN where that is infinite or undetermined.
+    u
+        (n, g, 3) unit vectors along the pole axes of the output, with the signs that
+        `spherekit.rates.field` gives them; finite on singularities too.
+    c, d
+        (n, g) of c w_i = d q_i', from the pole axes, at most 1 in size.
+    input_rate, output_rate
+        (n, g) of the unit motion in which input i moves alone: its rate, which vanishes
+        with c_i and has the sign of det N_a, and the size of the output's, which vanishes
+        with d_i. NaN where that motion is not unique.
+    type_two, type_one
+        (n,) smallest singular values of N_a and of E N.
+    determinant
+        (n,) det N_a. Where the loops are independent equations its sign is that of one
+        smooth function, and changes only through type II.
+    freedom
+        (n,) size of the output's rates in the motion nearest to leaving the inputs at rest.
+    triples, triplets
+        (n, k) triple products of the u of three inputs, and which inputs those are.
+    flatness
+        (n,) relative smallest singular value of the closure Jacobian.
+    type, group
+        (n,) `RowType`, and the group of Di Gregorio's discussion: 1 for singularities of at
+        least one of the single-freedom mechanisms, 2 for those that are of none, 0 for
+        regular configurations.
+    """
+
+    w: Floats
+    u: Floats
+    c: Floats
+    d: Floats
+    input_rate: Floats
+    output_rate: Floats
+    type_two: Floats
+    type_one: Floats
+    determinant: Floats
+    freedom: Floats
+    triples: Floats
+    triplets: tuple[tuple[int, int, int], ...]
+    flatness: Floats
+    type: NDArray[np.int8]
+    group: NDArray[np.int8]
+
+
+def needed_poles(motion: Motion, output: OutputRest) -> dict[str, tuple[Pole, ...]]:
+    """Return the poles of links that `coefficients` reads, by the name of the input."""
+    found = {}
+    for driven in motion.assembly.inputs:
+        links = sorted({*motion.mechanism.ends[driven], output.link, output.relative_to})
+        found[motion.mechanism.pairs[driven].name] = tuple(combinations(links, 2))
+    return found
+
+
+def coefficients(
+    motion: Motion,
+    output: OutputRest,
+    fields: Mapping[str, PoleField] | None = None,
+    by_rank: bool = False,
+    tolerance: float = SINGULAR,
+) -> OutputCoefficients:
+    """Return the coefficients of an output, and the type of every row of a motion.
+
+    Parameters
+    ----------
+    motion
+        Any motion of a mechanism with at least one input.
+    output
+        Which link's rates count, from `spherekit.singular.rest.output_of`.
+    fields
+        Poles and rates with one input moving, by its name, that hold `needed_poles`; they
+        are evaluated if not given.
+    by_rank
+        That of `spherekit.planning.poles.plan`.
+    tolerance
+        Singular values below this count as zero.
+    """
+    with np.errstate(invalid="ignore"):
+        return _coefficients(motion, output, fields, by_rank, tolerance)
+
+
+def _coefficients(
+    motion: Motion,
+    output: OutputRest,
+    fields: Mapping[str, PoleField] | None,
+    by_rank: bool,
+    tolerance: float,
+) -> OutputCoefficients:
+    mechanism = motion.mechanism
+    poles = needed_poles(motion, output)
+    requests = {
+        name: request(mechanism, name, own, [output.pole], by_rank=by_rank)
+        for name, own in poles.items()
+    }
+    if fields is None:
+        fields = {name: evaluate(motion, own) for name, own in requests.items()}
+    n, g = len(motion), len(poles)
+    w, u = np.full((n, g, 3), np.nan), np.full((n, g, 3), np.nan)
+    c, d = np.full((n, g), np.nan), np.full((n, g), np.nan)
+    for k, (name, field) in enumerate((name, fields[name]) for name in poles):
+        w[:, k] = field.w[output.link] - field.w[output.relative_to]
+        c[:, k], d[:, k], u[:, k] = _relation(requests[name], field, output)
+    c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
+    triplets = tuple(combinations(range(g), 3))
+    triples = [np.linalg.det(u[:, list(three)]) for three in triplets]
+    found = _by_motions(motion, output, tolerance)
+    return replace(
+        found,
+        w=w,
+        u=u,
+        c=c,
+        d=d,
+        triples=np.stack(triples, axis=1) if triples else np.zeros((n, 0)),
+        triplets=triplets,
+    )
+
+
+def _relation(
+    wanted: Request, field: PoleField, output: OutputRest
+) -> tuple[Floats, Floats, Floats]:
+    """Return c, d (n,) and the output's pole (n, 3) with one input moving."""
+    mechanism = wanted.plan.mechanism
+    r, i = mechanism.ends[wanted.plan.input]
+    links = (i, r, output.link, output.relative_to)
+    body = wanted.plan.body
+    named = {body[link]: link for link in reversed(links)}
+    i, r, o, s = (named[body[link]] for link in links)
+    n = len(field.status)
+    if o == s:
+        return np.ones(n), np.zeros(n), np.full((n, 3), np.nan)
+
+    def direction(a: int, b: int) -> Floats:
+        return field.direction[pole_of(a, b)]
+
+    own = FourLinks(i, r, o, s)
+    made = form_i(own, SixPoles.of(own, direction))
+    return made.c, made.d, direction(o, s)
+
+
+def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputCoefficients:
+    """Return what the motions that close the loops say; poles are left empty."""
+    held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    n, g = len(motion), len(held)
+    closure = Closure.of(motion.mechanism, motion.joints)
+    space = Locus(closure, g, output).space(motion.values)
+    rows, _ = output.rows(space)
+    inputs, moving = space.basis[:, held], rows @ space.basis
+    two, one = _singular_values(inputs)[:, -1], _singular_values(moving)[:, -1]
+    determinant = np.linalg.det(inputs)
+    alone = adjugate(inputs)
+    size = np.linalg.norm(alone, axis=1)
+    scale = np.max(size, axis=1, keepdims=True)
+    unique = size > tolerance * scale
+    size = np.where(unique, size, np.nan)
+    input_rate = determinant[:, None] / size
+    output_rate = np.linalg.norm(moving @ alone, axis=1) / size
+    loose = Locus(closure, g, InputsRest(tuple(held))).measure(space).motion
+    freedom = np.linalg.norm(np.einsum("nmv,nv->nm", rows, loose), axis=1)
+    nothing = np.zeros((n, g))
+    found = OutputCoefficients(
+        w=np.zeros((n, g, 3)),
+        u=np.zeros((n, g, 3)),
+        c=nothing,
+        d=nothing,
+        input_rate=input_rate,
+        output_rate=output_rate,
+        type_two=two,
+        type_one=one,
+        determinant=determinant,
+        freedom=freedom,
+        triples=nothing,
+        triplets=(),
+        flatness=np.where(motion.failed, np.nan, space.flatness),
+        type=np.zeros(n, dtype=np.int8),
+        group=np.zeros(n, dtype=np.int8),
+    )
+    kind, group = _types(found, space, tolerance)
+    return replace(found, type=kind, group=group)
+
+
+def _singular_values(matrices: Floats) -> Floats:
+    """Return singular values in falling order, NaN for matrices that are not finite."""
+    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    clean = np.where(finite[:, None, None], matrices, 0.0)
+    values = np.linalg.svd(clean, compute_uv=False)
+    return np.where(finite[:, None], values, np.nan)
+
+
+def _types(
+    found: OutputCoefficients, space: TangentSpace, tolerance: float
+) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
+    known = np.isfinite(found.type_two)
+    dead = found.type_two < tolerance
+    second = dead & (found.freedom > tolerance)
+    first = found.type_one < tolerance
+    kind = np.select(
+        [
+            ~known,
+            space.flatness < tolerance,
+            first & second,
+            second,
+            dead,
+            first,
+        ],
+        [
+            RowType.UNKNOWN,
+            RowType.BRANCHING,
+            RowType.III,
+            RowType.II,
+            RowType.LOOSE,
+            RowType.I,
+        ],
+        RowType.REGULAR,
+    )
+    rates = np.stack([np.abs(found.input_rate), found.output_rate])
+    alone = np.any(~(rates > ALONE * tolerance), axis=(0, 2))
+    group = np.select([(kind <= 0) | (kind > RowType.III), alone], [0, 1], 2)
+    return kind.astype(np.int8), group.astype(np.int8)

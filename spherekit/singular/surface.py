@@ -1,0 +1,358 @@
+"""Surfaces of singular configurations of a mechanism with three inputs, as triangles.
+
+An advancing front: every open edge of the mesh gets a triangle, with a vertex of the
+front that lies near its ideal place or with a new one, which Newton's method brings onto
+the locus to rounding. Seeds are singular configurations of slices with two inputs locked.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.errors import AnalysisError
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.arc_length import periods_of
+from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
+from spherekit.singular.rest import output_of
+from spherekit.singular.slices import seeds, slices, solver_of
+from spherekit.sphere.rotation import Floats
+
+HEIGHT = 0.5 * np.sqrt(3.0)
+"""Height of an equilateral triangle of side 1."""
+MERGED = 0.75
+"""A vertex of the front this near to the ideal place, in sides, is taken for it."""
+CROWDED = 0.5
+"""A new vertex keeps this distance from others, in sides."""
+STRETCHED = 1.5
+"""Longest edge, in sides."""
+LOWEST = 0.2
+"""Least height of a triangle, in sides."""
+TURNED = 0.8
+"""Least cosine between tangent planes, and between singular motions, at an edge's ends."""
+FLAT = 1e-4
+"""A point whose equations have this reciprocal condition is where surfaces cross."""
+
+Edge = tuple[int, int]
+
+
+@final
+@dataclass(frozen=True)
+class SingularSurface:
+    """A mesh of singular configurations.
+
+    Attributes
+    ----------
+    kind, points
+        The type, and the vertices (n): each is singular to `points.residual`.
+    triangles
+        (m, 3) numbers of vertices. Edges of triangles may join values of angles that are
+        whole turns apart.
+    border
+        (k, 2) edges with one triangle: where the surface leaves the ranges, comes near to
+        a crossing of surfaces, or was not closed.
+    component
+        (n,) number of the seed each vertex was reached from.
+    side
+        Length (rad, in the variables) of the edges aimed at.
+    box
+        (3,) distances (rad) between the values at which each input was locked.
+    slices, seeds
+        Number of configuration curves searched, and of singular configurations on them.
+    full
+        Whether the mesh ended at the greatest number of vertices.
+    """
+
+    kind: TypeName
+    points: SingularPoints
+    triangles: NDArray[np.int64]
+    border: NDArray[np.int64]
+    component: NDArray[np.int64]
+    side: float
+    box: tuple[float, float, float]
+    slices: int
+    seeds: int
+    full: bool
+
+    @property
+    def guarantee(self) -> str:
+        """What the mesh guarantees, in words."""
+        sides = " by ".join(f"{np.degrees(side):.3g}" for side in self.box)
+        return (
+            "vertices are exact; between them the mesh is flat, with edges of about "
+            f"{np.degrees(self.side):.3g} deg; surfaces within a box of {sides} deg "
+            "between slices may be missing"
+        )
+
+
+def singular_surface(
+    mechanism: Mechanism,
+    kind: TypeName = "II",
+    output: str | None = None,
+    pointing: str | Sequence[float] | None = None,
+    side: float = 0.15,
+    slices_of_each: int = 4,
+    whole_turn: bool = False,
+    most: int = 20_000,
+) -> SingularSurface:
+    """Return the surfaces of singular configurations of a mechanism with three inputs.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with three inputs.
+    kind
+        "II", inputs at rest in a motion, or "I", the output at rest.
+    output, pointing
+        See `spherekit.singular.rest.output_of`. Type I is that of an orientation.
+    side
+        Length (rad, in the variables) of the triangles' edges.
+    slices_of_each
+        Values at which each of two inputs is locked while the third runs free.
+    whole_turn
+        Whether to mesh the whole surface, and not the part with all inputs within their
+        declared ranges.
+    most
+        Greatest number of vertices.
+
+    Raises
+    ------
+    AnalysisError
+        If there are not three inputs, no such output, or type I of a direction is asked
+        for: three inputs never leave it at rest along a surface only.
+    PlanError
+        If the mechanism has not one freedom for each input.
+    """
+    rest = output_of(mechanism, output, pointing)
+    solver = solver_of(mechanism)
+    if len(solver.driven) != 3:
+        raise AnalysisError(
+            f"{mechanism.name} has {len(solver.driven)} inputs; surfaces of singular "
+            "configurations are those of a mechanism with three"
+        )
+    if kind == "I" and rest.count < 3:
+        raise AnalysisError(
+            f"{mechanism.name}: three inputs move a direction in more ways than it has; "
+            "ask for type I of the link's orientation, without `pointing`"
+        )
+    locus, _ = loci_of(solver, rest, kind)
+    view = View(mechanism, solver.driven, rest, kind)
+    front = _Front(locus, None if whole_turn else view, side, most)
+    ranges = [
+        (-np.pi, np.pi) if whole_turn else (item.start, item.stop)
+        for item in mechanism.inputs
+    ]
+    spread = [
+        low + (high - low) * (np.arange(slices_of_each) + 0.5) / slices_of_each
+        for low, high in ranges
+    ]
+    count = hits = 0
+    for free in range(3):
+        others = [k for k in range(3) if k != free]
+        mesh = np.meshgrid(*(spread[k] for k in others), indexing="ij")
+        held = np.zeros((mesh[0].size, 3))
+        held[:, others] = np.stack([axis.ravel() for axis in mesh], axis=1)
+        for each in slices(solver, free, held):
+            count += 1
+            found = seeds(each, locus)
+            hits += len(found)
+            for row in range(len(found)):
+                front.grow(found.rows(slice(row, row + 1)))
+    gaps = [(high - low) / slices_of_each for low, high in ranges]
+    return SingularSurface(
+        kind,
+        view.points(locus, front.points),
+        np.array(front.triangles, dtype=np.int64).reshape(-1, 3),
+        np.array(sorted(front.open), dtype=np.int64).reshape(-1, 2),
+        np.array(front.component, dtype=np.int64),
+        side,
+        (gaps[0], gaps[1], gaps[2]),
+        count,
+        hits,
+        len(front.values) >= most,
+    )
+
+
+@final
+class _Front:
+    """A growing mesh. `open` has the edges with one triangle, and its third vertex."""
+
+    def __init__(self, locus: Locus, view: View | None, side: float, most: int) -> None:
+        self.locus, self.view, self.side, self.most = locus, view, side, most
+        self.periods = periods_of(locus.closure)
+        self.finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+        self.parts: list[LocusPoints] = []
+        self.values = np.zeros((0, len(self.periods)))
+        self.motions = np.zeros((0, len(self.periods)))
+        self.triangles: list[tuple[int, int, int]] = []
+        self.component: list[int] = []
+        self.open: dict[Edge, int] = {}
+        self.closed: set[Edge] = set()
+
+    @property
+    def points(self) -> LocusPoints:
+        """All vertices."""
+        if self.parts:
+            return LocusPoints.joined(self.parts)
+        return self.locus.onto(np.zeros((0, len(self.periods))))
+
+    def away(self, origin: Floats, rows: NDArray[np.intp] | slice) -> Floats:
+        """Return vertices (n, V) as seen from a configuration, less whole periods."""
+        difference = self.values[rows] - origin
+        return np.asarray(difference - np.round(difference / self.periods) * self.finite)
+
+    def near(self, values: Floats, motion: Floats, radius: float) -> NDArray[np.intp]:
+        """Return the vertices within a radius on the same sheet of the surface."""
+        distance = np.linalg.norm(self.away(values, slice(None)), axis=1)
+        same = np.abs(self.motions @ motion) > TURNED
+        return np.flatnonzero((distance < radius) & same)
+
+    def grow(self, seed: LocusPoints) -> None:
+        """Mesh the surface through a seed, unless a mesh covers it."""
+        if len(self.values) >= self.most or seed.flatness[0] < FLAT:
+            return
+        if not self._inside(seed):
+            return
+        if len(self.near(seed.values[0], seed.motions[0], self.side)):
+            return
+        number = self.component[-1] + 1 if self.component else 0
+        a = self._add(seed, number)
+        first = self._beside(a, np.array([self.side, 0.0]))
+        if first is None:
+            return
+        b = self._add(first, number)
+        third = self._beside(a, self.side * np.array([0.5, HEIGHT]))
+        if third is None:
+            return
+        c = self._add(third, number)
+        queue: deque[Edge] = deque()
+        self._join(a, b, c, queue)
+        while queue and len(self.values) < self.most:
+            edge = queue.popleft()
+            if edge in self.open:
+                self._advance(edge, queue, number)
+
+    def _add(self, point: LocusPoints, number: int) -> int:
+        self.parts.append(point)
+        self.values = np.concatenate([self.values, point.values])
+        self.motions = np.concatenate([self.motions, point.motions])
+        self.component.append(number)
+        return len(self.values) - 1
+
+    def _join(self, a: int, b: int, c: int, queue: deque[Edge]) -> None:
+        self.triangles.append((a, b, c))
+        for one, other, opposite in ((a, b, c), (b, c, a), (c, a, b)):
+            edge = (min(one, other), max(one, other))
+            if edge in self.open:
+                del self.open[edge]
+                self.closed.add(edge)
+            else:
+                self.open[edge] = opposite
+                queue.append(edge)
+
+    def _inside(self, point: LocusPoints) -> bool:
+        if self.view is None:
+            return True
+        return bool(self.view.points(self.locus, point).inside[0])
+
+    def _beside(self, base: int, way: Floats) -> LocusPoints | None:
+        """Return the locus where a way (2,) in the tangent plane at a vertex leads."""
+        start = self.parts[base]
+        tangents = start.tangents[0]
+        guess = start.values + way @ tangents.T
+        turned = start.motions + way @ start.turns[0].T
+        borders = tangents.T[None]
+        targets = guess @ tangents
+        point = self.locus.correct(guess, turned, borders, targets)
+        if not point.good[0] or point.flatness[0] < FLAT:
+            return None
+        aligned = np.linalg.svd(tangents.T @ point.tangents[0], compute_uv=False)[-1]
+        moved = np.linalg.norm(point.values - guess)
+        same = abs(float(point.motions[0] @ start.motions[0]))
+        if aligned < TURNED or same < TURNED or moved > 0.5 * self.side:
+            return None
+        return point
+
+    def _advance(self, edge: Edge, queue: deque[Edge], number: int) -> None:
+        """Put a triangle on the open side of an edge, if one can be."""
+        a, b = edge
+        third = self.open[edge]
+        origin, tangents = self.values[a], self.parts[a].tangents[0]
+        along = self.away(origin, slice(b, b + 1))[0] @ tangents
+        length = float(np.linalg.norm(along))
+        e = along / length
+        out = np.array([-e[1], e[0]])
+        back = self.away(origin, slice(third, third + 1))[0] @ tangents
+        if back @ out > 0.0:
+            out = -out
+        plane = tangents @ np.stack([e, out], axis=1)
+        ideal = np.array([0.5 * length, HEIGHT * self.side])
+        middle = origin + plane @ ideal
+        around = self.near(middle, self.motions[a], 2.5 * self.side)
+        flat = self.away(origin, around) @ plane
+        place = dict(zip(around.tolist(), flat, strict=True))
+        place[a], place[b] = np.zeros(2), np.array([length, 0.0])
+        walls = [wall for wall in self.open if wall[0] in place and wall[1] in place]
+        edges = {vertex for wall in walls for vertex in wall} - {a, b}
+        ranked = sorted(
+            (float(np.linalg.norm(place[vertex] - ideal)), vertex) for vertex in edges
+        )
+        for distance, vertex in ranked:
+            if distance < MERGED * self.side and self._fits(edge, vertex, place, walls):
+                self._join(a, b, vertex, queue)
+                return
+        made = self._beside(a, np.linalg.lstsq(tangents, plane @ ideal, rcond=None)[0])
+        if made is not None and self._inside(made):
+            away = self.away(made.values[0], around)
+            crowded = np.min(np.linalg.norm(away, axis=1), initial=np.inf)
+            if crowded > CROWDED * self.side:
+                place[-1] = ideal
+                if self._fits(edge, -1, place, walls):
+                    self._join(a, b, self._add(made, number), queue)
+                    return
+        for distance, vertex in ranked:
+            if distance < STRETCHED * self.side and self._fits(edge, vertex, place, walls):
+                self._join(a, b, vertex, queue)
+                return
+
+    def _fits(
+        self, edge: Edge, vertex: int, place: dict[int, Floats], walls: list[Edge]
+    ) -> bool:
+        """Return whether the triangle overlaps nothing, in the tangent plane."""
+        a, b = edge
+        top = place[vertex]
+        if top[1] < LOWEST * self.side:
+            return False
+        for end in edge:
+            side = (min(end, vertex), max(end, vertex))
+            if side in self.closed:
+                return False
+            if np.linalg.norm(top - place[end]) > STRETCHED * self.side:
+                return False
+            for wall in walls:
+                if {end, vertex} & set(wall):
+                    continue
+                if _cross(place[end], top, place[wall[0]], place[wall[1]]):
+                    return False
+        ends = {vertex for wall in walls for vertex in wall} - {a, b, vertex}
+        return not any(_within(place[k], place[a], place[b], top) for k in ends)
+
+
+def _turn(a: Floats, b: Floats, c: Floats) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def _cross(a: Floats, b: Floats, c: Floats, d: Floats) -> bool:
+    """Return whether two segments of a plane cross."""
+    one = _turn(a, b, c) * _turn(a, b, d) < 0.0
+    return one and _turn(c, d, a) * _turn(c, d, b) < 0.0
+
+
+def _within(point: Floats, a: Floats, b: Floats, c: Floats) -> bool:
+    """Return whether a point lies in a triangle of a plane."""
+    signs = [_turn(a, b, point), _turn(b, c, point), _turn(c, a, point)]
+    return min(signs) > 0.0 or max(signs) < 0.0

@@ -1,0 +1,142 @@
+"""The configuration manifold to second order: its tangent space and how that turns.
+
+Where the closure Jacobian J has full rank, the configurations of a mechanism with g
+freedoms are a manifold of g dimensions, and the rates that close the loops, J x = 0, are
+its tangent space. Both are regular where inputs or the output are singular.
+"""
+
+from dataclasses import dataclass, fields
+from typing import final
+
+import numpy as np
+
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import REDUNDANT
+from spherekit.motion.pairs import PairStates, pair_rates, variable_vectors
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class TangentSpace:
+    """n configurations of a mechanism with V variables and g freedoms.
+
+    Attributes
+    ----------
+    closure, values
+        The loops, and the variables (n, V).
+    residual
+        (n, 3 loops) rotation vectors (rad) by which the loops stay open.
+    placed, vectors
+        Orientations (n, bodies, 3, 3) and the variables' vectors (n, V, 3) in body 0.
+    basis
+        (n, V, g) orthonormal rates that close the loops. With as many equations as V - g
+        the sense is such that det [J; basis^T] > 0, or that of the basis aligned to.
+    inverse
+        (n, V, 3 loops) pseudo-inverse of J.
+    closing
+        (n, V) Newton's shortest step towards closed loops.
+    turned
+        (n, g + 1, V, 3) derivatives of the vectors along each column of the basis, and
+        along the closing step (that of contacts which close a loop only nearly).
+    bends
+        (n, g + 1, V, V): along direction j of those, rates x that close the loops have to
+        change by bends[j] x at least, to go on closing them.
+    flatness
+        (n,) smallest singular value of J over its greatest; 0 where the motion of the
+        mechanism itself is singular.
+    oriented
+        Whether the sense of the basis is fixed everywhere by J alone.
+    """
+
+    closure: Closure
+    values: Floats
+    residual: Floats
+    placed: Floats
+    vectors: Floats
+    basis: Floats
+    inverse: Floats
+    closing: Floats
+    turned: Floats
+    bends: Floats
+    flatness: Floats
+    oriented: bool
+
+    @property
+    def freedoms(self) -> int:
+        """The number g of freedoms."""
+        return int(self.basis.shape[2])
+
+    @property
+    def directions(self) -> Floats:
+        """The columns of the basis and the closing step, (n, V, g + 1)."""
+        return np.concatenate([self.basis, self.closing[:, :, None]], axis=2)
+
+    @property
+    def gap(self) -> Floats:
+        """The largest component (n,) of the residual (rad)."""
+        return np.asarray(np.max(np.abs(self.residual), axis=1, initial=0.0))
+
+    def along(self, directions: Floats) -> Floats:
+        """Return the changes (n, V) that basis coordinates (n, g) stand for."""
+        return np.asarray(np.einsum("nvg,ng->nv", self.basis, directions))
+
+
+def tangent_space(
+    closure: Closure, values: Floats, freedoms: int, like: Floats | None = None
+) -> TangentSpace:
+    """Return the tangent spaces at configurations (n, V); NaN where values are.
+
+    `like` (V, g) is a basis that those found are turned to as nearly as possible.
+    """
+    placed, states = closure.place(values)
+    frames = closure.frames(placed, states)
+    vectors = variable_vectors(closure.joints, frames, states.curvatures)
+    jacobian = closure.tree.jacobian(vectors)
+    n, rows, count = jacobian.shape
+    rank = count - freedoms
+    finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+    left, sizes, right = np.linalg.svd(np.where(finite[:, None, None], jacobian, 0.0))
+    basis = np.swapaxes(right[:, rank:], 1, 2).copy()
+    if like is not None:
+        one, _, other = np.linalg.svd(np.swapaxes(basis, 1, 2) @ like)
+        basis = basis @ (one @ other)
+    elif rows == rank:
+        sense = np.linalg.det(left) * np.linalg.det(right)
+        basis[:, :, -1] *= np.where(sense < 0.0, -1.0, 1.0)[:, None]
+    floor = np.maximum(REDUNDANT * sizes[:, :1], np.finfo(float).tiny)
+    kept = 1.0 / np.where(sizes[:, :rank] > floor, sizes[:, :rank], np.inf)
+    inverse = (
+        np.swapaxes(right[:, :rank], 1, 2)
+        * kept[:, None]
+        @ np.swapaxes(left[:, :, :rank], 1, 2)
+    )
+    basis[~finite] = inverse[~finite] = np.nan
+    residual = closure.residual(placed, states)
+    closing = -np.einsum("nve,ne->nv", inverse, residual)
+    ways = np.concatenate([basis, closing[:, :, None]], axis=2)
+    many = freedoms + 1
+    w = closure.tree.body_rates(
+        np.repeat(vectors, many, axis=0), np.swapaxes(ways, 1, 2).reshape(-1, count)
+    )
+    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
+    repeated = PairStates(
+        *(np.repeat(getattr(states, item.name), many, axis=0) for item in fields(states))
+    )
+    frames = np.repeat(frames, many, axis=0)
+    turned = pair_rates(closure.joints, frames, repeated, first, second).vectors
+    bends = -inverse[:, None] @ closure.tree.jacobian(turned).reshape(n, many, rows, count)
+    return TangentSpace(
+        closure,
+        values,
+        residual,
+        placed,
+        vectors,
+        basis,
+        inverse,
+        closing,
+        turned.reshape(n, many, count, 3),
+        bends,
+        sizes[:, rank - 1] / np.maximum(sizes[:, 0], np.finfo(float).tiny),
+        rows == rank and like is None,
+    )

@@ -1,0 +1,576 @@
+"""Singularities with several inputs: types, curves, aspects, surfaces."""
+
+from dataclasses import replace
+from itertools import product
+
+import mpmath
+import numpy as np
+import pytest
+from chains import mechanism, random_axes
+from oracles import locked_rates, off_axis
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
+from test_arc_length import components
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.errors import AnalysisError
+from spherekit.model.mechanism import (
+    Input,
+    LinkSizes,
+    Mechanism,
+    Output,
+    Pair,
+    SizeGeometry,
+)
+from spherekit.motion.locked import lock
+from spherekit.motion.motion import Tracer
+from spherekit.motion.pairs import pair_axes
+from spherekit.singular.aspects import aspects
+from spherekit.singular.curves import singular_curves
+from spherekit.singular.locus import Locus
+from spherekit.singular.points import motion_of
+from spherekit.singular.rest import InputsRest, output_of
+from spherekit.singular.several import RowType, coefficients
+from spherekit.singular.slices import solver_of
+from spherekit.singular.surface import singular_surface
+from spherekit.singular.trace import trace_curve
+
+LEGS = [(1, 2), (2, 3), (3, 8), (1, 4), (4, 5), (5, 8), (1, 6), (6, 7), (7, 8)]
+"""Three legs of three pairs from link 1 to link 8, pair by pair."""
+CRANKS = ("p1_2", "p1_4", "p1_6")
+
+
+def unit(vector):
+    return vector / np.linalg.norm(vector)
+
+
+def three_legs(axes, driven=CRANKS):
+    """Return a 3-RRR, its axes (9, 3) leg by leg in the reference pose."""
+    made = mechanism(LEGS, axes, driven=driven[0])
+    return replace(
+        made.with_inputs(*driven), outputs=(Output("platform", "8", "1"),), name="3-RRR"
+    )
+
+
+def at_reference(made, **options):
+    """Return the coefficients at the reference pose, and the motion."""
+    solver = solver_of(made)
+    motion = motion_of(solver, solver.geometry.reference[None])
+    return coefficients(motion, output_of(made), **options), motion
+
+
+def in_plane(random, first, second):
+    """Return a random unit vector in the plane of two others."""
+    a, b = random.normal(size=2)
+    return unit(a * first + b * second)
+
+
+def through(random, line):
+    """Return axes b, c of a leg in a random plane through a line."""
+    other = unit(random.normal(size=3))
+    return in_plane(random, line, other), in_plane(random, line, other)
+
+
+def test_superposition_gives_the_motion_of_all_inputs_together():
+    """Eq. (7) of the method: rates of each input alone, against the velocity equations."""
+    random = np.random.default_rng(1)
+    for _ in range(8):
+        found, motion = at_reference(three_legs(random_axes(random, 9)))
+        assert found.type[0] == RowType.REGULAR and found.group[0] == 0
+        rates = random.normal(size=3)
+        w, _ = locked_rates(
+            motion, 0, dict(zip(motion.assembly.inputs, rates, strict=True))
+        )
+        c, d, u = found.c[0], found.d[0], found.u[0]
+        product_of = np.prod(c)
+        rest = np.array([np.prod(np.delete(c, i)) for i in range(3)])
+        right = np.sum(u * (d * rest * rates)[:, None], axis=0)
+        assert np.allclose(product_of * w[7], right, atol=1e-12 * np.linalg.norm(w[7]))
+        for k, driven in enumerate(motion.assembly.inputs):
+            alone, _ = locked_rates(motion, 0, driven)
+            assert np.allclose(found.w[0, k], alone[7], rtol=1e-9, atol=1e-11)
+            assert off_axis(found.u[0, k], alone[7]) < 1e-10
+            ratio = found.output_rate[0, k] / abs(found.input_rate[0, k])
+            assert ratio == pytest.approx(np.linalg.norm(alone[7]), rel=1e-9)
+
+
+@pytest.mark.parametrize("leg", range(3))
+def test_statement_1_a_stretched_leg_is_type_one(leg):
+    """The case study's first example: the three axes of a leg are coplanar."""
+    random = np.random.default_rng(2 + leg)
+    axes = random_axes(random, 9)
+    axes[3 * leg + 1] = in_plane(random, axes[3 * leg], axes[3 * leg + 2])
+    found, _ = at_reference(three_legs(axes))
+    assert found.type[0] == RowType.I and found.group[0] == 1
+    assert abs(found.d[0, leg]) < 1e-13 and found.output_rate[0, leg] < 1e-13
+    others = np.delete(np.abs(found.d[0]), leg)
+    assert np.all(others > 1e-3) and np.all(np.abs(found.c[0]) > 1e-3)
+
+
+def test_statement_2_and_theorem_2_coincident_poles_are_type_two():
+    """The case study's second example: u1, u2, u3 coincide."""
+    random = np.random.default_rng(5)
+    for _ in range(5):
+        line = unit(random.normal(size=3))
+        axes = random_axes(random, 9)
+        for leg in range(3):
+            axes[3 * leg + 1 : 3 * leg + 3] = through(random, line)
+        found, _ = at_reference(three_legs(axes))
+        assert found.type[0] == RowType.II and found.group[0] == 1
+        assert np.all(off_axis(found.u[0], line) < 1e-12)
+        assert np.all(np.abs(found.c[0]) < 1e-12)
+        assert np.all(np.abs(found.input_rate[0]) < 1e-12)
+        assert np.all(np.abs(found.d[0]) > 1e-6)
+        assert found.type_one[0] > 1e-6
+
+
+def test_theorem_1_coplanar_poles_of_regular_single_freedom_mechanisms():
+    """Inputs at two pairs of one leg: its stretched pose is type I of the second group."""
+    random = np.random.default_rng(6)
+    for _ in range(5):
+        axes = random_axes(random, 9)
+        made = three_legs(axes, ("p1_2", "p2_3", "p1_4"))
+        found, _ = at_reference(made)
+        assert found.type[0] == RowType.REGULAR
+        assert abs(found.triples[0, 0]) > 1e-6
+        axes[1] = in_plane(random, axes[0], axes[2])
+        found, _ = at_reference(three_legs(axes, ("p1_2", "p2_3", "p1_4")))
+        assert found.type[0] == RowType.I and found.group[0] == 2
+        assert abs(found.triples[0, 0]) < 1e-12
+        assert np.all(np.abs(found.c[0]) > 1e-4) and np.all(np.abs(found.d[0]) > 1e-4)
+
+
+def test_statement_3_and_corollary_a_stretched_leg_in_the_common_line():
+    """One single-freedom mechanism is of type III, so the whole one is."""
+    random = np.random.default_rng(7)
+    line = unit(random.normal(size=3))
+    axes = random_axes(random, 9)
+    for leg in range(3):
+        axes[3 * leg + 1 : 3 * leg + 3] = through(random, line)
+    axes[0] = in_plane(random, axes[1], axes[2])
+    found, _ = at_reference(three_legs(axes))
+    assert found.type[0] == RowType.III and found.group[0] == 1
+
+
+def test_type_three_without_a_vanishing_d():
+    """Both ranks drop, though no d vanishes: the `only if` of statement 3 has exceptions.
+
+    Inputs at two pairs of a stretched leg, and the third axis of that leg in the plane of
+    the undriven axes of the leg that has the third input.
+    """
+    random = np.random.default_rng(8)
+    axes = random_axes(random, 9)
+    axes[1] = in_plane(random, axes[0], axes[2])
+    axes[4] = in_plane(random, axes[2], axes[5])
+    found, motion = at_reference(three_legs(axes, ("p1_2", "p2_3", "p1_4")))
+    assert found.type[0] == RowType.III
+    assert np.all(np.abs(found.c[0]) < 1e-12)
+    assert np.all(np.abs(found.d[0]) > 1e-3) and np.all(found.output_rate[0] > 1e-3)
+    rows = np.zeros((27, 24))
+    for k, ((a, b), axis) in enumerate(zip(motion.mechanism.ends, axes, strict=True)):
+        across = np.eye(3) - np.outer(axis, axis)
+        rows[3 * k : 3 * k + 3, 3 * b : 3 * b + 3] = across
+        rows[3 * k : 3 * k + 3, 3 * a : 3 * a + 3] = -across
+    still = np.zeros((9, 24))
+    for k, (link, of) in enumerate(((1, 0), (2, 1), (3, 0))):
+        still[3 * k : 3 * k + 3, 3 * link : 3 * link + 3] = np.eye(3)
+        still[3 * k : 3 * k + 3, 3 * of : 3 * of + 3] = -np.eye(3)
+    output = np.zeros((3, 24))
+    output[:, 21:] = np.eye(3)
+    for extra in (still, output):
+        held = np.vstack([rows, extra])[:, 3:]
+        assert np.linalg.svd(held, compute_uv=False)[-1] < 1e-14
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-6, 1e-9, 1e-12, 1e-14, 0.0])
+def test_on_a_singularity_and_near_it_nothing_is_silently_lost(distance):
+    random = np.random.default_rng(9)
+    line = unit(random.normal(size=3))
+    axes = random_axes(random, 9)
+    for leg in range(3):
+        axes[3 * leg + 1 : 3 * leg + 3] = through(random, line)
+    axes[2] = unit(axes[2] + distance * np.cross(axes[1], axes[2]))
+    found, _ = at_reference(three_legs(axes))
+    for array in (found.u, found.c, found.d, found.input_rate, found.output_rate):
+        assert np.all(np.isfinite(array))
+    assert 1e-3 * distance - 1e-15 < found.type_two[0] < 2.0 * distance + 1e-15
+    singular = distance < 1e-8
+    assert found.type[0] == (RowType.II if singular else RowType.REGULAR)
+    assert np.all(np.isfinite(found.w)) or singular
+
+
+def test_failed_rows_are_unknown_and_a_rigid_output_is_type_one():
+    tracer = Tracer(sk.load("five_bar"), samples=3)
+    motion = tracer.motion()
+    found = coefficients(motion, output_of(motion.mechanism))
+    assert np.array_equal(found.type == RowType.UNKNOWN, motion.failed)
+    assert np.all(np.isnan(found.type_two[motion.failed]))
+    differential = Tracer(sk.load("bevel_differential"), samples=3)
+    found = coefficients(
+        differential.motion(), output_of(differential.mechanism), by_rank=True
+    )
+    assert np.all(found.type == RowType.I) and np.all(found.group == 2)
+
+
+def all_right_angles(turn, signs):
+    """Return a 3-RRR of right angles whose platform is turned (3, 3), pose by pose."""
+    base, platform = np.eye(3), turn
+    axes = []
+    for k, sign in enumerate(signs):
+        elbow = sign * unit(np.cross(base[k], platform[:, k]))
+        axes += [base[k], elbow, platform[:, k]]
+    return three_legs(np.array(axes))
+
+
+def right_angle_locus(q):
+    """Return what vanishes at type II of the 3-RRR of right angles, q (..., 3).
+
+    q are the cosines between the axes of base and platform. The distal planes have the
+    normals n = q c - a, and the triple product of those of the three legs is
+    q1^2 + q2^2 + q3^2 - 2 q1 q2 q3 - 1. For rotations it is negative but where q is on an
+    edge of the tetrahedron of their diagonals: an axis of the platform is then one of the
+    base, and that leg turns on its own.
+    """
+    return np.sum(q**2, axis=-1) - 2.0 * np.prod(q, axis=-1) - 1.0
+
+
+def test_agile_eye_in_closed_form():
+    """det N_a over det E N is det [n] over the product of n . a, from A w = B q'."""
+    random = np.random.default_rng(10)
+    turns = Rotation.random(2000, random_state=random).as_matrix()
+    assert np.max(right_angle_locus(np.einsum("nkk->nk", turns))) < 0.0
+    for turn, signs in zip(turns, product((1, -1), repeat=3), strict=False):
+        made = all_right_angles(turn, signs)
+        q = np.diag(turn)
+        normals = q * turn - np.eye(3)
+        assert np.linalg.det(normals) == pytest.approx(right_angle_locus(q), abs=1e-14)
+        solver = solver_of(made)
+        measured = []
+        for rest in (InputsRest(solver.driven), output_of(made)):
+            locus = Locus(solver.closure, 3, rest)
+            space = locus.space(solver.geometry.reference[None])
+            measured.append(locus.measure(space).value[0])
+        exact = right_angle_locus(q) / np.prod(q**2 - 1.0)
+        assert measured[0] / measured[1] == pytest.approx(exact, rel=1e-10)
+        assert at_reference(made)[0].type[0] == RowType.REGULAR
+
+
+def test_agile_eye_with_a_leg_that_turns_on_its_own():
+    random = np.random.default_rng(13)
+    for angle, free in zip([0.4, 1.9, -1.1], random.uniform(0.0, 6.0, 3), strict=True):
+        turn = Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
+        assert abs(right_angle_locus(np.diag(turn))) < 1e-15
+        axes = [np.eye(3)[0], np.array([0.0, np.cos(free), np.sin(free)]), turn[:, 0]]
+        for k in (1, 2):
+            elbow = unit(np.cross(np.eye(3)[k], turn[:, k]))
+            axes += [np.eye(3)[k], elbow, turn[:, k]]
+        found, _ = at_reference(three_legs(np.array(axes)))
+        assert found.type[0] == RowType.III and found.group[0] == 1
+
+
+def test_newton_reaches_the_locus_of_right_angles():
+    """From any orientation onto type II, to one that fulfils the closed form."""
+    random = np.random.default_rng(11)
+    reached = 0
+    for _ in range(6):
+        turn = Rotation.random(random_state=random).as_matrix()
+        made = all_right_angles(turn, (1, 1, -1))
+        solver = solver_of(made)
+        locus = Locus(solver.closure, 3, InputsRest(solver.driven))
+        point = locus.onto(solver.geometry.reference[None])
+        if not point.good[0]:
+            continue
+        reached += 1
+        space = locus.space(point.values)
+        there = output_of(made).orientation(space)[0] @ turn
+        assert abs(right_angle_locus(np.diag(there))) < 1e-12
+    assert reached >= 3
+
+
+def test_derivatives_of_measures_are_exact():
+    """The remainder of the first-order Taylor polynomial falls with the square."""
+    random = np.random.default_rng(12)
+    made = three_legs(random_axes(random, 9))
+    solver = solver_of(made)
+    for rest in (InputsRest(solver.driven), output_of(made)):
+        locus = Locus(solver.closure, 3, rest)
+        start = locus.space(solver.geometry.reference[None])
+        measure = locus.measure(start)
+        way = random.normal(size=3)
+        misses = []
+        for step in (1e-2, 1e-3):
+            values = start.values + step * start.along(way[None])
+            for _ in range(5):
+                values = values + locus.space(values).closing
+            new = locus.measure(locus.space(values)).value[0]
+            misses.append(abs(new - measure.value[0] - step * measure.gradient[0] @ way))
+        assert 50.0 < misses[0] / misses[1] < 200.0
+
+
+def test_locked_pairs_hold_their_value():
+    made = sk.load("three_rrr")
+    tracer = Tracer(made, samples=3)
+    motion = tracer.motion()
+    values = motion.values[~motion.failed][0]
+    closure = tracer.solver.closure
+    one, two, _ = tracer.solver.driven
+    once = lock(closure, {one: values[one]})
+    twice = lock(once.closure, {once.kept.index(two): values[two]})
+    left = once.whole(
+        twice.whole(values[None][:, [once.kept[k] for k in twice.kept]])[
+            :, list(range(len(once.kept)))
+        ]
+    )
+    assert np.array_equal(left[0], values)
+    gap, jacobian = twice.closure.linearise(
+        values[None][:, [once.kept[k] for k in twice.kept]]
+    )
+    assert np.max(np.abs(gap)) < 1e-13
+    assert jacobian.shape[1:] == (6, 7)
+    assert np.linalg.matrix_rank(jacobian[0]) == 6
+
+
+SIZES = (80.0, (70.0, 45.0), (60.0, 55.0))
+"""Base arc, and crank and coupler of both legs (deg), of a five-bar."""
+
+
+def five_bar(sizes=SIZES):
+    base, (crank, coupler), (other, second) = (
+        np.radians(np.array(sizes[0])),
+        *(np.radians(np.array(pair)) for pair in sizes[1:]),
+    )
+    ends = {"21": "12", "32": "23", "43": "34", "54": "45", "51": "15"}
+    links = {
+        "1": LinkSizes(("21", "51"), (float(base),)),
+        "2": LinkSizes(("21", "32"), (float(crank),)),
+        "3": LinkSizes(("32", "43"), (float(coupler),)),
+        "4": LinkSizes(("43", "54"), (float(second),)),
+        "5": LinkSizes(("51", "54"), (float(other),)),
+    }
+    return Mechanism(
+        "five_bar",
+        "1",
+        tuple("12345"),
+        tuple(Pair(name, "R", tuple(both)) for name, both in ends.items()),
+        SizeGeometry(links),
+        inputs=(Input("21", 0.5, 2.5), Input("51", 0.5, 2.5)),
+        outputs=(Output("pointer", "3", "1"),),
+    )
+
+
+def with_flat_chain(kind):
+    """Return the four-bars that singular curves are motions of.
+
+    A stretched or folded leg is one bar to the output point; coplanar distal links are
+    one bar between the elbows.
+    """
+    base, *legs = np.radians(SIZES[0]), *(np.radians(np.array(leg)) for leg in SIZES[1:])
+    (crank, coupler), (other, second) = legs
+    if kind == "II":
+        return [(base, crank, abs(coupler + s * second), other) for s in (1, -1)]
+    return [
+        (base, abs(one + s * two), *rest)
+        for s in (1, -1)
+        for (one, two), rest in (
+            ((crank, coupler), (second, other)),
+            ((other, second), (coupler, crank)),
+        )
+    ]
+
+
+def axes_at(made, values):
+    solver = solver_of(made)
+    placed, states = solver.closure.place(values)
+    return pair_axes(solver.joints, solver.closure.frames(placed, states))
+
+
+def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
+    """Circles of radius |a - b| and a + b about both fixed axes, a and b a leg's arcs.
+
+    Those of the stretched legs meet where both legs are stretched: there four curves end.
+    """
+    made = five_bar()
+    found = singular_curves(made, "I", pointing="43", slices_of_each=2, whole_turn=True)
+    stretched, folded = with_flat_chain("I")[:2], with_flat_chain("I")[2:]
+    assert sum(each.closed for each in found.curves) == sum(map(components, folded))
+    assert [components(bars) for bars in stretched] == [1, 1]
+    assert sum(not each.closed for each in found.curves) == 4 and not len(found.stray)
+    legs = [np.radians(np.array(leg)) for leg in SIZES[1:]]
+    for each in found.curves:
+        values = each.points.values
+        assert np.max(each.points.residual) < 1e-12
+        axes = axes_at(made, values)
+        assert np.allclose(each.points.pointing, axes[:, 2], atol=1e-13)
+        cosines = [np.sum(axes[:, k] * axes[:, 2], axis=1) for k in (0, 4)]
+        sign = -1 if each.closed else 1
+        on = [
+            np.max(np.abs(c - np.cos(leg @ [1, sign]))) < 1e-13
+            for c, leg in zip(cosines, legs, strict=True)
+        ]
+        assert sum(on) == 1
+        assert np.max(each.points.output_rate) < 1e-12 < np.min(each.points.input_rate)
+        if not each.closed:
+            assert each.curve.ends == (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
+            assert np.max(np.abs(np.sin(values[[0, -1]][:, [1, 3]]))) < 1e-4
+
+
+def test_five_bar_type_two_curves_have_coplanar_distal_axes():
+    made = five_bar()
+    found = singular_curves(made, "II", pointing="43", slices_of_each=5, whole_turn=True)
+    assert len(found.curves) == sum(map(components, with_flat_chain("II")))
+    assert not len(found.stray)
+    base, (crank, _), (other, _) = SIZES
+    with mpmath.workdps(50):
+        for each in found.curves:
+            assert each.closed
+            axes = axes_at(made, each.points.values)
+            assert np.max(np.abs(np.linalg.det(axes[:, 1:4]))) < 1e-12
+            assert np.min(each.points.output_rate) > 0.1
+            gaps = np.linalg.norm(np.diff(each.points.values, axis=0), axis=1)
+            assert np.max(gaps) < 0.31 and np.all(np.diff(each.s) >= gaps - 1e-12)
+            arc = np.sum(axes[:, 1] * axes[:, 3], axis=1)
+            legs = [mpmath.radians(SIZES[k][1]) for k in (1, 2)]
+            flat = min(
+                (mpmath.cos(legs[0] + legs[1]), mpmath.cos(legs[0] - legs[1])),
+                key=lambda cosine: abs(cosine - arc[0]),
+            )
+            for row in range(0, len(arc), 9):
+                first, second = each.points.inputs[row]
+
+                def miss(angle, first=first, flat=flat):
+                    return elbows(base, crank, other, first, angle) - flat
+
+                slope = mpmath.diff(miss, mpmath.mpf(second))
+                assert abs(miss(mpmath.mpf(second))) < 1e-13
+                if abs(slope) > 1e-2:
+                    exact = mpmath.findroot(miss, mpmath.mpf(second))
+                    assert abs(exact - second) < 1e-12
+
+
+def elbows(base, crank, other, first, second):
+    """Return the cosine of the arc between the elbows in mpmath, inputs in rad.
+
+    The variable of a crank is its angle about its axis from the base's arc, which at the
+    second axis runs towards the first.
+    """
+    base, crank, other = (mpmath.radians(size) for size in (base, crank, other))
+    sin, cos = mpmath.sin, mpmath.cos
+    first, second = mpmath.mpf(first), mpmath.mpf(second)
+    one = (
+        -sin(crank) * sin(first),
+        sin(crank) * cos(first),
+        cos(crank),
+    )
+    along, aside = sin(other) * cos(second), sin(other) * sin(second)
+    two = (
+        aside,
+        cos(other) * sin(base) - along * cos(base),
+        cos(other) * cos(base) + along * sin(base),
+    )
+    return sum(a * b for a, b in zip(one, two, strict=True))
+
+
+def test_type_three_points_lie_on_both_kinds_of_curves():
+    made = five_bar()
+    found = singular_curves(made, "II", slices_of_each=2, pointing="43", whole_turn=True)
+    both = [each.both for each in found.curves if len(each.both.values)]
+    assert both
+    solver = solver_of(made)
+    for points in both:
+        motion = motion_of(solver, points.values)
+        seen = coefficients(motion, output_of(made, pointing="43"))
+        assert np.all(seen.type == RowType.III)
+
+
+def test_cusps_of_a_three_rrr_with_one_input_locked():
+    """At a cusp the curve turns back in the plane of the inputs: their tangent vanishes."""
+    tracer = Tracer(sk.load("three_rrr"), samples=3)
+    motion = tracer.motion()
+    values = motion.values[~motion.failed][0]
+    solver = tracer.solver
+    one, two, three = solver.driven
+    locked = lock(solver.closure, {three: values[three]})
+    driven = (locked.kept.index(one), locked.kept.index(two))
+    locus = Locus(locked.closure, 2, InputsRest(driven))
+    curve = trace_curve(locus, values[list(locked.kept)], longest=20.0)
+    assert curve is not None
+    cusps = curve.cusps()
+    assert len(cusps) >= 2
+    assert np.max(np.abs(cusps.tangents[:, list(driven), 0])) < 1e-7
+    along = np.abs(np.sum(cusps.tangents[:, :, 0] * cusps.motions, axis=1))
+    assert np.all(along > 1.0 - 1e-12)
+
+
+def test_aspects_of_a_five_bar_against_a_flood_fill():
+    """Each sign of the dyad has the parts of the torus in which the elbows are in reach."""
+    made = five_bar()
+    found = aspects(made, 24, whole_turn=True)
+    angles = -np.pi + 2.0 * np.pi * np.arange(240) / 240
+    first, second = np.meshgrid(angles, angles, indexing="ij")
+    (base, (crank, coupler), (other, far)) = SIZES
+    size, one, two = np.radians(base), np.radians(crank), np.radians(other)
+    a = [-np.sin(one) * np.sin(first), np.sin(one) * np.cos(first)]
+    along, aside = np.sin(two) * np.cos(second), np.sin(two) * np.sin(second)
+    b = [aside, np.cos(two) * np.sin(size) - along * np.cos(size)]
+    height = np.cos(two) * np.cos(size) + along * np.sin(size)
+    cosine = a[0] * b[0] + a[1] * b[1] + np.cos(one) * height
+    low, high = np.cos(np.radians(coupler + far)), np.cos(np.radians(coupler - far))
+    inside = (cosine > low) & (cosine < high)
+    label, _ = ndimage.label(np.tile(inside, (3, 3)))
+    tiles = label[240:480, 240:480]
+    count = len(np.unique(tiles[inside]))
+    for one_end, other_end in ((tiles[0], tiles[-1]), (tiles[:, 0], tiles[:, -1])):
+        assert np.all(one_end[(one_end > 0) & (other_end > 0)] > 0)
+    big = found.sizes > 2
+    assert np.sum(big) == 2 * count
+    assert set(found.sign_two[big]) == {1, -1} and np.all(found.modes == 1)
+    sampled = inside[::10, ::10]
+    assert len(found.values) == 2 * np.sum(sampled)
+
+
+def test_aspects_free_of_both_types_split_by_signs():
+    found = aspects(sk.load("five_bar"), 11, ("I", "II"), pointing="43")
+    assert found.free_of == ("II", "I")
+    pairs = set(zip(found.sign_two.tolist(), found.sign_one.tolist(), strict=True))
+    assert pairs == set(product((1, -1), repeat=2))
+    assert len(found.sizes) == 8  # each leg bent to either side, for each sign of the dyad
+
+
+def test_surface_of_type_two_in_a_three_rrr():
+    """Vertices: distal planes of the legs with a common line. Edges: two triangles each."""
+    made = sk.load("three_rrr")
+    mesh = singular_surface(
+        made, "II", slices_of_each=1, side=0.3, whole_turn=True, most=80
+    )
+    assert mesh.full and len(mesh.points.values) >= 80
+    assert np.max(mesh.points.residual) < 1e-12
+    axes = axes_at(made, mesh.points.values)
+    normals = np.stack([np.cross(axes[:, k + 1], axes[:, k + 2]) for k in (0, 3, 6)], 1)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    assert np.max(np.abs(np.linalg.det(normals))) < 1e-12
+    sides = np.concatenate([mesh.triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
+    edges, often = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    assert np.max(often) == 2
+    assert np.array_equal(edges[often == 1], mesh.border)
+    away = mesh.points.values[edges[:, 0]] - mesh.points.values[edges[:, 1]]
+    away -= 2.0 * np.pi * np.round(away / (2.0 * np.pi))
+    lengths = np.linalg.norm(away, axis=1)
+    assert np.max(lengths) < 0.75 and np.median(lengths) == pytest.approx(0.3, abs=0.06)
+
+
+def test_errors_say_what_is_possible():
+    with pytest.raises(AnalysisError, match="did you mean"):
+        output_of(sk.load("five_bar"), "pointr")
+    with pytest.raises(AnalysisError, match="R pairs: "):
+        output_of(sk.load("five_bar"), pointing="99")
+    with pytest.raises(AnalysisError, match="three numbers"):
+        output_of(sk.load("five_bar"), pointing=(0.0, 0.0, 0.0))
+    with pytest.raises(AnalysisError, match="3 inputs"):
+        singular_curves(sk.load("three_rrr"))
+    with pytest.raises(AnalysisError, match="2 inputs"):
+        singular_surface(sk.load("five_bar"))
+    with pytest.raises(AnalysisError, match="without `pointing`"):
+        singular_surface(sk.load("three_rrr"), "I", pointing="c1")
+    with pytest.raises(AnalysisError, match='not of "IV"'):
+        aspects(sk.load("five_bar"), 5, ("IV",))
