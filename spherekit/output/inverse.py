@@ -1,0 +1,399 @@
+"""Inverse kinematics of a mechanism's output, in all working modes, many rows at once.
+
+With the output held, the mechanism is assembled like any other: group by group, from the
+derived mechanism that `wrist` makes. Where all groups are dyads on the held body, as for
+legs of any make, a batch is computed from vectors of axes and each sign of a dyad is a
+working mode. Otherwise each row is solved on its own, by elimination or search.
+
+Singularity measures are those of C. Gosselin and J. Angeles, Singularity analysis of
+closed-loop kinematic chains (1990), made free of units. With the other inputs free, a
+locked input leaves the output a plane of angular velocities; n_i is its normal.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.conventions import REACH_SLACK, Status
+from spherekit.errors import SolveError
+from spherekit.model.geometry import Revolute
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.branches import FLAT_DYAD, Solver
+from spherekit.motion.modes import assemblies
+from spherekit.output.dyads import Dyads, Placed, Signs
+from spherekit.output.wrist import Wrist, with_wrist
+from spherekit.planning.assembly import plan_assembly
+from spherekit.rates.vectors import cross, dot, norm
+from spherekit.sphere.rotation import Floats, transpose
+from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
+
+ROWS = 2048
+"""Rows computed at once: their vectors stay in the processor's cache."""
+ORTHONORMAL = 1e-6
+"""A matrix that misses being a rotation by more is refused (largest entry)."""
+
+
+@final
+@dataclass(frozen=True)
+class Inverse:
+    """The inputs of n poses in m working modes, and how near they are to singularities.
+
+    Attributes
+    ----------
+    modes
+        The signs of each mode's dyads, see `Inverse.labels`.
+    inputs
+        (m, n, inputs) rad in (-pi, pi], in the order of the mechanism's inputs; NaN
+        where the status is neither OK nor AT_SINGULARITY.
+    status
+        (m, n) values of `Status`: OK, OUT_OF_REACH, or AT_SINGULARITY where a dyad of the
+        mode is stretched or folded, or can turn about two axes that coincide.
+    margin
+        (m, n) rad: by how much the pose is within reach; negative outside. The least over
+        the dyads of the arc that is left between the outer axes of a dyad until it is
+        stretched or folded.
+    limiting
+        (m, n) the number of the dyad that the margin belongs to, see `legs` of
+        `InverseKinematics`.
+    type_1
+        (m, n, inputs): how fast the output turns about n_i per unit rate of input i; 0 at
+        a type I singularity of that input. At most 1 for an input on the base, where it
+        is the sine of the angle between its axis and the plane of the next link.
+    type_2
+        (m, n): |n_1 . (n_2 x n_3)| of an orientation, |n_1 x n_2| of a pointing output;
+        from 0 (type II singularity) to 1 (normals at right angles).
+    normals
+        (m, n, inputs, 3) the unit n_i in axes of the link that the output is seen from,
+        in the sense in which the input's rate is positive; None if not asked for.
+    """
+
+    modes: tuple[Signs, ...]
+    inputs: Floats
+    status: NDArray[np.int8]
+    margin: Floats
+    limiting: NDArray[np.int8]
+    type_1: Floats
+    type_2: Floats
+    normals: Floats | None = None
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The signs of the modes as text, ``+-+``."""
+        return tuple(
+            "".join("+" if sign > 0 else "-" for sign in signs) for signs in self.modes
+        )
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """Angular velocity (m, n, 3, inputs) of the output per unit rate of each input.
+
+        In axes of the link that the output is seen from. Of a pointing output the part at
+        right angles to its direction. NaN or endless at a type II singularity.
+
+        Raises
+        ------
+        SolveError
+            If the normals were not asked for.
+        """
+        if self.normals is None:
+            raise SolveError("the Jacobian needs the normals: ask with normals=True")
+        rows = self.normals / self.type_1[..., None]
+        if rows.shape[2] == 3:
+            a, b, c = (rows[..., k, :] for k in range(3))
+            columns = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+            volume = np.sum(a * np.cross(b, c), axis=-1)
+        else:
+            a, b = rows[..., 0, :], rows[..., 1, :]
+            axis = np.cross(a, b)
+            columns = np.stack([np.cross(b, axis), np.cross(axis, a)], axis=-1)
+            volume = np.sum(axis * axis, axis=-1)
+        return np.asarray(columns / volume[..., None, None])
+
+
+@final
+@dataclass(frozen=True)
+class Solutions:
+    """Every configuration found at some poses or inputs, a row for each.
+
+    `row` (k,) is the number of the pose or of the inputs given; `inputs` (k, inputs) rad;
+    `rotations` (k, 3, 3) the orientations of the output link seen from its other link,
+    `directions` (k, 3) what it points at, None if it declares no direction; `signs` those
+    of the dyads, 0 for irreducible groups, in solving order; `complete` (rows,) whether
+    no solution can be missing.
+    """
+
+    row: NDArray[np.intp]
+    inputs: Floats
+    rotations: Floats
+    directions: Floats | None
+    signs: tuple[Signs, ...]
+    complete: NDArray[np.bool_]
+
+
+@final
+class InverseKinematics:
+    """The inverse kinematics of one declared output.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with two inputs and a pointing output, or three inputs.
+    output
+        Name of the output, if it declares several.
+
+    Raises
+    ------
+    PlanError
+        If the output is not declared, or holding it leaves a part that is rigid or free.
+    """
+
+    def __init__(self, mechanism: Mechanism, output: str | None = None) -> None:
+        self.own = mechanism
+        self.wrist: Wrist = with_wrist(mechanism, output)
+        self.mechanism = self.wrist.mechanism
+        self.solver = Solver(self.mechanism, plan_assembly(self.mechanism))
+        self.driven = [
+            number for pair in self.wrist.driven for number in mechanism.variables_of(pair)
+        ]
+        self._dyads: Dyads | None = None
+        joints = [joint for joint in self.solver.joints if isinstance(joint, Revolute)]
+        every = len(joints) == len(self.solver.joints)
+        if every and Dyads.fit(self.solver.assembly, self.wrist.base):
+            given = self.wrist.carrier if self.wrist.points else self.wrist.link
+            self._dyads = Dyads(
+                self.mechanism, joints, self.solver.assembly, self.wrist.base, [given]
+            )
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether `at` can be asked: all groups are dyads on the held body."""
+        return self._dyads is not None
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """The groups in solving order, each by its kind and the names of its pairs."""
+        return tuple(
+            f"{group.kind} of " + ", ".join(self.mechanism.pairs[p].name for p in group.pairs)
+            for group in self.solver.assembly.groups
+        )
+
+    @property
+    def modes(self) -> tuple[Signs, ...]:
+        """The signs of all working modes."""
+        found: list[Signs] = [()]
+        for group in self.solver.assembly.groups:
+            choices = (1, -1) if group.is_dyad else (0,)
+            found = [(*signs, sign) for signs in found for sign in choices]
+        return tuple(found)
+
+    def at(
+        self,
+        poses: ArrayLike,
+        modes: Sequence[Signs] | None = None,
+        normals: bool = False,
+    ) -> Inverse:
+        """Return the inputs of poses in closed form.
+
+        Parameters
+        ----------
+        poses
+            (n, 3, 3) orientations of the output link, or (n, 3) directions that it points
+            at, both in axes of the link that the output is seen from.
+        modes
+            Signs of the modes wanted; all by default.
+        normals
+            Whether to keep the normals, which the Jacobian needs.
+
+        Raises
+        ------
+        SolveError
+            If the poses are no rotations or directions, a mode does not exist, or the
+            groups have no closed form; then ask for `solutions`.
+        """
+        dyads = self._dyads
+        if dyads is None:
+            raise SolveError(
+                f"{self.own.name}: with the output held there is no closed form: "
+                f"{'; '.join(self.legs)}. Ask for `solutions` row by row, or trace "
+                "`InverseKinematics.mechanism` along a path of its inputs"
+            )
+        given = self._checked(poses)
+        chosen = self._chosen(modes)
+        m, n, g = len(chosen), len(given), len(self.driven)
+        inputs, type_1 = np.empty((m, g, n)), np.empty((m, g, n))
+        margin, type_2 = np.empty((m, n)), np.empty((m, n))
+        status = np.empty((m, n), dtype=np.int8)
+        limiting = np.empty((m, n), dtype=np.int8)
+        kept = np.empty((m, g, 3, n)) if normals else None
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for start in range(0, n, ROWS):
+                rows = slice(start, min(start + ROWS, n))
+                block = np.ascontiguousarray(np.moveaxis(given[rows], 0, -1))
+                placed = (
+                    Placed(dyads, {self.wrist.pairs[2]: block}, None)
+                    if self.wrist.points
+                    else Placed(dyads, {}, block)
+                )
+                for k, signs in enumerate(chosen):
+                    margin[k, rows], limiting[k, rows] = _margin(placed, signs)
+                    status[k, rows] = _status(placed, signs, margin[k, rows])
+                    failed = status[k, rows] == Status.OUT_OF_REACH
+                    units = []
+                    for i, pair in enumerate(self.wrist.driven):
+                        inputs[k, i, rows] = np.where(
+                            failed, np.nan, placed.angle(pair, signs)
+                        )
+                        speed, unit = _unit_normal(placed, pair, signs)
+                        type_1[k, i, rows] = speed
+                        units.append(unit)
+                        if kept is not None:
+                            kept[k, i, :, rows] = unit
+                    type_2[k, rows] = _independence(placed, units, self.wrist.driven, signs)
+        return Inverse(
+            chosen,
+            np.swapaxes(inputs, 1, 2),
+            status,
+            margin,
+            limiting,
+            np.swapaxes(type_1, 1, 2),
+            type_2,
+            None if kept is None else np.moveaxis(kept, -1, 1),
+        )
+
+    def solutions(self, poses: ArrayLike) -> Solutions:
+        """Return every configuration found at poses, of any mechanism, row by row.
+
+        Poses are those of `at`. Dyads are solved in closed form, other groups by
+        elimination or search, which cost milliseconds to seconds a row.
+
+        Raises
+        ------
+        SolveError
+            If the poses are no rotations or directions.
+        """
+        given = self._checked(poses)
+        coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
+        return solved(self.solver, self.wrist, coordinates, self.driven)
+
+    def _checked(self, poses: ArrayLike) -> Floats:
+        given = np.asarray(poses, dtype=float)
+        shape = (3,) if self.wrist.points else (3, 3)
+        what = "directions (n, 3)" if self.wrist.points else "rotations (n, 3, 3)"
+        if given.shape == shape:
+            given = given[None]
+        if given.shape[1:] != shape or given.ndim != len(shape) + 1:
+            raise SolveError(
+                f"{self.own.name}: outputs.{self.wrist.output.name}: poses are {what}, "
+                f"not {given.shape}"
+            )
+        if self.wrist.points:
+            wrong = ~(np.abs(np.einsum("ni,ni->n", given, given) - 1.0) < ORTHONORMAL)
+        else:
+            gap = np.einsum("nij,nik->njk", given, given) - np.eye(3)
+            turned = np.einsum(
+                "ni,ni->n", np.cross(given[:, :, 0], given[:, :, 1]), given[:, :, 2]
+            )
+            wrong = ~((np.max(np.abs(gap), axis=(1, 2)) < ORTHONORMAL) & (turned > 0.0))
+        if np.any(wrong):
+            raise SolveError(
+                f"{self.own.name}: outputs.{self.wrist.output.name}: row "
+                f"{int(np.argmax(wrong))} is no "
+                + ("unit vector" if self.wrist.points else "rotation matrix")
+            )
+        return given
+
+    def _chosen(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
+        if modes is None:
+            return self.modes
+        chosen = tuple(tuple(int(sign) for sign in signs) for signs in modes)
+        for signs in chosen:
+            if signs not in self.modes:
+                raise SolveError(
+                    f"{self.own.name}: {signs} is no working mode; a mode is a sign, 1 or "
+                    f"-1, for each of: {'; '.join(self.legs)}"
+                )
+        return chosen
+
+
+def _margin(placed: Placed, signs: Signs) -> tuple[Floats, NDArray[np.int8]]:
+    """Return the least margin (n,) of the dyads, and the dyad that it belongs to."""
+    least = placed.margin(0, signs)
+    limiting = np.zeros(len(least), dtype=np.int8)
+    for number in range(1, len(signs)):
+        margin = placed.margin(number, signs)
+        nearer = margin < least
+        limiting[nearer] = number
+        least = np.fmin(least, margin)
+    return least, limiting
+
+
+def _status(placed: Placed, signs: Signs, margin: Floats) -> NDArray[np.int8]:
+    status = np.zeros(len(margin), dtype=np.int8)
+    for number, stand in enumerate(placed.dyads.stands):
+        triple = np.abs(placed.middle(number, signs)[1])
+        status[~(triple >= FLAT_DYAD * stand.flat)] = Status.AT_SINGULARITY
+    status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
+    return status
+
+
+def _unit_normal(placed: Placed, pair: int, signs: Signs) -> tuple[Floats, Floats]:
+    """Return how fast the output turns about an input's normal, and the unit normal."""
+    key = (placed.key("normal", pair, placed.dyads.group_of[pair], signs), "unit")
+    if key not in placed.known:
+        rate = placed.rate(pair, signs)
+        size = norm(rate.top)
+        placed.known[key] = (
+            np.abs(rate.bottom) / size,
+            rate.top * (np.sign(rate.bottom) / size),
+        )
+    found: tuple[Floats, Floats] = placed.known[key]
+    return found
+
+
+def _independence(
+    placed: Placed, units: Sequence[Floats], pairs: Sequence[int], signs: Signs
+) -> Floats:
+    """Return the volume or area (n,) that the unit normals span."""
+    groups = [placed.dyads.group_of[pair] for pair in pairs[:2]]
+    needs = [*placed.dyads.needs[groups[0]], *placed.dyads.needs[groups[1]]]
+    key = ("cross", pairs[0], pairs[1], *(signs[number] for number in needs))
+    if key not in placed.known:
+        placed.known[key] = cross(units[0], units[1])
+    across: Floats = placed.known[key]
+    return norm(across) if len(units) == 2 else np.abs(dot(across, units[2]))
+
+
+def solved(
+    solver: Solver, wrist: Wrist, inputs: Floats, driven: Sequence[int]
+) -> Solutions:
+    """Return every configuration of a mechanism at inputs (n, inputs), row by row.
+
+    `solver` is that of the wrist's mechanism or of the mechanism itself; `driven` are the
+    variables to be told.
+    """
+    row, found, signs, rotations = [], [], [], []
+    complete = np.ones(len(inputs), dtype=bool)
+    for number, q in enumerate(inputs):
+        here = assemblies(solver, q)
+        complete[number] = all(m is None or m.is_complete for m in here.methods)
+        for mode, values in here.modes:
+            placed, _ = solver.closure.place(values[None])
+            base = placed[0, wrist.base]
+            row.append(number)
+            found.append(values[list(driven)])
+            signs.append(mode)
+            rotations.append(transpose(base) @ placed[0, wrist.link])
+    turned = np.array(rotations).reshape(-1, 3, 3)
+    direction = wrist.output.direction
+    return Solutions(
+        np.array(row, dtype=np.intp),
+        np.array(found).reshape(-1, len(driven)),
+        turned,
+        None if direction is None else turned @ np.array(direction),
+        tuple(signs),
+        complete,
+    )
