@@ -20,6 +20,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
+    ("output",),
     ("engine",),
     ("dynamics",),
     ("analysis",),

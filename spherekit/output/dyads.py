@@ -19,10 +19,12 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import REACH_SLACK
 from spherekit.model.geometry import COLLINEAR, Revolute
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.branches import FLAT_DYAD
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.rates.vectors import cross, dot
 from spherekit.sphere.rotation import Floats
@@ -141,21 +143,18 @@ class Dyads:
         self.joints = joints
         self.base = base
         self.given = tuple(given)
+        self._coaxial: dict[tuple[int, int, int], bool] = {}
         self.stands = tuple(self._stand(group) for group in assembly.groups)
         self.placed_by = {
             link: number
             for number, stand in enumerate(self.stands)
             for link in (stand.first, stand.second)
         }
-        self.needs: list[tuple[int, ...]] = []
+        self.needs: list[frozenset[int]] = []
         for number, stand in enumerate(self.stands):
-            before = {
-                other
-                for link in (stand.foot, stand.hold)
-                if link in self.placed_by
-                for other in self.needs[self.placed_by[link]]
-            }
-            self.needs.append((*sorted(before), number))
+            ends = ((stand.near, stand.foot), (stand.far, stand.hold))
+            before = (self.needs_of(self.source(*end)[1]) for end in ends)
+            self.needs.append(frozenset({number}).union(*before))
         self.group_of = {
             pair: number
             for number, stand in enumerate(self.stands)
@@ -192,6 +191,28 @@ class Dyads:
             Cones(self._arc(first, near, middle), self._arc(second, far, middle)),
         )
 
+    def needs_of(self, link: int) -> frozenset[int]:
+        """Return the groups that the orientation of a link depends on."""
+        group = self.placed_by.get(link)
+        return frozenset() if group is None else self.needs[group]
+
+    def source(self, pair: int, link: int) -> tuple[int, int, float]:
+        """Return where the axis of a pair comes from: pair, link, and sense.
+
+        On a link that stands by an axis on the same line, it is that axis.
+        """
+        sense = 1.0
+        while link in self.placed_by:
+            stand = self.stands[self.placed_by[link]]
+            at_first = link == stand.first
+            outer = stand.near if at_first else stand.far
+            if not self.is_coaxial(pair, outer, link):
+                break
+            ahead = self.axis_in(pair, link) @ self.axis_in(outer, link)
+            sense *= float(np.sign(ahead))
+            pair, link = outer, stand.foot if at_first else stand.hold
+        return pair, link, sense
+
     def axis_in(self, pair: int, link: int) -> Floats:
         """Return the axis (3,) of a pair in the axes of one of its links."""
         return self.frame_in(pair, link)[:, 2]
@@ -205,12 +226,8 @@ class Dyads:
         a, b = self.axis_in(one, link), self.axis_in(other, link)
         return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
-    def spread(self, pair: int, link: int) -> Spread:
-        """Return how the axis of a pair on a placed link follows from its dyad's."""
-        return self.spread_of(self.axis_in(pair, link), link)
-
     def spread_of(self, vector: Floats, link: int) -> Spread:
-        """Return the same for any vector (3,) in the link's axes."""
+        """Return how a vector (3,) of a placed link follows from its dyad's axes."""
         stand = self.stands[self.placed_by[link]]
         outer = stand.near if link == stand.first else stand.far
         p, q = self.axis_in(outer, link), self.axis_in(stand.middle, link)
@@ -218,10 +235,24 @@ class Dyads:
         a, b, c = np.linalg.solve(frame, vector)
         return Spread(outer, stand.middle, (float(a), float(b), float(c)))
 
+    def moves_with(self, pair: int) -> frozenset[int]:
+        """Return groups that the rate of a dyad's pair depends on, at most."""
+        group = self.group_of[pair]
+        stand = self.stands[group]
+        found = self.needs[group]
+        for link in (stand.foot, stand.hold):
+            if link in self.placed_by:
+                below = self.stands[self.placed_by[link]]
+                found |= self.moves_with(below.near) | self.needs_of(link)
+        return found
+
     def is_coaxial(self, one: int, other: int, link: int) -> bool:
         """Return whether two pairs of a link have their axes on one line."""
-        a, b = self.axis_in(one, link), self.axis_in(other, link)
-        return float(np.linalg.norm(np.cross(a, b))) < COLLINEAR
+        key = one, other, link
+        if key not in self._coaxial:
+            arc = self._arc(link, one, other)
+            self._coaxial[key] = min(arc, np.pi - arc) < COLLINEAR
+        return self._coaxial[key]
 
 
 @final
@@ -229,8 +260,8 @@ class Dyads:
 class Placed:
     """The dyads at n rows, every part computed once for the signs that it depends on.
 
-    `vectors(pair, link)` gives the axis (3, n) of a pair on a given link; `turned` the
-    vector (3, n) in base axes of a vector (3,) of a given link.
+    `given_axes` are the axes (3, n) of pairs on given links, `given_rotation` the columns
+    (3, 3, n) of the orientation of the given link, for its other axes.
     """
 
     dyads: Dyads
@@ -238,25 +269,24 @@ class Placed:
     given_rotation: Floats | None
     known: dict[Hashable, Any] = field(default_factory=dict)
 
-    def key(self, name: str, what: int, group: int, signs: Signs) -> Hashable:
-        return (name, what, *(signs[other] for other in self.dyads.needs[group]))
+    def key(self, name: str, what: int, groups: frozenset[int], signs: Signs) -> Hashable:
+        """Return a key for what depends on the signs of some groups only."""
+        return (name, what, *(s if k in groups else 0 for k, s in enumerate(signs)))
 
     def axis(self, pair: int, link: int, signs: Signs) -> Floats:
         """Return the axis (3, n) or (3, 1) of a pair, seen on one of its links."""
         dyads = self.dyads
+        pair, link, sense = dyads.source(pair, link)
+        if sense < 0.0:
+            return -self.axis(pair, link, signs)
         if link == dyads.base:
             return dyads.axis_in(pair, link)[:, None]
-        if link in dyads.given:
-            if pair in self.given_axes:
-                return self.given_axes[pair]
-            return self.vector(dyads.axis_in(pair, link), link, signs, ("axis", pair))
-        group = dyads.placed_by[link]
-        stand = dyads.stands[group]
-        if pair == stand.middle:
-            return self.middle(group, signs)[0]
-        if pair == (stand.near if link == stand.first else stand.far):
-            foot = stand.foot if link == stand.first else stand.hold
-            return self.axis(pair, foot, signs)
+        if link in dyads.given and pair in self.given_axes:
+            return self.given_axes[pair]
+        if link in dyads.placed_by:
+            group = dyads.placed_by[link]
+            if pair == dyads.stands[group].middle:
+                return self.middle(group, signs)[0]
         return self.vector(dyads.axis_in(pair, link), link, signs, ("axis", pair))
 
     def vector(
@@ -270,13 +300,11 @@ class Placed:
             key: Hashable = (*name, link)
             if key not in self.known:
                 assert self.given_rotation is not None
-                r = self.given_rotation
-                self.known[key] = (
-                    vector[0] * r[:, 0] + vector[1] * r[:, 1] + vector[2] * r[:, 2]
-                )
+                columns = self.given_rotation.reshape(3, -1)
+                self.known[key] = (vector @ columns).reshape(3, -1)
             return np.asarray(self.known[key])
         group = dyads.placed_by[link]
-        key = (self.key(name[0], name[1], group, signs), link)
+        key = (self.key(*name, dyads.needs[group], signs), link)
         if key not in self.known:
             spread = dyads.spread_of(vector, link)
             p = self.axis(spread.outer, link, signs)
@@ -294,8 +322,8 @@ class Placed:
         )
 
     def middle(self, group: int, signs: Signs) -> tuple[Floats, Floats]:
-        """Return the middle axis (3, n) and middle . (near x far) (n,), NaN out of reach."""
-        key = self.key("middle", group, group, signs)
+        """Return the middle axis (3, n) and middle . (near x far), NaN out of reach."""
+        key = self.key("middle", group, self.dyads.needs[group], signs)
         if key not in self.known:
             level, across, height = self._halves(group, signs)
             sign = signs[group] * self.dyads.stands[group].parity
@@ -305,51 +333,73 @@ class Placed:
 
     def _halves(self, group: int, signs: Signs) -> tuple[Floats, Floats, Floats]:
         """Return the part of the middle axis that both signs share, the other, and |t|."""
-        before = signs[:group] + (0,) + signs[group + 1 :]
-        key = self.key("halves", group, group, before)
+        key = self._halves_key(group, signs)
         if key not in self.known:
-            cones = self.dyads.stands[group].cones
+            stand = self.dyads.stands[group]
+            cones = stand.cones
             a, c = self.outer(group, signs)
             total, difference = a + c, a - c
             u, v = dot(total, total), dot(difference, difference)
-            more = (np.cos(cones.near) + np.cos(cones.far)) / u
-            less = (np.cos(cones.near) - np.cos(cones.far)) / v
             square = cones.square(u, v)
-            root = np.sqrt(np.where(square > -REACH_SLACK, np.maximum(square, 0.0), np.nan))
+            grazes = np.abs(square) < REACH_SLACK
+            if np.any(grazes):
+                square[grazes] = np.maximum(square[grazes], 0.0)
+            root = np.sqrt(square)
+            level = total * ((np.cos(cones.near) + np.cos(cones.far)) / u)
+            if cones.near != cones.far:
+                level += difference * ((np.cos(cones.near) - np.cos(cones.far)) / v)
             across = cross(a, c)
-            self.known[key] = (
-                total * more + difference * less,
-                across * (4.0 * root / (u * v)),
-                root,
-            )
-            base = 2.0 * np.arctan2(np.sqrt(v), np.sqrt(u))
+            across *= 4.0 * root / (u * v)
+            self.known[key] = level, across, root
+            half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
+            base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
             centre = 0.5 * (cones.longest + cones.shortest)
             reach = 0.5 * (cones.longest - cones.shortest)
             self.known[key, "margin"] = reach - np.abs(base - centre)
+            self.known[key, "sound"] = root >= FLAT_DYAD * stand.flat
         found: tuple[Floats, Floats, Floats] = self.known[key]
         return found
 
     def margin(self, group: int, signs: Signs) -> Floats:
         """Return by how much (rad) a dyad reaches, negative if it does not (n,)."""
+        return np.asarray(self._beside(group, signs, "margin"))
+
+    def sound(self, group: int, signs: Signs) -> NDArray[np.bool_]:
+        """Return whether a dyad closes and is neither stretched nor folded (n,)."""
+        return np.asarray(self._beside(group, signs, "sound"))
+
+    def _beside(self, group: int, signs: Signs, what: str) -> Any:
         self._halves(group, signs)
-        before = signs[:group] + (0,) + signs[group + 1 :]
-        return np.asarray(self.known[self.key("halves", group, group, before), "margin"])
+        return self.known[self._halves_key(group, signs), what]
+
+    def _halves_key(self, group: int, signs: Signs) -> Hashable:
+        return self.key("halves", group, self.dyads.needs[group] - {group}, signs)
 
     def angle(self, pair: int, signs: Signs) -> Floats:
         """Return the variable (n,) of a dyad's pair in (-pi, pi] rad."""
-        group = self.dyads.group_of[pair]
-        key = self.key("angle", pair, group, signs)
+        needs = (self.dyads.needs_of(link) for link in self.dyads.ends[pair])
+        key = self.key("angle", pair, frozenset().union(*needs), signs)
         if key not in self.known:
-            a, b = self.dyads.ends[pair]
-            one, first = self._side(pair, a, signs)
-            other, second = self._side(pair, b, signs)
-            axis = self.axis(pair, a if a == self.dyads.base else b, signs)
-            x = dot(one, other) - first[2] * second[2]
-            y = dot(axis, cross(one, other))
-            turn = second[0] * first[0] + second[1] * first[1]
-            side = second[1] * first[0] - second[0] * first[1]
-            self.known[key] = np.arctan2(y * turn - x * side, x * turn + y * side)
+            self.known[key] = self._angle(pair, signs)
         return np.asarray(self.known[key])
+
+    def _angle(self, pair: int, signs: Signs) -> Floats:
+        dyads = self.dyads
+        a, b = dyads.ends[pair]
+        if dyads.base in (a, b):
+            other, part = self._side(pair, b if a == dyads.base else a, signs)
+            size = float(np.hypot(part[0], part[1]))
+            turn = np.array([[part[0], part[1]], [-part[1], part[0]]]) / size
+            x, y = turn @ dyads.frame_in(pair, dyads.base)[:, :2].T @ other
+            return polar_angle(y if a == dyads.base else -y, x, size)
+        one, first = self._side(pair, a, signs)
+        other, second = self._side(pair, b, signs)
+        x = dot(one, other) - first[2] * second[2]
+        y = dot(self.axis(pair, b, signs), cross(one, other))
+        turn = second[0] * first[0] + second[1] * first[1]
+        side = second[1] * first[0] - second[0] * first[1]
+        size = float(turn * turn + side * side)
+        return polar_angle(y * turn - x * side, x * turn + y * side, size)
 
     def _side(self, pair: int, link: int, signs: Signs) -> tuple[Floats, Floats]:
         """Return a vector of a link off a pair's axis, and its components in the frame.
@@ -358,7 +408,7 @@ class Placed:
         """
         dyads = self.dyads
         frame = dyads.frame_in(pair, link)
-        if link == dyads.base or link in dyads.given:
+        if link in dyads.given:
             vector = self.vector(frame[:, 0], link, signs, ("zero", pair))
             return vector, np.array([1.0, 0.0, 0.0])
         stand = dyads.stands[dyads.placed_by[link]]
@@ -377,7 +427,7 @@ class Placed:
         """
         dyads = self.dyads
         group = dyads.group_of[pair]
-        key = self.key("rate", pair, group, signs)
+        key = self.key("rate", pair, dyads.moves_with(pair), signs)
         if key not in self.known:
             stand = dyads.stands[group]
             a, c = self.outer(group, signs)
@@ -394,7 +444,9 @@ class Placed:
             still = self._along(across, stand.foot, near, signs)
             rate = _difference(moved, still)
             ahead = dyads.ends[pair][1] == body
-            self.known[key] = Fraction(rate.top, rate.bottom * (-triple if ahead else triple))
+            self.known[key] = Fraction(
+                rate.top, rate.bottom * (-triple if ahead else triple)
+            )
         found: Fraction = self.known[key]
         return found
 
@@ -438,3 +490,14 @@ def _difference(one: Fraction | None, other: Fraction | None) -> Fraction:
     minus = Fraction(-other.top, other.bottom)
     return minus if one is None else _sum(one, minus)
 
+
+def polar_angle(y: Floats, x: Floats, size: float) -> Floats:
+    """Return arctan2(y, x) of vectors (n,) whose common length is known.
+
+    The inverse sine of the smaller component is as accurate, and several times quicker.
+    """
+    sine, cosine = np.abs(y), np.abs(x)
+    angle = np.arcsin(np.minimum(sine, cosine) / size)
+    angle = np.where(sine > cosine, 0.5 * np.pi - angle, angle)
+    angle = np.where(x < 0.0, np.pi - angle, angle)
+    return np.copysign(angle, y)

@@ -22,19 +22,19 @@ from spherekit.conventions import REACH_SLACK, Status
 from spherekit.errors import SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.branches import FLAT_DYAD, Solver
-from spherekit.motion.modes import assemblies
-from spherekit.output.dyads import Dyads, Placed, Signs
+from spherekit.motion.branches import Solver
+from spherekit.output.dyads import Dyads, Fraction, Placed, Signs
+from spherekit.output.solutions import Solutions, solved
 from spherekit.output.wrist import Wrist, with_wrist
 from spherekit.planning.assembly import plan_assembly
 from spherekit.rates.vectors import cross, dot, norm
-from spherekit.sphere.rotation import Floats, transpose
+from spherekit.sphere.rotation import Floats
 from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
 
-ROWS = 2048
-"""Rows computed at once: their vectors stay in the processor's cache."""
-ORTHONORMAL = 1e-6
-"""A matrix that misses being a rotation by more is refused (largest entry)."""
+ROWS = 8192
+"""Rows computed at once: few enough for the processor's cache, and enough to hide calls."""
+NOT_UNIT = 1e-6
+"""Poses whose squared lengths or volume differ from 1 by more are refused."""
 
 
 @final
@@ -115,26 +115,6 @@ class Inverse:
 
 
 @final
-@dataclass(frozen=True)
-class Solutions:
-    """Every configuration found at some poses or inputs, a row for each.
-
-    `row` (k,) is the number of the pose or of the inputs given; `inputs` (k, inputs) rad;
-    `rotations` (k, 3, 3) the orientations of the output link seen from its other link,
-    `directions` (k, 3) what it points at, None if it declares no direction; `signs` those
-    of the dyads, 0 for irreducible groups, in solving order; `complete` (rows,) whether
-    no solution can be missing.
-    """
-
-    row: NDArray[np.intp]
-    inputs: Floats
-    rotations: Floats
-    directions: Floats | None
-    signs: tuple[Signs, ...]
-    complete: NDArray[np.bool_]
-
-
-@final
 class InverseKinematics:
     """The inverse kinematics of one declared output.
 
@@ -177,7 +157,8 @@ class InverseKinematics:
     def legs(self) -> tuple[str, ...]:
         """The groups in solving order, each by its kind and the names of its pairs."""
         return tuple(
-            f"{group.kind} of " + ", ".join(self.mechanism.pairs[p].name for p in group.pairs)
+            f"{group.kind} of "
+            + ", ".join(self.mechanism.pairs[p].name for p in group.pairs)
             for group in self.solver.assembly.groups
         )
 
@@ -232,27 +213,28 @@ class InverseKinematics:
         with np.errstate(invalid="ignore", divide="ignore"):
             for start in range(0, n, ROWS):
                 rows = slice(start, min(start + ROWS, n))
-                block = np.ascontiguousarray(np.moveaxis(given[rows], 0, -1))
+                block = np.ascontiguousarray(given[rows].T)
                 placed = (
                     Placed(dyads, {self.wrist.pairs[2]: block}, None)
                     if self.wrist.points
                     else Placed(dyads, {}, block)
                 )
+                self._check(block, start)
                 for k, signs in enumerate(chosen):
                     margin[k, rows], limiting[k, rows] = _margin(placed, signs)
-                    status[k, rows] = _status(placed, signs, margin[k, rows])
-                    failed = status[k, rows] == Status.OUT_OF_REACH
-                    units = []
+                    state = _status(placed, signs, margin[k, rows])
+                    status[k, rows] = state
+                    failed = state == Status.OUT_OF_REACH
+                    rates = []
                     for i, pair in enumerate(self.wrist.driven):
-                        inputs[k, i, rows] = np.where(
-                            failed, np.nan, placed.angle(pair, signs)
-                        )
-                        speed, unit = _unit_normal(placed, pair, signs)
-                        type_1[k, i, rows] = speed
-                        units.append(unit)
+                        np.copyto(inputs[k, i, rows], placed.angle(pair, signs))
+                        inputs[k, i, rows][failed] = np.nan
+                        rate, size = _rate(placed, pair, signs)
+                        type_1[k, i, rows] = np.abs(rate.bottom) / size
+                        rates.append((rate, size))
                         if kept is not None:
-                            kept[k, i, :, rows] = unit
-                    type_2[k, rows] = _independence(placed, units, self.wrist.driven, signs)
+                            kept[k, i, :, rows] = rate.top * (np.sign(rate.bottom) / size)
+                    type_2[k, rows] = _independence(placed, rates, self.wrist.driven, signs)
         return Inverse(
             chosen,
             np.swapaxes(inputs, 1, 2),
@@ -277,7 +259,7 @@ class InverseKinematics:
         """
         given = self._checked(poses)
         coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
-        return solved(self.solver, self.wrist, coordinates, self.driven)
+        return solved(self.solver, self.wrist.output, coordinates, self.driven)
 
     def _checked(self, poses: ArrayLike) -> Floats:
         given = np.asarray(poses, dtype=float)
@@ -290,21 +272,23 @@ class InverseKinematics:
                 f"{self.own.name}: outputs.{self.wrist.output.name}: poses are {what}, "
                 f"not {given.shape}"
             )
-        if self.wrist.points:
-            wrong = ~(np.abs(np.einsum("ni,ni->n", given, given) - 1.0) < ORTHONORMAL)
-        else:
-            gap = np.einsum("nij,nik->njk", given, given) - np.eye(3)
-            turned = np.einsum(
-                "ni,ni->n", np.cross(given[:, :, 0], given[:, :, 1]), given[:, :, 2]
-            )
-            wrong = ~((np.max(np.abs(gap), axis=(1, 2)) < ORTHONORMAL) & (turned > 0.0))
+        return given
+
+    def _check(self, block: Floats, start: int) -> None:
+        """Raise the error about a pose (..., n) that is none; NaN passes."""
+        columns = [block] if self.wrist.points else list(block)
+        wrong = np.zeros(block.shape[-1], dtype=bool)
+        for column in columns:
+            wrong |= np.abs(dot(column, column) - 1.0) > NOT_UNIT
+        if not self.wrist.points:
+            # unit columns span at most the unit volume, and only at right angles
+            wrong |= np.abs(dot(cross(block[0], block[1]), block[2]) - 1.0) > NOT_UNIT
         if np.any(wrong):
             raise SolveError(
                 f"{self.own.name}: outputs.{self.wrist.output.name}: row "
-                f"{int(np.argmax(wrong))} is no "
+                f"{start + int(np.argmax(wrong))} is no "
                 + ("unit vector" if self.wrist.points else "rotation matrix")
             )
-        return given
 
     def _chosen(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
         if modes is None:
@@ -333,67 +317,37 @@ def _margin(placed: Placed, signs: Signs) -> tuple[Floats, NDArray[np.int8]]:
 
 def _status(placed: Placed, signs: Signs, margin: Floats) -> NDArray[np.int8]:
     status = np.zeros(len(margin), dtype=np.int8)
-    for number, stand in enumerate(placed.dyads.stands):
-        triple = np.abs(placed.middle(number, signs)[1])
-        status[~(triple >= FLAT_DYAD * stand.flat)] = Status.AT_SINGULARITY
+    for number in range(len(signs)):
+        status[~placed.sound(number, signs)] = Status.AT_SINGULARITY
     status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
     return status
 
 
-def _unit_normal(placed: Placed, pair: int, signs: Signs) -> tuple[Floats, Floats]:
-    """Return how fast the output turns about an input's normal, and the unit normal."""
-    key = (placed.key("normal", pair, placed.dyads.group_of[pair], signs), "unit")
+def _rate(placed: Placed, pair: int, signs: Signs) -> tuple[Fraction, Floats]:
+    """Return the rate of an input per unit rate of the output, and its size above."""
+    key = (placed.key("rate", pair, placed.dyads.moves_with(pair), signs), "size")
     if key not in placed.known:
         rate = placed.rate(pair, signs)
-        size = norm(rate.top)
-        placed.known[key] = (
-            np.abs(rate.bottom) / size,
-            rate.top * (np.sign(rate.bottom) / size),
-        )
-    found: tuple[Floats, Floats] = placed.known[key]
+        placed.known[key] = rate, norm(rate.top)
+    found: tuple[Fraction, Floats] = placed.known[key]
     return found
 
 
 def _independence(
-    placed: Placed, units: Sequence[Floats], pairs: Sequence[int], signs: Signs
+    placed: Placed,
+    rates: Sequence[tuple[Fraction, Floats]],
+    pairs: Sequence[int],
+    signs: Signs,
 ) -> Floats:
     """Return the volume or area (n,) that the unit normals span."""
-    groups = [placed.dyads.group_of[pair] for pair in pairs[:2]]
-    needs = [*placed.dyads.needs[groups[0]], *placed.dyads.needs[groups[1]]]
-    key = ("cross", pairs[0], pairs[1], *(signs[number] for number in needs))
+    needs = placed.dyads.moves_with(pairs[0]) | placed.dyads.moves_with(pairs[1])
+    key = placed.key("cross", pairs[0], needs, signs)
+    (one, one_size), (other, other_size), *rest = rates
     if key not in placed.known:
-        placed.known[key] = cross(units[0], units[1])
-    across: Floats = placed.known[key]
-    return norm(across) if len(units) == 2 else np.abs(dot(across, units[2]))
-
-
-def solved(
-    solver: Solver, wrist: Wrist, inputs: Floats, driven: Sequence[int]
-) -> Solutions:
-    """Return every configuration of a mechanism at inputs (n, inputs), row by row.
-
-    `solver` is that of the wrist's mechanism or of the mechanism itself; `driven` are the
-    variables to be told.
-    """
-    row, found, signs, rotations = [], [], [], []
-    complete = np.ones(len(inputs), dtype=bool)
-    for number, q in enumerate(inputs):
-        here = assemblies(solver, q)
-        complete[number] = all(m is None or m.is_complete for m in here.methods)
-        for mode, values in here.modes:
-            placed, _ = solver.closure.place(values[None])
-            base = placed[0, wrist.base]
-            row.append(number)
-            found.append(values[list(driven)])
-            signs.append(mode)
-            rotations.append(transpose(base) @ placed[0, wrist.link])
-    turned = np.array(rotations).reshape(-1, 3, 3)
-    direction = wrist.output.direction
-    return Solutions(
-        np.array(row, dtype=np.intp),
-        np.array(found).reshape(-1, len(driven)),
-        turned,
-        None if direction is None else turned @ np.array(direction),
-        tuple(signs),
-        complete,
-    )
+        sizes = one_size * other_size
+        placed.known[key] = cross(one.top, other.top), sizes
+    across, sizes = placed.known[key]
+    if not rest:
+        return np.asarray(norm(across) / sizes)
+    ((third, third_size),) = rest
+    return np.asarray(np.abs(dot(across, third.top)) / (sizes * third_size))

@@ -152,7 +152,9 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> Wrist:
     return Wrist(made, output, driven, (count, count + 1, count + 2))
 
 
-def _unused(taken: "tuple[str, ...] | Mapping[str, int]", names: tuple[str, ...]) -> list[str]:
+def _unused(
+    taken: "tuple[str, ...] | Mapping[str, int]", names: tuple[str, ...]
+) -> list[str]:
     """Return names that are not taken, with underscores if need be."""
     found = []
     for name in names:
