@@ -333,7 +333,7 @@ class Placed:
 
     def _halves(self, group: int, signs: Signs) -> tuple[Floats, Floats, Floats]:
         """Return the part of the middle axis that both signs share, the other, and |t|."""
-        key = self._halves_key(group, signs)
+        key = self.reach_key(group, signs)
         if key not in self.known:
             stand = self.dyads.stands[group]
             cones = stand.cones
@@ -370,18 +370,19 @@ class Placed:
 
     def _beside(self, group: int, signs: Signs, what: str) -> Any:
         self._halves(group, signs)
-        return self.known[self._halves_key(group, signs), what]
+        return self.known[self.reach_key(group, signs), what]
 
-    def _halves_key(self, group: int, signs: Signs) -> Hashable:
+    def reach_key(self, group: int, signs: Signs) -> Hashable:
+        """Return the key of what a dyad's reach depends on: all but its own sign."""
         return self.key("halves", group, self.dyads.needs[group] - {group}, signs)
 
-    def angle(self, pair: int, signs: Signs) -> Floats:
-        """Return the variable (n,) of a dyad's pair in (-pi, pi] rad."""
+    def angle(self, pair: int, signs: Signs) -> tuple[Floats, Hashable]:
+        """Return the variable (n,) of a pair in (-pi, pi] rad, and its key."""
         needs = (self.dyads.needs_of(link) for link in self.dyads.ends[pair])
         key = self.key("angle", pair, frozenset().union(*needs), signs)
         if key not in self.known:
             self.known[key] = self._angle(pair, signs)
-        return np.asarray(self.known[key])
+        return self.known[key], key
 
     def _angle(self, pair: int, signs: Signs) -> Floats:
         dyads = self.dyads

@@ -10,7 +10,7 @@ closed-loop kinematic chains (1990), made free of units. With the other inputs f
 locked input leaves the output a plane of angular velocities; n_i is its normal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -23,7 +23,7 @@ from spherekit.errors import SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Solver
-from spherekit.output.dyads import Dyads, Fraction, Placed, Signs
+from spherekit.output.dyads import Dyads, Placed, Signs
 from spherekit.output.solutions import Solutions, solved
 from spherekit.output.wrist import Wrist, with_wrist
 from spherekit.planning.assembly import plan_assembly
@@ -221,19 +221,16 @@ class InverseKinematics:
                 )
                 self._check(block, start)
                 for k, signs in enumerate(chosen):
-                    margin[k, rows], limiting[k, rows] = _margin(placed, signs)
-                    state = _status(placed, signs, margin[k, rows])
-                    status[k, rows] = state
-                    failed = state == Status.OUT_OF_REACH
+                    reach = _reach(placed, signs)
+                    margin[k, rows], limiting[k, rows] = reach.margin, reach.limiting
+                    status[k, rows] = reach.status
                     rates = []
                     for i, pair in enumerate(self.wrist.driven):
-                        np.copyto(inputs[k, i, rows], placed.angle(pair, signs))
-                        inputs[k, i, rows][failed] = np.nan
-                        rate, size = _rate(placed, pair, signs)
-                        type_1[k, i, rows] = np.abs(rate.bottom) / size
-                        rates.append((rate, size))
+                        inputs[k, i, rows] = _input(placed, pair, signs, reach)
+                        rates.append(_rate(placed, pair, signs))
+                        type_1[k, i, rows] = rates[-1].speed
                         if kept is not None:
-                            kept[k, i, :, rows] = rate.top * (np.sign(rate.bottom) / size)
+                            kept[k, i, :, rows] = rates[-1].unit
                     type_2[k, rows] = _independence(placed, rates, self.wrist.driven, signs)
         return Inverse(
             chosen,
@@ -303,51 +300,83 @@ class InverseKinematics:
         return chosen
 
 
-def _margin(placed: Placed, signs: Signs) -> tuple[Floats, NDArray[np.int8]]:
-    """Return the least margin (n,) of the dyads, and the dyad that it belongs to."""
-    least = placed.margin(0, signs)
-    limiting = np.zeros(len(least), dtype=np.int8)
-    for number in range(1, len(signs)):
-        margin = placed.margin(number, signs)
-        nearer = margin < least
-        limiting[nearer] = number
-        least = np.fmin(least, margin)
-    return least, limiting
+@final
+@dataclass(frozen=True)
+class _Reach:
+    """Whether the dyads of a mode close (n,), see `Inverse`; `key` names what it is of."""
+
+    key: Hashable
+    margin: Floats
+    limiting: NDArray[np.int8]
+    status: NDArray[np.int8]
 
 
-def _status(placed: Placed, signs: Signs, margin: Floats) -> NDArray[np.int8]:
-    status = np.zeros(len(margin), dtype=np.int8)
-    for number in range(len(signs)):
-        status[~placed.sound(number, signs)] = Status.AT_SINGULARITY
-    status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
-    return status
+def _reach(placed: Placed, signs: Signs) -> _Reach:
+    numbers = range(len(signs))
+    key = ("reach", *(placed.reach_key(number, signs) for number in numbers))
+    if key not in placed.known:
+        margin = placed.margin(0, signs)
+        limiting = np.zeros(len(margin), dtype=np.int8)
+        status = np.zeros(len(margin), dtype=np.int8)
+        for number in numbers:
+            another = placed.margin(number, signs)
+            limiting[another < margin] = number
+            margin = np.fmin(margin, another)
+            status[~placed.sound(number, signs)] = Status.AT_SINGULARITY
+        status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
+        placed.known[key] = _Reach(key, margin, limiting, status)
+    found: _Reach = placed.known[key]
+    return found
 
 
-def _rate(placed: Placed, pair: int, signs: Signs) -> tuple[Fraction, Floats]:
-    """Return the rate of an input per unit rate of the output, and its size above."""
-    key = (placed.key("rate", pair, placed.dyads.moves_with(pair), signs), "size")
+def _input(placed: Placed, pair: int, signs: Signs, reach: _Reach) -> Floats:
+    """Return an input (n,), NaN where any dyad of the mode is out of reach."""
+    angle, key = placed.angle(pair, signs)
+    masked = (key, reach.key)
+    if masked not in placed.known:
+        held = angle.copy()
+        held[reach.status == Status.OUT_OF_REACH] = np.nan
+        placed.known[masked] = held
+    return np.asarray(placed.known[masked])
+
+
+@final
+@dataclass(frozen=True)
+class _Rate:
+    """How an input moves with the output: a vector (3, n) along its normal, and sizes."""
+
+    normal: Floats
+    size: Floats
+    sense: Floats
+    speed: Floats
+
+    @property
+    def unit(self) -> Floats:
+        """The unit normal (3, n)."""
+        return np.asarray(self.normal * (self.sense / self.size))
+
+
+def _rate(placed: Placed, pair: int, signs: Signs) -> _Rate:
+    key = ("size", placed.key("rate", pair, placed.dyads.moves_with(pair), signs))
     if key not in placed.known:
         rate = placed.rate(pair, signs)
-        placed.known[key] = rate, norm(rate.top)
-    found: tuple[Fraction, Floats] = placed.known[key]
+        size = norm(rate.top)
+        speed = np.abs(rate.bottom) / size
+        placed.known[key] = _Rate(rate.top, size, np.sign(rate.bottom), speed)
+    found: _Rate = placed.known[key]
     return found
 
 
 def _independence(
-    placed: Placed,
-    rates: Sequence[tuple[Fraction, Floats]],
-    pairs: Sequence[int],
-    signs: Signs,
+    placed: Placed, rates: Sequence[_Rate], pairs: Sequence[int], signs: Signs
 ) -> Floats:
     """Return the volume or area (n,) that the unit normals span."""
+    one, other, *rest = rates
     needs = placed.dyads.moves_with(pairs[0]) | placed.dyads.moves_with(pairs[1])
     key = placed.key("cross", pairs[0], needs, signs)
-    (one, one_size), (other, other_size), *rest = rates
     if key not in placed.known:
-        sizes = one_size * other_size
-        placed.known[key] = cross(one.top, other.top), sizes
+        placed.known[key] = cross(one.normal, other.normal), one.size * other.size
     across, sizes = placed.known[key]
     if not rest:
         return np.asarray(norm(across) / sizes)
-    ((third, third_size),) = rest
-    return np.asarray(np.abs(dot(across, third.top)) / (sizes * third_size))
+    return np.asarray(np.abs(dot(across, rest[0].normal)) / (sizes * rest[0].size))
