@@ -537,3 +537,119 @@ def test_names_of_the_wrist_give_way():
         "dyad of 21, 32, turn",
         "dyad of tilt, 54, 51",
     )
+
+
+MIRRORED = np.diag([-1.0, 1.0, 1.0])
+"""The end effector's axes are mirror images of those of the base (links 4 and 1)."""
+Q = np.array([0.0, 0.5, np.sqrt(0.75)])
+
+
+def mid_plane_pose(directions):
+    """The normal of the mid-plane and the end effector that P points at (eqs. 2, 6)."""
+    normal = directions - Q
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
+    return normal, mirror @ MIRRORED
+
+
+def mid_plane_direction(made, inputs):
+    """What the inputs make P point at: B2 and B5 span the mid-plane (eqs. 10, 11)."""
+    frames = input_frames(made)
+    first, second = frames["21"]
+    turn = Rotation.from_euler("z", -inputs[:, 0, None]).as_matrix()
+    b2 = second @ turn @ first.T @ frames["32"][0][:, 2]
+    first, second = frames["61"]
+    turn = Rotation.from_euler("z", inputs[:, 1, None]).as_matrix()
+    b5 = first @ turn @ second.T @ frames["65"][1][:, 2]
+    normal = np.cross(b2, b5)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= length
+    return Q - 2 * normal * (normal @ Q)[:, None], length[:, 0]
+
+
+@pytest.mark.parametrize("count", [1000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_the_mid_plane_mechanism_returns_from_every_working_mode(count):
+    """Dyads and one bar, closed next to the pose, against the law of the mid-plane."""
+    made = sk.load("two_dof_spm")
+    kinematics = InverseKinematics(made)
+    assert not kinematics.has_closed_form
+    assert kinematics.legs[-1].startswith("bar of")
+    assert len(kinematics.modes) == 32
+    tilt = np.random.default_rng(14).uniform(0.2, 1.6, count)
+    around = np.random.default_rng(15).uniform(-np.pi, np.pi, count)
+    frame = np.stack([[1.0, 0, 0], np.cross(Q, [1.0, 0, 0]), Q], axis=1)
+    directions = pointing(np.stack([around, tilt], axis=1)) @ frame.T
+    _, known = mid_plane_pose(directions)
+    nudge = 1e-3 * np.random.default_rng(16).normal(size=count)[:, None] * directions
+    near = Rotation.from_rotvec(nudge).as_matrix() @ known
+    inverse = kinematics.at(directions, near=near, normals=True)
+    found, worst = set(), 0.0
+    for k, signs in enumerate(inverse.modes):
+        good = (inverse.status[k] == Status.OK) & (inverse.type_2[k] > 0.05)
+        good &= inverse.type_1[k].min(axis=1) > 0.05
+        back, spread = mid_plane_direction(made, inverse.inputs[k][good])
+        gap = np.max(np.abs(back - directions[good]), axis=1)
+        mine = gap < 1e-6
+        if np.mean(mine[:200]) > 0.5:
+            found.add(signs[:2])
+        slope = np.minimum(np.abs(inverse.slope[k][good]), 1.0)
+        worst = max(worst, np.max((gap * spread * slope)[mine], initial=0.0))
+        failed = (inverse.status[k] != Status.OK) & (
+            inverse.status[k] != Status.AT_SINGULARITY
+        )
+        assert np.all(np.isnan(inverse.inputs[k][failed]))
+    assert len(found) == 4
+    assert worst < 1e-13
+
+
+def test_every_turn_of_the_mid_plane_mechanism_is_found():
+    """The closed form has two places for each of the three legs, where they reach."""
+    made = sk.load("two_dof_spm")
+    kinematics = InverseKinematics(made)
+    directions = random_rotations(6, 17)[:, :, 2]
+    directions[:4] = [[0.3, 0.8, 0.52], [-0.2, 0.9, 0.4], [0.5, 0.5, 0.7], [0.1, 0.1, 1]]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    normal, known = mid_plane_pose(directions)
+    found = kinematics.solutions(directions)
+    assert np.max(np.abs(found.directions - directions[found.row])) < 1e-14
+    frames = input_frames(made)
+    reached = np.ones(6, dtype=bool)
+    for pair, end, arc in (("21", 1, 40.0), ("61", 0, 40.0), ("81", 0, 50.0)):
+        axis = frames[pair][end][:, 2]
+        reached &= np.abs(normal @ axis) < np.sin(np.radians(arc))
+    assert 3 <= np.sum(reached) < 6
+    for row in range(6):
+        mine = found.row == row
+        same = np.max(np.abs(found.rotations[mine] - known[row]), axis=(1, 2)) < 1e-9
+        pairs = {tuple(np.round(q, 6)) for q in found.inputs[mine][same]}
+        assert len(pairs) == (4 if reached[row] else 0)
+    assert {len(signs) for signs in found.signs} == {5}
+
+
+def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
+    made = sk.load("two_dof_spm")
+    kinematics = InverseKinematics(made)
+    motion = sk.trace(made, path=np.radians([[14.0, 23.0], [31.0, 12.0]]))
+    output = kinematics.wrist.output
+    rotations = motion.rotations[:, made.link_number["4"]]
+    pose = rotations @ np.array(output.direction)
+    rates = output_rates(motion, output)
+    rates = rates - pose[:, :, None] * np.einsum("ni,nij->nj", pose, rates)[:, None]
+    inverse = kinematics.at(pose, near=rotations, normals=True)
+    gap = np.max(np.abs(np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))), axis=2)
+    wrong = np.max(np.abs(inverse.jacobian - rates), axis=(2, 3))
+    size = np.max(np.abs(rates), axis=(1, 2))
+    moves = size > 1e-6
+    same = (gap < 1e-9) & (inverse.status == Status.OK)
+    assert np.sum(moves) >= 16
+    assert np.all(np.any(same & (wrong < 1e-8), axis=0)[moves])
+
+
+def test_a_mechanism_with_a_bar_wants_a_start():
+    kinematics = InverseKinematics(sk.load("two_dof_spm"))
+    with pytest.raises(SolveError, match="give orientations `near` it, from"):
+        kinematics.at([[0.0, 0.0, 1.0]])
+    with pytest.raises(SolveError, match="`near` is a rotation for each of the 2 poses"):
+        kinematics.at([[0.0, 0.0, 1.0]] * 2, near=np.zeros((4, 3, 3)))
+    far = kinematics.at([[0.0, -0.6, -0.8]], near=np.eye(3))
+    assert np.all(far.status == Status.OUT_OF_REACH) and np.all(far.margin < 0.0)

@@ -441,9 +441,9 @@ class Placed:
                 across, body = cross(c, a), stand.second
             else:
                 across, body, far = cross(b, a), stand.second, None
-            moved = self._along(across, stand.hold, far, signs)
-            still = self._along(across, stand.foot, near, signs)
-            rate = _difference(moved, still)
+            moved = self.along(across, stand.hold, far, signs)
+            still = self.along(across, stand.foot, near, signs)
+            rate = difference(moved, still)
             ahead = dyads.ends[pair][1] == body
             self.known[key] = Fraction(
                 rate.top, rate.bottom * (-triple if ahead else triple)
@@ -451,7 +451,7 @@ class Placed:
         found: Fraction = self.known[key]
         return found
 
-    def _along(
+    def along(
         self, vector: Floats, link: int, across: int | None, signs: Signs
     ) -> Fraction | None:
         """Return vector . w of a link; None for zero.
@@ -469,8 +469,8 @@ class Placed:
         at_first = link == stand.first
         pair, foot = (stand.near, stand.foot) if at_first else (stand.far, stand.hold)
         if across is not None and dyads.is_coaxial(pair, across, link):
-            return self._along(vector, foot, pair, signs)
-        carried = self._along(vector, foot, None, signs)
+            return self.along(vector, foot, pair, signs)
+        carried = self.along(vector, foot, None, signs)
         own = self.rate(pair, signs)
         share = dot(vector, self.axis(pair, link, signs))
         ahead = dyads.ends[pair][1] == link
@@ -484,9 +484,10 @@ def _sum(one: Fraction, other: Fraction) -> Fraction:
     )
 
 
-def _difference(one: Fraction | None, other: Fraction | None) -> Fraction:
+def difference(one: Fraction | None, other: Fraction | None) -> Fraction:
+    """Return the difference of two rates; None stands for zero."""
     if other is None:
-        assert one is not None, "a dyad on the base alone does not move with the output"
+        assert one is not None, "what stands on the base alone does not move"
         return one
     minus = Fraction(-other.top, other.bottom)
     return minus if one is None else _sum(one, minus)

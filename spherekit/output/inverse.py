@@ -11,7 +11,7 @@ locked input leaves the output a plane of angular velocities; n_i is its normal.
 """
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -22,8 +22,9 @@ from spherekit.conventions import REACH_SLACK, Status
 from spherekit.errors import SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.branches import Solver
-from spherekit.output.dyads import Dyads, Placed, Signs
+from spherekit.motion.branches import FLAT_DYAD, Solver
+from spherekit.output.bar import Turned, turned
+from spherekit.output.dyads import Dyads, Fraction, Placed, Signs
 from spherekit.output.solutions import Solutions, solved
 from spherekit.output.wrist import Wrist, with_wrist
 from spherekit.planning.assembly import plan_assembly
@@ -33,6 +34,8 @@ from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
 
 ROWS = 8192
 """Rows computed at once: few enough for the processor's cache, and enough to hide calls."""
+FEW = 64
+"""Directions whose every turn is looked for at once."""
 NOT_UNIT = 1e-6
 """Poses whose squared lengths or volume differ from 1 by more are refused."""
 
@@ -69,6 +72,10 @@ class Inverse:
     normals
         (m, n, inputs, 3) the unit n_i in axes of the link that the output is seen from,
         in the sense in which the input's rate is positive; None if not asked for.
+    slope
+        (m, n) where a bar gives the output's turn: the derivative of the cosine between
+        its axes by that turn. The turn is known to rounding over the slope; where it is
+        0, two solutions meet or the output can turn. None without a bar.
     """
 
     modes: tuple[Signs, ...]
@@ -79,6 +86,7 @@ class Inverse:
     type_1: Floats
     type_2: Floats
     normals: Floats | None = None
+    slope: Floats | None = None
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -140,35 +148,54 @@ class InverseKinematics:
             number for pair in self.wrist.driven for number in mechanism.variables_of(pair)
         ]
         self._dyads: Dyads | None = None
+        self._turned: Turned | None = None
+        self._assembly = self.solver.assembly
         joints = [joint for joint in self.solver.joints if isinstance(joint, Revolute)]
         every = len(joints) == len(self.solver.joints)
-        if every and Dyads.fit(self.solver.assembly, self.wrist.base):
+        if every and Dyads.fit(self._assembly, self.wrist.base):
             given = self.wrist.carrier if self.wrist.points else self.wrist.link
             self._dyads = Dyads(
-                self.mechanism, joints, self.solver.assembly, self.wrist.base, [given]
+                self.mechanism, joints, self._assembly, self.wrist.base, [given]
             )
+        else:
+            self._turned = turned(self.wrist, self.solver)
+            if self._turned is not None:
+                self._assembly = self._turned.assembly
 
     @property
     def has_closed_form(self) -> bool:
-        """Whether `at` can be asked: all groups are dyads on the held body."""
+        """Whether `at` needs nothing but poses: all groups are dyads on the held body."""
         return self._dyads is not None
 
     @property
     def legs(self) -> tuple[str, ...]:
-        """The groups in solving order, each by its kind and the names of its pairs."""
-        return tuple(
+        """The groups in solving order, each by its kind and the names of its pairs.
+
+        A bar whose arc gives the turn of the output about its direction comes last.
+        """
+        found = [
             f"{group.kind} of "
             + ", ".join(self.mechanism.pairs[p].name for p in group.pairs)
-            for group in self.solver.assembly.groups
-        )
+            for group in self._assembly.groups
+        ]
+        if self._turned is not None:
+            names = (self.mechanism.pairs[pair].name for pair in self._turned.pairs)
+            found.append("bar of " + ", ".join(names))
+        return tuple(found)
 
     @property
     def modes(self) -> tuple[Signs, ...]:
-        """The signs of all working modes."""
+        """The signs of all working modes, 0 for groups without a closed form.
+
+        The sign of a bar is the sense in which its axes come nearer as the output turns
+        about its direction: a direction may have several such solutions.
+        """
         found: list[Signs] = [()]
-        for group in self.solver.assembly.groups:
+        for group in self._assembly.groups:
             choices = (1, -1) if group.is_dyad else (0,)
             found = [(*signs, sign) for signs in found for sign in choices]
+        if self._turned is not None:
+            found = [(*signs, sign) for signs in found for sign in (1, -1)]
         return tuple(found)
 
     def at(
@@ -176,8 +203,9 @@ class InverseKinematics:
         poses: ArrayLike,
         modes: Sequence[Signs] | None = None,
         normals: bool = False,
+        near: ArrayLike | None = None,
     ) -> Inverse:
-        """Return the inputs of poses in closed form.
+        """Return the inputs of many poses.
 
         Parameters
         ----------
@@ -188,15 +216,18 @@ class InverseKinematics:
             Signs of the modes wanted; all by default.
         normals
             Whether to keep the normals, which the Jacobian needs.
+        near
+            (n, 3, 3) orientations of the output link, whose turns about the directions
+            the solutions are looked for next to. Needed where a bar gives the turn, and
+            then that is closed by Newton's method.
 
         Raises
         ------
         SolveError
-            If the poses are no rotations or directions, a mode does not exist, or the
-            groups have no closed form; then ask for `solutions`.
+            If the poses are no rotations or directions, a mode does not exist, `near` is
+            missing, or the groups are no dyads; then ask for `solutions`.
         """
-        dyads = self._dyads
-        if dyads is None:
+        if self._dyads is None and self._turned is None:
             raise SolveError(
                 f"{self.own.name}: with the output held there is no closed form: "
                 f"{'; '.join(self.legs)}. Ask for `solutions` row by row, or trace "
@@ -205,33 +236,40 @@ class InverseKinematics:
         given = self._checked(poses)
         chosen = self._chosen(modes)
         m, n, g = len(chosen), len(given), len(self.driven)
+        starts = self._starts(near, n)
         inputs, type_1 = np.empty((m, g, n)), np.empty((m, g, n))
         margin, type_2 = np.empty((m, n)), np.empty((m, n))
         status = np.empty((m, n), dtype=np.int8)
         limiting = np.empty((m, n), dtype=np.int8)
         kept = np.empty((m, g, 3, n)) if normals else None
+        slope = None if self._turned is None else np.empty((m, n))
         with np.errstate(invalid="ignore", divide="ignore"):
             for start in range(0, n, ROWS):
                 rows = slice(start, min(start + ROWS, n))
                 block = np.ascontiguousarray(given[rows].T)
-                placed = (
-                    Placed(dyads, {self.wrist.pairs[2]: block}, None)
-                    if self.wrist.points
-                    else Placed(dyads, {}, block)
-                )
                 self._check(block, start)
+                placed: Placed | None = None
                 for k, signs in enumerate(chosen):
-                    reach = _reach(placed, signs)
-                    margin[k, rows], limiting[k, rows] = reach.margin, reach.limiting
-                    status[k, rows] = reach.status
+                    if self._turned is not None:
+                        view = _closed(self._turned, block, starts[rows], signs)
+                    else:
+                        placed = placed or self._placed(block)
+                        view = _View(placed, signs, _reach(placed, signs))
+                    margin[k, rows], limiting[k, rows] = (
+                        view.reach.margin,
+                        view.reach.limiting,
+                    )
+                    status[k, rows] = view.reach.status
+                    if slope is not None:
+                        slope[k, rows] = view.slope
                     rates = []
                     for i, pair in enumerate(self.wrist.driven):
-                        inputs[k, i, rows] = _input(placed, pair, signs, reach)
-                        rates.append(_rate(placed, pair, signs))
+                        inputs[k, i, rows] = view.input(pair)
+                        rates.append(view.rate(pair))
                         type_1[k, i, rows] = rates[-1].speed
                         if kept is not None:
                             kept[k, i, :, rows] = rates[-1].unit
-                    type_2[k, rows] = _independence(placed, rates, self.wrist.driven, signs)
+                    type_2[k, rows] = view.independence(rates, self.wrist.driven)
         return Inverse(
             chosen,
             np.swapaxes(inputs, 1, 2),
@@ -241,6 +279,7 @@ class InverseKinematics:
             np.swapaxes(type_1, 1, 2),
             type_2,
             None if kept is None else np.moveaxis(kept, -1, 1),
+            slope,
         )
 
     def solutions(self, poses: ArrayLike) -> Solutions:
@@ -255,8 +294,62 @@ class InverseKinematics:
             If the poses are no rotations or directions.
         """
         given = self._checked(poses)
+        if self._turned is not None:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                return self._every_turn(self._turned, given)
         coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
         return solved(self.solver, self.wrist.output, coordinates, self.driven)
+
+    def _every_turn(self, turned: Turned, given: Floats) -> Solutions:
+        """Return the solutions of all modes at directions (n, 3), in order of rows."""
+        self._check(given.T, 0)
+        rows, inputs, rotations, signs = [], [], [], []
+        for start in range(0, len(given), FEW):
+            block = np.ascontiguousarray(given[start : start + FEW].T)
+            for mode in dict.fromkeys(mode[:-1] for mode in self.modes):
+                row, turn, sense = turned.roots(block, mode)
+                placed = turned.place(block[:, row], turn)
+                rows.append(row + start)
+                inputs.append(
+                    np.stack([placed.angle(p, mode)[0] for p in self.wrist.driven], axis=1)
+                )
+                assert placed.given_rotation is not None
+                rotations.append(placed.given_rotation.T)
+                signs += [(*mode, int(sign)) for sign in sense]
+        row = np.concatenate([np.empty(0, dtype=np.intp), *rows])
+        order = np.argsort(row, kind="stable")
+        turned_links = np.concatenate([np.empty((0, 3, 3)), *rotations])[order]
+        return Solutions(
+            row[order],
+            np.concatenate([np.empty((0, len(self.driven))), *inputs])[order],
+            turned_links,
+            turned_links @ turned.direction,
+            tuple(signs[k] for k in order),
+            np.zeros(len(given), dtype=bool),
+        )
+
+    def _placed(self, block: Floats) -> Placed:
+        assert self._dyads is not None
+        if self.wrist.points:
+            return Placed(self._dyads, {self.wrist.pairs[2]: block}, None)
+        return Placed(self._dyads, {}, block)
+
+    def _starts(self, near: ArrayLike | None, count: int) -> Floats:
+        if self._turned is None:
+            return np.empty((count, 0))
+        if near is None:
+            raise SolveError(
+                f"{self.own.name}: outputs.{self.wrist.output.name}: the turn of the "
+                "output about its direction is found by Newton's method; give orientations "
+                "`near` it, from `solutions` or of poses before"
+            )
+        starts = np.asarray(near, dtype=float)
+        if starts.shape not in ((3, 3), (count, 3, 3)):
+            raise SolveError(
+                f"{self.own.name}: outputs.{self.wrist.output.name}: `near` is a rotation "
+                f"for each of the {count} poses, not {starts.shape}"
+            )
+        return np.broadcast_to(starts, (count, 3, 3))
 
     def _checked(self, poses: ArrayLike) -> Floats:
         given = np.asarray(poses, dtype=float)
@@ -329,17 +422,6 @@ def _reach(placed: Placed, signs: Signs) -> _Reach:
     return found
 
 
-def _input(placed: Placed, pair: int, signs: Signs, reach: _Reach) -> Floats:
-    """Return an input (n,), NaN where any dyad of the mode is out of reach."""
-    angle, key = placed.angle(pair, signs)
-    masked = (key, reach.key)
-    if masked not in placed.known:
-        held = angle.copy()
-        held[reach.status == Status.OUT_OF_REACH] = np.nan
-        placed.known[masked] = held
-    return np.asarray(placed.known[masked])
-
-
 @final
 @dataclass(frozen=True)
 class _Rate:
@@ -356,27 +438,79 @@ class _Rate:
         return np.asarray(self.normal * (self.sense / self.size))
 
 
-def _rate(placed: Placed, pair: int, signs: Signs) -> _Rate:
-    key = ("size", placed.key("rate", pair, placed.dyads.moves_with(pair), signs))
-    if key not in placed.known:
-        rate = placed.rate(pair, signs)
-        size = norm(rate.top)
-        speed = np.abs(rate.bottom) / size
-        placed.known[key] = _Rate(rate.top, size, np.sign(rate.bottom), speed)
-    found: _Rate = placed.known[key]
-    return found
+@final
+@dataclass(frozen=True)
+class _View:
+    """One mode of placed dyads; `turn` are the rate of the bar's gap and the directions.
+
+    What other modes share is taken from what is known of `placed` already.
+    """
+
+    placed: Placed
+    signs: Signs
+    reach: _Reach
+    turn: tuple[Fraction, Floats] | None = None
+
+    @property
+    def slope(self) -> Floats:
+        """The derivative (n,) of the bar's gap by the turn."""
+        assert self.turn is not None
+        gap, directions = self.turn
+        return np.asarray(dot(gap.top, directions) / gap.bottom)
+
+    def input(self, pair: int) -> Floats:
+        """Return an input (n,), NaN where the mode has no configuration."""
+        known = self.placed.known
+        angle, key = self.placed.angle(pair, self.signs)
+        masked = (key, self.reach.key)
+        if masked not in known:
+            held = angle.copy()
+            status = self.reach.status
+            held[(status != Status.OK) & (status != Status.AT_SINGULARITY)] = np.nan
+            known[masked] = held
+        return np.asarray(known[masked])
+
+    def rate(self, pair: int) -> _Rate:
+        """Return how an input moves with the output, its turn being what the bar asks."""
+        placed, signs = self.placed, self.signs
+        key = ("size", placed.key("rate", pair, placed.dyads.moves_with(pair), signs))
+        if key not in placed.known:
+            rate = placed.rate(pair, signs)
+            if self.turn is not None:
+                gap, directions = self.turn
+                along, about = dot(rate.top, directions), dot(gap.top, directions)
+                rate = Fraction(rate.top * about - gap.top * along, rate.bottom * about)
+            size = norm(rate.top)
+            speed = np.abs(rate.bottom) / size
+            placed.known[key] = _Rate(rate.top, size, np.sign(rate.bottom), speed)
+        found: _Rate = placed.known[key]
+        return found
+
+    def independence(self, rates: Sequence[_Rate], pairs: Sequence[int]) -> Floats:
+        """Return the volume or area (n,) that the unit normals span."""
+        placed = self.placed
+        one, other, *rest = rates
+        needs = placed.dyads.moves_with(pairs[0]) | placed.dyads.moves_with(pairs[1])
+        key = placed.key("cross", pairs[0], needs, self.signs)
+        if key not in placed.known:
+            placed.known[key] = cross(one.normal, other.normal), one.size * other.size
+        across, sizes = placed.known[key]
+        if not rest:
+            return np.asarray(norm(across) / sizes)
+        return np.asarray(np.abs(dot(across, rest[0].normal)) / (sizes * rest[0].size))
 
 
-def _independence(
-    placed: Placed, rates: Sequence[_Rate], pairs: Sequence[int], signs: Signs
-) -> Floats:
-    """Return the volume or area (n,) that the unit normals span."""
-    one, other, *rest = rates
-    needs = placed.dyads.moves_with(pairs[0]) | placed.dyads.moves_with(pairs[1])
-    key = placed.key("cross", pairs[0], needs, signs)
-    if key not in placed.known:
-        placed.known[key] = cross(one.normal, other.normal), one.size * other.size
-    across, sizes = placed.known[key]
-    if not rest:
-        return np.asarray(norm(across) / sizes)
-    return np.asarray(np.abs(dot(across, rest[0].normal)) / (sizes * rest[0].size))
+def _closed(turned: Turned, directions: Floats, near: Floats, signs: Signs) -> _View:
+    """Return one mode with the output turned so that the bar closes, next to `near`."""
+    mode, wanted = signs[:-1], signs[-1]
+    start = turned.turn_of(directions, near)
+    turn, converged = turned.close(directions, start, mode)
+    placed = turned.place(directions, turn)
+    reach = _reach(placed, mode)
+    view = _View(placed, mode, reach, (turned.rate(placed, mode), directions))
+    status = reach.status.copy()
+    within = status != Status.OUT_OF_REACH
+    status[within & (np.abs(view.slope) < FLAT_DYAD)] = Status.AT_SINGULARITY
+    status[within & (view.slope * wanted <= 0.0)] = Status.BRANCH_LOST
+    status[within & ~converged] = Status.NOT_CONVERGED
+    return replace(view, reach=replace(reach, key=("closed", reach.key), status=status))
