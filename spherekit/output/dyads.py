@@ -351,18 +351,23 @@ class Placed:
             across = cross(a, c)
             across *= 4.0 * root / (u * v)
             self.known[key] = level, across, root
-            half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
-            base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
-            centre = 0.5 * (cones.longest + cones.shortest)
-            reach = 0.5 * (cones.longest - cones.shortest)
-            self.known[key, "margin"] = reach - np.abs(base - centre)
+            self.known[key, "squares"] = u, v
             self.known[key, "sound"] = root >= FLAT_DYAD * stand.flat
         found: tuple[Floats, Floats, Floats] = self.known[key]
         return found
 
     def margin(self, group: int, signs: Signs) -> Floats:
         """Return by how much (rad) a dyad reaches, negative if it does not (n,)."""
-        return np.asarray(self._beside(group, signs, "margin"))
+        key = self.reach_key(group, signs), "margin"
+        if key not in self.known:
+            cones = self.dyads.stands[group].cones
+            u, v = self._beside(group, signs, "squares")
+            half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
+            base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
+            centre = 0.5 * (cones.longest + cones.shortest)
+            reach = 0.5 * (cones.longest - cones.shortest)
+            self.known[key] = reach - np.abs(base - centre)
+        return np.asarray(self.known[key])
 
     def sound(self, group: int, signs: Signs) -> NDArray[np.bool_]:
         """Return whether a dyad closes and is neither stretched nor folded (n,)."""
