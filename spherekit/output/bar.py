@@ -175,12 +175,15 @@ class Turned:
                 low, high = np.where(rising, one, other), np.where(rising, other, one)
                 parts.append((row[crossed], low[crossed], high[crossed]))
 
-        for shift, way in ((-1, spacing), (1, -spacing)):
-            beside = np.roll(gap, shift, axis=1)
-            row, column = np.nonzero(np.isfinite(gap) & ~np.isfinite(beside))
-            start = np.asarray(samples[column])
-            last = self._halved(directions[:, row], start, way, signs, None)
-            keep(row, (start, gap[row, column]), last)
+        edges = [
+            np.nonzero(np.isfinite(gap) & ~np.isfinite(np.roll(gap, shift, axis=1)))
+            for shift in (-1, 1)
+        ]
+        row, column = (np.concatenate([edge[k] for edge in edges]) for k in (0, 1))
+        way = np.repeat([spacing, -spacing], [len(edge[0]) for edge in edges])
+        start = np.asarray(samples[column])
+        last = self._halved(directions[:, row], start, way, signs, None)
+        keep(row, (start, gap[row, column]), last)
         after, tilt = np.roll(gap, -1, axis=1), np.roll(slope, -1, axis=1)
         both = np.isfinite(gap) & np.isfinite(after)
         turns_back = both & ((gap <= 0.0) == (after <= 0.0))
@@ -213,7 +216,7 @@ class Turned:
         self,
         directions: Floats,
         turn: Floats,
-        way: float,
+        way: float | Floats,
         signs: Signs,
         slope: Floats | None,
     ) -> tuple[Floats, Floats]:

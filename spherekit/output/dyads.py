@@ -143,7 +143,9 @@ class Dyads:
         self.joints = joints
         self.base = base
         self.given = tuple(given)
+        self.spreads: dict[tuple[str, int, int], Spread] = {}
         self._coaxial: dict[tuple[int, int, int], bool] = {}
+        self._sources: dict[tuple[int, int], tuple[int, int, float]] = {}
         self.stands = tuple(self._stand(group) for group in assembly.groups)
         self.placed_by = {
             link: number
@@ -201,6 +203,9 @@ class Dyads:
 
         On a link that stands by an axis on the same line, it is that axis.
         """
+        asked = pair, link
+        if asked in self._sources:
+            return self._sources[asked]
         sense = 1.0
         while link in self.placed_by:
             stand = self.stands[self.placed_by[link]]
@@ -211,7 +216,8 @@ class Dyads:
             ahead = self.axis_in(pair, link) @ self.axis_in(outer, link)
             sense *= float(np.sign(ahead))
             pair, link = outer, stand.foot if at_first else stand.hold
-        return pair, link, sense
+        self._sources[asked] = pair, link, sense
+        return self._sources[asked]
 
     def axis_in(self, pair: int, link: int) -> Floats:
         """Return the axis (3,) of a pair in the axes of one of its links."""
@@ -306,7 +312,10 @@ class Placed:
         group = dyads.placed_by[link]
         key = (self.key(*name, dyads.needs[group], signs), link)
         if key not in self.known:
-            spread = dyads.spread_of(vector, link)
+            spread = dyads.spreads.get((*name, link))
+            if spread is None:
+                spread = dyads.spread_of(vector, link)
+                dyads.spreads[*name, link] = spread
             p = self.axis(spread.outer, link, signs)
             q = self.axis(spread.middle, link, signs)
             a, b, c = spread.weights

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import REACH_SLACK, Status
-from spherekit.errors import SolveError
+from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import FLAT_DYAD, Solver
@@ -130,7 +130,7 @@ class InverseKinematics:
     ----------
     mechanism
         A mechanism with two inputs and a pointing output, or three inputs.
-    output
+    name
         Name of the output, if it declares several.
 
     Raises
@@ -139,11 +139,21 @@ class InverseKinematics:
         If the output is not declared, or holding it leaves a part that is rigid or free.
     """
 
-    def __init__(self, mechanism: Mechanism, output: str | None = None) -> None:
+    def __init__(self, mechanism: Mechanism, name: str | None = None) -> None:
         self.own = mechanism
-        self.wrist: Wrist = with_wrist(mechanism, output)
+        self.wrist: Wrist = with_wrist(mechanism, name)
         self.mechanism = self.wrist.mechanism
-        self.solver = Solver(self.mechanism, plan_assembly(self.mechanism))
+        output = self.wrist.output
+        try:
+            assembly = plan_assembly(self.mechanism)
+        except CountError as problem:
+            raise PlanError(
+                f"{mechanism.name}: outputs.{output.name}: {output.link} seen from "
+                f"{output.relative_to} cannot take every "
+                f"{'direction' if self.wrist.points else 'orientation'} by itself, or the "
+                f"mechanism has not one freedom for each input ({problem})"
+            ) from None
+        self.solver = Solver(self.mechanism, assembly)
         self.driven = [
             number for pair in self.wrist.driven for number in mechanism.variables_of(pair)
         ]

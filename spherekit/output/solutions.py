@@ -50,6 +50,8 @@ def solved(
     row, values, signs = [], [], []
     complete = np.ones(len(inputs), dtype=bool)
     for number, q in enumerate(inputs):
+        if not np.all(np.isfinite(q)):
+            continue
         here = assemblies(solver, q)
         complete[number] = all(m is None or m.is_complete for m in here.methods)
         for mode, found in here.modes:
