@@ -605,7 +605,7 @@ def test_the_mid_plane_mechanism_returns_from_every_working_mode(count):
     found, worst = set(), 0.0
     for k, signs in enumerate(inverse.modes):
         good = (inverse.status[k] == Status.OK) & (inverse.type_2[k] > 0.05)
-        good &= inverse.type_1[k].min(axis=1) > 0.05
+        good &= (inverse.type_1[k].min(axis=1) > 0.05) & (inverse.margin[k] > 0.02)
         back, spread = mid_plane_direction(made, inverse.inputs[k][good])
         gap = np.max(np.abs(back - directions[good]), axis=1)
         mine = gap < 1e-6
