@@ -48,7 +48,6 @@ class Turned:
 
     dyads: Dyads
     assembly: Assembly
-    bar: int
     pairs: tuple[int, int]
     links: tuple[int, int]
     cosine: float
@@ -272,7 +271,6 @@ def turned(wrist: Wrist, solver: Solver) -> Turned | None:
         found = Turned(
             dyads,
             assembly,
-            bar,
             (first, second),
             (sum(made.ends[first]) - bar, sum(made.ends[second]) - bar),
             float(dyads.axis_in(first, bar) @ dyads.axis_in(second, bar)),

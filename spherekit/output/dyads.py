@@ -238,7 +238,7 @@ class Dyads:
         outer = stand.near if link == stand.first else stand.far
         p, q = self.axis_in(outer, link), self.axis_in(stand.middle, link)
         frame = np.stack([p, q, np.cross(p, q)], axis=1)
-        a, b, c = np.linalg.solve(frame, vector)
+        a, b, c = np.linalg.lstsq(frame, vector, rcond=None)[0]  # no error for a point
         return Spread(outer, stand.middle, (float(a), float(b), float(c)))
 
     def moves_with(self, pair: int) -> frozenset[int]:
