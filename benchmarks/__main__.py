@@ -16,6 +16,7 @@ NAMES = (
     "planning",
     "motion",
     "configurations",
+    "inverse",
     "startup",
     "accuracy",
     "tracking",

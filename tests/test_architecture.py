@@ -20,7 +20,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
-    ("singular", "engine"),
+    ("singular", "output", "engine"),
     ("dynamics",),
     ("analysis",),
     ("view",),

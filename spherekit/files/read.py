@@ -14,8 +14,8 @@ from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
 from spherekit.files.read_dynamics import DynamicsReader
-from spherekit.files.values import Values
-from spherekit.model.geometry import arc_pole
+from spherekit.files.values import Table, Values
+from spherekit.model.geometry import arc_pole, given_axis
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
@@ -97,7 +97,12 @@ class _Reader(Values):
             geometry=geometry,
             inputs=tuple(self.input(pair) for pair in data.get("inputs", {})),
             outputs=tuple(
-                Output(name, item["link"], item.get("relative_to", ground))
+                Output(
+                    name,
+                    item["link"],
+                    item.get("relative_to", ground),
+                    self.pointing(name, item, geometry),
+                )
                 for name, item in data.get("outputs", {}).items()
             ),
             source=Source(**source) if source else None,
@@ -196,6 +201,21 @@ class _Reader(Values):
             for pair, item in self.document.data["pairs"].items()
             if item["type"] in _TURNING
         }
+
+    def pointing(
+        self, output: str, item: Table, geometry: SizeGeometry | PoseGeometry
+    ) -> Vector | None:
+        """Read the direction of an output, in axes of its link."""
+        path: KeyPath = ("outputs", output)
+        given = [key for key in ("axis", "xyz", "lonlat") if key in item]
+        if len(given) > 1:
+            self.fail((*path, given[1]), f"the direction is given by {given[0]} already")
+        if "axis" not in item:
+            return self.vector(path, item) if given else None
+        try:
+            return given_axis(geometry, self.joined(), item["link"], item["axis"])
+        except ModelError as error:
+            self.fail((*path, "axis"), str(error))
 
     def input(self, pair: str) -> Input:
         item, path = self.document.data["inputs"][pair], ("inputs", pair)

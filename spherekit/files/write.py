@@ -13,7 +13,7 @@ from spherekit.files.check import FORMAT
 from spherekit.files.read import loads
 from spherekit.files.toml_text import Literal, assignment, tables
 from spherekit.files.write_dynamics import load_tables, mass_tables, stop_tables
-from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry, Profile
+from spherekit.model.mechanism import Mechanism, Output, Pair, PoseGeometry, Profile
 
 _Table = dict[str, Any]
 
@@ -99,15 +99,19 @@ def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
         item.pair: {"from": _angle(item.start, unit), "to": _angle(item.stop, unit)}
         for item in mechanism.inputs
     }
-    content["outputs"] = {
-        item.name: {"link": item.link, "relative_to": item.relative_to}
-        for item in mechanism.outputs
-    }
+    content["outputs"] = {item.name: _output(item) for item in mechanism.outputs}
     content["mass"] = mass_tables(mechanism.masses)
     content["loads"] = load_tables(mechanism.loads, unit)
     content["stops"] = stop_tables(mechanism.stops, unit)
     content["user"] = dict(mechanism.user)
     return {name: table for name, table in content.items() if table}
+
+
+def _output(output: Output) -> _Table:
+    table: _Table = {"link": output.link, "relative_to": output.relative_to}
+    if output.direction is not None:
+        table["xyz"] = [float(x) for x in output.direction]
+    return table
 
 
 def _link(mechanism: Mechanism, link: str, unit: AngleUnit) -> _Table:

@@ -266,8 +266,8 @@ def _size_frames(
     for pair in mechanism.pairs:
         if pair.type == "R":
             zero = about_z(geometry.zeros.get(pair.name, 0.0))
-            first[pair.name] = _reference_frame(axes[pair.links[0]], pair.name) @ zero
-            second[pair.name] = _reference_frame(axes[pair.links[1]], pair.name)
+            first[pair.name] = reference_frame(axes[pair.links[0]], pair.name) @ zero
+            second[pair.name] = reference_frame(axes[pair.links[1]], pair.name)
     return first, second
 
 
@@ -287,7 +287,11 @@ def axes_from_sizes(sizes: LinkSizes) -> dict[str, Floats]:
     return axes
 
 
-def _reference_frame(axes: dict[str, Floats], name: str) -> Floats:
+def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
+    """Return the frame (3, 3) of an axis of a link, from all axes of the link.
+
+    Its x axis leads to the first other axis that is not on the same line.
+    """
     axis = axes[name]
     for other, direction in axes.items():
         if other == name:

@@ -118,11 +118,15 @@ class Input:
 @final
 @dataclass(frozen=True)
 class Output:
-    """A link whose motion relative to another one is of interest."""
+    """A link whose motion relative to another one is of interest.
+
+    `direction` is the unit vector, in axes of the link, of what it points with.
+    """
 
     name: str
     link: str
     relative_to: str
+    direction: tuple[float, float, float] | None = None
 
 
 @final

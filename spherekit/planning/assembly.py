@@ -6,13 +6,14 @@ so on until one body is left. No frame is singled out (theory of Assur groups), 
 input between two floating links needs no special treatment.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import final
 
-from spherekit.errors import PlanError
+from spherekit.errors import CountError, PlanError
 from spherekit.model.mechanism import CONSTRAINTS, Mechanism
 from spherekit.planning.inputs import driven_pairs, merged
-from spherekit.planning.rigidity import Pebbles, counted_freedom
+from spherekit.planning.rigidity import FREEDOMS, Pebbles, counted_freedom
 
 
 @final
@@ -98,17 +99,42 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     inputs = driven_pairs(mechanism)
     counted = counted_freedom(mechanism, inputs, inputs[1:], by_rank)
     merged_links = merged(mechanism, inputs)
-    body_of = list(merged_links)
-    open_pairs = {n: ends for n, ends in enumerate(mechanism.ends) if n not in inputs}
+    open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
     if counted.game is None:
-        whole = _whole(mechanism, body_of, list(open_pairs))
+        whole = _whole(mechanism, list(merged_links), open_pairs)
         return Assembly(inputs, merged_links, (whole,))
+    return Assembly(inputs, merged_links, split(mechanism, merged_links, open_pairs))
+
+
+def split(
+    mechanism: Mechanism, bodies: tuple[int, ...], pairs: Iterable[int]
+) -> tuple[Group, ...]:
+    """Return the groups of a structure without freedom, in solving order.
+
+    `bodies[link]` is the smallest link of its body, `pairs` are the numbers of the pairs
+    that join bodies; links that none of them reaches are left out.
+
+    Raises
+    ------
+    CountError
+        If the bodies that the pairs join could move, or are over-constrained.
+    """
+    body_of = list(bodies)
+    open_pairs = {n: mechanism.ends[n] for n in pairs}
     taken = [CONSTRAINTS[pair.type] for pair in mechanism.pairs]
     game = Pebbles(len(mechanism.links))
+    covered = True
     for n, ends in open_pairs.items():
         one, other = body_of[ends[0]], body_of[ends[1]]
         for _ in range(taken[n]):
-            game.insert(one, other)
+            covered = one != other and game.insert(one, other) and covered
+    joined = {body_of[link] for ends in open_pairs.values() for link in ends}
+    equations = sum(taken[n] for n in open_pairs)
+    if open_pairs and not (covered and equations == FREEDOMS * (len(joined) - 1)):
+        raise CountError(
+            f"{mechanism.name}: {len(joined)} bodies joined by {len(open_pairs)} pairs are "
+            "no structure that can just be assembled"
+        )
     groups: list[Group] = []
     while open_pairs:
         part = _smallest_part(game, open_pairs, body_of, taken)
@@ -140,7 +166,7 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         body_of = [base if body in part else body for body in body_of]
         for n in inside:
             del open_pairs[n]
-    return Assembly(inputs, merged_links, tuple(groups))
+    return tuple(groups)
 
 
 def _whole(mechanism: Mechanism, body_of: list[int], pairs: list[int]) -> Group:

@@ -1,0 +1,116 @@
+"""Inverse kinematics of outputs: cost for each pose, with reach and measures."""
+
+import time
+
+import numpy as np
+
+from benchmarks.report import Cell, Section
+from benchmarks.timing import median, rounds
+from spherekit.files.read import load
+from spherekit.motion.branches import Branch
+from spherekit.output.inverse import InverseKinematics
+from spherekit.sphere.rotation import from_quaternion
+from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
+
+MECHANISMS = ("three_rrr", "agile_eye", "five_bar")
+BAR, OFF = "two_dof_spm", (1e-6, 1e-3, 1e-2)
+POSES, FEW = 1_000_000, 50_000
+WHOLE = 5000
+"""Poses of the comparison with the positions of all links."""
+
+
+def run(quick: bool) -> list[Section]:
+    """Return the costs of shipped mechanisms with closed form."""
+    count = FEW if quick else POSES
+    rows: list[tuple[Cell, ...]] = []
+    for name in MECHANISMS:
+        kinematics = InverseKinematics(load(name))
+        poses = random_poses(kinematics, count)
+        one = kinematics.modes[0]
+        few = poses[:WHOLE]
+        pointing = kinematics.wrist.points
+        coordinates = azimuth_tilt(few) if pointing else euler_zyz(few)
+        jobs = {
+            "one": lambda k=kinematics, p=poses, m=one: k.at(p, [m]),
+            "all": lambda k=kinematics, p=poses: k.at(p),
+            "links": lambda k=kinematics, q=coordinates, m=one: k.solver.evaluate(
+                Branch(0, m), q
+            ),
+        }
+        times = rounds(jobs, 3 if quick else 5)
+        found = kinematics.at(poses)
+        modes = len(kinematics.modes)
+        single, every = median(times, "one") / count, median(times, "all") / count
+        whole = median(times, "links") / WHOLE
+        rows.append(
+            (
+                name,
+                "direction" if pointing else "orientation",
+                modes,
+                float(np.mean(np.isfinite(found.inputs[..., 0]))),
+                1e9 * single,
+                1e9 * every,
+                1e9 * every / modes,
+                whole / single,
+            )
+        )
+    return [
+        Section(
+            "Inverse kinematics",
+            f"{count} random poses of the output, with margin of reach, status and both "
+            "singularity measures; medians, one core. The last column compares with the "
+            "positions of all links in the same mode.",
+            (
+                "mechanism",
+                "output",
+                "working modes",
+                "part in reach",
+                "one mode, ns per pose",
+                "all modes, ns per pose",
+                "ns per pose and mode",
+                "all links over inputs only",
+            ),
+            rows,
+        ),
+        _with_bar(quick),
+    ]
+
+
+def _with_bar(quick: bool) -> Section:
+    """Return the cost of a mechanism whose output turns until a bar closes."""
+    kinematics = InverseKinematics(load(BAR))
+    seeds = random_poses(kinematics, 8 if quick else 64)
+    clock = time.perf_counter()
+    found = kinematics.solutions(seeds)
+    searched = (time.perf_counter() - clock) / len(seeds)
+    row, count = 0, FEW if quick else POSES // 5
+    rows: list[tuple[Cell, ...]] = []
+    for off in OFF:
+        spread = np.random.default_rng(2).normal(size=(count, 3)) * off
+        near = found.rotations[row]
+        directions = found.directions[row] + spread
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        mode = found.signs[row]
+        job = {"at": lambda d=directions, n=near, m=mode: kinematics.at(d, [m], near=n)}
+        times = rounds(job, 3)
+        inverse = kinematics.at(directions, [mode], near=near)
+        held = float(np.mean(np.isfinite(inverse.inputs[0, :, 0])))
+        rows.append((off, held, 1e6 * median(times, "at") / count))
+    return Section(
+        "Inverse kinematics with a bar",
+        f"{BAR}: {count} directions about one whose solution is known, closed by Newton's "
+        "method from there, one mode. Every solution of a direction, from all turns "
+        f"sampled, takes {1e3 * searched:.0f} ms: {len(found.row) / len(seeds):.0f} for "
+        "each direction on average.",
+        ("directions off by, rad", "part closed", "us per pose"),
+        rows,
+    )
+
+
+def random_poses(kinematics: InverseKinematics, count: int) -> np.ndarray:
+    """Return random directions or orientations, uniform and the same every time."""
+    random = np.random.default_rng(1)
+    size = 3 if kinematics.wrist.points else 4
+    drawn = random.normal(size=(count, size))
+    drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
+    return drawn if size == 3 else from_quaternion(drawn)

@@ -1,0 +1,1 @@
+"""Kinematics of declared outputs: inverse, forward, rates and singularity measures."""

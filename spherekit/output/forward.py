@@ -1,0 +1,122 @@
+"""Forward kinematics of a declared output: its pose at given inputs, in every mode.
+
+The rates come from the velocity equations of the whole mechanism, which hold whatever
+its topology, so that they are exact and independent of the inverse kinematics.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.conventions import Status
+from spherekit.errors import SolveError
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.lattice import given_path
+from spherekit.motion.motion import Motion
+from spherekit.output.solutions import Solutions, pose_of, solved
+from spherekit.output.wrist import chosen_output
+from spherekit.planning.assembly import plan_assembly
+from spherekit.rates.core import driven_rates
+from spherekit.sphere.rotation import Floats, transpose
+
+
+@final
+@dataclass(frozen=True)
+class Forward:
+    """Poses of an output at n inputs in m assembly modes of dyads.
+
+    `rotations` (m, n, 3, 3) from axes of the output link to those of the link it is seen
+    from; `directions` (m, n, 3) what it points at there, None if it declares none;
+    `status` (m, n) values of `Status`; failed rows are NaN.
+    """
+
+    modes: tuple[tuple[int, ...], ...]
+    rotations: Floats
+    directions: Floats | None
+    status: NDArray[np.int8]
+
+
+@final
+class ForwardKinematics:
+    """The forward kinematics of one declared output, with any number of inputs.
+
+    Raises
+    ------
+    PlanError
+        If the output is not declared, or there is not one freedom for each input.
+    """
+
+    def __init__(self, mechanism: Mechanism, output: str | None = None) -> None:
+        self.mechanism = mechanism
+        self.output = chosen_output(mechanism, output)
+        self.solver = Solver(mechanism, plan_assembly(mechanism))
+
+    def at(
+        self, inputs: ArrayLike, modes: Sequence[tuple[int, ...]] | None = None
+    ) -> Forward:
+        """Return the poses at inputs (n, inputs) rad; modes are signs of the dyads.
+
+        Raises
+        ------
+        SolveError
+            If groups are irreducible (ask for `solutions`), or the inputs are not finite
+            or not as many as the mechanism has.
+        """
+        if not self.solver.assembly.has_closed_form:
+            kinds = ", ".join(group.kind for group in self.solver.assembly.groups)
+            raise SolveError(
+                f"{self.mechanism.name}: its groups are {kinds}; ask for `solutions` row "
+                "by row, or trace the mechanism along a path"
+            )
+        q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
+        groups = len(self.solver.assembly.groups)
+        if modes is None:
+            modes = list(np.ndindex((2,) * groups))
+            modes = [tuple(1 - 2 * k for k in mode) for mode in modes]
+        rotations, status = [], []
+        for number, signs in enumerate(modes):
+            found = self.solver.evaluate(Branch(number, tuple(signs)), q)
+            rotations.append(pose_of(self.mechanism, self.output, found.rotations))
+            status.append(found.status)
+        turned = np.stack(rotations)
+        direction = self.output.direction
+        return Forward(
+            tuple(tuple(signs) for signs in modes),
+            turned,
+            None if direction is None else turned @ np.array(direction),
+            np.stack(status),
+        )
+
+    def solutions(self, inputs: ArrayLike) -> Solutions:
+        """Return every configuration found at inputs (n, inputs) rad, row by row.
+
+        Raises
+        ------
+        SolveError
+            If the inputs are not finite or not as many as the mechanism has.
+        """
+        q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
+        return solved(self.solver, self.output, q, self.solver.driven)
+
+
+def output_rates(motion: Motion, output: Output) -> Floats:
+    """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
+
+    That of its link relative to the link it is seen from, in axes of the latter; the
+    Jacobian of an orientation. NaN in rows that failed and where the inputs do not
+    determine the motion. From the velocity equations of all loops.
+    """
+    mechanism = motion.mechanism
+    link = mechanism.link_number[output.link]
+    base = mechanism.link_number[output.relative_to]
+    good = np.asarray(motion.status == Status.OK)
+    rates = np.full((len(motion), 3, motion.inputs.shape[1]), np.nan)
+    inverse = transpose(motion.rotations[good, base])
+    for column, pair in enumerate(motion.assembly.inputs):
+        w = driven_rates(motion, good, pair).w
+        rates[good, :, column] = np.einsum("nij,nj->ni", inverse, w[:, link] - w[:, base])
+    return rates

@@ -1,0 +1,526 @@
+"""Inverse kinematics of a mechanism's output, in all working modes, many rows at once.
+
+With the output held, the mechanism is assembled like any other: group by group, from the
+derived mechanism that `wrist` makes. Where all groups are dyads on the held body, as for
+legs of any make, a batch is computed from vectors of axes and each sign of a dyad is a
+working mode. Otherwise each row is solved on its own, by elimination or search.
+
+Singularity measures are those of C. Gosselin and J. Angeles, Singularity analysis of
+closed-loop kinematic chains (1990), made free of units. With the other inputs free, a
+locked input leaves the output a plane of angular velocities; n_i is its normal.
+"""
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.conventions import REACH_SLACK, Status
+from spherekit.errors import CountError, PlanError, SolveError
+from spherekit.model.geometry import Revolute
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.branches import FLAT_DYAD, Solver
+from spherekit.output.bar import Turned, turned
+from spherekit.output.dyads import Dyads, Fraction, Placed, Signs
+from spherekit.output.solutions import Solutions, solved
+from spherekit.output.wrist import Wrist, with_wrist
+from spherekit.planning.assembly import plan_assembly
+from spherekit.rates.vectors import cross, dot, norm
+from spherekit.sphere.rotation import Floats
+from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
+
+ROWS = 8192
+"""Rows computed at once: few enough for the processor's cache, and enough to hide calls."""
+FEW = 64
+"""Directions whose every turn is looked for at once."""
+NOT_UNIT = 1e-6
+"""Poses whose squared lengths or volume differ from 1 by more are refused."""
+
+
+@final
+@dataclass(frozen=True)
+class Inverse:
+    """The inputs of n poses in m working modes, and how near they are to singularities.
+
+    Attributes
+    ----------
+    modes
+        The signs of each mode's dyads, see `Inverse.labels`.
+    inputs
+        (m, n, inputs) rad in (-pi, pi], in the order of the mechanism's inputs; NaN
+        where the status is neither OK nor AT_SINGULARITY.
+    status
+        (m, n) values of `Status`: OK, OUT_OF_REACH, or AT_SINGULARITY where a dyad of the
+        mode is stretched or folded, or can turn about two axes that coincide.
+    margin
+        (m, n) rad: by how much the pose is within reach; negative outside. The least over
+        the dyads of the arc that is left between the outer axes of a dyad until it is
+        stretched or folded.
+    limiting
+        (m, n) the number of the dyad that the margin belongs to, see `legs` of
+        `InverseKinematics`.
+    type_1
+        (m, n, inputs): how fast the output turns about n_i per unit rate of input i; 0 at
+        a type I singularity of that input. At most 1 for an input on the base, where it
+        is the sine of the angle between its axis and the plane of the next link.
+    type_2
+        (m, n): |n_1 . (n_2 x n_3)| of an orientation, |n_1 x n_2| of a pointing output;
+        from 0 (type II singularity) to 1 (normals at right angles).
+    normals
+        (m, n, inputs, 3) the unit n_i in axes of the link that the output is seen from,
+        in the sense in which the input's rate is positive; None if not asked for.
+    slope
+        (m, n) where a bar gives the output's turn: the derivative of the cosine between
+        its axes by that turn. The turn is known to rounding over the slope; where it is
+        0, two solutions meet or the output can turn. None without a bar.
+    """
+
+    modes: tuple[Signs, ...]
+    inputs: Floats
+    status: NDArray[np.int8]
+    margin: Floats
+    limiting: NDArray[np.int8]
+    type_1: Floats
+    type_2: Floats
+    normals: Floats | None = None
+    slope: Floats | None = None
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The signs of the modes as text, ``+-+``."""
+        return tuple(
+            "".join("+" if sign > 0 else "-" for sign in signs) for signs in self.modes
+        )
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """Angular velocity (m, n, 3, inputs) of the output per unit rate of each input.
+
+        In axes of the link that the output is seen from. Of a pointing output the part at
+        right angles to its direction. NaN or endless at a type II singularity.
+
+        Raises
+        ------
+        SolveError
+            If the normals were not asked for.
+        """
+        if self.normals is None:
+            raise SolveError("the Jacobian needs the normals: ask with normals=True")
+        rows = self.normals / self.type_1[..., None]
+        if rows.shape[2] == 3:
+            a, b, c = (rows[..., k, :] for k in range(3))
+            columns = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+            volume = np.sum(a * np.cross(b, c), axis=-1)
+        else:
+            a, b = rows[..., 0, :], rows[..., 1, :]
+            axis = np.cross(a, b)
+            columns = np.stack([np.cross(b, axis), np.cross(axis, a)], axis=-1)
+            volume = np.sum(axis * axis, axis=-1)
+        return np.asarray(columns / volume[..., None, None])
+
+
+@final
+class InverseKinematics:
+    """The inverse kinematics of one declared output.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with two inputs and a pointing output, or three inputs.
+    name
+        Name of the output, if it declares several.
+
+    Raises
+    ------
+    PlanError
+        If the output is not declared, or holding it leaves a part that is rigid or free.
+    """
+
+    def __init__(self, mechanism: Mechanism, name: str | None = None) -> None:
+        self.own = mechanism
+        self.wrist: Wrist = with_wrist(mechanism, name)
+        self.mechanism = self.wrist.mechanism
+        output = self.wrist.output
+        try:
+            assembly = plan_assembly(self.mechanism)
+        except CountError as problem:
+            raise PlanError(
+                f"{mechanism.name}: outputs.{output.name}: {output.link} seen from "
+                f"{output.relative_to} cannot take every "
+                f"{'direction' if self.wrist.points else 'orientation'} by itself, or the "
+                f"mechanism has not one freedom for each input ({problem})"
+            ) from None
+        self.solver = Solver(self.mechanism, assembly)
+        self.driven = [
+            number for pair in self.wrist.driven for number in mechanism.variables_of(pair)
+        ]
+        self._dyads: Dyads | None = None
+        self._turned: Turned | None = None
+        self._assembly = self.solver.assembly
+        joints = [joint for joint in self.solver.joints if isinstance(joint, Revolute)]
+        every = len(joints) == len(self.solver.joints)
+        if every and Dyads.fit(self._assembly, self.wrist.base):
+            given = self.wrist.carrier if self.wrist.points else self.wrist.link
+            self._dyads = Dyads(
+                self.mechanism, joints, self._assembly, self.wrist.base, [given]
+            )
+        else:
+            self._turned = turned(self.wrist, self.solver)
+            if self._turned is not None:
+                self._assembly = self._turned.assembly
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether `at` needs nothing but poses: all groups are dyads on the held body."""
+        return self._dyads is not None
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """The groups in solving order, each by its kind and the names of its pairs.
+
+        A bar whose arc gives the turn of the output about its direction comes last.
+        """
+        found = [
+            f"{group.kind} of "
+            + ", ".join(self.mechanism.pairs[p].name for p in group.pairs)
+            for group in self._assembly.groups
+        ]
+        if self._turned is not None:
+            names = (self.mechanism.pairs[pair].name for pair in self._turned.pairs)
+            found.append("bar of " + ", ".join(names))
+        return tuple(found)
+
+    @property
+    def modes(self) -> tuple[Signs, ...]:
+        """The signs of all working modes, 0 for groups without a closed form.
+
+        The sign of a bar is the sense in which its axes come nearer as the output turns
+        about its direction: a direction may have several such solutions.
+        """
+        found: list[Signs] = [()]
+        for group in self._assembly.groups:
+            choices = (1, -1) if group.is_dyad else (0,)
+            found = [(*signs, sign) for signs in found for sign in choices]
+        if self._turned is not None:
+            found = [(*signs, sign) for signs in found for sign in (1, -1)]
+        return tuple(found)
+
+    def at(
+        self,
+        poses: ArrayLike,
+        modes: Sequence[Signs] | None = None,
+        normals: bool = False,
+        near: ArrayLike | None = None,
+    ) -> Inverse:
+        """Return the inputs of many poses.
+
+        Parameters
+        ----------
+        poses
+            (n, 3, 3) orientations of the output link, or (n, 3) directions that it points
+            at, both in axes of the link that the output is seen from.
+        modes
+            Signs of the modes wanted; all by default.
+        normals
+            Whether to keep the normals, which the Jacobian needs.
+        near
+            (n, 3, 3) orientations of the output link, whose turns about the directions
+            the solutions are looked for next to. Needed where a bar gives the turn, and
+            then that is closed by Newton's method.
+
+        Raises
+        ------
+        SolveError
+            If the poses are no rotations or directions, a mode does not exist, `near` is
+            missing, or the groups are no dyads; then ask for `solutions`.
+        """
+        if self._dyads is None and self._turned is None:
+            raise SolveError(
+                f"{self.own.name}: with the output held there is no closed form: "
+                f"{'; '.join(self.legs)}. Ask for `solutions` row by row, or trace "
+                "`InverseKinematics.mechanism` along a path of its inputs"
+            )
+        given = self._checked(poses)
+        chosen = self._chosen(modes)
+        m, n, g = len(chosen), len(given), len(self.driven)
+        starts = self._starts(near, n)
+        inputs, type_1 = np.empty((m, g, n)), np.empty((m, g, n))
+        margin, type_2 = np.empty((m, n)), np.empty((m, n))
+        status = np.empty((m, n), dtype=np.int8)
+        limiting = np.empty((m, n), dtype=np.int8)
+        kept = np.empty((m, g, 3, n)) if normals else None
+        slope = None if self._turned is None else np.empty((m, n))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for start in range(0, n, ROWS):
+                rows = slice(start, min(start + ROWS, n))
+                block = np.ascontiguousarray(given[rows].T)
+                self._check(block, start)
+                placed: Placed | None = None
+                for k, signs in enumerate(chosen):
+                    if self._turned is not None:
+                        view = _closed(self._turned, block, starts[rows], signs)
+                    else:
+                        placed = placed or self._placed(block)
+                        view = _View(placed, signs, _reach(placed, signs))
+                    margin[k, rows], limiting[k, rows] = (
+                        view.reach.margin,
+                        view.reach.limiting,
+                    )
+                    status[k, rows] = view.reach.status
+                    if slope is not None:
+                        slope[k, rows] = view.slope
+                    rates = []
+                    for i, pair in enumerate(self.wrist.driven):
+                        inputs[k, i, rows] = view.input(pair)
+                        rates.append(view.rate(pair))
+                        type_1[k, i, rows] = rates[-1].speed
+                        if kept is not None:
+                            kept[k, i, :, rows] = rates[-1].unit
+                    type_2[k, rows] = view.independence(rates, self.wrist.driven)
+        return Inverse(
+            chosen,
+            np.swapaxes(inputs, 1, 2),
+            status,
+            margin,
+            limiting,
+            np.swapaxes(type_1, 1, 2),
+            type_2,
+            None if kept is None else np.moveaxis(kept, -1, 1),
+            slope,
+        )
+
+    def solutions(self, poses: ArrayLike) -> Solutions:
+        """Return every configuration found at poses, of any mechanism, row by row.
+
+        Poses are those of `at`. Dyads are solved in closed form, other groups by
+        elimination or search, which cost milliseconds to seconds a row.
+
+        Raises
+        ------
+        SolveError
+            If the poses are no rotations or directions.
+        """
+        given = self._checked(poses)
+        if self._turned is not None:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                return self._every_turn(self._turned, given)
+        coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
+        return solved(self.solver, self.wrist.output, coordinates, self.driven)
+
+    def _every_turn(self, turned: Turned, given: Floats) -> Solutions:
+        """Return the solutions of all modes at directions (n, 3), in order of rows."""
+        self._check(given.T, 0)
+        rows, inputs, rotations, signs = [], [], [], []
+        for start in range(0, len(given), FEW):
+            block = np.ascontiguousarray(given[start : start + FEW].T)
+            for mode in dict.fromkeys(mode[:-1] for mode in self.modes):
+                row, turn, sense = turned.roots(block, mode)
+                placed = turned.place(block[:, row], turn)
+                rows.append(row + start)
+                inputs.append(
+                    np.stack([placed.angle(p, mode)[0] for p in self.wrist.driven], axis=1)
+                )
+                assert placed.given_rotation is not None
+                rotations.append(placed.given_rotation.T)
+                signs += [(*mode, int(sign)) for sign in sense]
+        row = np.concatenate([np.empty(0, dtype=np.intp), *rows])
+        order = np.argsort(row, kind="stable")
+        turned_links = np.concatenate([np.empty((0, 3, 3)), *rotations])[order]
+        return Solutions(
+            row[order],
+            np.concatenate([np.empty((0, len(self.driven))), *inputs])[order],
+            turned_links,
+            turned_links @ turned.direction,
+            tuple(signs[k] for k in order),
+            np.zeros(len(given), dtype=bool),
+        )
+
+    def _placed(self, block: Floats) -> Placed:
+        assert self._dyads is not None
+        if self.wrist.points:
+            return Placed(self._dyads, {self.wrist.pairs[2]: block}, None)
+        return Placed(self._dyads, {}, block)
+
+    def _starts(self, near: ArrayLike | None, count: int) -> Floats:
+        if self._turned is None:
+            return np.empty((count, 0))
+        if near is None:
+            raise SolveError(
+                f"{self.own.name}: outputs.{self.wrist.output.name}: the turn of the "
+                "output about its direction is found by Newton's method; give orientations "
+                "`near` it, from `solutions` or of poses before"
+            )
+        starts = np.asarray(near, dtype=float)
+        if starts.shape not in ((3, 3), (count, 3, 3)):
+            raise SolveError(
+                f"{self.own.name}: outputs.{self.wrist.output.name}: `near` is a rotation "
+                f"for each of the {count} poses, not {starts.shape}"
+            )
+        return np.broadcast_to(starts, (count, 3, 3))
+
+    def _checked(self, poses: ArrayLike) -> Floats:
+        given = np.asarray(poses, dtype=float)
+        shape = (3,) if self.wrist.points else (3, 3)
+        what = "directions (n, 3)" if self.wrist.points else "rotations (n, 3, 3)"
+        if given.shape == shape:
+            given = given[None]
+        if given.shape[1:] != shape or given.ndim != len(shape) + 1:
+            raise SolveError(
+                f"{self.own.name}: outputs.{self.wrist.output.name}: poses are {what}, "
+                f"not {given.shape}"
+            )
+        return given
+
+    def _check(self, block: Floats, start: int) -> None:
+        """Raise the error about a pose (..., n) that is none; NaN passes."""
+        columns = [block] if self.wrist.points else list(block)
+        wrong = np.zeros(block.shape[-1], dtype=bool)
+        for column in columns:
+            wrong |= np.abs(dot(column, column) - 1.0) > NOT_UNIT
+        if not self.wrist.points:
+            # unit columns span at most the unit volume, and only at right angles
+            wrong |= np.abs(dot(cross(block[0], block[1]), block[2]) - 1.0) > NOT_UNIT
+        if np.any(wrong):
+            raise SolveError(
+                f"{self.own.name}: outputs.{self.wrist.output.name}: row "
+                f"{start + int(np.argmax(wrong))} is no "
+                + ("unit vector" if self.wrist.points else "rotation matrix")
+            )
+
+    def _chosen(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
+        if modes is None:
+            return self.modes
+        chosen = tuple(tuple(int(sign) for sign in signs) for signs in modes)
+        for signs in chosen:
+            if signs not in self.modes:
+                raise SolveError(
+                    f"{self.own.name}: {signs} is no working mode; a mode is a sign, 1 or "
+                    f"-1, for each of: {'; '.join(self.legs)}"
+                )
+        return chosen
+
+
+@final
+@dataclass(frozen=True)
+class _Reach:
+    """Whether the dyads of a mode close (n,), see `Inverse`; `key` names what it is of."""
+
+    key: Hashable
+    margin: Floats
+    limiting: NDArray[np.int8]
+    status: NDArray[np.int8]
+
+
+def _reach(placed: Placed, signs: Signs) -> _Reach:
+    numbers = range(len(signs))
+    key = ("reach", *(placed.reach_key(number, signs) for number in numbers))
+    if key not in placed.known:
+        margin = placed.margin(0, signs)
+        limiting = np.zeros(len(margin), dtype=np.int8)
+        status = np.zeros(len(margin), dtype=np.int8)
+        for number in numbers:
+            another = placed.margin(number, signs)
+            limiting[another < margin] = number
+            margin = np.fmin(margin, another)
+            status[~placed.sound(number, signs)] = Status.AT_SINGULARITY
+        status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
+        placed.known[key] = _Reach(key, margin, limiting, status)
+    found: _Reach = placed.known[key]
+    return found
+
+
+@final
+@dataclass(frozen=True)
+class _Rate:
+    """How an input moves with the output: a vector (3, n) along its normal, and sizes."""
+
+    normal: Floats
+    size: Floats
+    sense: Floats
+    speed: Floats
+
+    @property
+    def unit(self) -> Floats:
+        """The unit normal (3, n)."""
+        return np.asarray(self.normal * (self.sense / self.size))
+
+
+@final
+@dataclass(frozen=True)
+class _View:
+    """One mode of placed dyads; `turn` are the rate of the bar's gap and the directions.
+
+    What other modes share is taken from what is known of `placed` already.
+    """
+
+    placed: Placed
+    signs: Signs
+    reach: _Reach
+    turn: tuple[Fraction, Floats] | None = None
+
+    @property
+    def slope(self) -> Floats:
+        """The derivative (n,) of the bar's gap by the turn."""
+        assert self.turn is not None
+        gap, directions = self.turn
+        return np.asarray(dot(gap.top, directions) / gap.bottom)
+
+    def input(self, pair: int) -> Floats:
+        """Return an input (n,), NaN where the mode has no configuration."""
+        known = self.placed.known
+        angle, key = self.placed.angle(pair, self.signs)
+        masked = (key, self.reach.key)
+        if masked not in known:
+            held = angle.copy()
+            status = self.reach.status
+            held[(status != Status.OK) & (status != Status.AT_SINGULARITY)] = np.nan
+            known[masked] = held
+        return np.asarray(known[masked])
+
+    def rate(self, pair: int) -> _Rate:
+        """Return how an input moves with the output, its turn being what the bar asks."""
+        placed, signs = self.placed, self.signs
+        key = ("size", placed.key("rate", pair, placed.dyads.moves_with(pair), signs))
+        if key not in placed.known:
+            rate = placed.rate(pair, signs)
+            if self.turn is not None:
+                gap, directions = self.turn
+                along, about = dot(rate.top, directions), dot(gap.top, directions)
+                rate = Fraction(rate.top * about - gap.top * along, rate.bottom * about)
+            size = norm(rate.top)
+            speed = np.abs(rate.bottom) / size
+            placed.known[key] = _Rate(rate.top, size, np.sign(rate.bottom), speed)
+        found: _Rate = placed.known[key]
+        return found
+
+    def independence(self, rates: Sequence[_Rate], pairs: Sequence[int]) -> Floats:
+        """Return the volume or area (n,) that the unit normals span."""
+        placed = self.placed
+        one, other, *rest = rates
+        needs = placed.dyads.moves_with(pairs[0]) | placed.dyads.moves_with(pairs[1])
+        key = placed.key("cross", pairs[0], needs, self.signs)
+        if key not in placed.known:
+            placed.known[key] = cross(one.normal, other.normal), one.size * other.size
+        across, sizes = placed.known[key]
+        if not rest:
+            return np.asarray(norm(across) / sizes)
+        return np.asarray(np.abs(dot(across, rest[0].normal)) / (sizes * rest[0].size))
+
+
+def _closed(turned: Turned, directions: Floats, near: Floats, signs: Signs) -> _View:
+    """Return one mode with the output turned so that the bar closes, next to `near`."""
+    mode, wanted = signs[:-1], signs[-1]
+    start = turned.turn_of(directions, near)
+    turn, converged = turned.close(directions, start, mode)
+    placed = turned.place(directions, turn)
+    reach = _reach(placed, mode)
+    view = _View(placed, mode, reach, (turned.rate(placed, mode), directions))
+    status = reach.status.copy()
+    within = status != Status.OUT_OF_REACH
+    status[within & (np.abs(view.slope) < FLAT_DYAD)] = Status.AT_SINGULARITY
+    status[within & (view.slope * wanted <= 0.0)] = Status.BRANCH_LOST
+    status[within & ~converged] = Status.NOT_CONVERGED
+    return replace(view, reach=replace(reach, key=("closed", reach.key), status=status))

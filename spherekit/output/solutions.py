@@ -1,0 +1,71 @@
+"""Every configuration of a mechanism at given inputs, as poses of its output."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.branches import Solver, wrap
+from spherekit.motion.modes import assemblies
+from spherekit.sphere.rotation import Floats, transpose
+
+
+@final
+@dataclass(frozen=True)
+class Solutions:
+    """Every configuration found at some poses or inputs, a row for each.
+
+    `row` (k,) is the number of the pose or of the inputs given; `inputs` (k, inputs) rad;
+    `rotations` (k, 3, 3) the orientations of the output link seen from its other link,
+    `directions` (k, 3) what it points at, None if it declares no direction; `signs` those
+    of the dyads, 0 for irreducible groups, in solving order; `complete` (rows,) whether
+    no solution can be missing.
+    """
+
+    row: NDArray[np.intp]
+    inputs: Floats
+    rotations: Floats
+    directions: Floats | None
+    signs: tuple[tuple[int, ...], ...]
+    complete: NDArray[np.bool_]
+
+
+def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
+    """Return the orientations (n, 3, 3) of an output from those of all links."""
+    base = mechanism.link_number[output.relative_to]
+    link = mechanism.link_number[output.link]
+    return np.asarray(transpose(rotations[:, base]) @ rotations[:, link])
+
+
+def solved(
+    solver: Solver, output: Output, inputs: Floats, told: Sequence[int]
+) -> Solutions:
+    """Return every configuration of a mechanism at inputs (n, inputs), row by row.
+
+    `told` are the variables whose values are the solutions' inputs, in (-pi, pi].
+    """
+    row, values, signs = [], [], []
+    complete = np.ones(len(inputs), dtype=bool)
+    for number, q in enumerate(inputs):
+        if not np.all(np.isfinite(q)):
+            continue
+        here = assemblies(solver, q)
+        complete[number] = all(m is None or m.is_complete for m in here.methods)
+        for mode, found in here.modes:
+            row.append(number)
+            values.append(found)
+            signs.append(mode)
+    every = np.array(values).reshape(-1, len(solver.mechanism.variable_owners))
+    placed, _ = solver.closure.place(every)
+    turned = pose_of(solver.mechanism, output, placed)
+    return Solutions(
+        np.array(row, dtype=np.intp),
+        wrap(every[:, list(told)]),
+        turned,
+        None if output.direction is None else turned @ np.array(output.direction),
+        tuple(signs),
+        complete,
+    )

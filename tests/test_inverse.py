@@ -1,0 +1,673 @@
+"""Inverse and forward kinematics of outputs, against second formulations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.errors import FileError, PlanError, SolveError
+from spherekit.files.read import loads
+from spherekit.files.write import dumps
+from spherekit.model.geometry import geometry_of
+from spherekit.model.mechanism import (
+    Input,
+    LinkSizes,
+    Mechanism,
+    Output,
+    Pair,
+    PoseGeometry,
+    SizeGeometry,
+)
+from spherekit.motion.branches import Branch
+from spherekit.motion.modes import assemblies
+from spherekit.output.forward import ForwardKinematics, output_rates
+from spherekit.output.inverse import InverseKinematics
+from spherekit.output.wrist import with_wrist
+from spherekit.sphere.tilt_torsion import (
+    azimuth_tilt,
+    euler_zyz,
+    from_euler_zyz,
+    from_tilt_torsion,
+    pointing,
+    tilt_torsion,
+)
+
+SHIPPED = ("three_rrr", "agile_eye", "five_bar")
+
+
+def mechanism_of(links, pairs, inputs, output, zeros=None):
+    """A mechanism from link sizes in degrees and pairs as name -> two links."""
+    sizes = {
+        link: LinkSizes(
+            tuple(axes.split()), tuple(np.radians(arcs)), tuple(np.radians(angles))
+        )
+        for link, (axes, arcs, angles) in links.items()
+    }
+    return Mechanism(
+        name="made",
+        ground=next(iter(links)),
+        links=tuple(links),
+        pairs=tuple(Pair(name, "R", tuple(ends.split())) for name, ends in pairs.items()),
+        geometry=SizeGeometry(sizes, zeros or {}),
+        inputs=tuple(Input(name, 0.0, 6.0) for name in inputs),
+        outputs=(output,),
+    )
+
+
+def unlike_legs():
+    """Three legs: RRR driven at the base, one through a four-bar, one at its elbow."""
+    return mechanism_of(
+        {
+            "base": ("a1 a2 d2 a3", [70.0, 95.0, 110.0], [30.0, 140.0]),
+            "crank1": ("a1 b1", [50.0], []),
+            "coupler1": ("b1 c1", [75.0], []),
+            "drive": ("d2 e2", [35.0], []),
+            "rod": ("e2 f2", [48.0], []),
+            "crank2": ("a2 f2 b2", [40.0, 65.0], [75.0]),
+            "coupler2": ("b2 c2", [70.0], []),
+            "crank3": ("b3 a3", [58.0], []),
+            "coupler3": ("c3 b3", [66.0], []),
+            "platform": ("c2 c1 c3", [60.0, 75.0], [110.0]),
+        },
+        {
+            "a1": "base crank1",
+            "b1": "coupler1 crank1",
+            "c1": "coupler1 platform",
+            "d2": "drive base",
+            "e2": "drive rod",
+            "f2": "rod crank2",
+            "a2": "base crank2",
+            "b2": "crank2 coupler2",
+            "c2": "platform coupler2",
+            "a3": "base crank3",
+            "b3": "crank3 coupler3",
+            "c3": "coupler3 platform",
+        },
+        ["b3", "a1", "d2"],
+        Output("pose", "platform", "base"),
+        {"a1": 0.4, "b3": -0.7, "c2": 0.3},
+    )
+
+
+def serial(count):
+    """An open chain of two or three links, whose output link has a single pair."""
+    links = {
+        "base": ("p", [], []),
+        "yoke": ("p q", [80.0], []),
+        "fork": ("q r", [65.0], []),
+        "tool": ("r", [], []),
+    }
+    pairs = {"p": "base yoke", "q": "fork yoke", "r": "fork tool"}
+    if count == 2:
+        links = {**{k: links[k] for k in ("base", "yoke")}, "fork": ("q", [], [])}
+        del pairs["r"]
+    tool = list(links)[-1]
+    x = np.array([0.36, -0.48, 0.8]) if count == 2 else None
+    direction = None if x is None else tuple(float(v) for v in x)
+    return mechanism_of(
+        links, pairs, list(pairs), Output("pose", tool, "base", direction), {"q": 0.5}
+    )
+
+
+def posed():
+    """A three-legged mechanism given by a reference pose."""
+    axes = Rotation.random(9, random_state=5).as_matrix()[:, :, 2]
+    names = [f"{leg}{k}" for k in (1, 2, 3) for leg in "abc"]
+    pairs = []
+    for k in (1, 2, 3):
+        pairs += [
+            Pair(f"a{k}", "R", ("base", f"crank{k}")),
+            Pair(f"b{k}", "R", (f"crank{k}", f"coupler{k}")),
+            Pair(f"c{k}", "R", (f"coupler{k}", "platform")),
+        ]
+    links = [
+        "base",
+        "platform",
+        *(f"{w}{k}" for w in ("crank", "coupler") for k in (1, 2, 3)),
+    ]
+    return Mechanism(
+        name="posed",
+        ground="base",
+        links=tuple(links),
+        pairs=tuple(pairs),
+        geometry=PoseGeometry(
+            {n: tuple(map(float, u)) for n, u in zip(names, axes, strict=True)},
+            {"a1": 0.3, "c2": -0.8},
+        ),
+        inputs=tuple(Input(f"a{k}", -0.1, 0.1) for k in (1, 2, 3)),
+        outputs=(Output("pose", "platform", "base"),),
+    )
+
+
+def random_rotations(count, seed):
+    return Rotation.random(count, random_state=seed).as_matrix()
+
+
+def poses_for(kinematics, count, seed):
+    rotations = random_rotations(count, seed)
+    return rotations[:, :, 2] if kinematics.wrist.points else rotations
+
+
+def own_pose(kinematics, values):
+    """The residual of a mechanism's own loops, and the output's pose, at its variables."""
+    made = kinematics.own
+    solver = ForwardKinematics(made).solver
+    values = values[:, : len(made.variable_owners)]
+    placed, states = solver.closure.place(values)
+    output = kinematics.wrist.output
+    base, link = (made.link_number[n] for n in (output.relative_to, output.link))
+    rotations = np.swapaxes(placed[:, base], 1, 2) @ placed[:, link]
+    gap = solver.closure.residual(placed, states)
+    return np.max(np.abs(gap), initial=0.0), rotations
+
+
+MADE = {
+    **{name: lambda name=name: sk.load(name) for name in SHIPPED},
+    "unlike_legs": unlike_legs,
+    "serial_3": lambda: serial(3),
+    "serial_2": lambda: serial(2),
+    "posed": posed,
+}
+
+
+@pytest.fixture(params=MADE)
+def made(request):
+    return MADE[request.param]()
+
+
+def test_tilt_and_torsion():
+    rotations = random_rotations(500, 1)
+    rotations[:100] = Rotation.from_rotvec(rotations[:100, 0] * [0, 0, 1]).as_matrix()
+    rotations[100:200] = Rotation.from_euler("ZY", [[0.3, np.pi]] * 100).as_matrix()
+    rotations[200:210] = np.eye(3)
+    for there, back in ((tilt_torsion, from_tilt_torsion), (euler_zyz, from_euler_zyz)):
+        angles = there(rotations)
+        assert np.max(np.abs(back(angles) - rotations)) < 1e-15 * 4
+        assert np.all(angles[:, 1] >= 0.0) and np.all(angles[:, 1] <= np.pi)
+    angles = np.array([[0.7, 0.4, -0.2]])
+    known = Rotation.from_euler("ZYZ", [[0.7, 0.4, -0.9]]).as_matrix()
+    assert np.allclose(from_tilt_torsion(angles), known, atol=1e-15)
+    assert np.allclose(tilt_torsion(known), angles, atol=1e-15)
+    directions = rotations[:, :, 2]
+    assert np.max(np.abs(pointing(azimuth_tilt(directions)) - directions)) < 1e-15
+
+
+def test_the_wrist_keeps_the_variables_of_the_mechanism(made):
+    """Its configurations are the mechanism's own, with the pose asked for."""
+    kinematics = InverseKinematics(made)
+    poses = poses_for(kinematics, 3, 2)
+    coordinates = azimuth_tilt(poses) if kinematics.wrist.points else euler_zyz(poses)
+    found = 0
+    for pose, q in zip(poses, coordinates, strict=True):
+        for _, values in assemblies(kinematics.solver, q).modes:
+            gap, rotations = own_pose(kinematics, values[None])
+            assert gap < 1e-13
+            direction = kinematics.wrist.output.direction
+            got = rotations[0] @ direction if kinematics.wrist.points else rotations[0]
+            assert np.max(np.abs(got - pose)) < 1e-13
+            found += 1
+    assert found
+
+
+def test_vectors_agree_with_the_positions_of_all_links(made):
+    """Closed form of axes against rotation matrices and pair variables, every mode."""
+    kinematics = InverseKinematics(made)
+    poses = poses_for(kinematics, 60, 3)
+    coordinates = azimuth_tilt(poses) if kinematics.wrist.points else euler_zyz(poses)
+    inverse = kinematics.at(poses)
+    assert len(inverse.modes) == 2 ** len(kinematics.legs)
+    for k, signs in enumerate(inverse.modes):
+        known = kinematics.solver.evaluate(Branch(0, signs), coordinates)
+        assert np.array_equal(known.status, inverse.status[k])
+        gap = known.values[:, kinematics.driven] - inverse.inputs[k]
+        held = inverse.status[k] == Status.OK
+        gap = np.abs(np.angle(np.exp(1j * gap[held])))
+        assert np.max(gap * inverse.type_1[k][held], initial=0.0) < 2e-13
+        assert np.all(np.isnan(inverse.inputs[k][~held]))
+
+
+def input_frames(made):
+    """Frames of all pairs in both links, by name."""
+    joints = geometry_of(made).joints
+    return {p.name: (j.first, j.second) for p, j in zip(made.pairs, joints, strict=True)}
+
+
+def platform_from_cranks(made, inputs, start, steps=8):
+    """The platform of a 3-RRR by Newton's method on b_i . R c_i = cos(arc_i)."""
+    frames = input_frames(made)
+    sizes = made.geometry.links
+    b, c, cosines = [], [], []
+    for leg in range(3):
+        first, second = frames[f"a{leg + 1}"]
+        angle = inputs[:, leg]
+        z = np.zeros((len(angle), 3, 3))
+        z[:, 0, 0] = z[:, 1, 1] = np.cos(angle)
+        z[:, 1, 0] = np.sin(angle)
+        z[:, 0, 1] = -z[:, 1, 0]
+        z[:, 2, 2] = 1.0
+        b.append(first @ z @ second.T @ frames[f"b{leg + 1}"][0][:, 2])
+        c.append(frames[f"c{leg + 1}"][1][:, 2])
+        cosines.append(np.cos(sizes[f"coupler{leg + 1}"].arcs[0]))
+    b = np.stack(b, axis=1)
+    rotation = start
+    for _ in range(steps):
+        ends = rotation @ np.array(c).T
+        ends = np.swapaxes(ends, 1, 2)
+        gap = np.sum(b * ends, axis=2) - cosines
+        rows = np.cross(ends, b)
+        turn = np.linalg.solve(rows, -gap[..., None])[..., 0]
+        turn *= 0.3 / np.maximum(0.3, np.linalg.norm(turn, axis=1))[:, None]
+        rotation = Rotation.from_rotvec(turn).as_matrix() @ rotation
+    return rotation
+
+
+@pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
+@pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_the_platform_returns_from_every_working_mode(name, count):
+    """Random orientations, all eight modes, forward by Newton's method on three arcs."""
+    made = sk.load(name)
+    poses = random_rotations(count, 4)
+    inverse = InverseKinematics(made).at(poses)
+    assert len(inverse.modes) == 8
+    reached = np.zeros(8, dtype=int)
+    for k in range(8):
+        good = (inverse.status[k] == Status.OK) & (inverse.type_2[k] > 0.02)
+        reached[k] = np.sum(good)
+        nudge = Rotation.random(reached[k], random_state=k).as_rotvec() * 1e-3
+        start = Rotation.from_rotvec(nudge).as_matrix() @ poses[good]
+        back = platform_from_cranks(made, inverse.inputs[k][good], start)
+        gap = np.max(np.abs(back - poses[good]), axis=(1, 2))
+        assert np.max(gap * inverse.type_2[k][good]) < 1e-14
+        assert np.max(gap[inverse.type_2[k][good] > 0.2]) < 1e-13 / 5
+    assert np.all(reached > 0.4 * count)
+
+
+@pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_the_pointing_direction_returns_from_every_working_mode(count):
+    """Random directions, all four modes of the five-bar, forward by its dyad."""
+    made = sk.load("five_bar")
+    poses = random_rotations(count, 6)[:, :, 2]
+    inverse = InverseKinematics(made).at(poses)
+    forward = ForwardKinematics(made)
+    assert len(inverse.modes) == 4
+    for k in range(4):
+        good = inverse.status[k] == Status.OK
+        assert np.mean(good) > 0.5
+        back = forward.at(inverse.inputs[k][good]).directions
+        gap = np.min(np.max(np.abs(back - poses[good]), axis=2), axis=0)
+        assert np.max(gap * np.minimum(inverse.type_2[k][good], 0.5)) < 1e-14
+
+
+def test_forward_of_inverse_and_inverse_of_forward_for_unlike_legs():
+    """All assembly modes by elimination hold the pose, all working modes the inputs."""
+    made = unlike_legs()
+    kinematics, forward = InverseKinematics(made), ForwardKinematics(made)
+    poses = random_rotations(400, 8)
+    inverse = kinematics.at(poses)
+    assert len(inverse.modes) == 16
+    tried = 0
+    for k in range(16):
+        good = np.flatnonzero((inverse.status[k] == Status.OK) & (inverse.type_2[k] > 0.05))
+        for row in good[:3]:
+            back = forward.solutions(inverse.inputs[k, row][None])
+            gap = np.max(np.abs(back.rotations - poses[row]), axis=(1, 2))
+            assert np.min(gap) * inverse.type_2[k, row] < 2e-14
+            tried += 1
+    assert tried > 30
+    found = forward.solutions(np.random.default_rng(3).uniform(-3, 3, (20, 3)))
+    assert len(found.row) > 10
+    again = kinematics.at(found.rotations)
+    q = np.random.default_rng(3).uniform(-3, 3, (20, 3))[found.row]
+    gap = np.max(np.abs(np.angle(np.exp(1j * (again.inputs - q)))), axis=2)
+    gap = np.where(again.status == Status.OK, gap, np.inf)
+    assert np.all(np.sum(gap < 1e-8, axis=0) == 1)
+    flat = np.min(again.type_1, axis=2)
+    assert np.nanmax(np.where(gap < 1e-8, gap * flat, 0.0)) < 1e-13
+
+
+def arc_between(a, b):
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1))
+
+
+def test_the_margin_of_the_five_bar_is_that_of_its_two_annuli():
+    made = sk.load("five_bar")
+    made = replace(
+        made,
+        geometry=replace(
+            made.geometry,
+            links={
+                **made.geometry.links,
+                "2": LinkSizes(("21", "32"), (np.radians(50.0),)),
+                "5": LinkSizes(("51", "54"), (np.radians(125.0),)),
+            },
+        ),
+    )
+    poses = random_rotations(3000, 9)[:, :, 2]
+    inverse = InverseKinematics(made).at(poses)
+    frames = input_frames(made)
+    arcs = {"21": (50.0, 75.0), "51": (125.0, 75.0)}
+    least = []
+    for pair, (crank, rod) in arcs.items():
+        base = arc_between(frames[pair][0][:, 2], poses)
+        inner, outer = abs(crank - rod), min(crank + rod, 360.0 - crank - rod)
+        least.append(np.minimum(base - np.radians(inner), np.radians(outer) - base))
+    least = np.array(least)
+    for k in range(4):
+        assert np.max(np.abs(inverse.margin[k] - least.min(axis=0))) < 1e-14
+        assert np.array_equal(inverse.limiting[k], np.argmin(least, axis=0))
+        reached = inverse.status[k] == Status.OK
+        assert np.array_equal(reached, inverse.margin[k] > 0.0)
+        assert np.all(np.isnan(inverse.inputs[k][~reached]))
+        assert np.all(np.isfinite(inverse.inputs[k][reached]))
+    assert 0.2 < np.mean(reached) < 0.8
+
+
+def test_the_margin_and_measures_of_a_three_legged_wrist():
+    """Reach by the arcs of each leg; measures by the planes of its cranks and couplers."""
+    made = sk.load("three_rrr")
+    poses = random_rotations(500, 10)
+    inverse = InverseKinematics(made).at(poses, normals=True)
+    frames, sizes = input_frames(made), made.geometry.links
+    least = []
+    for leg in "123":
+        base = arc_between(frames[f"a{leg}"][0][:, 2], poses @ frames[f"c{leg}"][1][:, 2])
+        crank, rod = sizes[f"crank{leg}"].arcs[0], sizes[f"coupler{leg}"].arcs[0]
+        outer = min(crank + rod, 2 * np.pi - crank - rod)
+        least.append(np.minimum(base - abs(crank - rod), outer - base))
+    assert np.max(np.abs(inverse.margin - np.min(least, axis=0))) < 1e-14
+    for k in range(8):
+        good = inverse.status[k] == Status.OK
+        normals = []
+        for i, leg in enumerate("123"):
+            first, second = frames[f"a{leg}"]
+            turn = Rotation.from_euler("z", inverse.inputs[k][good, i, None]).as_matrix()
+            b = first @ turn @ second.T @ frames[f"b{leg}"][0][:, 2]
+            n = np.cross(b, poses[good] @ frames[f"c{leg}"][1][:, 2])
+            n /= np.linalg.norm(n, axis=1, keepdims=True)
+            sine = n @ first[:, 2]
+            assert np.max(np.abs(np.abs(sine) - inverse.type_1[k][good, i])) < 1e-12
+            n *= np.sign(sine)[:, None]
+            assert np.max(np.abs(n - inverse.normals[k][good, i])) < 1e-12
+            normals.append(n)
+        volume = np.abs(np.linalg.det(np.stack(normals, axis=1)))
+        assert np.max(np.abs(volume - inverse.type_2[k][good])) < 1e-12
+
+
+def test_the_jacobian_undoes_differences_of_the_inputs(made):
+    """Exact rates against central differences of the inverse kinematics itself."""
+    kinematics = InverseKinematics(made)
+    poses = poses_for(kinematics, 300, 11)
+    inverse = kinematics.at(poses, normals=True)
+    clear = (inverse.status == Status.OK) & (np.min(inverse.type_1, axis=2) > 0.2)
+    clear &= (inverse.type_2 > 0.2) & (inverse.margin > 0.05)
+    assert np.sum(clear) > 20
+    step = 1e-5
+    moved = []
+    for axis in np.eye(3):
+        ends = []
+        for sign in (1, -1):
+            turn = Rotation.from_rotvec(sign * step * axis).as_matrix()
+            turned = poses @ turn.T if kinematics.wrist.points else turn @ poses
+            ends.append(kinematics.at(turned).inputs)
+        moved.append(np.angle(np.exp(1j * (ends[0] - ends[1]))) / (2 * step))
+    rows = np.stack(moved, axis=-1)[clear]
+    product = rows @ inverse.jacobian[clear]
+    assert np.max(np.abs(product - np.eye(rows.shape[1]))) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
+def test_the_jacobian_is_that_of_the_velocity_equations(name):
+    made = sk.load(name)
+    kinematics = InverseKinematics(made)
+    motion = sk.trace(made, samples=3)
+    motion = motion.rows(motion.status == Status.OK)
+    output = kinematics.wrist.output
+    pose = motion.rotations[:, made.link_number[output.link]]
+    rates = output_rates(motion, output)
+    if kinematics.wrist.points:
+        pose = pose @ np.array(output.direction)
+        rates = rates - pose[:, :, None] * np.einsum("ni,nij->nj", pose, rates)[:, None]
+    inverse = kinematics.at(pose, normals=True)
+    gap = np.max(np.abs(np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))), axis=2)
+    mode = np.nanargmin(np.where(np.isnan(gap), 9.0, gap), axis=0)
+    row = np.arange(len(motion))
+    assert np.max(gap[mode, row]) < 1e-12
+    assert np.max(np.abs(inverse.jacobian[mode, row] - rates)) < 1e-10
+
+
+def test_rows_that_are_out_of_reach_do_not_disturb_others():
+    made = sk.load("three_rrr")
+    kinematics = InverseKinematics(made)
+    poses = random_rotations(20, 12)
+    poses[3] = np.nan
+    inverse = kinematics.at(poses, modes=[(1, -1, 1)])
+    alone = kinematics.at(np.delete(poses, 3, axis=0), modes=[(1, -1, 1)])
+    assert inverse.labels == ("+-+",)
+    assert inverse.status[0, 3] == Status.OUT_OF_REACH
+    for one, other in (
+        (inverse.inputs, alone.inputs),
+        (inverse.margin, alone.margin),
+        (inverse.type_2, alone.type_2),
+    ):
+        assert np.array_equal(np.delete(one, 3, axis=1), other, equal_nan=True)
+    assert np.any(inverse.status == Status.OUT_OF_REACH)
+    empty = kinematics.at(np.empty((0, 3, 3)))
+    assert empty.inputs.shape == (8, 0, 3)
+
+
+def test_coinciding_axes_are_a_singularity_and_no_failure_of_the_run():
+    """A crank and a coupler of one arc: with its ends together the leg turns freely."""
+    made = sk.load("five_bar")
+    first = input_frames(made)["21"][0][:, 2]
+    inverse = InverseKinematics(made).at(np.stack([first, [0.36, 0.48, 0.8]]))
+    assert np.all(inverse.status[:, 0] == Status.AT_SINGULARITY)
+    assert np.all(inverse.status[:, 1] == Status.OK)
+    assert np.all(np.abs(inverse.margin[:, 0]) < 1e-7)
+
+
+def test_solutions_are_those_of_the_closed_form():
+    made = unlike_legs()
+    kinematics = InverseKinematics(made)
+    poses = random_rotations(12, 13)
+    inverse, found = kinematics.at(poses), kinematics.solutions(poses)
+    assert np.all(found.complete)
+    for row in range(12):
+        mine = found.row == row
+        assert np.sum(mine) == np.sum(inverse.status[:, row] == Status.OK)
+        for signs, q in zip(np.array(found.signs)[mine], found.inputs[mine], strict=True):
+            k = inverse.modes.index(tuple(signs))
+            gap = np.angle(np.exp(1j * (inverse.inputs[k, row] - q)))
+            assert np.max(np.abs(gap)) < 1e-10
+    assert np.max(np.abs(found.rotations - poses[found.row])) < 1e-13
+
+
+def test_an_output_seen_from_a_moving_link():
+    """A coupler seen from another leg's crank: the ground is placed like any link."""
+    made = sk.load("three_rrr")
+    made = replace(made, outputs=(Output("o", "coupler2", "crank1"),))
+    kinematics = InverseKinematics(made)
+    poses = random_rotations(5, 18)
+    poses[1] = np.nan
+    found = kinematics.solutions(poses)
+    assert len(found.row) and 1 not in found.row
+    assert np.max(np.abs(found.rotations - poses[found.row])) < 1e-13
+    forward = ForwardKinematics(made)
+    for row in (0, len(found.row) - 1):
+        back = forward.solutions(found.inputs[row][None])
+        gap = np.max(np.abs(back.rotations - found.rotations[row]), axis=(1, 2))
+        assert np.min(gap) < 1e-11
+
+
+def test_what_cannot_be_asked():
+    three, five = sk.load("three_rrr"), sk.load("five_bar")
+    with pytest.raises(PlanError, match="no output is declared"):
+        InverseKinematics(replace(three, outputs=()))
+    with pytest.raises(PlanError, match='no output is named "x"; outputs: platform'):
+        InverseKinematics(three, "x")
+    with pytest.raises(PlanError, match="say which one of link 3: axis ="):
+        InverseKinematics(replace(five, outputs=(Output("o", "3", "1"),)))
+    with pytest.raises(PlanError, match="has 1 inputs"):
+        InverseKinematics(replace(sk.load("four_bar"), outputs=(Output("o", "3", "1"),)))
+    with pytest.raises(PlanError, match="relative to itself"):
+        InverseKinematics(replace(three, outputs=(Output("o", "base", "base"),)))
+    with pytest.raises(PlanError, match="platform seen from crank1 cannot take every"):
+        InverseKinematics(replace(three, outputs=(Output("o", "platform", "crank1"),)))
+    kinematics = InverseKinematics(three)
+    with pytest.raises(SolveError, match=r"poses are rotations \(n, 3, 3\), not \(4, 3\)"):
+        kinematics.at(np.ones((4, 3)))
+    with pytest.raises(SolveError, match="row 1 is no rotation matrix"):
+        kinematics.at(np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])]))
+    with pytest.raises(SolveError, match="row 0 is no unit vector"):
+        InverseKinematics(five).at([[0.0, 0.0, 1.1]])
+    with pytest.raises(SolveError, match="is no working mode; a mode is a sign"):
+        kinematics.at(np.eye(3), modes=[(1, 1)])
+    with pytest.raises(SolveError, match="ask with normals=True"):
+        kinematics.at(np.eye(3)).jacobian
+    with pytest.raises(SolveError, match="ask for `solutions`"):
+        ForwardKinematics(three).at(np.zeros((1, 3)))
+
+
+def test_files_say_what_an_output_points_with():
+    five = sk.load("five_bar")
+    axis = input_frames(five)["43"][0][:, 2]
+    assert np.allclose(five.outputs[0].direction, axis, atol=1e-15)
+    assert loads(dumps(five)).outputs == five.outputs
+    text = dumps(five)
+    line = next(line for line in text.splitlines() if line.startswith("xyz"))
+    turned = loads(text.replace(line, "lonlat = [90.0, 15.0]")).outputs[0].direction
+    assert np.allclose(turned, [0.0, np.cos(np.radians(15)), np.sin(np.radians(15))])
+    with pytest.raises(
+        FileError, match=r"outputs.pointer.axis: R pair .21. is not on link"
+    ):
+        loads(text.replace(line, 'axis = "21"'))
+    with pytest.raises(FileError, match="the direction is given by axis already"):
+        loads(text.replace(line, f'axis = "43"\n{line}'))
+
+
+def test_names_of_the_wrist_give_way():
+    made = sk.load("five_bar")
+    renamed = loads(dumps(made).replace('"43"', '"tilt"').replace("pairs.43", "pairs.tilt"))
+    wrist = with_wrist(renamed).mechanism
+    assert [pair.name for pair in wrist.pairs[-3:]] == ["azimuth", "tilt_", "turn"]
+    assert InverseKinematics(renamed).legs == (
+        "dyad of 21, 32, turn",
+        "dyad of tilt, 54, 51",
+    )
+
+
+MIRRORED = np.diag([-1.0, 1.0, 1.0])
+"""The end effector's axes are mirror images of those of the base (links 4 and 1)."""
+Q = np.array([0.0, 0.5, np.sqrt(0.75)])
+
+
+def mid_plane_pose(directions):
+    """The normal of the mid-plane and the end effector that P points at (eqs. 2, 6)."""
+    normal = directions - Q
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
+    return normal, mirror @ MIRRORED
+
+
+def mid_plane_direction(made, inputs):
+    """What the inputs make P point at: B2 and B5 span the mid-plane (eqs. 10, 11)."""
+    frames = input_frames(made)
+    first, second = frames["21"]
+    turn = Rotation.from_euler("z", -inputs[:, 0, None]).as_matrix()
+    b2 = second @ turn @ first.T @ frames["32"][0][:, 2]
+    first, second = frames["61"]
+    turn = Rotation.from_euler("z", inputs[:, 1, None]).as_matrix()
+    b5 = first @ turn @ second.T @ frames["65"][1][:, 2]
+    normal = np.cross(b2, b5)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= length
+    return Q - 2 * normal * (normal @ Q)[:, None], length[:, 0]
+
+
+@pytest.mark.parametrize("count", [1000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_the_mid_plane_mechanism_returns_from_every_working_mode(count):
+    """Dyads and one bar, closed next to the pose, against the law of the mid-plane."""
+    made = sk.load("two_dof_spm")
+    kinematics = InverseKinematics(made)
+    assert not kinematics.has_closed_form
+    assert kinematics.legs[-1].startswith("bar of")
+    assert len(kinematics.modes) == 32
+    tilt = np.random.default_rng(14).uniform(0.2, 1.6, count)
+    around = np.random.default_rng(15).uniform(-np.pi, np.pi, count)
+    frame = np.stack([[1.0, 0, 0], np.cross(Q, [1.0, 0, 0]), Q], axis=1)
+    directions = pointing(np.stack([around, tilt], axis=1)) @ frame.T
+    _, known = mid_plane_pose(directions)
+    nudge = 1e-3 * np.random.default_rng(16).normal(size=count)[:, None] * directions
+    near = Rotation.from_rotvec(nudge).as_matrix() @ known
+    inverse = kinematics.at(directions, near=near, normals=True)
+    found, worst = set(), 0.0
+    for k, signs in enumerate(inverse.modes):
+        good = (inverse.status[k] == Status.OK) & (inverse.type_2[k] > 0.05)
+        good &= (inverse.type_1[k].min(axis=1) > 0.05) & (inverse.margin[k] > 0.02)
+        back, spread = mid_plane_direction(made, inverse.inputs[k][good])
+        gap = np.max(np.abs(back - directions[good]), axis=1)
+        mine = gap < 1e-6
+        if np.mean(mine[:200]) > 0.5:
+            found.add(signs[:2])
+        slope = np.minimum(np.abs(inverse.slope[k][good]), 1.0)
+        worst = max(worst, np.max((gap * spread * slope)[mine], initial=0.0))
+        failed = (inverse.status[k] != Status.OK) & (
+            inverse.status[k] != Status.AT_SINGULARITY
+        )
+        assert np.all(np.isnan(inverse.inputs[k][failed]))
+    assert len(found) == 4
+    assert worst < 1e-13
+
+
+def test_every_turn_of_the_mid_plane_mechanism_is_found():
+    """The closed form has two places for each of the three legs, where they reach."""
+    made = sk.load("two_dof_spm")
+    kinematics = InverseKinematics(made)
+    directions = np.array([[0.3, 0.8, 0.52], [0.5, 0.5, 0.7], [-0.4, 0.7, 0.1], [0, -1, 1]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    normal, known = mid_plane_pose(directions)
+    found = kinematics.solutions(directions)
+    assert np.max(np.abs(found.directions - directions[found.row])) < 1e-14
+    frames = input_frames(made)
+    reached = np.ones(4, dtype=bool)
+    for pair, end, arc in (("21", 1, 40.0), ("61", 0, 40.0), ("81", 0, 50.0)):
+        axis = frames[pair][end][:, 2]
+        reached &= np.abs(normal @ axis) < np.sin(np.radians(arc))
+    assert 2 <= np.sum(reached) < 4
+    for row in range(4):
+        mine = found.row == row
+        same = np.max(np.abs(found.rotations[mine] - known[row]), axis=(1, 2)) < 1e-9
+        pairs = {tuple(np.round(q, 6)) for q in found.inputs[mine][same]}
+        assert len(pairs) == (4 if reached[row] else 0)
+    assert {len(signs) for signs in found.signs} == {5}
+
+
+def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
+    made = sk.load("two_dof_spm")
+    kinematics = InverseKinematics(made)
+    motion = sk.trace(made, path=np.radians([[14.0, 23.0]]))
+    output = kinematics.wrist.output
+    rotations = motion.rotations[:, made.link_number["4"]]
+    pose = rotations @ np.array(output.direction)
+    rates = output_rates(motion, output)
+    rates = rates - pose[:, :, None] * np.einsum("ni,nij->nj", pose, rates)[:, None]
+    inverse = kinematics.at(pose, near=rotations, normals=True)
+    gap = np.max(np.abs(np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))), axis=2)
+    wrong = np.max(np.abs(inverse.jacobian - rates), axis=(2, 3))
+    size = np.max(np.abs(rates), axis=(1, 2))
+    moves = size > 1e-6
+    same = (gap < 1e-9) & (inverse.status == Status.OK)
+    assert np.sum(moves) >= 8
+    assert np.all(np.any(same & (wrong < 1e-8), axis=0)[moves])
+
+
+def test_a_mechanism_with_a_bar_wants_a_start():
+    kinematics = InverseKinematics(sk.load("two_dof_spm"))
+    with pytest.raises(SolveError, match="give orientations `near` it, from"):
+        kinematics.at([[0.0, 0.0, 1.0]])
+    with pytest.raises(SolveError, match="`near` is a rotation for each of the 2 poses"):
+        kinematics.at([[0.0, 0.0, 1.0]] * 2, near=np.zeros((4, 3, 3)))
+    far = kinematics.at([[0.0, -0.6, -0.8]], near=np.eye(3))
+    assert np.all(far.status == Status.OUT_OF_REACH) and np.all(far.margin < 0.0)
