@@ -6,6 +6,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
+from spherekit_analyses.several_singularities import SeveralInputs
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.scene import (
@@ -41,6 +42,8 @@ Row = dict[str, Any]
 
 LINE_TONE = 4
 TONES = {"I": 1, "II": 2, "III": 3, "apparent": 0}
+RESTS = 1e-8
+"""A rate by arc length below this is none."""
 DRAWN = 721
 """Points with which a whole configuration curve is drawn."""
 
@@ -50,9 +53,14 @@ DRAWN = 721
 class SingularityAnalysis(AbstractAnalysis):
     """Singularities of types I, II and III, and the distance from them along the motion.
 
-    `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by default
-    the outputs that the mechanism declares. `near` (degrees) is the angle to a singularity
-    below which a warning is given.
+    `near` (degrees) is the angle to a singularity below which a warning is given. With one
+    input `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by
+    default the outputs that the mechanism declares.
+
+    With several inputs the outputs are those declared. Singular curves of two inputs are
+    looked for on `slices` values of each, 0 for none; surfaces of three inputs, on as many,
+    if `mesh` gives the length of their triangles' edges (degrees); aspects over `lattice`
+    values of each input, 0 for none.
     """
 
     name: ClassVar[str] = "singularities"
@@ -105,12 +113,29 @@ class SingularityAnalysis(AbstractAnalysis):
                 Column("sigma", "", "least singular value of the passive equations"),
                 Column("flatness", "", "its part of the greatest one"),
                 STATUS,
+                Column("moved", "", "the driven pair that moves, others locked", "text"),
+                Column("type", "", "regular, I, II, III, loose or branching", "text"),
+                Column("group", "", "1: of a single-freedom part, 2: of none", "integer"),
+            ),
+        ),
+        Table(
+            "aspects",
+            "with several inputs: configurations over a lattice, by parts not singular",
+            (
+                Column("aspect", "", "number of the part, the largest first", "integer"),
+                INPUTS,
+                Column("sign_II", "", "sign of the determinant of type II", "integer"),
+                Column("sign_I", "", "sign of the determinant of type I", "integer"),
+                Column("modes", "", "assembly modes of one input in the part", "integer"),
             ),
         ),
     )
 
     output: tuple[str, ...] = ()
     near: float = 5.0
+    slices: int = 12
+    mesh: float = 0.0
+    lattice: int = 11
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
         """Return the relative motions wanted, as numbers of links."""
@@ -135,18 +160,50 @@ class SingularityAnalysis(AbstractAnalysis):
             raise AnalysisError(
                 f"singularities: near: {self.near:g} is no angle in degrees; 0 or more is"
             )
-        self.outputs(mechanism)
+        for name, value in (
+            ("slices", self.slices),
+            ("mesh", self.mesh),
+            ("lattice", self.lattice),
+        ):
+            if not value >= 0:
+                raise AnalysisError(
+                    f"singularities: {name}: {value:g} is negative; 0 leaves it out"
+                )
+        if len(mechanism.inputs) > 1:
+            if self.output:
+                raise AnalysisError(
+                    "singularities: output: with several inputs the outputs are those that "
+                    "the mechanism declares as [outputs.NAME]"
+                )
+            self._several.outputs(mechanism)
+        else:
+            self.outputs(mechanism)
         return Needs(tracer=True)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of singularities and of the relation along the motion."""
-        return {
-            "singularities": self._points(batch),
-            "relation": self._relation(batch),
-        }
+        several = self._several
+        if len(batch.moved_pairs) > 1:
+            tables = [
+                several.points(batch),
+                several.relation(batch),
+                several.aspect_rows(batch),
+            ]
+        else:
+            tables = [self._points(batch), self._relation(batch), {}]
+        found = {}
+        for table, rows in zip(self.tables, tables, strict=True):
+            columns = table.of(batch.mechanism).columns
+            found[table.name] = {
+                column.name: rows.get(column.name, np.zeros(0, dtype=_DTYPES[column.kind]))
+                for column in columns
+            }
+        return found
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of each branch, and a page of the singular configurations."""
+        """Return plots of each branch, and what there is to see of singularities."""
+        if len(batch.moved_pairs) > 1:
+            return self._several.scenes(batch)
         pages = [
             Scene(number, tuple(self._plots(batch, rows)))
             for number, rows in batch.branch_rows().items()
@@ -157,6 +214,8 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return how many singularities there are, and where a branch comes near one."""
+        if len(batch.moved_pairs) > 1:
+            return self._several.findings(batch)
         found = self._found(batch)
         relation = self._relation(batch)
         kinds = self._points(batch)["kind"]
@@ -189,11 +248,18 @@ class SingularityAnalysis(AbstractAnalysis):
                 )
         return Findings(figures, tuple(warnings))
 
+    @property
+    def _several(self) -> SeveralInputs:
+        return SeveralInputs(self.slices, np.radians(self.mesh), self.lattice, self.near)
+
     def _found(self, batch: Batch) -> SampledSingularities:
         return batch.once(
             "found",
             lambda: SampledSingularities(
-                batch.tracer, self.outputs(batch.mechanism), batch.values, batch.branch
+                batch.tracer,
+                self.outputs(batch.mechanism),
+                batch.motion.values,
+                batch.branch,
             ),
         )
 
@@ -298,6 +364,13 @@ class SingularityAnalysis(AbstractAnalysis):
             with np.errstate(divide="ignore", invalid="ignore"):
                 return np.asarray(own.output_rate / own.input_rate)
 
+        def kinds(own: Measures) -> NDArray[Any]:
+            known = np.isfinite(own.input_rate)
+            rest = [np.abs(r) < RESTS for r in (own.output_rate, own.input_rate)]
+            return np.select(
+                [~known, rest[0] & rest[1], *rest], ["", "III", "I", "II"], "regular"
+            )
+
         parts: list[Row] = [
             {
                 "sample": batch.sample,
@@ -320,6 +393,9 @@ class SingularityAnalysis(AbstractAnalysis):
                 "sigma": sigma,
                 "flatness": flatness,
                 "status": batch.status,
+                "moved": np.full(n, batch.moved_pairs[0]),
+                "type": kinds(own),
+                "group": (kinds(own) != "regular").astype(np.int64),
             }
             for own in found.measures()
         ]

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
-    ("errors", "conventions", "version"),
+    ("errors", "conventions", "guarantee", "version"),
     ("numeric",),
     ("sphere",),
     ("model",),
@@ -36,6 +36,7 @@ SIBLINGS = {
     "dynamics": {"singular"},
 }
 PLUGINS_MAY_IMPORT = {
+    "guarantee",
     "singular",
     "analysis",
     "dynamics",

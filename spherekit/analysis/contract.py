@@ -178,11 +178,11 @@ class Batch:
         return self._tracer
 
     @property
-    def values(self) -> Floats:
-        """(n, variables) of all pairs, rad: the configurations."""
+    def motion(self) -> Motion:
+        """The configurations of all rows, for an analysis that asks the tracer for more."""
         if not self.needs.tracer:
-            raise UndeclaredNeed("values were read; declare Needs(tracer=True)")
-        return self._motion.values
+            raise UndeclaredNeed("the motion was read; declare Needs(tracer=True)")
+        return self._motion
 
     def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """Return what `make` gives, called once for this batch and analysis."""

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
+from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.curve_search import CurveSearch
 from spherekit.motion.dead_inputs import dead_inputs
 from spherekit.motion.drive import easiest_drive
-from spherekit.motion.guarantee import Claim, Guarantee
 from spherekit.motion.stretches import Stretches
 from spherekit.sphere.rotation import Floats
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
+from spherekit.guarantee import Claim, Guarantee
 from spherekit.model.geometry import Contact
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Solver
 from spherekit.motion.dead_inputs import DeadInputs
-from spherekit.motion.guarantee import Claim, Guarantee
 from spherekit.motion.modes import assemblies
 from spherekit.motion.stretches import Stretches, turning_inputs
 from spherekit.sphere.rotation import Floats

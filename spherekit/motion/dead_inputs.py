@@ -10,9 +10,9 @@ from typing import final
 
 import numpy as np
 
+from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.branches import Solver
 from spherekit.motion.complex_modes import meetings_of
-from spherekit.motion.guarantee import Claim, Guarantee
 from spherekit.numeric.crossings import MOST_CELLS, crossings
 from spherekit.sphere.rotation import Floats
 

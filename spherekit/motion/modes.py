@@ -14,6 +14,7 @@ import numpy as np
 
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
+from spherekit.guarantee import Claim, Guarantee
 from spherekit.model.geometry import Contact
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
@@ -28,7 +29,6 @@ from spherekit.motion.groups import (
     place_dyad,
     place_group,
 )
-from spherekit.motion.guarantee import Claim, Guarantee
 from spherekit.motion.lattice import Lattice
 from spherekit.motion.pairs import pair_axes
 from spherekit.motion.sheet import Sheet, spread

@@ -119,7 +119,8 @@ def output_of(
         Name of an output.
     pointing
         Name of an R pair on the output's link, whose axis is the direction that counts,
-        or a vector (3,) in that link's axes. By default the link's orientation counts.
+        or a vector (3,) in that link's axes. By default, with two inputs, the direction
+        that the output declares; else the link's orientation counts.
 
     Raises
     ------
@@ -135,7 +136,7 @@ def output_of(
         )
     chosen = names[output] if output is not None else mechanism.outputs[0]
     number = mechanism.link_number
-    found: tuple[float, float, float] | None = None
+    found = chosen.direction if len(mechanism.inputs) == 2 else None
     if pointing is not None:
         found = _direction(mechanism, chosen.link, pointing)
     return OutputRest(number[chosen.link], number[chosen.relative_to], found)

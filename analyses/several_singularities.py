@@ -1,0 +1,362 @@
+"""The half of the analysis `singularities` for mechanisms with several inputs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.contract import Batch, Findings
+from spherekit.analysis.scene import (
+    Mark,
+    Portrait,
+    Primitive,
+    Scene,
+    Series,
+    SphereCurves,
+    Surface,
+)
+from spherekit.analysis.tables import input_columns
+from spherekit.guarantee import Guarantee
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.singular.aspects import Aspects, aspects
+from spherekit.singular.curves import SingularCurves, singular_curves
+from spherekit.singular.points import SingularPoints, TypeName
+from spherekit.singular.rest import output_of
+from spherekit.singular.several import OutputCoefficients, RowType, coefficients
+from spherekit.singular.surface import SingularSurface, singular_surface
+
+Floats = NDArray[np.float64]
+Row = dict[str, Any]
+
+KINDS: tuple[TypeName, ...] = ("II", "I")
+TONES = {"I": 1, "II": 2, "III": 3}
+NAMES = {
+    RowType.REGULAR: "regular",
+    RowType.LOOSE: "loose",
+    RowType.BRANCHING: "branching",
+    RowType.UNKNOWN: "",
+}
+
+
+@final
+@dataclass(frozen=True)
+class SeveralInputs:
+    """Singularities of a mechanism with several inputs, asked for once in a run.
+
+    `slices` is the number of values at which each input is locked to look for singular
+    curves, or surfaces where `mesh` (rad) is the length of their triangles' edges; with 0
+    there is none. `lattice` is the number of values of each input for aspects.
+    """
+
+    slices: int
+    mesh: float
+    lattice: int
+    near: float
+
+    def outputs(self, mechanism: Mechanism) -> tuple[Output, ...]:
+        """Return the outputs that the mechanism declares."""
+        output_of(mechanism)
+        return mechanism.outputs
+
+    def points(self, batch: Batch) -> Row:
+        """Return the main table: points of singular curves or surfaces, by output."""
+        parts: list[Row] = []
+        for output in self.outputs(batch.mechanism):
+            name = f"{output.link}/{output.relative_to}"
+            for found in self._curves(batch, output):
+                for number, each in enumerate(found.curves):
+                    notes = "closed" if each.closed else "open"
+                    parts.append(_rows(batch, each.points, name, number, each.s, notes))
+                    nowhere = np.full(len(each.both.values), np.nan)
+                    both = _rows(batch, each.both, name, number, nowhere, "of both types")
+                    both["kind"][:] = "III"
+                    parts.append(both)
+            for mesh in self._surfaces(batch, output):
+                s = np.full(len(mesh.points.values), np.nan)
+                made = _rows(batch, mesh.points, name, 0, s, "vertex of a surface")
+                made["curve"] = mesh.component.astype(np.int64)
+                parts.append(made)
+        return _stacked(parts)
+
+    def relation(self, batch: Batch) -> Row:
+        """Return c_i w_i = d_i q_i' and nearness of every row, by output and input."""
+        parts: list[Row] = []
+        n = len(batch)
+        for output in self.outputs(batch.mechanism):
+            found = self._coefficients(batch, output)
+            kinds = np.array([_named(code) for code in found.type.tolist()], dtype=str)
+            for moved, pair in enumerate(batch.moved_pairs):
+                w, u = found.w[:, moved], found.u[:, moved]
+                parts.append(
+                    {
+                        "sample": batch.sample,
+                        "branch": batch.branch,
+                        **input_columns(batch.mechanism, batch.inputs),
+                        "output": np.full(n, f"{output.link}/{output.relative_to}"),
+                        "form": np.full(n, "i"),
+                        "c": found.c[:, moved],
+                        "d": found.d[:, moved],
+                        "rate": np.sum(w * u, axis=1),
+                        "output_rate": found.output_rate[:, moved],
+                        "input_rate": found.input_rate[:, moved],
+                        "angle_I": _angle(found.type_one),
+                        "angle_II": _angle(found.type_two),
+                        "transmission": np.full(n, np.nan),
+                        "to_I": np.full(n, np.nan),
+                        "to_II": np.full(n, np.nan),
+                        "sigma": found.type_two,
+                        "flatness": found.flatness,
+                        "status": batch.status,
+                        "moved": np.full(n, pair),
+                        "type": kinds,
+                        "group": found.group.astype(np.int64),
+                    }
+                )
+        return _stacked(parts)
+
+    def aspect_rows(self, batch: Batch) -> Row:
+        """Return the configurations over a lattice, with the number of their aspect."""
+        found = self._aspects(batch)
+        if found is None:
+            return {}
+        two = found.sign_two[found.label].astype(np.int64)
+        one = found.sign_one[found.label].astype(np.int64)
+        return {
+            "aspect": found.label.astype(np.int64),
+            **input_columns(batch.mechanism, found.inputs),
+            "sign_II": two,
+            "sign_I": one,
+            "modes": found.modes[found.label].astype(np.int64),
+        }
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return curves, aspects and guarantees, and where rows come near a type."""
+        figures: dict[str, Any] = {}
+        warnings: list[str] = []
+        for output in self.outputs(batch.mechanism):
+            name = f"{output.link}/{output.relative_to}"
+            own: dict[str, Any] = {}
+            for found in self._curves(batch, output):
+                own[f"curves_{found.kind}"] = len(found.curves)
+                own["guarantee"] = found.guarantee
+            for mesh in self._surfaces(batch, output):
+                own[f"vertices_{mesh.kind}"] = len(mesh.points.values)
+                own["guarantee"] = mesh.guarantee
+            figures[name] = own
+            rows = self._coefficients(batch, output)
+            for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
+                angles = np.degrees(_angle(sizes))
+                near = angles <= self.near
+                if np.any(near):
+                    row = int(np.nanargmin(angles))
+                    place = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
+                    branches = ", ".join(map(str, np.unique(batch.branch[near])))
+                    warnings.append(
+                        f"type {kind} of output {name}: branches {branches} come within "
+                        f"{self.near:g} deg, nearest {angles[row]:.3g} deg on branch "
+                        f"{batch.branch[row]} at inputs {place} deg"
+                    )
+        parts = self._aspects(batch)
+        if parts is not None:
+            figures["aspects"] = [int(size) for size in parts.sizes]
+            figures["aspects_guarantee"] = parts.guarantee
+        return Findings(figures, tuple(warnings))
+
+    def scenes(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return plots of each branch, curves in the plane of inputs and on the sphere."""
+        pages = []
+        for number, rows in batch.branch_rows().items():
+            parts: list[Primitive] = []
+            for output in self.outputs(batch.mechanism):
+                parts += self._plots(batch, output, rows)
+                if len(batch.moved_pairs) == 2 and self.slices:
+                    parts.append(self._plane(batch, output, rows))
+                    parts += self._on_sphere(batch, output)
+                for mesh in self._surfaces(batch, output):
+                    if len(mesh.triangles):
+                        parts.append(_surface(batch, output, mesh))
+            pages.append(Scene(number, tuple(parts)))
+        return tuple(pages)
+
+    def _plots(self, batch: Batch, output: Output, rows: slice) -> list[Primitive]:
+        found = self._coefficients(batch, output)
+        parts: list[Primitive] = []
+        for moved, pair in enumerate(batch.moved_pairs):
+            for name, values in (("c", found.c), ("d", found.d)):
+                where = f"plots/relation/{output.name}/{pair}/{name}"
+                label = f"{name}, {pair} moves"
+                group = f"input-output relation of {output.name}"
+                parts.append(Series(where, label, group, values[rows, moved]))
+        for kind, sizes in (("I", found.type_one), ("II", found.type_two)):
+            where = f"plots/angles/{output.name}/{kind}"
+            values = np.degrees(_angle(sizes))[rows]
+            group = f"angles of {output.name}, deg"
+            parts.append(Series(where, f"to type {kind}", group, values))
+        return parts
+
+    def _plane(self, batch: Batch, output: Output, rows: slice) -> Portrait:
+        """Return the singular curves in the plane of both inputs."""
+        curves: list[tuple[Floats, int]] = []
+        marks: list[Mark] = []
+        low = np.array([item.start for item in batch.mechanism.inputs])
+        for found in self._curves(batch, output):
+            for each in found.curves:
+                line = np.degrees(low + np.mod(each.points.inputs - low, 2.0 * np.pi))
+                jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > 180.0
+                line[np.any(jumps, axis=1)] = np.nan
+                curves.append((line, TONES[found.kind]))
+                both = low + np.mod(each.both.inputs - low, 2.0 * np.pi)
+                marks += [Mark("III", place, TONES["III"]) for place in np.degrees(both)]
+        here = np.degrees(batch.inputs)
+        every = np.concatenate([here, *(line for line, _ in curves)])
+        (left, bottom), (right, top) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+        first, second = batch.moved_pairs
+        return Portrait(
+            f"plots/inputs/{output.name}",
+            f"singular curves of {output.name} in the inputs",
+            here[rows, 0],
+            here[rows, 1],
+            f"{first}, deg",
+            f"{second}, deg",
+            (float(left), float(right)),
+            (float(bottom), float(top)),
+            curves,
+            marks,
+        )
+
+    def _on_sphere(self, batch: Batch, output: Output) -> list[Primitive]:
+        """Return the singular curves as what the output points at, in ground axes.
+
+        The third axis of an output without a direction.
+        """
+        parts: list[Primitive] = []
+        for found in self._curves(batch, output):
+            lines, marks = [], []
+            for each in found.curves:
+                lines.append(_directions(each.points))
+                marks += [
+                    Mark("III", place, TONES["III"]) for place in _directions(each.both)
+                ]
+            parts.append(
+                SphereCurves(
+                    f"singular/{output.name}/{found.kind}",
+                    f"type {found.kind} of {output.name}",
+                    lines,
+                    TONES[found.kind],
+                    marks,
+                )
+            )
+        return parts
+
+    def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
+        if len(batch.moved_pairs) != 2 or not self.slices:
+            return ()
+        return batch.once(
+            ("curves", output.name),
+            lambda: tuple(
+                singular_curves(
+                    batch.mechanism, kind, output.name, slices_of_each=self.slices
+                )
+                for kind in KINDS
+            ),
+        )
+
+    def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
+        if len(batch.moved_pairs) != 3 or not self.slices or not self.mesh:
+            return ()
+        return batch.once(
+            ("surfaces", output.name),
+            lambda: tuple(
+                singular_surface(
+                    batch.mechanism,
+                    kind,
+                    output.name,
+                    side=self.mesh,
+                    slices_of_each=self.slices,
+                )
+                for kind in KINDS
+            ),
+        )
+
+    def _aspects(self, batch: Batch) -> Aspects | None:
+        if not self.lattice:
+            return None
+        names = self.outputs(batch.mechanism)
+        return batch.once(
+            "aspects",
+            lambda: aspects(batch.mechanism, self.lattice, ("I", "II"), names[0].name),
+        )
+
+    def _coefficients(self, batch: Batch, output: Output) -> OutputCoefficients:
+        return batch.once(
+            ("coefficients", output.name),
+            lambda: coefficients(
+                batch.motion,
+                output_of(batch.mechanism, output.name),
+                by_rank=batch.tracer.by_rank,
+            ),
+        )
+
+
+def _rows(
+    batch: Batch,
+    points: SingularPoints,
+    output: str,
+    curve: int,
+    s: Floats,
+    note: str,
+) -> Row:
+    n = len(points.values)
+    inside = np.where(points.inside, note, note + "; outside the declared ranges")
+    return {
+        "kind": np.full(n, points.kind, dtype="<U8"),
+        "condition": np.full(n, ""),
+        "branch": np.full(n, ""),
+        **input_columns(batch.mechanism, points.inputs),
+        "output": np.full(n, output),
+        "curve": np.full(n, curve),
+        "s": s,
+        "error": np.full(n, np.nan),
+        "residual": points.residual,
+        "turns": np.full(n, ""),
+        "double": np.full(n, "no"),
+        "decided": np.full(n, "yes"),
+        "guarantee": np.full(n, Guarantee.TO_BOX.value),
+        "note": inside.astype(str),
+    }
+
+
+def _stacked(parts: list[Row]) -> Row:
+    if not parts:
+        return {}
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _angle(sizes: Floats) -> Floats:
+    """Return (n,) rad: the angle of all motions to those that keep inputs or output."""
+    return np.asarray(np.arcsin(np.minimum(sizes, 1.0)))
+
+
+def _named(code: int) -> str:
+    kind = RowType(code)
+    return NAMES.get(kind, kind.name)
+
+
+def _directions(points: SingularPoints) -> Floats:
+    if points.pointing is not None:
+        return points.pointing
+    return points.orientation[:, :, 2]
+
+
+def _surface(batch: Batch, output: Output, mesh: SingularSurface) -> Surface:
+    a, b, c = (f"{pair}, deg" for pair in batch.moved_pairs)
+    return Surface(
+        f"plots/surface/{output.name}/{mesh.kind}",
+        f"type {mesh.kind} of {output.name}",
+        np.degrees(mesh.points.inputs),
+        mesh.triangles,
+        (a, b, c),
+        TONES[mesh.kind],
+    )
