@@ -16,7 +16,7 @@ LAYERS = (
     ("errors", "conventions", "version"),
     ("numeric",),
     ("sphere",),
-    ("model",),
+    ("model", "region"),
     ("files", "planning"),
     ("motion",),
     ("rates",),
@@ -28,13 +28,19 @@ LAYERS = (
 )
 """Each layer may import only layers above it in this list, and itself."""
 
-SIBLINGS = {"files": {"planning"}, "planning": {"files"}}
+SIBLINGS = {
+    "model": {"region"},
+    "region": {"model"},
+    "files": {"planning"},
+    "planning": {"files"},
+}
 PLUGINS_MAY_IMPORT = {
     "analysis",
     "dynamics",
     "sphere",
     "model",
     "planning",
+    "region",
     "errors",
     "conventions",
 }

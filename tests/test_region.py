@@ -1,0 +1,253 @@
+"""Regions of directions: areas against closed forms and quadrature, borders, parts."""
+
+import numpy as np
+import pytest
+from sphere_areas import common_area
+
+from spherekit.errors import RegionError
+from spherekit.region.region import find_region
+
+
+def unit(vector):
+    return np.asarray(vector, float) / np.linalg.norm(vector, axis=-1, keepdims=True)
+
+
+def caps(centres, radii, keep):
+    """Margins: the cosine of the distance against that of the radius, for each cap."""
+    centres = unit(centres)
+    sign = np.where(keep, 1.0, -1.0)
+    return lambda places: sign * (places @ centres.T - np.cos(radii))
+
+
+def cap_area(radius):
+    return 2.0 * np.pi * (1.0 - np.cos(radius))
+
+
+@pytest.mark.parametrize("radius", [1e-4, 0.01, 0.7, np.pi / 2, 3.1])
+def test_cap(radius):
+    region = find_region(caps([[1, 2, 3]], [radius], [True]), 1e-9, feature=1e-3)
+    exact = cap_area(radius)
+    assert abs(region.area - exact) <= region.error < 1e-9
+    assert len(region.components) == len(region.boundaries) == 1
+    assert not region.holes
+    assert region.unresolved == 0.0
+
+
+def test_annulus_and_its_hole():
+    centres = [[1, 2, 3], [1, 2, 3]]
+    region = find_region(caps(centres, [0.7, 0.5], [True, False]), 1e-12)
+    assert abs(region.area - cap_area(0.7) + cap_area(0.5)) < 1e-14
+    assert [part.area for part in region.holes] == pytest.approx([cap_area(0.5)])
+    (component,) = region.components
+    assert len(component.boundaries) == 2
+    assert {boundary.gap for boundary in region.boundaries} == {0, 1}
+
+
+def test_thin_annulus():
+    exact = cap_area(0.3) - cap_area(0.297)
+    region = find_region(caps([[1, 2, 3]] * 2, [0.3, 0.297], [True, False]), 1e-6)
+    assert abs(region.area - exact) <= region.error < 1e-6
+    assert len(region.holes) == 1
+
+
+@pytest.mark.parametrize("angle", [0.05, 1.0, 3.0])
+def test_lune(angle):
+    normals = [[1, 0, 0], [-np.cos(angle), np.sin(angle), 0]]
+    region = find_region(caps(normals, [np.pi / 2] * 2, [True] * 2), 1e-7)
+    assert abs(region.area - 2.0 * angle) <= region.error < 1e-7
+    if angle > 0.25:
+        corners = region.boundaries[0].corners
+        assert np.abs(np.abs(corners) - [0, 0, 1]).max() < 1e-12
+
+
+def test_triangle_by_its_angles():
+    corners = unit([[1, 0.1, 0], [0.2, 1, -0.1], [0.3, 0.2, 1]])
+    normals = unit(np.cross(corners, np.roll(corners, -1, axis=0)))
+    turned = -np.sum(normals * np.roll(normals, -1, axis=0), axis=1)
+    girard = np.sum(np.arccos(turned)) - np.pi
+    region = find_region(caps(normals, [np.pi / 2] * 3, [True] * 3), 1e-12)
+    assert abs(region.area - girard) < 1e-14
+    found = region.boundaries[0].corners
+    gaps = np.linalg.norm(found[:, None] - corners, axis=2).min(axis=0)
+    assert gaps.max() < 1e-12
+    assert sorted(arc.margin for arc in region.boundaries[0].arcs) == [0, 1, 2]
+
+
+def test_two_caps():
+    """The area common to two caps by their half angles at the corners (Gauss-Bonnet)."""
+    r, s, d = 0.8, 0.6, 0.9
+    at_r = np.arccos((np.cos(s) - np.cos(d) * np.cos(r)) / (np.sin(d) * np.sin(r)))
+    at_s = np.arccos((np.cos(r) - np.cos(d) * np.cos(s)) / (np.sin(d) * np.sin(s)))
+    corner = np.arccos((np.cos(d) - np.cos(r) * np.cos(s)) / (np.sin(r) * np.sin(s)))
+    exact = 2.0 * (np.pi - corner - at_r * np.cos(r) - at_s * np.cos(s))
+    centres = [[0, 0, 1], [np.sin(d), 0, np.cos(d)]]
+    region = find_region(caps(centres, [r, s], [True, True]), 1e-12)
+    assert abs(region.area - exact) <= region.error < 1e-12
+    assert abs(exact - common_area(unit(centres), [r, s], [True, True])) < 1e-12
+
+
+def drawn(rng):
+    """Random caps and outsides of caps of many kinds."""
+
+    def direction():
+        return unit(rng.normal(size=3))
+
+    one, other = direction(), direction()
+    near = unit(one + rng.normal(size=3) * 10 ** rng.uniform(-2.5, 0.0))
+    radius = 10 ** rng.uniform(-2.0, 0.3)
+    apart = np.arccos(one @ other)
+    kind = rng.integers(7)
+    if kind == 0:
+        return [one], [radius], [True]
+    if kind == 1:
+        thin = 1.0 - 10 ** rng.uniform(-1.3, -0.1)
+        return [one, one], [radius, radius * thin], [True, False]
+    if kind == 2:
+        return [one, near], [radius, radius * rng.uniform(0.3, 1.0)], [True, False]
+    if kind == 3:
+        return [one, other], [np.pi / 2, np.pi / 2], [True, True]
+    if kind == 4:
+        touch = 0.4 * apart + 10 ** rng.uniform(-3.0, -1.0) * rng.choice([-1, 1])
+        return [one, other], [0.6 * apart, touch], [True, True]
+    if kind == 5:
+        axes = [one, one, other, other]
+        return axes, [1.5, 0.7, 1.6, 0.5], [True, False, True, False]
+    n = rng.integers(2, 5)
+    keep = list(rng.random(n) < 0.6)
+    return [direction() for _ in range(n)], list(rng.uniform(0.3, 2.0, n)), keep
+
+
+@pytest.mark.parametrize("batch", range(10))
+def test_error_covers_the_true_error(batch):
+    rng = np.random.default_rng(batch)
+    for _ in range(20):
+        centres, radii, keep = drawn(rng)
+        tolerance = 10 ** rng.uniform(-9.0, -2.0)
+        exact = common_area(centres, radii, keep)
+        region = find_region(caps(centres, radii, keep), tolerance, most=60_000)
+        case = (centres, radii, keep, tolerance)
+        assert abs(region.area - exact) <= region.error + 1e-13, case
+
+
+def test_border_lies_on_its_margins():
+    margins = caps([[1, 2, 3], [-1, 2, 0.1], [1, 0, 0]], [0.9, 0.9, 0.8], [1, 1, 0])
+    region = find_region(margins, 1e-8)
+    for boundary in region.boundaries:
+        for arc in boundary.arcs:
+            rows = margins(arc.points)
+            assert np.abs(rows[:, arc.margin]).max() < 1e-13
+            assert rows.min() > -1e-13
+        points = boundary.points
+        assert np.array_equal(points[0], points[-1])
+        assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() < 0.2
+        assert np.abs(np.linalg.norm(points, axis=1) - 1.0).max() < 1e-15
+
+
+def test_component_areas_and_gaps_add_up():
+    def clover(places):
+        x, y, z = places.T
+        return (np.cos(3.0 * np.arctan2(y, x)) * (1.0 - z * z) - 0.5)[:, None]
+
+    region = find_region(clover, 1e-8)
+    assert len(region.components) == 3
+    areas = [part.area for part in region.components]
+    assert np.ptp(areas) < 1e-8
+    total = sum(areas) + sum(part.area for part in region.gaps)
+    assert abs(total - 4.0 * np.pi) < 1e-12
+    for part in region.components:
+        assert clover(part.place[None])[0, 0] == part.depth > 0.0
+
+
+def test_whole_sphere_and_nothing():
+    whole = find_region(lambda places: np.ones((len(places), 1)))
+    assert whole.area == pytest.approx(4.0 * np.pi, abs=1e-13)
+    assert whole.boundaries == ()
+    assert np.array_equal(whole.nearest([0, 0, 2]), [0, 0, 1])
+    nothing = find_region(lambda places: -np.ones((len(places), 2)))
+    assert nothing.area == 0.0
+    assert nothing.components == ()
+    assert nothing.excluding == ((0,), (1,))
+
+
+def test_margins_that_exclude_each_other_are_named():
+    centres = [[0, 0, 1], [1, 0, 0], [1, 2, 3]]
+    region = find_region(caps(centres, [0.3, 0.3, 0.7], [True] * 3))
+    assert region.area == 0.0
+    assert region.excluding == ((0, 1), (1, 2))
+    with pytest.raises(RegionError, match=r"margins \(0, 1\) exclude"):
+        region.nearest([0, 0, 1])
+    around = np.arange(3) * 2.0 * np.pi / 3
+    centres = np.column_stack([np.cos(around), np.sin(around), np.full(3, 0.2)])
+    region = find_region(caps(centres, [1.2] * 3, [True] * 3))
+    assert region.excluding == ((0, 1, 2),)
+
+
+def test_touching_caps_stay_open():
+    d = 1.0
+    centres = [[1, 0, 0], [np.cos(d), np.sin(d), 0]]
+    region = find_region(caps(centres, [0.6, 0.4], [True, True]), 1e-6)
+    assert region.area < region.error
+    assert 0.0 < region.unresolved < 1e-6
+
+
+def test_nearest_point():
+    centre, radius = unit([1, 2, 3]), 0.7
+    region = find_region(caps([centre], [radius], [True]), 1e-2)
+    for place in unit(np.random.default_rng(0).normal(size=(20, 3))):
+        aside = unit(place - (place @ centre) * centre)
+        exact = np.cos(radius) * centre + np.sin(radius) * aside
+        if place @ centre >= np.cos(radius):
+            exact = place
+        assert np.abs(region.nearest(5.0 * place) - exact).max() < 1e-9
+    lune = find_region(caps([[1, 0, 0], [0, 1, 0]], [np.pi / 2] * 2, [True] * 2), 1e-2)
+    assert np.abs(lune.nearest([-1, -1, 5.0]) - [0, 0, 1]).max() < 1e-12
+
+
+def test_undefined_margins():
+    """A margin that is defined on one side only, with a smooth one beside it or alone."""
+    cap = caps([[1, 2, 3]], [0.7], [True])
+
+    def alone(places):
+        reach = cap(places)
+        return np.where(reach >= 0.0, np.sqrt(np.maximum(reach, 0.0)) + 1.0, np.nan)
+
+    def beside(places):
+        return np.concatenate([cap(places), alone(places)], axis=1)
+
+    region = find_region(beside, 1e-10)
+    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-10
+    assert region.boundaries[0].arcs[0].margin == 0
+    region = find_region(alone, 1e-3)
+    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-3
+    assert region.boundaries[0].arcs[0].margin == -1
+
+
+def test_margins_stated_twice():
+    one = caps([[1, 2, 3]], [0.7], [True])
+    region = find_region(lambda places: np.repeat(one(places), 3, axis=1), 1e-10)
+    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-10
+    assert region.evaluations < 20_000
+
+
+def test_cost_does_not_follow_the_area():
+    """Ten times the accuracy costs a few evaluations more, a finer feature none."""
+    counts = [
+        find_region(caps([[1, 2, 3]], [0.7], [True]), tolerance).evaluations
+        for tolerance in (1e-2, 1e-12)
+    ]
+    assert counts[1] < 2 * counts[0] < 20_000
+    widths = np.array([0.08, 0.02])
+    counts = [
+        find_region(caps([[1, 2, 3]] * 2, [0.7, 0.7 - w], [1, 0])).evaluations
+        for w in widths
+    ]
+    assert counts[1] < 6 * counts[0]
+
+
+def test_wrong_use_is_told():
+    with pytest.raises(RegionError, match="one row for each place"):
+        find_region(lambda places: np.ones(len(places)))
+    with pytest.raises(RegionError, match="tolerance is 0"):
+        find_region(caps([[1, 2, 3]], [0.7], [True]), 0)
+    with pytest.raises(RegionError, match="no direction"):
+        find_region(caps([[1, 2, 3]], [0.7], [True])).nearest([0, 0, 0])
