@@ -19,6 +19,9 @@ from spherekit.sphere.rotation import Floats, arc, cross
 
 ORDERS = (2, 4, 8, 16)
 """Steps between the nodes of a piece, doubled until its area is known well enough."""
+REACH = {2: 1.0, 4: 0.02, 8: 0.001, 16: 0.0001}
+"""How far around the height of the order before a height is sought, at first, as part of
+the farthest."""
 HIGHEST = 0.4
 """A piece higher than this part of its chord is cut first."""
 SHORTEST = 1e-11
@@ -167,7 +170,10 @@ class Pieces:
         row, node = np.nonzero(np.isnan(height))
         frame, number = chords.take(row), margin[row]
         u = nodes(order)[node]
-        found, sound = _heights(evaluate, frame, u, number)
+        guess = np.zeros(height.shape)
+        if order > ORDERS[0]:
+            guess = height[:, ::2] @ between(order // 2, nodes(order)).T
+        found, sound = _heights(evaluate, frame, u, number, guess[row, node], REACH[order])
         height[row, node] = np.where(sound, found, 0.0)
         bad = np.zeros(len(which), dtype=bool)
         bad[row[~sound]] = True
@@ -252,7 +258,12 @@ class Pieces:
 
 
 def _heights(
-    evaluate: Evaluator, frame: Chords, u: Floats, number: Indices
+    evaluate: Evaluator,
+    frame: Chords,
+    u: Floats,
+    number: Indices,
+    guess: Floats,
+    reach: float,
 ) -> tuple[Floats, Bools]:
     """Return heights (m,) where margins are 0 over places of chords, and whether found.
 
@@ -260,6 +271,8 @@ def _heights(
     and no other may be negative there.
     """
     widest = HIGHEST * frame.length * (1.0 - u * u)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        centre = np.where(widest > 0.0, np.clip(guess / widest, -1.0, 1.0), 0.0)
 
     def rows(part: Floats, which: Indices) -> Floats:
         return evaluate(frame.take(which).at(u[which], part * widest[which]))
@@ -267,17 +280,26 @@ def _heights(
     def value(part: Floats, which: Indices) -> Floats:
         return chosen(rows(part, which), number[which])
 
-    count = len(u)
-    every = np.arange(count)
-    ends = value(np.repeat([-1.0, 1.0], count), np.concatenate([every, every]))
-    right, left = ends[:count], ends[count:]
-    sound = (right < 0.0) & (left >= 0.0)
+    low, high = np.maximum(centre - reach, -1.0), np.minimum(centre + reach, 1.0)
+    right, left = np.empty(len(u)), np.empty(len(u))
+    some = np.arange(len(u))
+    while True:
+        ends = value(np.concatenate([low[some], high[some]]), np.concatenate([some, some]))
+        right[some], left[some] = np.split(ends, 2)
+        sound = (right < 0.0) & (left >= 0.0)
+        some = np.flatnonzero(~sound & (high - low < 2.0))
+        if not len(some):
+            break
+        low[some], high[some] = -1.0, 1.0
     some = np.flatnonzero(sound)
-    one = np.ones(len(some))
     zero, _ = bracketed_zeros(
-        lambda part, which: value(part, some[which]), -one, one, right[some], left[some]
+        lambda part, which: value(part, some[which]),
+        low[some],
+        high[some],
+        right[some],
+        left[some],
     )
-    part = np.zeros(count)
+    part = np.zeros(len(u))
     part[some] = zero
     others = rows(zero, some)
     kept = np.arange(others.shape[1]) == number[some][:, None]

@@ -90,7 +90,7 @@ _BERNSTEIN, _SLOPES, _CHECKS = _matrices()
 
 
 def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bools]:
-    """Return the `Verdict` (n,) of triangles (n, 3) from their sampled margins (n, 10, k).
+    """Return the `Verdict` (n,) of triangles (n, 3) from their sampled margins (10, n, k).
 
     The rows are those of the vertices and of `samples`, in that order. The second array
     says where more than one margin is uncertain.
@@ -103,64 +103,88 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     - Else the triangle is open.
     """
     missing = np.isnan(rows)
-    whole = ~missing.any(axis=1)
-    filled = np.where(missing, 0.0, rows)
-    control = np.einsum("cs,nsk->nck", _BERNSTEIN, filled[:, :6])
-    awaited = np.einsum("cs,nsk->nck", _CHECKS, filled[:, :6])
-    on_edge = np.arange(3) + 3 * flipped(triangles)
-    awaited = np.concatenate(
-        [np.take_along_axis(awaited, on_edge[..., None], axis=1), awaited[:, 6:]], axis=1
+    known = np.where(missing, 0.0, rows)
+    low, high, error = _bounds(triangles, known)
+    whole = np.asarray(~missing.any(axis=0))
+    if not whole.all():
+        _bound_in_part(rows, whole, low, high)
+    negative, uncertain = high < 0.0, (low <= 0.0) & (high >= 0.0)
+    verdict = np.full(len(triangles), int(Verdict.INSIDE), dtype=np.intp)
+    verdict[uncertain.any(axis=1)] = Verdict.OPEN
+    tried = np.flatnonzero(
+        uncertain.any(axis=1) & ~negative.any(axis=1) & np.all(whole | ~uncertain, axis=1)
     )
-    gap = np.abs(awaited - filled[:, 6:])
-    error = np.max(gap, axis=1)
-    low = np.min(control, axis=1) - VALUE_SLACK * error
-    high = np.max(control, axis=1) + VALUE_SLACK * error
-    smallest = np.min(np.where(missing, np.inf, rows), axis=1)
-    largest = np.max(np.where(missing, -np.inf, rows), axis=1)
+    corners = points[triangles[tried]]
+    simple = _within_cone(corners, known[:6, tried], error[tried], uncertain[tried])
+    verdict[tried[simple]] = Verdict.SIMPLE
+    if missing.any():
+        empty = void(rows)
+        broken = empty.any(axis=0)
+        verdict[broken] = Verdict.OPEN
+        verdict[broken & np.all(missing | (rows >= 0.0), axis=(0, 2))] = Verdict.BROKEN
+        verdict[empty.all(axis=0)] = Verdict.OUTSIDE
+    verdict[negative.any(axis=1)] = Verdict.OUTSIDE
+    return verdict, np.count_nonzero(uncertain, axis=1) > 1
+
+
+def _bounds(triangles: Indices, rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return bounds of margins (n, k) in triangles, and the error of interpolation."""
+    control = np.tensordot(_BERNSTEIN, rows[:6], axes=1)
+    awaited = np.tensordot(_CHECKS, rows[:6], axes=1)
+    turned = flipped(triangles).T[..., None]
+    gaps = [
+        np.where(turned[k] == 1, awaited[3 + k], awaited[k]) - rows[6 + k] for k in range(3)
+    ]
+    error = np.max(np.abs([*gaps, awaited[6] - rows[9]]), axis=0)
+    slack = VALUE_SLACK * error
+    return control.min(axis=0) - slack, control.max(axis=0) + slack, error
+
+
+def _bound_in_part(rows: Floats, whole: Bools, low: Floats, high: Floats) -> None:
+    """Bound the margins that are NaN at some samples by the others, if they are steady.
+
+    A margin that is NaN at all samples bounds nothing.
+    """
+    missing = np.isnan(rows)
+    smallest = np.min(np.where(missing, np.inf, rows), axis=0)
+    largest = np.max(np.where(missing, -np.inf, rows), axis=0)
     with np.errstate(invalid="ignore"):
         spread = STEADY * (largest - smallest)
-        low = np.where(whole, low, np.where(smallest > spread, 1.0, -1.0))
-        high = np.where(whole, high, np.where(-largest > spread, -1.0, 1.0))
-    nowhere = missing.all(axis=1)
-    low = np.where(nowhere, 1.0, low)
-    negative, uncertain = high < 0.0, (low <= 0.0) & (high >= 0.0)
-    hole = void(rows)
-    simple = _within_cone(points[triangles], filled[:, :6], error, uncertain)
-    simple &= np.all(whole | ~uncertain, axis=1)
-    verdict = np.where(simple, Verdict.SIMPLE, Verdict.OPEN)
-    verdict = np.where(uncertain.any(axis=1), verdict, Verdict.INSIDE)
-    none_negative = np.all(missing | (rows >= 0.0), axis=(1, 2))
-    broken = np.where(none_negative, Verdict.BROKEN, Verdict.OPEN)
-    verdict = np.where(hole.any(axis=1), broken, verdict)
-    out = negative.any(axis=1) | hole.all(axis=1)
-    contested = np.count_nonzero(uncertain, axis=1) > 1
-    return np.where(out, Verdict.OUTSIDE, verdict).astype(np.intp), contested
+        positive = (smallest > spread) | missing.all(axis=0)
+        negative = -largest > spread
+    low[~whole] = np.where(positive, 1.0, -1.0)[~whole]
+    high[~whole] = np.where(negative & ~positive, -1.0, 1.0)[~whole]
 
 
 def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bools) -> Bools:
-    """Return whether the gradients of the uncertain margins lie in a cone."""
-    n = len(values)
-    slopes = np.einsum("vdc,nck->nvkd", _SLOPES, values)
+    """Return whether the gradients of the uncertain margins lie in a cone.
+
+    `corners` (n, 3, 3) are those of the triangles, `values` (6, n, k) the margins at them
+    and at mid-edge, `error` (n, k) how far the margins are off.
+    """
+    n = len(corners)
+    slopes = np.tensordot(_SLOPES, values, axes=1)
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    base = np.linalg.norm(one, axis=1)
-    shift = np.sum(one * other, axis=1) / base
-    height = np.linalg.norm(cross(one, other), axis=1) / base
-    wide = (slice(None), None, None)
-    first = slopes[..., 0] / base[wide]
-    second = (slopes[..., 1] - shift[wide] * first) / height[wide]
+    base = np.linalg.norm(one, axis=1)[:, None]
+    shift = np.sum(one * other, axis=1)[:, None] / base
+    height = np.linalg.norm(cross(one, other), axis=1)[:, None] / base
+    first = slopes[:, 0] / base
+    second = (slopes[:, 1] - shift * first) / height
     room = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
     size = np.hypot(first, second)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slack = SLOPE_SLACK * error[:, None] * room[wide] / size
-    slack = np.where(size > 0.0, slack, np.inf).reshape(n, -1)
-    used = np.broadcast_to(uncertain[:, None], size.shape).reshape(n, -1)
-    angle = np.where(used, np.arctan2(second, first).reshape(n, -1), np.nan)
+        slack = SLOPE_SLACK * error * room / size
+    slack = np.where(size > 0.0, slack, np.inf)
+    angle = np.where(uncertain, np.arctan2(second, first), np.nan)
+    slack, angle = (
+        np.moveaxis(each, 1, 0).reshape(n, 3 * uncertain.shape[1])
+        for each in (slack, angle)
+    )
     rising = np.sort(angle, axis=1)
-    last = np.maximum(np.count_nonzero(used, axis=1) - 1, 0)[:, None]
-    around = np.take_along_axis(rising, last, axis=1) - 2.0 * np.pi
-    gaps = np.diff(np.concatenate([around, rising], axis=1), axis=1)
-    widest = np.argmax(np.where(np.isnan(gaps), -1.0, gaps), axis=1)[:, None]
-    end = np.take_along_axis(rising, widest, axis=1)
-    middle = end + np.pi - 0.5 * np.take_along_axis(gaps, widest, axis=1)
-    along = np.cos(angle - middle) - slack
-    return np.asarray(np.all((along > np.sin(0.5 * SHARPEST)) | ~used, axis=1))
+    last = np.maximum(np.count_nonzero(~np.isnan(angle), axis=1) - 1, 0)
+    around = rising[np.arange(n), last] - 2.0 * np.pi
+    gaps = np.diff(np.column_stack([around, rising]), axis=1)
+    widest = np.argmax(np.where(np.isnan(gaps), -1.0, gaps), axis=1)
+    gap, end = gaps[np.arange(n), widest], rising[np.arange(n), widest]
+    along = np.cos(angle - (end + np.pi - 0.5 * gap)[:, None]) - slack
+    return np.asarray(np.all((along > np.sin(0.5 * SHARPEST)) | np.isnan(angle), axis=1))

@@ -37,6 +37,7 @@ class Refinement:
         self.values = evaluate(self.points)
         count = len(self.triangles)
         self.verdict = np.full(count, -1, dtype=np.intp)
+        self.size = np.zeros(count)
         self.contested = np.zeros(count, dtype=bool)
         self.looked = np.zeros(count, dtype=bool)
         nothing = np.zeros(0, dtype=np.intp)
@@ -58,12 +59,11 @@ class Refinement:
         """
         while True:
             self._judge()
-            size = self.size
-            cut = (self.verdict == Verdict.BROKEN) & (size > BROKEN_SIZE)
-            cut |= (self.verdict == Verdict.OPEN) & (size > feature)
+            cut = (self.verdict == Verdict.BROKEN) & (self.size > BROKEN_SIZE)
+            cut |= (self.verdict == Verdict.OPEN) & (self.size > feature)
             if not cut.any():
                 self._bound()
-                cut = (self.verdict == Verdict.OPEN) & (size > feature)
+                cut = (self.verdict == Verdict.OPEN) & (self.size > feature)
             if not cut.any():
                 cut = self._improve(tolerance)
             cost = COST_OF_CUT * np.count_nonzero(cut)
@@ -76,11 +76,6 @@ class Refinement:
     def inside(self) -> Bools:
         """Which vertices (V,) are in the region."""
         return np.asarray(least(self.values) >= 0.0)
-
-    @property
-    def size(self) -> Floats:
-        """The longest edges (T,) of the triangles (rad)."""
-        return np.asarray(edge_lengths(self.points, self.triangles).max(axis=1))
 
     @property
     def areas(self) -> Floats:
@@ -148,6 +143,7 @@ class Refinement:
         if not len(fresh):
             return
         triangles = self.triangles[fresh]
+        self.size[fresh] = edge_lengths(self.points, triangles).max(axis=1)
         middles, checks, centres = samples(self.points, triangles)
         edges, own = edges_of(triangles)
         shown = np.empty(len(edges), dtype=np.intp)
@@ -155,9 +151,9 @@ class Refinement:
         places = [middles.reshape(-1, 3)[shown], checks.reshape(-1, 3)[shown], centres]
         found = self.evaluate(np.concatenate(places))
         middle, check, centre = np.split(found, [len(edges), 2 * len(edges)])
-        rows = [self.values[triangles], middle[own], check[own], centre[:, None]]
+        rows = [self.values[triangles.T], middle[own.T], check[own.T], centre[None]]
         self.verdict[fresh], self.contested[fresh] = judge(
-            self.points, triangles, np.concatenate(rows, axis=1)
+            self.points, triangles, np.concatenate(rows)
         )
 
     def _bound(self) -> None:
@@ -260,6 +256,7 @@ class Refinement:
         place = np.full(len(marked), -1, dtype=np.intp)
         place[origin[kept]] = np.flatnonzero(kept)
         self.verdict = np.where(kept, self.verdict[origin], -1)
+        self.size = np.where(kept, self.size[origin], 0.0)
         self.contested = kept & self.contested[origin]
         self.looked = kept & self.looked[origin]
         left = np.flatnonzero(place[self.owner] >= 0)
