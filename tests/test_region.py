@@ -150,6 +150,21 @@ def test_border_lies_on_its_margins():
         assert np.abs(np.linalg.norm(points, axis=1) - 1.0).max() < 1e-15
 
 
+def test_surface_covers_the_region():
+    margins = caps([[1, 2, 3], [-1, 2, 0.1], [1, 0, 0]], [0.9, 0.9, 0.8], [1, 1, 0])
+    region = find_region(margins, 1e-6, spacing=0.1)
+    a, b, c = np.moveaxis(region.surface_points[region.surface_triangles], 1, 0)
+    volume = np.sum(a * np.cross(b - a, c - a), axis=1)
+    dots = np.sum(a * b + b * c + c * a, axis=1)
+    areas = 2.0 * np.arctan2(volume, 1.0 + dots)
+    assert areas.min() > -1e-6
+    assert abs(areas.sum() - region.area) < 2e-4
+    assert (
+        margins(region.surface_points[region.surface_triangles].mean(axis=1)).min() > -0.01
+    )
+    assert np.array_equal(region.surface_points[: len(region.points)], region.points)
+
+
 def test_component_areas_and_gaps_add_up():
     def clover(places):
         x, y, z = places.T

@@ -233,10 +233,9 @@ class Pieces:
             np.concatenate([self.sound, more.sound]),
         )
 
-    def ends(self) -> Floats:
-        """Return the ends (n, 3) of the chords."""
-        one, level = np.ones((len(self.margin), 1)), np.zeros((len(self.margin), 1))
-        return self.chords.at(one, level)[:, 0]
+    def chord_ends(self, which: Indices) -> Floats:
+        """Return both ends (m, 2, 3) of the chords of some pieces."""
+        return self.chords.take(which).at(np.array([-1.0, 1.0]), np.zeros((len(which), 2)))
 
     def points(self, which: Indices, order: int) -> Floats:
         """Return the nodes (m, order + 1, 3) of some pieces, all of that order."""

@@ -100,12 +100,38 @@ class Refinement:
         odd, second, third = self._turned(self.owner)
         single = held[self.owner] == 1
         apex = self.points[np.where(single, odd, second)]
-        start, end = self.pieces.chords.start, self.pieces.ends()
+        start, end = np.moveaxis(self.pieces.chord_ends(np.arange(len(self.owner))), 1, 0)
         part = triangle_areas(apex, start, end) + self.pieces.area
         more = ~single & self.leading
         part[more] += triangle_areas(apex[more], self.points[third[more]], start[more])
         np.add.at(found, self.owner, part)
         return found
+
+    def surface(self) -> tuple[Floats, Indices]:
+        """Return points and triangles of the region alone, its border as it was found."""
+        held = self.inside[self.triangles].sum(axis=1)
+        odd, second, third = self._turned(self.owner)
+        single = held[self.owner] == 1
+        apex = np.where(single, odd, second)
+        pieces = self.pieces
+        step = np.where(pieces.sound, pieces.order, 1)
+        points, triangles = [self.points], [self.triangles[held == 3]]
+        count = len(self.points)
+        for order in (1, *ORDERS):
+            some = np.flatnonzero(step == order)
+            nodes = pieces.points(some, order) if order > 1 else pieces.chord_ends(some)
+            number = count + np.arange(nodes.shape[0] * (order + 1)).reshape(-1, order + 1)
+            fan = [
+                np.repeat(apex[some], order),
+                number[:, :-1].ravel(),
+                number[:, 1:].ravel(),
+            ]
+            more = ~single[some] & self.leading[some]
+            first = [apex[some][more], third[some][more], number[more, 0]]
+            triangles += [np.stack(fan, axis=1), np.stack(first, axis=1)]
+            points.append(nodes.reshape(-1, 3))
+            count += number.size
+        return np.concatenate(points), np.concatenate(triangles)
 
     def loops(self) -> list[Indices]:
         """Return the pieces of every closed curve of the border, in order."""

@@ -101,6 +101,9 @@ class Region:
     points, triangles, values
         Vertices (V, 3), triangles (T, 3), counter-clockwise from outside, and margins
         (V, k) at the vertices; NaN where undefined.
+    surface_points, surface_triangles
+        Points (P, 3), the vertices first, and triangles (F, 3) that cover the region alone,
+        up to its border: what maps are drawn on.
     evaluations, calls
         Places at which the margins were evaluated, and calls that took.
     """
@@ -115,6 +118,8 @@ class Region:
     points: Floats
     triangles: Indices
     values: Floats
+    surface_points: Floats
+    surface_triangles: Indices
     evaluations: int
     calls: int
     border: Pieces
@@ -224,6 +229,7 @@ def find_region(
         search.points,
         search.triangles,
         search.values,
+        *search.surface(),
         evaluate.evaluations,
         evaluate.calls,
         search.pieces,
