@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import EPS
 from spherekit.numeric.chebyshev import Floats
@@ -12,10 +12,16 @@ Indexed = Callable[[Floats, NDArray[np.intp]], Floats]
 """Values (m,) of the functions with numbers (m,) at places (m,)."""
 
 MOST_STEPS = 80
+TINY = 1e-300
 
 
 def bracketed_zeros(
-    function: Indexed, low: Floats, high: Floats, at_low: Floats, at_high: Floats
+    function: Indexed,
+    low: Floats,
+    high: Floats,
+    at_low: Floats,
+    at_high: Floats,
+    tolerance: ArrayLike = 0.0,
 ) -> tuple[Floats, Floats]:
     """Return where functions change their sign, between two ends of opposite signs.
 
@@ -27,13 +33,15 @@ def bracketed_zeros(
         Ends (n,) of the brackets.
     at_low, at_high
         Values (n,) at the ends, one not negative and the other negative.
+    tolerance
+        Width (n,) of a bracket that is narrow enough, besides rounding.
 
     Returns
     -------
     zero, outside
         (n,) the end of the last bracket with the smaller value, and the end where the
-        value is negative; the bracket is a few units of rounding wide, unless the value
-        at `zero` is exactly 0.
+        value is negative; the bracket is as narrow as asked for, unless the value at
+        `zero` is exactly 0.
 
     Notes
     -----
@@ -42,7 +50,7 @@ def bracketed_zeros(
     """
     b, fb, a, fa = low.copy(), at_low.copy(), high.copy(), at_high.copy()
     c, fc = b.copy(), fb.copy()
-    width = np.abs(high - low)
+    room = np.broadcast_to(np.asarray(tolerance, dtype=float), low.shape)
     going = np.flatnonzero((fa != 0.0) & (fb != 0.0))
     share = np.full(len(going), 0.5)
     for _ in range(MOST_STEPS):
@@ -58,7 +66,7 @@ def bracketed_zeros(
         fb[going] = np.where(same, fb[going], fa[going])
         a[going], fa[going] = x, value
         best = np.where(np.abs(value) < np.abs(fb[going]), x, b[going])
-        least = EPS * (2.0 * np.abs(best) + 0.01 * width[going])
+        least = 2.0 * EPS * np.abs(best) + 0.5 * room[going] + TINY
         gap = np.abs(b[going] - x)
         settled = (value == 0.0) | (gap <= 2.0 * least)
         going, gap, least = going[~settled], gap[~settled], least[~settled]

@@ -297,6 +297,7 @@ def _heights(
         high[some],
         right[some],
         left[some],
+        EPS / widest[some],
     )
     part = np.zeros(len(u))
     part[some] = zero

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from spherekit.conventions import EPS
 from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.region.margins import Evaluator, active, chosen, least
 from spherekit.region.mesh import Bools, Indices, unit
@@ -41,6 +42,7 @@ def crossings(
         length,
         ends[: len(length)],
         ends[len(length) :],
+        EPS,
     )
     both = rows(np.concatenate([place, beyond]), np.concatenate([every, every]))
     at, after = both[: len(length)], both[len(length) :]

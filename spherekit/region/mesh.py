@@ -1,5 +1,7 @@
 """Triangles on the unit sphere, refined by bisection so that no vertex hangs."""
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,7 @@ def unit(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
+@cache
 def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     """Return vertices (V, 3) and triangles (T, 3), edges at most `spacing` (rad) long.
 
