@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sphere_areas import common_area
 
 from spherekit.errors import RegionError
 from spherekit.region.orientations import ALL_ORIENTATIONS, find_orientations
@@ -63,6 +64,23 @@ def test_two_margins():
     assert abs(found.volume - exact) <= found.error <= 1e-2 * found.volume
     assert found.depth > 0.0
     assert margins(found.place[None]).min() == found.depth
+
+
+def test_one_axis_in_common_caps():
+    """The volume is 2 pi times the area in which the axis may be."""
+    rng = np.random.default_rng(11)
+    for _ in range(4):
+        centres, radii = unit(rng.normal(size=(3, 3))), rng.uniform(0.7, 1.8, 3)
+        keep = np.array([True, True, False])
+        axis = unit(rng.normal(size=3))
+        sign = np.where(keep, 1.0, -1.0)
+
+        def margins(q, centres=centres, radii=radii, axis=axis, sign=sign):
+            return sign * (from_quaternion(q) @ axis @ centres.T - np.cos(radii))
+
+        exact = 2.0 * np.pi * common_area(centres, radii, keep)
+        found = find_orientations(margins, 2e-2, most=200_000)
+        assert abs(found.volume - exact) <= found.error
 
 
 def test_limits_of_the_work_are_told_by_the_error():

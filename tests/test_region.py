@@ -251,6 +251,13 @@ def test_margins_stated_twice():
     assert region.evaluations < 20_000
 
 
+def test_margins_that_are_zero_over_an_area():
+    one = caps([[1, 2, 3]], [0.7], [True])
+    region = find_region(lambda p: np.minimum(one(p), 0.0), 0.02, feature=0.01)
+    assert abs(region.area - cap_area(0.7)) <= region.error < 0.02
+    assert region.evaluations < 200_000
+
+
 def test_cost_does_not_follow_the_area():
     """Ten times the accuracy costs a few evaluations more, a finer feature none."""
     counts = [
@@ -269,6 +276,8 @@ def test_cost_does_not_follow_the_area():
 def test_wrong_use_is_told():
     with pytest.raises(RegionError, match="one row for each place"):
         find_region(lambda places: np.ones(len(places)))
+    with pytest.raises(RegionError, match="infinite"):
+        find_region(lambda places: np.full((len(places), 1), -np.inf))
     with pytest.raises(RegionError, match="tolerance is 0"):
         find_region(caps([[1, 2, 3]], [0.7], [True]), 0)
     with pytest.raises(RegionError, match="no direction"):

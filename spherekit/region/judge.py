@@ -108,7 +108,7 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     whole = np.asarray(~missing.any(axis=0))
     if not whole.all():
         _bound_in_part(rows, whole, low, high)
-    negative, uncertain = high < 0.0, (low <= 0.0) & (high >= 0.0)
+    negative, uncertain = high < 0.0, (low < 0.0) & (high >= 0.0)
     verdict = np.full(len(triangles), int(Verdict.INSIDE), dtype=np.intp)
     verdict[uncertain.any(axis=1)] = Verdict.OPEN
     tried = np.flatnonzero(

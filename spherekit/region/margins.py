@@ -42,6 +42,11 @@ class Evaluator:
                 f"margins of {len(places)} places have shape {rows.shape}; the function "
                 "has to return one row for each place and one column for each margin"
             )
+        if np.isinf(rows).any():
+            raise RegionError(
+                "a margin is infinite; give NaN where a place cannot be reached, and "
+                "finite values elsewhere"
+            )
         if not self.floor.size:
             size = np.where(np.isnan(rows), 0.0, np.abs(rows))
             self.floor = NOISE * np.median(size, axis=0)

@@ -30,6 +30,11 @@ COST_OF_CUT = 120
 
 _THREE = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 _TWO = _THREE[np.all(_THREE < 2, axis=1)]
+_DERIVATIVES = (
+    (0, 0, 0),
+    *((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    *((2, 0, 0), (0, 2, 0), (0, 0, 2)),
+)
 _CHECKS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
 """Places of four checks in a cell, in quarters of it."""
 
@@ -63,10 +68,11 @@ class Orientations:
         return self.volume / ALL_ORIENTATIONS
 
 
-def _quadratics(u: Floats) -> tuple[Floats, Floats]:
-    """Return values and slopes (m, 3) of the polynomials that are 1 at one of 0, 1/2, 1."""
+def _quadratics(u: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the polynomials (m, 3) that are 1 at one of 0, 1/2, 1, and both slopes."""
     values = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)], axis=1)
-    return values, np.stack([4 * u - 3, 4 - 8 * u, 4 * u - 1], axis=1)
+    slopes = np.stack([4 * u - 3, 4 - 8 * u, 4 * u - 1], axis=1)
+    return values, slopes, np.broadcast_to([4.0, -8.0, 4.0], values.shape)
 
 
 def _product(rows: tuple[Floats, Floats, Floats]) -> Floats:
@@ -79,7 +85,8 @@ def _product(rows: tuple[Floats, Floats, Floats]) -> Floats:
 def _matrices() -> tuple[Floats, Floats, Floats, Floats]:
     """Return what turns 27 values into bounds, checks, and sums over a grid.
 
-    The last is (4, STEPS**3, 27): values, and the changes over a step each way.
+    The last are (7, STEPS**3, 27): values, the changes over a step each way, and the
+    changes of these the same way.
     """
     line = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
     bounds = np.kron(line, np.kron(line, line))
@@ -87,12 +94,7 @@ def _matrices() -> tuple[Floats, Floats, Floats, Floats]:
     checks = _product((x[0], y[0], z[0]))
     u = (_grid() + 0.5) / STEPS
     x, y, z = (_quadratics(column) for column in u.T)
-    sums = [
-        _product((x[0], y[0], z[0])),
-        _product((x[1], y[0], z[0])) / STEPS,
-        _product((x[0], y[1], z[0])) / STEPS,
-        _product((x[0], y[0], z[1])) / STEPS,
-    ]
+    sums = [_product((x[a], y[b], z[c])) / STEPS ** (a + b + c) for a, b, c in _DERIVATIVES]
     return bounds, checks, np.stack(sums), u
 
 
@@ -206,18 +208,14 @@ class _Cells:
         control = np.tensordot(_BOUNDS, rows, axes=1)
         low_bound = control.min(axis=0) - VALUE_SLACK * error
         out = (control.max(axis=0) + VALUE_SLACK * error < 0.0).any(axis=1)
-        full = (low_bound > 0.0).all(axis=1)
+        full = (low_bound >= 0.0).all(axis=1)
         volume = np.zeros(n)
         whole = np.flatnonzero(~out)
         share = _density(low[whole], width[whole])
         some = np.flatnonzero(~full[whole])
         for part in np.array_split(some, len(some) * k // 2**13 + 1):
             model = rows[:, whole[part]].reshape(27, len(part) * k)
-            value, *steps = (matrix @ model for matrix in _SUMS)
-            reach = np.abs(steps[0]) + np.abs(steps[1]) + np.abs(steps[2])
-            filled = 0.5 + value / np.where(reach > 0.0, reach, 1.0)
-            filled = np.where(reach > 0.0, filled, value >= 0.0)
-            filled = np.clip(filled, 0.0, 1.0).reshape(len(value), len(part), k)
+            filled = _filled(model).reshape(STEPS**3, len(part), k)
             share[part] *= filled.min(axis=2).T
         volume[whole] = share.sum(axis=1)
         return volume, out | full
@@ -250,6 +248,22 @@ class _Cells:
             highest = np.where(np.isfinite(highest), highest, 1.0)
             rows = np.where(missing, np.where(negative, highest, -1.0), rows)
         return rows[:27], rows[27:]
+
+
+def _filled(model: Floats) -> Floats:
+    """Return how full (STEPS**3, m) the steps of cells are, by polynomials (27, m).
+
+    Across the border this rises evenly over the width of the step, which is exact for
+    planes on the average; the Laplacian takes away what bending does to that average.
+    """
+    value, x, y, z, xx, yy, zz = (matrix @ model for matrix in _SUMS)
+    square = x * x + y * y + z * z
+    flat = square == 0.0
+    square[flat] = 1.0
+    reach = np.abs(x) + np.abs(y) + np.abs(z)
+    reach[flat] = 1.0
+    value = value + (xx + yy + zz) * (reach * reach / square) / 24.0
+    return np.asarray(np.where(flat, value >= 0.0, np.clip(0.5 + value / reach, 0.0, 1.0)))
 
 
 def _quaternions(cube: Indices, units: Indices) -> Floats:
