@@ -11,6 +11,9 @@ from spherekit.sphere.rotation import Floats, arc, cross
 MOST_STEPS = 30
 SETTLED = 1e-14
 """A corner is found when it moves by less than this (rad)."""
+BEYOND = 1e-7
+"""Where the smallest margin is exactly 0, the one that ends the region is looked for this
+much farther on, as part of the edge."""
 FARTHEST = 4.0
 """A corner farther from its chord than this times the chord's arc is not its corner."""
 
@@ -44,11 +47,11 @@ def crossings(
         ends[len(length) :],
         EPS,
     )
-    both = rows(np.concatenate([place, beyond]), np.concatenate([every, every]))
-    at, after = both[: len(length)], both[len(length) :]
-    touching = least(at) == 0.0
-    floor = evaluate.floor
-    number = np.where(touching, active(at, floor), active(after, floor))
+    at = least(rows(place, every))
+    after = rows(np.where(at == 0.0, place + BEYOND * length, beyond), every)
+    number = active(after, evaluate.floor)
+    still = np.flatnonzero(least(after) >= 0.0)
+    number[still] = active(rows(place[still], still), evaluate.floor)
     return along(inside, outside, place), number
 
 

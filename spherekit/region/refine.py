@@ -85,9 +85,7 @@ class Refinement:
 
     def open_area(self) -> float:
         """Return the area (sr) of the triangles of which too little is known."""
-        vague = self.verdict == Verdict.OPEN
-        vague |= (self.verdict == Verdict.BROKEN) & ~self.looked
-        return float(np.sum(self.areas[vague]))
+        return float(np.sum(self.areas[self.verdict == Verdict.OPEN]))
 
     def area_inside(self) -> Floats:
         """Return the area (T,) of the region that each triangle accounts for.
@@ -185,7 +183,9 @@ class Refinement:
     def _bound(self) -> None:
         """Find the border in the mixed triangles where it is not known yet."""
         held = self.inside[self.triangles].sum(axis=1)
-        fresh = np.flatnonzero(((held == 1) | (held == 2)) & ~self.looked)
+        mixed = (held == 1) | (held == 2)
+        self.verdict[(self.verdict == Verdict.BROKEN) & ~mixed] = Verdict.OPEN
+        fresh = np.flatnonzero(mixed & ~self.looked)
         if not len(fresh):
             return
         self.looked[fresh] = True
