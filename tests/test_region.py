@@ -225,6 +225,23 @@ def test_nearest_point():
     assert np.abs(lune.nearest([-1, -1, 5.0]) - [0, 0, 1]).max() < 1e-12
 
 
+def test_nearest_point_of_random_regions():
+    """No point of a cloud in the region is nearer, and the margins hold."""
+    rng = np.random.default_rng(4)
+    cloud = unit(rng.normal(size=(50_000, 3)))
+    for _ in range(15):
+        margins = caps(*drawn(rng))
+        region = find_region(margins, 1e-3, most=20_000)
+        if not region.components:
+            continue
+        held = cloud[margins(cloud).min(axis=1) >= 0.0]
+        for place in unit(rng.normal(size=(3, 3))):
+            found = region.nearest(place)
+            assert margins(found[None]).min() > -1e-10
+            gap = np.linalg.norm(found - place)
+            assert not len(held) or gap < np.linalg.norm(held - place, axis=1).min() + 1e-9
+
+
 def test_undefined_margins():
     """A margin that is defined on one side only, with a smooth one beside it or alone."""
     cap = caps([[1, 2, 3]], [0.7], [True])

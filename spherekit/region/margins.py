@@ -21,14 +21,15 @@ UNDEFINED = -1
 class Evaluator:
     """Calls margins, checks what they return, and counts.
 
-    A margin below 0 by less than its `floor` (k,) is 0 up to rounding.
+    A margin below 0 by less than its `floor` (k,) is 0 up to rounding; that follows from
+    margins that are `known` (n, k), or from the first call.
     """
 
-    def __init__(self, margins: Margins) -> None:
+    def __init__(self, margins: Margins, known: Floats | None = None) -> None:
         self.margins = margins
         self.evaluations = 0
         self.calls = 0
-        self.floor = np.zeros(0)
+        self.floor = np.zeros(0) if known is None else rounding(known)
 
     def __call__(self, places: Floats) -> Floats:
         """Return the margins (n, k) at places (n, d)."""
@@ -48,14 +49,19 @@ class Evaluator:
                 "finite values elsewhere"
             )
         if not self.floor.size:
-            size = np.where(np.isnan(rows), 0.0, np.abs(rows))
-            self.floor = NOISE * np.median(size, axis=0)
+            self.floor = rounding(rows)
         if rows.shape[1] != len(self.floor):
             raise RegionError(
                 f"margins have {rows.shape[1]} columns, and had {len(self.floor)} before; "
                 "return the same margins at every call"
             )
         return rows
+
+
+def rounding(rows: Floats) -> Floats:
+    """Return how far (k,) margins are off by rounding, from their size in rows (n, k)."""
+    size = np.where(np.isnan(rows), 0.0, np.abs(rows))
+    return np.asarray(NOISE * np.median(size, axis=0))
 
 
 def least(rows: Floats) -> Floats:

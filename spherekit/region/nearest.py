@@ -5,10 +5,12 @@ from numpy.polynomial import chebyshev
 
 from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.region.border import ORDERS, Pieces, nodes
-from spherekit.region.margins import Evaluator
+from spherekit.region.margins import Evaluator, least
 from spherekit.region.mesh import Indices
 from spherekit.sphere.rotation import Floats, arc
 
+SLACK = 1e4
+"""A point is in the region if no margin is below 0 by more than this times rounding."""
 STEPS = 32
 """Steps along a piece between which its distance has one least value at most."""
 
@@ -17,7 +19,8 @@ def nearest_on(border: Pieces, evaluate: Evaluator, place: Floats) -> Floats:
     """Return the point (3,) of pieces of a border nearest to a direction (3,).
 
     The pieces that can hold it are found anew at the highest order; there the distance's
-    slope, exact for the polynomial through the nodes, is 0, or the point is an end.
+    slope, exact for the polynomial through the nodes, is 0, or the point is an end. Of a
+    piece that is not found only the ends count.
     """
     chords = border.chords
     far = np.empty(len(border.margin))
@@ -26,8 +29,10 @@ def nearest_on(border: Pieces, evaluate: Evaluator, place: Floats) -> Floats:
         gap = arc(border.points(some, order), place)
         far[some] = np.min(gap, axis=1)
     near = np.flatnonzero(far - chords.length <= np.min(far))
-    pieces = border.take(near)
-    while np.any(rough := pieces.order < ORDERS[-1]):
+    ends = border.chord_ends(near)
+    sought = np.ones(len(near), dtype=bool)
+    pieces = Pieces.over(evaluate, ends[:, 0], ends[:, 1], border.margin[near], sought)
+    while np.any(rough := pieces.sound & (pieces.order < ORDERS[-1])):
         pieces.raise_order(evaluate, np.flatnonzero(rough))
     series = chebyshev.chebfit(nodes(ORDERS[-1]), pieces.height.T, ORDERS[-1])
     slopes = chebyshev.chebder(series)
@@ -59,9 +64,9 @@ def nearest_on(border: Pieces, evaluate: Evaluator, place: Floats) -> Floats:
         slope[piece, step],
         slope[piece, step + 1],
     )
-    count = len(near)
-    which = np.concatenate([piece, np.arange(count), np.arange(count)])
-    u = np.concatenate([zero, -np.ones(count), np.ones(count)])
-    height = np.sum(chebyshev.chebvander(u, ORDERS[-1]) * series[:, which].T, axis=1)
-    points = frames.take(which).at(u, height)
+    height = np.sum(chebyshev.chebvander(zero, ORDERS[-1]) * series[:, piece].T, axis=1)
+    found = frames.take(piece).at(zero, height)[pieces.sound[piece]]
+    points = np.concatenate([found, *np.moveaxis(ends, 1, 0)])
+    held = least(evaluate(points)) >= -SLACK * np.max(evaluate.floor)
+    points = points[held] if held.any() else points
     return np.asarray(points[np.argmin(arc(points, place))])

@@ -1,7 +1,7 @@
 """The directions where given margins are not negative, with area, border and parts."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import final
 
@@ -113,17 +113,17 @@ class Region:
     unresolved: float
     components: tuple[Part, ...]
     gaps: tuple[Part, ...]
-    boundaries: tuple[Boundary, ...]
+    boundaries: tuple[Boundary, ...] = field(repr=False)
     excluding: tuple[tuple[int, ...], ...]
-    points: Floats
-    triangles: Indices
-    values: Floats
-    surface_points: Floats
-    surface_triangles: Indices
+    points: Floats = field(repr=False)
+    triangles: Indices = field(repr=False)
+    values: Floats = field(repr=False)
+    surface_points: Floats = field(repr=False)
+    surface_triangles: Indices = field(repr=False)
     evaluations: int
     calls: int
-    border: Pieces
-    margins: Margins
+    border: Pieces = field(repr=False)
+    margins: Margins = field(repr=False)
 
     @property
     def inside(self) -> Bools:
@@ -152,7 +152,7 @@ class Region:
                 f"{point!r} is no direction; give three finite numbers, not all 0"
             )
         place = place / length
-        evaluate = Evaluator(self.margins)
+        evaluate = Evaluator(self.margins, self.values)
         if least(evaluate(place[None]))[0] >= 0.0:
             return np.asarray(place)
         if not len(self.border.margin):
@@ -259,9 +259,9 @@ def _parts(
     is_region[label] = inside
     order = np.argsort(-total, kind="stable")
     numbers = np.empty(count, dtype=np.intp)
-    for kind_of in (True, False):
-        of_kind = order[is_region[order] == kind_of]
-        numbers[of_kind] = np.arange(len(of_kind))
+    for state in (True, False):
+        alike = order[is_region[order] == state]
+        numbers[alike] = np.arange(len(alike))
     found, sides = [], []
     for loop in search.loops():
         vertices = triangles[search.owner[loop[0]]]
