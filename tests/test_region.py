@@ -136,6 +136,28 @@ def test_error_covers_the_true_error(batch):
         assert abs(region.area - exact) <= region.error + 1e-13, case
 
 
+@pytest.mark.parametrize("petals", [2, 3, 5, 9])
+def test_star_shaped_regions(petals):
+    """Distances from an axis up to f(azimuth): the area is the integral of 1 - cos f."""
+    rng = np.random.default_rng(petals)
+    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    shift, height = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.1, 0.5)
+
+    def reach(azimuth):
+        return 0.9 + height * np.cos(petals * azimuth + shift) + 0.1 * np.sin(azimuth)
+
+    def margins(places):
+        x, y, z = (places @ frame).T
+        return (z - np.cos(reach(np.arctan2(y, x))))[:, None]
+
+    azimuth = np.arange(4096) * 2.0 * np.pi / 4096
+    exact = 2.0 * np.pi * np.mean(1.0 - np.cos(reach(azimuth)))
+    for tolerance in (1e-2, 1e-4, 1e-6, 1e-9):
+        region = find_region(margins, tolerance)
+        assert abs(region.area - exact) <= region.error <= tolerance
+        assert len(region.components) == len(region.boundaries) == 1
+
+
 def test_border_lies_on_its_margins():
     margins = caps([[1, 2, 3], [-1, 2, 0.1], [1, 0, 0]], [0.9, 0.9, 0.8], [1, 1, 0])
     region = find_region(margins, 1e-8)
