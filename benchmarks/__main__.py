@@ -23,6 +23,7 @@ NAMES = (
     "engine",
     "stored",
     "peers",
+    "region",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
 

@@ -33,6 +33,10 @@ class UndeclaredNeed(AnalysisError):
     """An analysis read a quantity that its `needs` did not declare."""
 
 
+class RegionError(SpherekitError):
+    """A region cannot be computed: its margins or what was asked for have no meaning."""
+
+
 class PluginError(SpherekitError):
     """An installed plugin cannot be used: it does not import, or breaks the contract."""
 

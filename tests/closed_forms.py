@@ -5,10 +5,17 @@
     The spherical four-bar of its Fig. 5: link 1 is the frame, link 2 the input, and
     `arcs` = (alpha_1, alpha_2, alpha_3, alpha_4) in rad are the lengths of its links.
     Unit vectors are in the axes of the frame, z along the axis of pair 41.
+[2] Z. Chen, X. Chen, M. Gao, C. Zhao, K. Zhao and Y. Li (2021), "Motion characteristics
+    analysis of a novel spherical two-degree-of-freedom parallel mechanism", sections 2, 3.
+    Base and end effector mirror each other in the mid-plane, which carries P, the middle
+    of the end effector, to Q = x, and each axis B3 to B1, B4 to B6.
 """
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import dblquad, quad
 
 Floats = NDArray[np.float64]
 Arcs = tuple[float, float, float, float]
@@ -100,3 +107,88 @@ def four_bar_coefficients(theta21: Floats, arcs: Arcs, mode: int) -> tuple[Float
         return out
 
     return ratio("31", "32"), ratio("41", "42")
+
+
+MID_PLANE_BASE = np.pi / 3
+MID_PLANE_LEG = np.deg2rad(40.0)
+SMALLEST_ANGLE = np.deg2rad(10.0)
+"""The numerical example of [2]: the arcs B1B6 and B1B2, and the least angle B1 to B3."""
+
+
+def mid_plane_margins(points: Floats) -> Floats:
+    """Return the margins (n, 4) of [2] where P is at points (n, 3).
+
+    B1 is sin(s) from the mid-plane, so that B1 and B3 are 2 s apart and the leg of two
+    arcs reaches if s is at most one arc. Margins are those of s for both legs, the angle
+    rule first, then the reach. NaN where P is Q, as every mid-plane through Q is possible.
+    """
+    half = 0.5 * MID_PLANE_BASE
+    axes = np.array([[np.cos(half), -np.sin(half), 0], [np.cos(half), np.sin(half), 0]])
+    toward = np.array([1.0, 0.0, 0.0]) - points
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sine = toward @ axes.T / np.linalg.norm(toward, axis=1, keepdims=True)
+    low, high = np.sin(0.5 * SMALLEST_ANGLE), np.sin(MID_PLANE_LEG)
+    return np.concatenate([sine - low, high - sine], axis=1)
+
+
+def mid_plane_area() -> float:
+    """Return the area (sr) of [2]'s workspace on one side of the plane z = 0.
+
+    The normal n of the mid-plane has n . B1 = -s1, n . B6 = -s6, and P is the mirror image
+    of Q, so that the area is 4 (-n . Q) times that of n. Over s1 and s6 the region is a
+    square.
+    """
+    half = 0.5 * MID_PLANE_BASE
+    low, high = np.sin(0.5 * SMALLEST_ANGLE), np.sin(MID_PLANE_LEG)
+
+    def density(one: float, other: float) -> float:
+        x, y = (one + other) / (2.0 * np.cos(half)), (one - other) / (2.0 * np.sin(half))
+        return float(4.0 * x / np.sqrt(1.0 - x * x - y * y) / np.sin(2.0 * half))
+
+    area, _ = dblquad(density, low, high, low, high, epsabs=1e-13, epsrel=1e-13)
+    return float(area)
+
+
+def mid_plane_angles(points: Floats) -> tuple[Floats, Floats]:
+    """Return phi and |gamma| (n,) of [2] in rad, from P, by its eqs. (2) and (18)."""
+    phi = np.arccos(points[:, 0])
+    sine = points[:, 1] / np.hypot(points[:, 1], points[:, 2])
+    return phi, np.abs(2.0 * np.arcsin(sine * np.cos(0.5 * phi)))
+
+
+def five_bar_margins(points: Floats, base: float, legs: Arcs) -> Floats:
+    """Return the margins (n, 4) of reach of a spherical five-bar that points to points.
+
+    The driven axes are x and the direction `base` from it towards y; `legs` are the arcs
+    of the two links from the first, then of those from the second.
+    """
+    axes = np.array([[1.0, 0.0, 0.0], [np.cos(base), np.sin(base), 0.0]])
+    cosine = points @ axes.T
+    near = np.cos([legs[0] - legs[1], legs[2] - legs[3]])
+    far = np.cos([legs[0] + legs[1], legs[2] + legs[3]])
+    return np.concatenate([near - cosine, cosine - far], axis=1)
+
+
+def five_bar_area(base: float, legs: Arcs) -> float:
+    """Return the area (sr) that a spherical five-bar can point to, by quadrature.
+
+    About the first driven axis the region is an annulus, of whose circles the second leg
+    reaches two arcs.
+    """
+    low, high = abs(legs[0] - legs[1]), legs[0] + legs[1]
+    near, far = abs(legs[2] - legs[3]), legs[2] + legs[3]
+
+    def azimuth(distance: float, to_other: float) -> float:
+        cosine = np.cos(to_other) - np.cos(distance) * np.cos(base)
+        cosine /= np.sin(distance) * np.sin(base)
+        return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+    def density(distance: float) -> float:
+        width = azimuth(distance, far) - azimuth(distance, near)
+        return float(2.0 * width * np.sin(distance))
+
+    breaks = {low, high}
+    for limit in (near, far):
+        breaks |= {abs(base - limit), base + limit, 2.0 * np.pi - base - limit}
+    places = sorted(each for each in breaks if low <= each <= high)
+    return sum(quad(density, a, b, epsabs=1e-13)[0] for a, b in pairwise(places))

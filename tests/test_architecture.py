@@ -16,7 +16,7 @@ LAYERS = (
     ("errors", "conventions", "guarantee", "version"),
     ("numeric",),
     ("sphere",),
-    ("model",),
+    ("model", "region"),
     ("files", "planning"),
     ("motion",),
     ("rates",),
@@ -29,6 +29,8 @@ LAYERS = (
 """Each layer may import only layers above it in this list, and itself."""
 
 SIBLINGS = {
+    "model": {"region"},
+    "region": {"model"},
     "files": {"planning"},
     "planning": {"files"},
     "singular": {"engine"},
@@ -43,6 +45,7 @@ PLUGINS_MAY_IMPORT = {
     "sphere",
     "model",
     "planning",
+    "region",
     "errors",
     "conventions",
 }

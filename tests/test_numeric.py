@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from spherekit.numeric.adaptive import AdaptiveChebyshev
+from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.local import LocalPolynomials
 from spherekit.numeric.periodic import Periodic
@@ -114,3 +115,34 @@ def test_random_trigonometric_polynomials_lose_no_zero():
         found = zeros(function, np.linspace(0.0, 2 * np.pi, 13))
         assert len(found.places) == len(expected)
         assert np.max(np.abs(found.places - expected), initial=0.0) < 1e-9
+
+
+def test_zeros_of_many_functions_within_brackets():
+    levels = np.linspace(-0.9, 0.9, 50)
+    counted = []
+
+    def function(x, which):
+        counted.append(len(x))
+        return np.cos(x) - levels[which]
+
+    low, high = np.zeros(50), np.full(50, 3.0)
+    every = np.arange(50)
+    ends = function(low, every), function(high, every)
+    zero, outside = bracketed_zeros(function, low, high, *ends)
+    assert np.abs(zero - np.arccos(levels)).max() < 1e-15
+    assert sum(counted) < 50 * 14
+    assert np.all(function(outside, every) <= 0.0)
+
+
+def test_jumps_within_brackets():
+    places = np.array([0.1, 1.0, 1.9])
+
+    def function(x, which):
+        return np.where(x < places[which], 1e9, -1.0)
+
+    ends = np.full(3, 1e9), np.full(3, -1.0)
+    zero, outside = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends)
+    assert np.abs(zero - places).max() < 1e-14
+    assert np.all(outside >= places)
+    rough, _ = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends, 1e-3)
+    assert 1e-9 < np.abs(rough - places).max() < 1e-3

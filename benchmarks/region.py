@@ -1,0 +1,134 @@
+"""Areas of regions: time and evaluations against the error reached, and the feature."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from benchmarks.report import Cell, Section
+from benchmarks.timing import median, rounds
+from spherekit.region.orientations import find_orientations
+from spherekit.region.region import Region, find_region
+from spherekit.sphere.rotation import Floats, from_quaternion
+
+Margins = Callable[[Floats], Floats]
+
+BASE = np.deg2rad(60.0)
+LEGS = np.deg2rad([[50.0, 70.0], [40.0, 65.0]])
+ELBOWS = np.deg2rad([[20.0, 150.0], [25.0, 140.0]])
+"""A spherical five-bar: arc of its base, of both links of each leg, limits of the angle
+between these."""
+TOLERANCES = 10.0 ** -np.arange(2, 9)
+WIDTHS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
+
+
+def run(quick: bool) -> list[Section]:
+    """Return the sections."""
+    return [_accuracy(quick), _features(quick), _orientations(quick)]
+
+
+def _five_bar() -> tuple[Margins, float]:
+    """Return the margins of a five-bar, annuli about its axes, and the area they leave."""
+    axes = np.array([[1.0, 0.0, 0.0], [np.cos(BASE), np.sin(BASE), 0.0]])
+    straight = np.cos(LEGS[:, :1]) * np.cos(LEGS[:, 1:])
+    folded = np.sin(LEGS[:, :1]) * np.sin(LEGS[:, 1:])
+    near, far = (straight + folded * np.cos(ELBOWS)).T
+
+    def margins(points: Floats) -> Floats:
+        cosine = points @ axes.T
+        return np.concatenate([near - cosine, cosine - far], axis=1)
+
+    def width(z: Floats) -> Floats:
+        """Return how long the region is on circles about the first axis, at height z."""
+        side = np.sqrt(1.0 - z * z) * np.sin(BASE)
+        ends = [(limit - z * np.cos(BASE)) / side for limit in (far[1], near[1])]
+        out, inner = (np.arccos(np.clip(end, -1.0, 1.0)) for end in ends)
+        return np.asarray(2.0 * (out - inner))
+
+    limits = np.arccos([near[1], far[1]])
+    angles = np.concatenate([BASE - limits, BASE + limits])
+    inside = [z for z in np.cos(angles) if far[0] < z < near[0]]
+    places = np.sort([far[0], near[0], *inside])
+    half, middle = 0.5 * np.diff(places), 0.5 * (places[1:] + places[:-1])
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    t = 0.5 * np.pi * nodes
+    z = middle[:, None] + half[:, None] * np.sin(t)
+    share = half[:, None] * (0.5 * np.pi * weights * np.cos(t))
+    return margins, float(np.sum(share * width(z)))
+
+
+def _accuracy(quick: bool) -> Section:
+    margins, exact = _five_bar()
+    rows: list[tuple[Cell, ...]] = []
+    for tolerance in TOLERANCES:
+
+        def job(tolerance: float = float(tolerance)) -> Region:
+            return find_region(margins, tolerance * exact)
+
+        times = rounds({"area": job}, 3 if quick else 7)
+        region = job()
+        error = abs(region.area - exact) / exact
+        claimed = region.error / exact
+        sizes = region.evaluations, region.calls
+        rows.append(
+            (f"{tolerance:.0e}", 1e3 * median(times, "area"), *sizes, claimed, error)
+        )
+    return Section(
+        "Area of a workspace",
+        "A spherical five-bar with limits of its elbows: two annuli that overlap, area "
+        f"{exact:.6f} sr by quadrature in closed form. Errors are relative.",
+        ("asked for", "ms", "evaluations", "calls", "error stated", "error"),
+        rows,
+        "What it takes to see the parts of the region gives its area to 1e-6 at once.",
+    )
+
+
+def _features(quick: bool) -> Section:
+    rows: list[tuple[Cell, ...]] = []
+    for width in WIDTHS[:3] if quick else WIDTHS:
+        limits = np.cos([0.7, 0.7 - width])
+
+        def margins(points: Floats, limits: Sequence[float] = tuple(limits)) -> Floats:
+            cosine = points[:, 2]
+            return np.stack([cosine - limits[0], limits[1] - cosine], axis=1)
+
+        exact = 2.0 * np.pi * (limits[1] - limits[0])
+        job = lambda margins=margins: find_region(margins)  # noqa: E731
+        times = rounds({"area": job}, 3)
+        region = job()
+        error = abs(region.area - exact)
+        per = region.evaluations * width
+        found = len(region.holes)
+        rows.append(
+            (width, 1e3 * median(times, "area"), region.evaluations, per, found, error)
+        )
+    return Section(
+        "Cost of a narrow region",
+        "An annulus of outer radius 0.7 rad and the width given: the cost follows its "
+        "length over its width, not its area.",
+        ("width, rad", "ms", "evaluations", "times width", "holes found", "error, sr"),
+        rows,
+    )
+
+
+def _orientations(quick: bool) -> Section:
+    angle = 0.5
+    exact = 4.0 * np.pi**2 * (1.0 - np.cos(angle))
+
+    def margins(quaternions: Floats) -> Floats:
+        return from_quaternion(quaternions)[:, 2, 2:] - np.cos(angle)
+
+    rows: list[tuple[Cell, ...]] = []
+    for tolerance in (1e-2, 3e-3) if quick else (1e-2, 3e-3, 1e-3):
+        job = lambda tolerance=tolerance: find_orientations(margins, tolerance)  # noqa: E731
+        times = rounds({"volume": job}, 3)
+        found = job()
+        error = abs(found.volume - exact) / exact
+        claimed = found.error / exact
+        time = 1e3 * median(times, "volume")
+        rows.append((f"{tolerance:.0e}", time, found.evaluations, claimed, error))
+    return Section(
+        "Volume of orientations",
+        "Orientations that tilt one axis by at most 0.5 rad. Errors are relative.",
+        ("asked for", "ms", "evaluations", "error stated", "error"),
+        rows,
+    )

@@ -1,0 +1,1 @@
+"""Regions of directions and of orientations where given margins are not negative."""

@@ -1,0 +1,307 @@
+"""Pieces of a region's border: graphs over chords, with the area beside each chord.
+
+A chord is the arc of a great circle between two points of the border. Over it the border
+is a curve of height h(u) towards the region, u from -1 to 1 along the chord, and the area
+between both is the integral of sin h by the arc of the chord, exactly.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import EPS
+from spherekit.numeric.brackets import bracketed_zeros
+from spherekit.region.margins import Evaluator, chosen
+from spherekit.region.mesh import Bools, Indices
+from spherekit.sphere.rotation import Floats, arc, cross
+
+ORDERS = (2, 4, 8, 16)
+"""Steps between the nodes of a piece, doubled until its area is known well enough."""
+REACH = {2: 1.0, 4: 0.02, 8: 0.001, 16: 0.0001}
+"""How far around the height of the order before a height is sought, at first, as part of
+the farthest."""
+HIGHEST = 0.4
+"""A piece higher than this part of its chord is cut first."""
+SHORTEST = 1e-11
+"""Chords shorter than this (rad) are the border themselves."""
+AUDIT = 16
+"""Steps along a piece at which the other margins are looked at."""
+
+
+@final
+@dataclass(frozen=True)
+class Chords:
+    """Frames of chords (n,): their starts, directions, left sides, and arcs in rad."""
+
+    start: Floats
+    along: Floats
+    left: Floats
+    length: Floats
+
+    @staticmethod
+    def between(start: Floats, end: Floats) -> "Chords":
+        """Return the chords from points (n, 3) to points (n, 3)."""
+        side = cross(start, end - start)
+        size = np.linalg.norm(side, axis=1, keepdims=True)
+        left = np.where(size > 0.0, side / np.where(size > 0.0, size, 1.0), 0.0)
+        return Chords(start, cross(left, start), left, arc(start, end))
+
+    def take(self, which: Indices | Bools) -> "Chords":
+        """Return some of the chords."""
+        return Chords(
+            self.start[which], self.along[which], self.left[which], self.length[which]
+        )
+
+    def with_more(self, more: "Chords") -> "Chords":
+        """Return these chords followed by others."""
+        return Chords(
+            np.concatenate([self.start, more.start]),
+            np.concatenate([self.along, more.along]),
+            np.concatenate([self.left, more.left]),
+            np.concatenate([self.length, more.length]),
+        )
+
+    def at(self, u: Floats, height: Floats) -> Floats:
+        """Return the points (n, ..., 3) at u and heights (n, ...)."""
+        more = (slice(None), *(None,) * (np.ndim(height) - 1))
+        angle = (0.5 * self.length[more]) * (1.0 + u)
+        flat = (
+            np.cos(angle)[..., None] * self.start[more]
+            + np.sin(angle)[..., None] * self.along[more]
+        )
+        cosine, sine = np.cos(height)[..., None], np.sin(height)[..., None]
+        return np.asarray(cosine * flat + sine * self.left[more])
+
+
+@cache
+def nodes(order: int) -> Floats:
+    """Return the places u (order + 1,) of the nodes, both ends included."""
+    return -np.cos(np.arange(order + 1) * np.pi / order)
+
+
+@cache
+def weights(order: int) -> Floats:
+    """Return the weights (order + 1,) of Clenshaw and Curtis for the nodes."""
+    even = np.arange(0, order + 1, 2)
+    moments = 2.0 / (1.0 - even**2.0)
+    cosines = np.cos(np.outer(np.arange(order + 1), even) * np.pi / order)
+    share = np.where((even == 0) | (even == order), 0.5, 1.0)
+    found = (cosines * (share * moments)).sum(axis=1) * 2.0 / order
+    found[[0, -1]] *= 0.5
+    return np.asarray(found)
+
+
+def between(order: int, u: Floats) -> Floats:
+    """Return the matrix (m, order + 1) from values at the nodes to those at u (m,)."""
+    sign = (-1.0) ** np.arange(order + 1)
+    sign[[0, -1]] *= 0.5
+    gap = u[:, None] - nodes(order)
+    hit = np.abs(gap) < 4 * EPS
+    terms = sign / np.where(hit, 1.0, gap)
+    terms = terms / terms.sum(axis=1, keepdims=True)
+    return np.asarray(np.where(hit.any(axis=1, keepdims=True), hit, terms))
+
+
+@final
+@dataclass
+class Pieces:
+    """Pieces (n,) of the border over chords: what bounds them and their heights.
+
+    `margin` is the number of the margin that is 0 on each, `height` (n, 17) are the
+    heights at the nodes of the piece's own `order`, the first `order` + 1 of them.
+    `area` is the part of the region cut off by the chord, `error` what halving the order
+    changes, `sound` whether the piece was found and no other margin is negative on it.
+    """
+
+    chords: Chords
+    margin: Indices
+    order: Indices
+    height: Floats
+    area: Floats
+    error: Floats
+    sound: Bools
+
+    @staticmethod
+    def over(
+        evaluate: Evaluator, start: Floats, end: Floats, margin: Indices, sought: Bools
+    ) -> "Pieces":
+        """Return the pieces of the second order between points (n, 3) of the border.
+
+        Those not `sought` (n,) are their chords, and not sound.
+        """
+        n = len(start)
+        empty = np.zeros((n, ORDERS[-1] + 1))
+        blank = np.zeros(n)
+        pieces = Pieces(
+            Chords.between(start, end),
+            margin,
+            np.full(n, ORDERS[0], dtype=np.intp),
+            empty,
+            blank,
+            blank.copy(),
+            sought.copy(),
+        )
+        which = np.flatnonzero(sought)
+        known = np.full((len(which), ORDERS[0] + 1), np.nan)
+        known[:, [0, -1]] = 0.0
+        pieces._measure(evaluate, which, ORDERS[0], known)
+        pieces.raise_order(evaluate, np.flatnonzero(pieces.sound))
+        return pieces
+
+    def raise_order(self, evaluate: Evaluator, which: Indices) -> None:
+        """Double the order of some pieces, all of them below the highest."""
+        wanted = 2 * self.order[which]
+        for order in ORDERS[1:]:
+            some = which[wanted == order]
+            if len(some):
+                known = np.full((len(some), order + 1), np.nan)
+                known[:, ::2] = self.height[some, : order // 2 + 1]
+                self._measure(evaluate, some, order, known)
+
+    def _measure(
+        self, evaluate: Evaluator, which: Indices, order: int, height: Floats
+    ) -> None:
+        """Find the heights (m, order + 1) that are NaN, and the areas with them."""
+        chords, margin = self.chords.take(which), self.margin[which]
+        long = chords.length > SHORTEST
+        height[~long] = 0.0
+        row, node = np.nonzero(np.isnan(height))
+        frame, number = chords.take(row), margin[row]
+        u = nodes(order)[node]
+        guess = np.zeros(height.shape)
+        if order > ORDERS[0]:
+            guess = height[:, ::2] @ between(order // 2, nodes(order)).T
+        found, sound = _heights(evaluate, frame, u, number, guess[row, node], REACH[order])
+        height[row, node] = np.where(sound, found, 0.0)
+        bad = np.zeros(len(which), dtype=bool)
+        bad[row[~sound]] = True
+        area = -0.5 * chords.length * (np.sin(height) @ weights(order))
+        change = np.abs(area - self.area[which]) + EPS * chords.length
+        change += np.where(long, 0.0, chords.length**2)
+        self.sound[which] &= ~bad
+        self.error[which], self.area[which] = change, area
+        self.order[which] = order
+        self.height[which, : order + 1] = height
+
+    def audit(self, evaluate: Evaluator, which: Indices) -> None:
+        """Find unsound those pieces on which another margin dips below 0 between nodes.
+
+        What a margin exceeds the piece's own by, which is 0 on the border, is taken as a
+        parabola through every three samples.
+        """
+        u = np.linspace(-1.0, 1.0, AUDIT + 1)
+        height = np.empty((len(which), len(u)))
+        for order in ORDERS:
+            some = self.order[which] == order
+            known = self.height[which[some], : order + 1]
+            height[some] = known @ between(order, u).T
+        places = self.chords.take(which).at(u, height)
+        rows = evaluate(places.reshape(-1, 3))
+        own = chosen(rows, np.repeat(self.margin[which], len(u)))
+        rows = (rows - own[:, None]).reshape(len(which), len(u), rows.shape[1])
+        a, b, c = rows[:, :-2], rows[:, 1:-1], rows[:, 2:]
+        bend, slope = a - 2.0 * b + c, 0.5 * (c - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = -slope / bend
+            lowest = np.where(np.abs(turn) < 1.0, b + 0.5 * slope * turn, b)
+            dips = np.any(np.minimum(lowest, b) < -evaluate.floor, axis=1)
+        self.sound[which] &= ~np.any(dips, axis=1)
+
+    def take(self, which: Indices | Bools) -> "Pieces":
+        """Return copies of some of the pieces."""
+        return Pieces(
+            self.chords.take(which),
+            self.margin[which],
+            self.order[which],
+            self.height[which],
+            self.area[which],
+            self.error[which],
+            self.sound[which],
+        )
+
+    def with_more(self, more: "Pieces") -> "Pieces":
+        """Return these pieces followed by others."""
+        return Pieces(
+            self.chords.with_more(more.chords),
+            np.concatenate([self.margin, more.margin]),
+            np.concatenate([self.order, more.order]),
+            np.concatenate([self.height, more.height]),
+            np.concatenate([self.area, more.area]),
+            np.concatenate([self.error, more.error]),
+            np.concatenate([self.sound, more.sound]),
+        )
+
+    def chord_ends(self, which: Indices) -> Floats:
+        """Return both ends (m, 2, 3) of the chords of some pieces."""
+        return self.chords.take(which).at(np.array([-1.0, 1.0]), np.zeros((len(which), 2)))
+
+    def points(self, which: Indices, order: int) -> Floats:
+        """Return the nodes (m, order + 1, 3) of some pieces, all of that order."""
+        frames = self.chords.take(which)
+        return frames.at(nodes(order), self.height[which, : order + 1])
+
+    def curve(self, chain: Indices) -> Floats:
+        """Return the nodes (m, 3) of pieces that follow one another, known ones only."""
+        order = np.where(self.sound[chain], self.order[chain], 1)
+        step = ORDERS[-1] // order
+        place = np.arange(1, ORDERS[-1] + 1)
+        shown = place % step[:, None] == 0
+        u = nodes(ORDERS[-1])[1:]
+        own = place // step[:, None]
+        height = np.take_along_axis(self.height[chain], own, axis=1)
+        height[~self.sound[chain]] = 0.0
+        points = self.chords.take(chain).at(u, height)[shown]
+        return np.concatenate([self.chords.start[chain[:1]], points])
+
+
+def _heights(
+    evaluate: Evaluator,
+    frame: Chords,
+    u: Floats,
+    number: Indices,
+    guess: Floats,
+    reach: float,
+) -> tuple[Floats, Bools]:
+    """Return heights (m,) where margins are 0 over places of chords, and whether found.
+
+    They are sought within a parabola over the chord; the margin has to rise to the left,
+    and no other may be negative there.
+    """
+    widest = HIGHEST * frame.length * (1.0 - u * u)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        centre = np.where(widest > 0.0, np.clip(guess / widest, -1.0, 1.0), 0.0)
+
+    def rows(part: Floats, which: Indices) -> Floats:
+        return evaluate(frame.take(which).at(u[which], part * widest[which]))
+
+    def value(part: Floats, which: Indices) -> Floats:
+        return chosen(rows(part, which), number[which])
+
+    low, high = np.maximum(centre - reach, -1.0), np.minimum(centre + reach, 1.0)
+    right, left = np.empty(len(u)), np.empty(len(u))
+    some = np.arange(len(u))
+    while True:
+        ends = value(np.concatenate([low[some], high[some]]), np.concatenate([some, some]))
+        right[some], left[some] = np.split(ends, 2)
+        sound = (right < 0.0) & (left >= 0.0)
+        some = np.flatnonzero(~sound & (high - low < 2.0))
+        if not len(some):
+            break
+        low[some], high[some] = -1.0, 1.0
+    some = np.flatnonzero(sound)
+    zero, _ = bracketed_zeros(
+        lambda part, which: value(part, some[which]),
+        low[some],
+        high[some],
+        right[some],
+        left[some],
+        EPS / widest[some],
+    )
+    part = np.zeros(len(u))
+    part[some] = zero
+    others = rows(zero, some)
+    kept = np.arange(others.shape[1]) == number[some][:, None]
+    sound[some] &= ~np.any((others < -evaluate.floor) & ~kept, axis=1)
+    return part * widest, sound

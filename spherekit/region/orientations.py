@@ -1,0 +1,291 @@
+"""The volume of the orientations where given margins are not negative.
+
+Unit quaternions up to sign are four cubes: where the component of number c is the
+largest, q is (x, y, z) with a 1 put in at c, divided by its length, and x, y, z lie in
+[-1, 1]. The measure that turning does not change is 8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz;
+all orientations have 8 pi^2 of it, as with Euler angles and sin(b) da db dc.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.errors import RegionError
+from spherekit.region.judge import VALUE_SLACK
+from spherekit.region.margins import Evaluator, Margins, least
+from spherekit.region.mesh import Bools, Indices
+from spherekit.sphere.rotation import Floats
+
+ALL_ORIENTATIONS = 8.0 * np.pi**2
+"""Volume of all orientations."""
+BITS = 18
+"""Cubes are 2**BITS units wide."""
+COARSEST = 3
+"""Halvings of the cubes before the first look."""
+STEPS = 6
+"""Steps of the grid on which a cell's polynomials are summed."""
+COST_OF_CUT = 120
+"""Evaluations that halving a cell three ways costs, about."""
+
+_THREE = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+_TWO = _THREE[np.all(_THREE < 2, axis=1)]
+_DERIVATIVES = (
+    (0, 0, 0),
+    *((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    *((2, 0, 0), (0, 2, 0), (0, 0, 2)),
+)
+_CHECKS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
+"""Places of four checks in a cell, in quarters of it."""
+
+
+@final
+@dataclass(frozen=True)
+class Orientations:
+    """Orientations where all margins are at least 0.
+
+    Attributes
+    ----------
+    volume, error
+        Volume, that of all orientations being 8 pi^2, and a bound of its error: what the
+        last halving of each cell changed.
+    place, depth
+        The quaternion xyzw (4,) with the largest smallest margin seen, and that margin.
+    evaluations, calls
+        Orientations at which the margins were evaluated, and calls that took.
+    """
+
+    volume: float
+    error: float
+    place: Floats
+    depth: float
+    evaluations: int
+    calls: int
+
+    @property
+    def fraction(self) -> float:
+        """The part of all orientations."""
+        return self.volume / ALL_ORIENTATIONS
+
+
+def _quadratics(u: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the polynomials (m, 3) that are 1 at one of 0, 1/2, 1, and both slopes."""
+    values = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)], axis=1)
+    slopes = np.stack([4 * u - 3, 4 - 8 * u, 4 * u - 1], axis=1)
+    return values, slopes, np.broadcast_to([4.0, -8.0, 4.0], values.shape)
+
+
+def _product(rows: tuple[Floats, Floats, Floats]) -> Floats:
+    """Return the products (m, 27) of one-dimensional rows (m, 3) in three directions."""
+    a, b, c = rows
+    whole = a[:, :, None, None] * b[:, None, :, None] * c[:, None, None, :]
+    return np.asarray(whole.reshape(len(a), 27))
+
+
+def _matrices() -> tuple[Floats, Floats, Floats, Floats]:
+    """Return what turns 27 values into bounds, checks, and sums over a grid.
+
+    The last are (7, STEPS**3, 27): values, the changes over a step each way, and the
+    changes of these the same way.
+    """
+    line = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
+    bounds = np.kron(line, np.kron(line, line))
+    x, y, z = (_quadratics(column) for column in (_CHECKS / 4.0).T)
+    checks = _product((x[0], y[0], z[0]))
+    u = (_grid() + 0.5) / STEPS
+    x, y, z = (_quadratics(column) for column in u.T)
+    sums = [_product((x[a], y[b], z[c])) / STEPS ** (a + b + c) for a, b, c in _DERIVATIVES]
+    return bounds, checks, np.stack(sums), u
+
+
+def _grid() -> Indices:
+    axes = np.meshgrid(*[np.arange(STEPS)] * 3, indexing="ij")
+    return np.stack(axes, axis=-1).reshape(-1, 3)
+
+
+_BOUNDS, _CHECK, _SUMS, _CENTRES = _matrices()
+
+
+def _gauss() -> tuple[Floats, Floats]:
+    """Return the places (64, 3) and weights (64,) of Gauss's rule in a cell."""
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    places = np.stack(np.meshgrid(*[0.5 * (1.0 + nodes)] * 3, indexing="ij"), axis=-1)
+    product = weights[:, None, None] * weights[:, None] * weights / 8.0
+    return places.reshape(-1, 3), product.ravel()
+
+
+_GAUSS_PLACES, _GAUSS_WEIGHTS = _gauss()
+
+
+def find_orientations(
+    margins: Margins, tolerance: float = 1e-3, most: int = 1_000_000
+) -> Orientations:
+    """Return the volume of the orientations where all margins are at least 0.
+
+    Parameters
+    ----------
+    margins
+        Values (n, k) at unit quaternions (n, 4) xyzw, the same for q and -q. NaN says that
+        an orientation cannot be reached, unless another margin is negative there.
+    tolerance
+        Error to aim at, relative to the volume.
+    most
+        Evaluations after which the work ends.
+
+    Raises
+    ------
+    RegionError
+        A size is not positive, or the margins do not return a row for each orientation.
+
+    Notes
+    -----
+    Cells in which a margin may change its sign are halved in all three directions. In
+    them every margin is a polynomial of degree 2 in each coordinate.
+    """
+    for name, size in (("tolerance", tolerance), ("most", most)):
+        if not 0.0 < size < np.inf:
+            raise RegionError(f"{name} is {size}; it has to be positive and finite")
+    cells = _Cells(Evaluator(margins))
+    while True:
+        volume, error = float(cells.volume.sum()), float(cells.error.sum())
+        goal = tolerance * volume
+        open_cells = np.flatnonzero(cells.error > 0.0)
+        if error <= goal or not len(open_cells):
+            break
+        share = 0.5 * goal / len(open_cells)
+        cut = open_cells[cells.error[open_cells] > share]
+        cut = cut[cells.width[cut] > 4]
+        cost = COST_OF_CUT * len(cut)
+        if not cost or cells.evaluate.evaluations + cost > most:
+            break
+        cells.halve(cut)
+    evaluate = cells.evaluate
+    return Orientations(
+        volume, error, cells.place, cells.depth, evaluate.evaluations, evaluate.calls
+    )
+
+
+class _Cells:
+    """Cells of the cubes, their volumes and how well these are known."""
+
+    def __init__(self, evaluate: Evaluator) -> None:
+        self.evaluate = evaluate
+        self.place, self.depth = np.array([0.0, 0.0, 0.0, 1.0]), -np.inf
+        count, width = 2**COARSEST, 2 ** (BITS - COARSEST)
+        axes = np.meshgrid(np.arange(4), *[np.arange(count)] * 3, indexing="ij")
+        rows = np.stack(axes, axis=-1).reshape(-1, 4)
+        self.cube, self.low = rows[:, 0], rows[:, 1:] * width
+        self.width = np.full(len(rows), width)
+        self.volume, certain = self._measure(self.cube, self.low, self.width)
+        whole = _density(self.low, self.width).sum(axis=1)
+        self.error = np.where(certain, 0.0, whole)
+
+    def halve(self, cut: Indices) -> None:
+        """Replace some cells by their eighths."""
+        width = np.repeat(self.width[cut] // 2, 8)
+        low = np.repeat(self.low[cut], 8, axis=0)
+        low += np.tile(_TWO, (len(cut), 1)) * width[:, None]
+        cube = np.repeat(self.cube[cut], 8)
+        volume, certain = self._measure(cube, low, width)
+        change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[cut])
+        vague = ~certain.reshape(-1, 8)
+        count = np.count_nonzero(vague, axis=1)
+        share = np.where(count > 0, change / np.maximum(count, 1), 0.0)
+        error = np.where(vague, share[:, None], 0.0).ravel()
+        kept = np.ones(len(self.cube), dtype=bool)
+        kept[cut] = False
+        self.cube = np.concatenate([self.cube[kept], cube])
+        self.low = np.concatenate([self.low[kept], low])
+        self.width = np.concatenate([self.width[kept], width])
+        self.volume = np.concatenate([self.volume[kept], volume])
+        self.error = np.concatenate([self.error[kept], error])
+
+    def _measure(self, cube: Indices, low: Indices, width: Indices) -> tuple[Floats, Bools]:
+        """Return the volumes (n,) of the region in cells, and whether they are certain."""
+        rows, checks = self._sample(cube, low, width)
+        n, k = rows.shape[1], rows.shape[2]
+        error = np.max(np.abs(np.tensordot(_CHECK, rows, axes=1) - checks), axis=0)
+        control = np.tensordot(_BOUNDS, rows, axes=1)
+        low_bound = control.min(axis=0) - VALUE_SLACK * error
+        out = (control.max(axis=0) + VALUE_SLACK * error < 0.0).any(axis=1)
+        full = (low_bound >= 0.0).all(axis=1)
+        volume = np.zeros(n)
+        whole = np.flatnonzero(~out)
+        share = _density(low[whole], width[whole])
+        some = np.flatnonzero(~full[whole])
+        for part in np.array_split(some, len(some) * k // 2**13 + 1):
+            model = rows[:, whole[part]].reshape(27, len(part) * k)
+            filled = _filled(model).reshape(STEPS**3, len(part), k)
+            share[part] *= filled.min(axis=2).T
+        volume[whole] = share.sum(axis=1)
+        return volume, out | full
+
+    def _sample(self, cube: Indices, low: Indices, width: Indices) -> tuple[Floats, Floats]:
+        """Return margins at the 27 places (27, n, k) and the checks (4, n, k) of cells.
+
+        A margin that is NaN is -1 where no other is negative, else the largest in the
+        cell, as it bounds nothing there.
+        """
+        places = low[None] + _THREE[:, None] * (width // 2)[:, None]
+        extra = low[None] + _CHECKS[:, None] * (width // 4)[:, None]
+        whole = np.concatenate([places, extra])
+        cubes = np.broadcast_to(cube, whole.shape[:2])
+        key = cubes.ravel().astype(np.int64)
+        for axis in range(3):
+            key = key << (BITS + 1) | whole[..., axis].ravel()
+        _, first, back = np.unique(key, return_index=True, return_inverse=True)
+        quaternions = _quaternions(cubes.ravel()[first], whole.reshape(-1, 3)[first])
+        found = self.evaluate(quaternions)
+        smallest = least(found)
+        best = int(np.argmax(smallest))
+        if smallest[best] > self.depth:
+            self.place, self.depth = quaternions[best], float(smallest[best])
+        rows = found[back].reshape(*whole.shape[:2], found.shape[1])
+        missing = np.isnan(rows)
+        if missing.any():
+            negative = np.any(rows < 0.0, axis=2, keepdims=True)
+            highest = np.max(np.where(missing, -np.inf, rows), axis=0)
+            highest = np.where(np.isfinite(highest), highest, 1.0)
+            rows = np.where(missing, np.where(negative, highest, -1.0), rows)
+        return rows[:27], rows[27:]
+
+
+def _filled(model: Floats) -> Floats:
+    """Return how full (STEPS**3, m) the steps of cells are, by polynomials (27, m).
+
+    Across the border this rises evenly over the width of the step, which is exact for
+    planes on the average; the Laplacian takes away what bending does to that average.
+    """
+    value, x, y, z, xx, yy, zz = (matrix @ model for matrix in _SUMS)
+    square = x * x + y * y + z * z
+    flat = square == 0.0
+    square[flat] = 1.0
+    reach = np.abs(x) + np.abs(y) + np.abs(z)
+    reach[flat] = 1.0
+    value = value + (xx + yy + zz) * (reach * reach / square) / 24.0
+    return np.asarray(np.where(flat, value >= 0.0, np.clip(0.5 + value / reach, 0.0, 1.0)))
+
+
+def _quaternions(cube: Indices, units: Indices) -> Floats:
+    """Return the unit quaternions (n, 4) xyzw at places (n, 3) of cubes (n,)."""
+    x = units * 2.0 ** (1 - BITS) - 1.0
+    out = np.ones((len(x), 4))
+    place = np.arange(4) != cube[:, None]
+    out[place] = x.ravel()
+    return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
+
+
+def _density(low: Indices, width: Indices) -> Floats:
+    """Return the volumes (n, STEPS**3) of the steps of cells' grids.
+
+    They are those by their middles, scaled so that their sum is that by Gauss's rule.
+    """
+    scale = 2.0 ** (1 - BITS)
+
+    def density(places: Floats) -> Floats:
+        x = (low[:, None] + places * width[:, None, None]) * scale - 1.0
+        return np.asarray(8.0 / (1.0 + np.sum(x * x, axis=2)) ** 2)
+
+    by_middles = density(_CENTRES)
+    whole = density(_GAUSS_PLACES) @ _GAUSS_WEIGHTS * (width * scale) ** 3
+    return np.asarray(by_middles * (whole / by_middles.sum(axis=1))[:, None])

@@ -1,0 +1,292 @@
+"""Triangles over the sphere, refined until a region's border and area are known."""
+
+import numpy as np
+
+from spherekit.conventions import EPS
+from spherekit.region.border import ORDERS, Pieces
+from spherekit.region.crossings import corners, crossings
+from spherekit.region.judge import Verdict, judge, samples
+from spherekit.region.margins import Evaluator, least
+from spherekit.region.mesh import (
+    Bools,
+    Indices,
+    bisected,
+    edge_lengths,
+    edges_of,
+    icosahedron,
+    triangle_areas,
+)
+from spherekit.sphere.rotation import Floats
+
+FINEST = 1e-6
+"""Triangles with edges shorter than this (rad) are not cut further."""
+BROKEN_SIZE = 0.05
+"""Longest edge (rad) of a triangle in which the border is that of being defined."""
+COST_OF_CUT = 50
+"""Evaluations that cutting a triangle costs, about."""
+ROUNDED = 16.0
+"""A piece whose error is below this times rounding is as good as it gets."""
+
+
+class Refinement:
+    """The state of the search: a mesh, what is known of its triangles, and the border."""
+
+    def __init__(self, evaluate: Evaluator, spacing: float) -> None:
+        self.evaluate = evaluate
+        self.points, self.triangles = icosahedron(spacing)
+        self.values = evaluate(self.points)
+        count = len(self.triangles)
+        self.verdict = np.full(count, -1, dtype=np.intp)
+        self.size = np.zeros(count)
+        self.contested = np.zeros(count, dtype=bool)
+        self.looked = np.zeros(count, dtype=bool)
+        nothing = np.zeros(0, dtype=np.intp)
+        self.pieces = Pieces.over(
+            evaluate, np.zeros((0, 3)), np.zeros((0, 3)), nothing, self.looked[:0]
+        )
+        self.owner = nothing
+        self.start = self.stop = nothing
+        self.leading = np.zeros(0, dtype=bool)
+        self.crossing_keys = nothing
+        self.crossing_points = np.zeros((0, 3))
+        self.crossing_margins = nothing
+
+    def run(self, tolerance: float, feature: float, most: int) -> None:
+        """Refine until the error is at most `tolerance` (sr) or nothing more helps.
+
+        Open triangles are cut down to `feature` (rad), and below only while that brings
+        the error down to the tolerance; the work ends after `most` evaluations.
+        """
+        while True:
+            self._judge()
+            cut = (self.verdict == Verdict.BROKEN) & (self.size > BROKEN_SIZE)
+            cut |= (self.verdict == Verdict.OPEN) & (self.size > feature)
+            if not cut.any():
+                self._bound()
+                cut = (self.verdict == Verdict.OPEN) & (self.size > feature)
+            if not cut.any():
+                cut = self._improve(tolerance)
+            cost = COST_OF_CUT * np.count_nonzero(cut)
+            if not cost or self.evaluate.evaluations + cost > most:
+                break
+            self._cut(cut)
+        self._bound()
+
+    @property
+    def inside(self) -> Bools:
+        """Which vertices (V,) are in the region."""
+        return np.asarray(least(self.values) >= 0.0)
+
+    @property
+    def areas(self) -> Floats:
+        """The areas (T,) of the triangles (sr)."""
+        a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
+        return triangle_areas(a, b, c)
+
+    def open_area(self) -> float:
+        """Return the area (sr) of the triangles of which too little is known."""
+        return float(np.sum(self.areas[self.verdict == Verdict.OPEN]))
+
+    def area_inside(self) -> Floats:
+        """Return the area (T,) of the region that each triangle accounts for.
+
+        A piece of the border may leave its triangle: only the sum over triangles that
+        hang together means something.
+        """
+        held = self.inside[self.triangles].sum(axis=1)
+        found = np.where(held == 3, self.areas, 0.0)
+        odd, second, third = self._turned(self.owner)
+        single = held[self.owner] == 1
+        apex = self.points[np.where(single, odd, second)]
+        start, end = np.moveaxis(self.pieces.chord_ends(np.arange(len(self.owner))), 1, 0)
+        part = triangle_areas(apex, start, end) + self.pieces.area
+        more = ~single & self.leading
+        part[more] += triangle_areas(apex[more], self.points[third[more]], start[more])
+        np.add.at(found, self.owner, part)
+        return found
+
+    def surface(self) -> tuple[Floats, Indices]:
+        """Return points and triangles of the region alone, its border as it was found."""
+        held = self.inside[self.triangles].sum(axis=1)
+        odd, second, third = self._turned(self.owner)
+        single = held[self.owner] == 1
+        apex = np.where(single, odd, second)
+        pieces = self.pieces
+        step = np.where(pieces.sound, pieces.order, 1)
+        points, triangles = [self.points], [self.triangles[held == 3]]
+        count = len(self.points)
+        for order in (1, *ORDERS):
+            some = np.flatnonzero(step == order)
+            nodes = pieces.points(some, order) if order > 1 else pieces.chord_ends(some)
+            number = count + np.arange(nodes.shape[0] * (order + 1)).reshape(-1, order + 1)
+            fan = [
+                np.repeat(apex[some], order),
+                number[:, :-1].ravel(),
+                number[:, 1:].ravel(),
+            ]
+            more = ~single[some] & self.leading[some]
+            first = [apex[some][more], third[some][more], number[more, 0]]
+            triangles += [np.stack(fan, axis=1), np.stack(first, axis=1)]
+            points.append(nodes.reshape(-1, 3))
+            count += number.size
+        return np.concatenate(points), np.concatenate(triangles)
+
+    def loops(self) -> list[Indices]:
+        """Return the pieces of every closed curve of the border, in order."""
+        lead = np.flatnonzero(self.leading)
+        count = len(self.crossing_keys)
+        first, second = np.full(count, -1), np.full(count, -1)
+        first[self.start[lead]] = lead
+        rest = np.flatnonzero(~self.leading)
+        second[self.start[rest]] = rest
+        found, free = [], first >= 0
+        for origin in np.flatnonzero(free):
+            chain, here = [], int(origin)
+            while free[here]:
+                free[here] = False
+                chain.append(first[here])
+                if second[here] >= 0:
+                    chain.append(second[here])
+                here = int(self.stop[first[here]])
+            if chain:
+                found.append(np.array(chain, dtype=np.intp))
+        return found
+
+    def _turned(self, which: Indices) -> tuple[Indices, Indices, Indices]:
+        """Return the vertices of mixed triangles, the one unlike the two others first."""
+        vertices = self.triangles[which]
+        held = self.inside[vertices]
+        unlike = held == (held.sum(axis=1) == 1)[:, None]
+        place = (np.argmax(unlike, axis=1)[:, None] + np.arange(3)) % 3
+        odd, second, third = np.take_along_axis(vertices, place, axis=1).T
+        return odd, second, third
+
+    def _judge(self) -> None:
+        """Sample the triangles not yet judged."""
+        fresh = np.flatnonzero(self.verdict < 0)
+        if not len(fresh):
+            return
+        triangles = self.triangles[fresh]
+        self.size[fresh] = edge_lengths(self.points, triangles).max(axis=1)
+        middles, checks, centres = samples(self.points, triangles)
+        edges, own = edges_of(triangles)
+        shown = np.empty(len(edges), dtype=np.intp)
+        shown[own.ravel()] = np.arange(own.size)
+        places = [middles.reshape(-1, 3)[shown], checks.reshape(-1, 3)[shown], centres]
+        found = self.evaluate(np.concatenate(places))
+        middle, check, centre = np.split(found, [len(edges), 2 * len(edges)])
+        rows = [self.values[triangles.T], middle[own.T], check[own.T], centre[None]]
+        self.verdict[fresh], self.contested[fresh] = judge(
+            self.points, triangles, np.concatenate(rows)
+        )
+
+    def _bound(self) -> None:
+        """Find the border in the mixed triangles where it is not known yet."""
+        held = self.inside[self.triangles].sum(axis=1)
+        mixed = (held == 1) | (held == 2)
+        self.verdict[(self.verdict == Verdict.BROKEN) & ~mixed] = Verdict.OPEN
+        fresh = np.flatnonzero(mixed & ~self.looked)
+        if not len(fresh):
+            return
+        self.looked[fresh] = True
+        smooth = np.isin(self.verdict[fresh], (Verdict.SIMPLE, Verdict.BROKEN))
+        self.verdict[fresh[~smooth]] = Verdict.OPEN
+        odd, second, third = self._turned(fresh)
+        single = held[fresh] == 1
+        one = np.where(
+            single[:, None], np.stack([odd, second], 1), np.stack([third, odd], 1)
+        )
+        two = np.where(
+            single[:, None], np.stack([odd, third], 1), np.stack([second, odd], 1)
+        )
+        start, end = self._cross(one), self._cross(two)
+        first, last = self.crossing_margins[start], self.crossing_margins[end]
+        a, b = self.crossing_points[start], self.crossing_points[end]
+        turning = np.flatnonzero(first != last)
+        corner, found = corners(
+            self.evaluate,
+            a[turning],
+            b[turning],
+            self.points[odd[turning]],
+            np.stack([first[turning], last[turning]], axis=1),
+        )
+        self.verdict[fresh[turning[~found]]] = Verdict.OPEN
+        middle = b.copy()
+        middle[turning[found]] = corner[found]
+        more = turning[found]
+        owner = np.concatenate([fresh, fresh[more]])
+        pieces = Pieces.over(
+            self.evaluate,
+            np.concatenate([a, middle[more]]),
+            np.concatenate([middle, b[more]]),
+            np.concatenate([first, last[more]]),
+            self.verdict[owner] != Verdict.OPEN,
+        )
+        pieces.audit(self.evaluate, np.flatnonzero(self.contested[owner] & pieces.sound))
+        self._doubt(owner, pieces)
+        self.pieces = self.pieces.with_more(pieces)
+        self.owner = np.concatenate([self.owner, owner])
+        self.start = np.concatenate([self.start, start, start[more]])
+        self.stop = np.concatenate([self.stop, end, end[more]])
+        self.leading = np.concatenate(
+            [self.leading, np.ones(len(fresh), bool), np.zeros(len(more), bool)]
+        )
+
+    def _doubt(self, owner: Indices, pieces: Pieces) -> None:
+        self.verdict[owner[~pieces.sound]] = Verdict.OPEN
+
+    def _cross(self, pairs: Indices) -> Indices:
+        """Return the numbers of the crossings of edges (n, 2), inner vertex first."""
+        keys = pairs[:, 0] << 32 | pairs[:, 1]
+        fresh = np.setdiff1d(keys, self.crossing_keys)
+        if len(fresh):
+            inside, outside = self.points[fresh >> 32], self.points[fresh & (2**32 - 1)]
+            points, margins = crossings(self.evaluate, inside, outside)
+            self.crossing_keys = np.concatenate([self.crossing_keys, fresh])
+            self.crossing_points = np.concatenate([self.crossing_points, points])
+            self.crossing_margins = np.concatenate([self.crossing_margins, margins])
+        order = np.argsort(self.crossing_keys)
+        place = np.searchsorted(self.crossing_keys, keys, sorter=order)
+        return np.asarray(order[place])
+
+    def _improve(self, tolerance: float) -> Bools:
+        """Bring the error down without new triangles; return those to cut for more."""
+        cut = np.zeros(len(self.triangles), dtype=bool)
+        share = 0.5 * tolerance
+        while True:
+            pieces = self.pieces
+            counted = pieces.sound & (self.verdict[self.owner] != Verdict.OPEN)
+            error = np.where(counted, pieces.error, 0.0)
+            error[error <= ROUNDED * EPS * pieces.chords.length] = 0.0
+            if error.sum() <= share:
+                break
+            poor = error > 0.5 * share / max(1, int(np.count_nonzero(counted)))
+            rough = poor & (pieces.order < ORDERS[-1])
+            if not rough.any():
+                cut[self.owner[poor]] = True
+                break
+            pieces.raise_order(self.evaluate, np.flatnonzero(rough))
+            self._doubt(self.owner, pieces)
+        vague = self.verdict == Verdict.OPEN
+        area = np.where(vague, self.areas, 0.0)
+        if area.sum() > share:
+            cut |= vague & (area > 0.1 * area.max())
+        return cut & (self.size > FINEST)
+
+    def _cut(self, marked: Bools) -> None:
+        """Cut the marked triangles, keeping what is known of the others."""
+        count = len(self.points)
+        self.points, self.triangles, origin = bisected(self.points, self.triangles, marked)
+        self.values = np.concatenate([self.values, self.evaluate(self.points[count:])])
+        kept = origin >= 0
+        place = np.full(len(marked), -1, dtype=np.intp)
+        place[origin[kept]] = np.flatnonzero(kept)
+        self.verdict = np.where(kept, self.verdict[origin], -1)
+        self.size = np.where(kept, self.size[origin], 0.0)
+        self.contested = kept & self.contested[origin]
+        self.looked = kept & self.looked[origin]
+        left = np.flatnonzero(place[self.owner] >= 0)
+        self.pieces = self.pieces.take(left)
+        self.owner = place[self.owner[left]]
+        self.start, self.stop = self.start[left], self.stop[left]
+        self.leading = self.leading[left]

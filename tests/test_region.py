@@ -1,0 +1,373 @@
+"""Regions of directions: areas against closed forms and quadrature, borders, parts."""
+
+import numpy as np
+import pytest
+from closed_forms import (
+    five_bar_area,
+    five_bar_margins,
+    mid_plane_angles,
+    mid_plane_area,
+    mid_plane_margins,
+)
+from sphere_areas import common_area
+
+from spherekit.errors import RegionError
+from spherekit.region.region import find_region
+
+
+def unit(vector):
+    return np.asarray(vector, float) / np.linalg.norm(vector, axis=-1, keepdims=True)
+
+
+def caps(centres, radii, keep):
+    """Margins: the cosine of the distance against that of the radius, for each cap."""
+    centres = unit(centres)
+    sign = np.where(keep, 1.0, -1.0)
+    return lambda places: sign * (places @ centres.T - np.cos(radii))
+
+
+def cap_area(radius):
+    return 2.0 * np.pi * (1.0 - np.cos(radius))
+
+
+@pytest.mark.parametrize("radius", [1e-4, 0.01, 0.7, np.pi / 2, 3.1])
+def test_cap(radius):
+    region = find_region(caps([[1, 2, 3]], [radius], [True]), 1e-9, feature=1e-3)
+    exact = cap_area(radius)
+    assert abs(region.area - exact) <= region.error < 1e-9
+    assert len(region.components) == len(region.boundaries) == 1
+    assert not region.holes
+    assert region.unresolved == 0.0
+
+
+def test_annulus_and_its_hole():
+    centres = [[1, 2, 3], [1, 2, 3]]
+    region = find_region(caps(centres, [0.7, 0.5], [True, False]), 1e-12)
+    assert abs(region.area - cap_area(0.7) + cap_area(0.5)) < 1e-14
+    assert [part.area for part in region.holes] == pytest.approx([cap_area(0.5)])
+    (component,) = region.components
+    assert len(component.boundaries) == 2
+    assert {boundary.gap for boundary in region.boundaries} == {0, 1}
+
+
+def test_thin_annulus():
+    exact = cap_area(0.3) - cap_area(0.297)
+    region = find_region(caps([[1, 2, 3]] * 2, [0.3, 0.297], [True, False]), 1e-6)
+    assert abs(region.area - exact) <= region.error < 1e-6
+    assert len(region.holes) == 1
+
+
+@pytest.mark.parametrize("angle", [0.05, 1.0, 3.0])
+def test_lune(angle):
+    normals = [[1, 0, 0], [-np.cos(angle), np.sin(angle), 0]]
+    region = find_region(caps(normals, [np.pi / 2] * 2, [True] * 2), 1e-7)
+    assert abs(region.area - 2.0 * angle) <= region.error < 1e-7
+    if angle > 0.25:
+        corners = region.boundaries[0].corners
+        assert np.abs(np.abs(corners) - [0, 0, 1]).max() < 1e-12
+
+
+def test_triangle_by_its_angles():
+    corners = unit([[1, 0.1, 0], [0.2, 1, -0.1], [0.3, 0.2, 1]])
+    normals = unit(np.cross(corners, np.roll(corners, -1, axis=0)))
+    turned = -np.sum(normals * np.roll(normals, -1, axis=0), axis=1)
+    girard = np.sum(np.arccos(turned)) - np.pi
+    region = find_region(caps(normals, [np.pi / 2] * 3, [True] * 3), 1e-12)
+    assert abs(region.area - girard) < 1e-14
+    found = region.boundaries[0].corners
+    gaps = np.linalg.norm(found[:, None] - corners, axis=2).min(axis=0)
+    assert gaps.max() < 1e-12
+    assert sorted(arc.margin for arc in region.boundaries[0].arcs) == [0, 1, 2]
+
+
+def test_two_caps():
+    """The area common to two caps by their half angles at the corners (Gauss-Bonnet)."""
+    r, s, d = 0.8, 0.6, 0.9
+    at_r = np.arccos((np.cos(s) - np.cos(d) * np.cos(r)) / (np.sin(d) * np.sin(r)))
+    at_s = np.arccos((np.cos(r) - np.cos(d) * np.cos(s)) / (np.sin(d) * np.sin(s)))
+    corner = np.arccos((np.cos(d) - np.cos(r) * np.cos(s)) / (np.sin(r) * np.sin(s)))
+    exact = 2.0 * (np.pi - corner - at_r * np.cos(r) - at_s * np.cos(s))
+    centres = [[0, 0, 1], [np.sin(d), 0, np.cos(d)]]
+    region = find_region(caps(centres, [r, s], [True, True]), 1e-12)
+    assert abs(region.area - exact) <= region.error < 1e-12
+    assert abs(exact - common_area(unit(centres), [r, s], [True, True])) < 1e-12
+
+
+def drawn(rng):
+    """Random caps and outsides of caps of many kinds."""
+
+    def direction():
+        return unit(rng.normal(size=3))
+
+    one, other = direction(), direction()
+    near = unit(one + rng.normal(size=3) * 10 ** rng.uniform(-2.5, 0.0))
+    radius = 10 ** rng.uniform(-2.0, 0.3)
+    apart = np.arccos(one @ other)
+    kind = rng.integers(7)
+    if kind == 0:
+        return [one], [radius], [True]
+    if kind == 1:
+        thin = 1.0 - 10 ** rng.uniform(-1.3, -0.1)
+        return [one, one], [radius, radius * thin], [True, False]
+    if kind == 2:
+        return [one, near], [radius, radius * rng.uniform(0.3, 1.0)], [True, False]
+    if kind == 3:
+        return [one, other], [np.pi / 2, np.pi / 2], [True, True]
+    if kind == 4:
+        touch = 0.4 * apart + 10 ** rng.uniform(-3.0, -1.0) * rng.choice([-1, 1])
+        return [one, other], [0.6 * apart, touch], [True, True]
+    if kind == 5:
+        axes = [one, one, other, other]
+        return axes, [1.5, 0.7, 1.6, 0.5], [True, False, True, False]
+    n = rng.integers(2, 5)
+    keep = list(rng.random(n) < 0.6)
+    return [direction() for _ in range(n)], list(rng.uniform(0.3, 2.0, n)), keep
+
+
+@pytest.mark.parametrize("batch", range(10))
+def test_error_covers_the_true_error(batch):
+    rng = np.random.default_rng(batch)
+    for _ in range(20):
+        centres, radii, keep = drawn(rng)
+        tolerance = 10 ** rng.uniform(-8.0, -2.0)
+        exact = common_area(centres, radii, keep)
+        region = find_region(caps(centres, radii, keep), tolerance, most=40_000)
+        case = (centres, radii, keep, tolerance)
+        assert abs(region.area - exact) <= region.error + 1e-13, case
+
+
+@pytest.mark.parametrize("petals", [2, 3, 5, 9])
+def test_star_shaped_regions(petals):
+    """Distances from an axis up to f(azimuth): the area is the integral of 1 - cos f."""
+    rng = np.random.default_rng(petals)
+    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    shift, height = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.1, 0.5)
+
+    def reach(azimuth):
+        return 0.9 + height * np.cos(petals * azimuth + shift) + 0.1 * np.sin(azimuth)
+
+    def margins(places):
+        x, y, z = (places @ frame).T
+        return (z - np.cos(reach(np.arctan2(y, x))))[:, None]
+
+    azimuth = np.arange(4096) * 2.0 * np.pi / 4096
+    exact = 2.0 * np.pi * np.mean(1.0 - np.cos(reach(azimuth)))
+    for tolerance in (1e-2, 1e-4, 1e-6, 1e-9):
+        region = find_region(margins, tolerance)
+        assert abs(region.area - exact) <= region.error <= tolerance
+        assert len(region.components) == len(region.boundaries) == 1
+
+
+def test_border_lies_on_its_margins():
+    margins = caps([[1, 2, 3], [-1, 2, 0.1], [1, 0, 0]], [0.9, 0.9, 0.8], [1, 1, 0])
+    region = find_region(margins, 1e-8)
+    for boundary in region.boundaries:
+        for arc in boundary.arcs:
+            rows = margins(arc.points)
+            assert np.abs(rows[:, arc.margin]).max() < 1e-13
+            assert rows.min() > -1e-13
+        points = boundary.points
+        assert np.array_equal(points[0], points[-1])
+        assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() < 0.2
+        assert np.abs(np.linalg.norm(points, axis=1) - 1.0).max() < 1e-15
+
+
+def test_surface_covers_the_region():
+    margins = caps([[1, 2, 3], [-1, 2, 0.1], [1, 0, 0]], [0.9, 0.9, 0.8], [1, 1, 0])
+    region = find_region(margins, 1e-6, spacing=0.1)
+    a, b, c = np.moveaxis(region.surface_points[region.surface_triangles], 1, 0)
+    volume = np.sum(a * np.cross(b - a, c - a), axis=1)
+    dots = np.sum(a * b + b * c + c * a, axis=1)
+    areas = 2.0 * np.arctan2(volume, 1.0 + dots)
+    assert areas.min() > -1e-6
+    assert abs(areas.sum() - region.area) < 2e-4
+    assert (
+        margins(region.surface_points[region.surface_triangles].mean(axis=1)).min() > -0.01
+    )
+    assert np.array_equal(region.surface_points[: len(region.points)], region.points)
+
+
+def test_component_areas_and_gaps_add_up():
+    def clover(places):
+        x, y, z = places.T
+        return (np.cos(3.0 * np.arctan2(y, x)) * (1.0 - z * z) - 0.5)[:, None]
+
+    region = find_region(clover, 1e-8)
+    assert len(region.components) == 3
+    areas = [part.area for part in region.components]
+    assert np.ptp(areas) < 1e-8
+    total = sum(areas) + sum(part.area for part in region.gaps)
+    assert abs(total - 4.0 * np.pi) < 1e-12
+    for part in region.components:
+        assert clover(part.place[None])[0, 0] == part.depth > 0.0
+
+
+def test_whole_sphere_and_nothing():
+    whole = find_region(lambda places: np.ones((len(places), 1)))
+    assert whole.area == pytest.approx(4.0 * np.pi, abs=1e-13)
+    assert whole.boundaries == ()
+    assert np.array_equal(whole.nearest([0, 0, 2]), [0, 0, 1])
+    nothing = find_region(lambda places: -np.ones((len(places), 2)))
+    assert nothing.area == 0.0
+    assert nothing.components == ()
+    assert nothing.excluding == ((0,), (1,))
+
+
+def test_margins_that_exclude_each_other_are_named():
+    centres = [[0, 0, 1], [1, 0, 0], [1, 2, 3]]
+    region = find_region(caps(centres, [0.3, 0.3, 0.7], [True] * 3))
+    assert region.area == 0.0
+    assert region.excluding == ((0, 1), (1, 2))
+    with pytest.raises(RegionError, match=r"margins \(0, 1\) exclude"):
+        region.nearest([0, 0, 1])
+    around = np.arange(3) * 2.0 * np.pi / 3
+    centres = np.column_stack([np.cos(around), np.sin(around), np.full(3, 0.2)])
+    region = find_region(caps(centres, [1.2] * 3, [True] * 3))
+    assert region.excluding == ((0, 1, 2),)
+
+
+def test_touching_caps_stay_open():
+    d = 1.0
+    centres = [[1, 0, 0], [np.cos(d), np.sin(d), 0]]
+    region = find_region(caps(centres, [0.6, 0.4], [True, True]), 1e-6)
+    assert region.area < region.error
+    assert 0.0 < region.unresolved < 1e-6
+
+
+def test_nearest_point():
+    centre, radius = unit([1, 2, 3]), 0.7
+    region = find_region(caps([centre], [radius], [True]), 1e-2)
+    for place in unit(np.random.default_rng(0).normal(size=(20, 3))):
+        aside = unit(place - (place @ centre) * centre)
+        exact = np.cos(radius) * centre + np.sin(radius) * aside
+        if place @ centre >= np.cos(radius):
+            exact = place
+        assert np.abs(region.nearest(5.0 * place) - exact).max() < 1e-9
+    lune = find_region(caps([[1, 0, 0], [0, 1, 0]], [np.pi / 2] * 2, [True] * 2), 1e-2)
+    assert np.abs(lune.nearest([-1, -1, 5.0]) - [0, 0, 1]).max() < 1e-12
+
+
+def test_nearest_point_of_random_regions():
+    """No point of a cloud in the region is nearer, and the margins hold."""
+    rng = np.random.default_rng(4)
+    cloud = unit(rng.normal(size=(50_000, 3)))
+    for _ in range(15):
+        margins = caps(*drawn(rng))
+        region = find_region(margins, 1e-3, most=20_000)
+        if not region.components:
+            continue
+        held = cloud[margins(cloud).min(axis=1) >= 0.0]
+        for place in unit(rng.normal(size=(3, 3))):
+            found = region.nearest(place)
+            assert margins(found[None]).min() > -1e-10
+            gap = np.linalg.norm(found - place)
+            assert not len(held) or gap < np.linalg.norm(held - place, axis=1).min() + 1e-9
+
+
+def test_undefined_margins():
+    """A margin that is defined on one side only, with a smooth one beside it or alone."""
+    cap = caps([[1, 2, 3]], [0.7], [True])
+
+    def alone(places):
+        reach = cap(places)
+        return np.where(reach >= 0.0, np.sqrt(np.maximum(reach, 0.0)) + 1.0, np.nan)
+
+    def beside(places):
+        return np.concatenate([cap(places), alone(places)], axis=1)
+
+    region = find_region(beside, 1e-10)
+    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-10
+    assert region.boundaries[0].arcs[0].margin == 0
+    region = find_region(alone, 1e-3)
+    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-3
+    assert region.boundaries[0].arcs[0].margin == -1
+
+
+def test_measure_that_ends_at_the_border():
+    """The sines of a five-bar's elbows, 0 where a leg is straight, NaN beyond."""
+    base, legs = np.deg2rad(60.0), tuple(np.deg2rad([50.0, 70.0, 40.0, 65.0]))
+    axes = np.array([[1.0, 0.0, 0.0], [np.cos(base), np.sin(base), 0.0]])
+    one, other = np.array(legs[::2]), np.array(legs[1::2])
+
+    def sines(places):
+        cosine = places @ axes.T - np.cos(one) * np.cos(other)
+        cosine /= np.sin(one) * np.sin(other)
+        return np.sqrt(np.where(np.abs(cosine) <= 1.0, 1.0 - cosine**2, np.nan))
+
+    region = find_region(sines, 1e-3)
+    assert abs(region.area - five_bar_area(base, legs)) <= region.error < 1e-3
+    assert len(region.holes) == 2
+    assert {arc.margin for each in region.boundaries for arc in each.arcs} == {-1}
+
+
+def test_margins_stated_twice():
+    one = caps([[1, 2, 3]], [0.7], [True])
+    region = find_region(lambda places: np.repeat(one(places), 3, axis=1), 1e-10)
+    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-10
+    assert region.evaluations < 20_000
+
+
+def test_margins_that_are_zero_over_an_area():
+    one = caps([[1, 2, 3]], [0.7], [True])
+    region = find_region(lambda p: np.minimum(one(p), 0.0), 0.02, feature=0.01)
+    assert abs(region.area - cap_area(0.7)) <= region.error < 0.02
+    assert region.evaluations < 400_000
+
+
+def test_cost_does_not_follow_the_area():
+    """Ten times the accuracy costs a few evaluations more, a finer feature none."""
+    counts = [
+        find_region(caps([[1, 2, 3]], [0.7], [True]), tolerance).evaluations
+        for tolerance in (1e-2, 1e-12)
+    ]
+    assert counts[1] < 2 * counts[0] < 20_000
+    widths = np.array([0.08, 0.02])
+    counts = [
+        find_region(caps([[1, 2, 3]] * 2, [0.7, 0.7 - w], [1, 0])).evaluations
+        for w in widths
+    ]
+    assert counts[1] < 6 * counts[0]
+
+
+def test_wrong_use_is_told():
+    with pytest.raises(RegionError, match="one row for each place"):
+        find_region(lambda places: np.ones(len(places)))
+    with pytest.raises(RegionError, match="infinite"):
+        find_region(lambda places: np.full((len(places), 1), -np.inf))
+    with pytest.raises(RegionError, match="tolerance is 0"):
+        find_region(caps([[1, 2, 3]], [0.7], [True]), 0)
+    with pytest.raises(RegionError, match="no direction"):
+        find_region(caps([[1, 2, 3]], [0.7], [True])).nearest([0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    "base, legs", [(90, (75, 75, 75, 75)), (60, (50, 70, 40, 65)), (100, (60, 35, 50, 30))]
+)
+def test_workspace_of_the_five_bar(base, legs):
+    base, legs = np.deg2rad(base), tuple(np.deg2rad(legs))
+    exact = five_bar_area(base, legs)
+    axes = [[1, 0, 0], [np.cos(base), np.sin(base), 0]]
+    near = [abs(legs[0] - legs[1]), abs(legs[2] - legs[3])]
+    far = [legs[0] + legs[1], legs[2] + legs[3]]
+    of_caps = common_area(axes + axes, near + far, [False] * 2 + [True] * 2)
+    assert abs(exact - of_caps) < 1e-9
+    for tolerance in 10.0 ** -np.arange(2.0, 9.0, 2.0):
+        region = find_region(lambda p: five_bar_margins(p, base, legs), tolerance)
+        assert abs(region.area - exact) <= region.error <= tolerance
+    assert abs(region.area - exact) < 1e-9 * exact
+
+
+def test_workspace_of_the_mid_plane_mechanism():
+    """Table 2 and the 10 degree rule of Chen et al., on both sides of z = 0."""
+    exact = mid_plane_area()
+    region = find_region(mid_plane_margins, 1e-8)
+    assert len(region.components) == 2
+    for component in region.components:
+        assert abs(component.area - exact) < 1e-8 * exact
+        (number,) = component.boundaries
+        boundary = region.boundaries[number]
+        assert sorted(arc.margin for arc in boundary.arcs) == [0, 1, 2, 3]
+        phi, gamma = np.rad2deg(mid_plane_angles(boundary.corners))
+        order = np.argsort(phi)
+        assert phi[order] == pytest.approx([11.5519, 49.8502, 49.8502, 95.8430], abs=5e-5)
+        assert gamma[order] == pytest.approx([0.0, 67.5085, 67.5085, 0.0], abs=5e-5)
