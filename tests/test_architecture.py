@@ -20,6 +20,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
+    ("guidance",),
     ("engine",),
     ("dynamics",),
     ("analysis",),

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from spherekit.conventions import CLOSURE_TOLERANCE, SINGULAR_RATIO, Status
 from spherekit.errors import SolveError
@@ -40,6 +40,9 @@ LARGEST_STEP = 0.2
 SMALLEST_STEP = 1e-9
 BEND = 0.05
 """Second-order part (rad) of a step that is aimed at."""
+NEARER, SHORT = 0.3, 0.02
+"""Part of slope / bend stepped at most, if that is short: 0.6 of the way to a limit of the
+reach, where variables go as the square root of the way left."""
 LARGEST_CHANGE = 0.6
 """Eigenvalues of the change of the equations in one step, relative to them; they become
 singular on the way where one is -1."""
@@ -55,6 +58,9 @@ STATIONARY = 1e-11
 LEAPS = (0.004, 0.01, 0.02, 0.04)
 """Ways (rad of theta) tried over a singular configuration, from steps this short."""
 LEAP_FROM = 2e-3
+AROUND, POINTS = 0.08, 14
+"""How far around such a configuration (rad of theta) rates are interpolated, through how
+many points."""
 SMOOTH = 1e-7
 """The Hermite polynomial of a leap has to agree with configurations in it to this."""
 UNFIXED = 1e-7
@@ -74,6 +80,7 @@ class _Node:
     near: Nearness
     first: Floats
     second: Floats
+    follows: bool
 
     @property
     def values(self) -> Floats:
@@ -93,7 +100,7 @@ class _Node:
     def condition(self) -> float:
         """Reciprocal condition of the equations."""
         size = np.linalg.norm(self.near.system[0]) * np.linalg.norm(self.inverse)
-        return float(min(1.0 / size, self.near.looseness[0]))
+        return float(1.0 / size)
 
 
 @final
@@ -113,17 +120,21 @@ class FollowedRotation:
     crossings
         Angles (rad) of singular configurations on the way, where the inputs do not hold
         the mechanism.
+    leaps
+        Those of them that were stepped over, because the loops do not fix the links
+        there; rates near them are interpolated.
     """
 
     target: Target
-    driven: tuple[int, ...]
+    driven: list[int]
     inputs: tuple[str, ...]
     axis: Floats
     angle: float
     start: Floats
     nodes: tuple[_Node, ...]
     end: Status
-    crossings: tuple[float, ...] = ()
+    crossings: tuple[float, ...]
+    leaps: tuple[float, ...]
 
     @property
     def reached(self) -> float:
@@ -155,47 +166,68 @@ class FollowedRotation:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
         theta = within(theta, self.angle)
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
-        inside = np.minimum(theta, self.reached)
         wanted = rotation(self.axis, theta) @ self.start
-        predicted, allowed = self._predict(inside)
+        predicted, allowed = self._predict(np.minimum(theta, self.reached))
         near, _, _ = corrected(self.target, predicted, wanted)
-        off = np.max(np.abs(near.values - predicted), axis=1)
-        fixed = np.linalg.cond(near.system) < 1.0 / UNFIXED
-        loose = (status == Status.OK) & ~fixed
-        if np.any(loose):
-            values = np.where(loose[:, None], predicted, near.values)
+        unfixed = (status == Status.OK) & (_conditions(near.system) < UNFIXED)
+        if np.any(unfixed):
+            values = np.where(unfixed[:, None], predicted, near.values)
             near = self.target.at(values, wanted)
-            status[loose] = Status.AT_SINGULARITY
-        missed = (status == Status.OK) & ~(near.miss() < STATIONARY)
-        status[missed] = Status.NOT_CONVERGED
+            status[unfixed] = Status.AT_SINGULARITY
+        off = np.max(np.abs(near.values - predicted), axis=1)
+        followed = status == Status.OK
+        status[followed & ~(near.miss() < STATIONARY)] = Status.NOT_CONVERGED
         status[(status == Status.OK) & ~(off <= allowed)] = Status.BRANCH_LOST
         held = control(self.target.closure, self.driven, near.values)
         status[(status == Status.OK) & ~(held > SINGULAR_RATIO)] = Status.AT_SINGULARITY
-        rates = near.rates(self.axis)
-        size = np.linalg.norm(rates.w, axis=1, keepdims=True)
+        slopes, bends = self._rates(theta, near)
+        w = np.einsum("nkv,nv->nk", near.turning, slopes)
         with np.errstate(invalid="ignore", divide="ignore"):
-            drift = arc(rates.w / size, np.broadcast_to(self.axis, rates.w.shape))
-        ok = status == Status.OK
-        placed = ok | (status == Status.AT_SINGULARITY)
-        driven = list(self.driven)
+            w = w / np.linalg.norm(w, axis=1, keepdims=True)
+        lost = (status != Status.OK) & (status != Status.AT_SINGULARITY)
 
-        def only(rows: NDArray[np.bool_], array: Floats) -> Floats:
-            shape = (-1,) + (1,) * (array.ndim - 1)
-            return np.where(rows.reshape(shape), array, np.nan)
+        def known(array: Floats) -> Floats:
+            array[lost] = np.nan
+            return array
 
-        departure = turns_between(near.reached, wanted).angle
         return RotationSamples(
-            theta,
-            only(placed, near.values[:, driven]),
-            only(ok, rates.first[:, driven]),
-            only(ok, rates.second[:, driven]),
-            only(placed, near.values),
-            only(placed, near.reached),
-            only(placed, departure),
-            only(ok, drift),
-            only(placed, held),
-            status,
+            theta=theta,
+            inputs=known(near.values[:, self.driven]),
+            rates=known(slopes[:, self.driven]),
+            second_rates=known(bends[:, self.driven]),
+            values=known(near.values),
+            orientation=known(near.reached),
+            departure=known(turns_between(near.reached, wanted).angle),
+            drift=known(arc(w, np.broadcast_to(self.axis, w.shape))),
+            control=known(held),
+            status=status,
         )
+
+    def _rates(self, theta: Floats, near: Nearness) -> tuple[Floats, Floats]:
+        """Return first and second derivatives (n, variables) by theta.
+
+        Near a configuration that was stepped over, where rounding grows without bound,
+        from the polynomial through the derivatives at Chebyshev points around it.
+        """
+        rates = near.rates(self.axis)
+        slopes, bends = rates.first, rates.second
+        for place in self.leaps:
+            low, high = max(place - AROUND, 0.0), min(place + AROUND, self.reached)
+            rows = (theta > low) & (theta < high)
+            if not np.any(rows):
+                continue
+            k = np.arange(POINTS) + 0.5
+            x = np.cos(k * np.pi / POINTS)
+            points = 0.5 * (low + high) + 0.5 * (high - low) * x
+            wanted = rotation(self.axis, points) @ self.start
+            around, _, _ = corrected(self.target, self._predict(points)[0], wanted)
+            known = around.rates(self.axis)
+            distance = theta[rows, None] - points
+            distance[distance == 0.0] = 1e-300
+            weights = (-1.0) ** np.arange(POINTS) * np.sin(k * np.pi / POINTS) / distance
+            weights /= np.sum(weights, axis=1, keepdims=True)
+            slopes[rows], bends[rows] = weights @ known.first, weights @ known.second
+        return slopes, bends
 
 
 def follow_rotation(
@@ -234,13 +266,13 @@ def follow_rotation(
     if not (np.isfinite(angle) and angle > 0.0):
         raise SolveError(f"angle: found {angle:g} rad, needs a finite angle above 0")
     inputs = tuple(item.pair for item in made.inputs)
-    driven = tuple(made.variables_of(made.pair_number[name])[0] for name in inputs)
+    driven = [made.variables_of(made.pair_number[name])[0] for name in inputs]
     target = Target(
         Closure.of(made, geometry_of(made).joints), made.link_number[end.link], len(inputs)
     )
     first = _started(target, np.asarray(values, dtype=float), about, made.name)
     march = _March(target, driven, about, float(angle), first.near.reached[0])
-    nodes, status, crossings = march.run(first)
+    nodes, status, crossings, leaps = march.run(first)
     return FollowedRotation(
         target,
         driven,
@@ -251,6 +283,7 @@ def follow_rotation(
         tuple(nodes),
         status,
         tuple(crossings),
+        tuple(leaps),
     )
 
 
@@ -282,9 +315,10 @@ def hermite(
     h: Floats,
     part: Floats,
 ) -> Floats:
-    """Return quintic Hermite values (n, m) at parts (n,), 0 to 1, of cells of length h (n,).
+    """Return quintic Hermite values (n, m) at parts (n,), 0 to 1, of cells.
 
-    `start` and `stop` are values, first and second derivatives (n, m) at both ends.
+    `h` (n,) are their lengths; `start` and `stop` are values, first and second derivatives
+    (n, m) at both ends.
     """
     x, h = part[:, None], h[:, None]
     y = 1.0 - x
@@ -323,12 +357,25 @@ def corrected(
     return near, first, ratio
 
 
+def _conditions(matrices: Floats) -> Floats:
+    """Return reciprocal conditions (n,) of matrices (n, m, k), m >= k; 0 if not finite."""
+    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    sizes = np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0), compute_uv=False)
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(sizes[:, -1] / sizes[:, 0])
+
+
 def _started(target: Target, values: Floats, axis: Floats, name: str) -> _Node:
     count = len(target.closure.tree.owners)
     if values.shape != (count,) or not np.all(np.isfinite(values)):
         raise SolveError(
             f"{name}: the configuration to start from has to be {count} finite values, as "
             "in a row of its motion"
+        )
+    if target.freedoms > 3:
+        raise SolveError(
+            f"{name}: {target.freedoms} inputs turn the output link in more ways than "
+            "there are; lock some of them"
         )
     near = target.at(values[None], np.eye(3)[None])
     gap = float(np.max(np.abs(near.gap), initial=0.0))
@@ -338,7 +385,7 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> _Node:
             f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
         )
     near, _, _ = corrected(target, values[None], near.reached)
-    if target.freedoms > 3 or not near.looseness[0] > UNFIXED:
+    if not near.looseness[0] > UNFIXED:
         raise SolveError(
             f"{name}: the configuration to start from is singular, or the mechanism has "
             f"other freedoms than its {target.freedoms} inputs; start from another one"
@@ -350,7 +397,7 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> _Node:
             "not move with all inputs; start elsewhere or choose another output"
         )
     rates = near.rates(axis)
-    return _Node(0.0, near, rates.first[0], rates.second[0])
+    return _Node(0.0, near, rates.first[0], rates.second[0], bool(rates.follows[0]))
 
 
 @final
@@ -362,24 +409,31 @@ class _March:
     angle: float
     start: Floats
 
-    def run(self, start: _Node) -> tuple[list[_Node], Status, list[float]]:
-        """Return the nodes, what lies beyond the last, and singular places on the way."""
-        nodes, crossings = [start], list[float]()
-        at, step, leapt = start, 0.05, np.inf
+    def run(self, start: _Node) -> tuple[list[_Node], Status, list[float], list[float]]:
+        """Return the nodes, what lies beyond the last, and singular places on the way.
+
+        And those of them that were stepped over.
+        """
+        nodes, crossings, leaps = [start], list[float](), list[float]()
+        at, step, leapt = start, 0.05, -np.inf
         while at.theta < self.angle:
-            bend = float(np.max(np.abs(at.second)))
-            step = min(step, LARGEST_STEP, np.sqrt(2.0 * BEND / (bend + 1e-300)))
+            bend = float(np.max(np.abs(at.second))) + 1e-300
+            step = min(step, LARGEST_STEP, np.sqrt(2.0 * BEND / bend))
+            nearer = NEARER * float(np.max(np.abs(at.first))) / bend
+            if nearer < SHORT:
+                step = min(step, nearer)
             if step < SMALLEST_STEP:
-                return nodes, self._why(at), crossings
+                return nodes, self._why(at), crossings, leaps
             goal = min(at.theta + step, self.angle)
             if self.angle - goal < SMALLEST_STEP:
                 goal = self.angle
             made = self._advance(at, goal)
-            if made is None and step < min(LEAP_FROM, 0.2 * leapt):
-                leapt = step
+            if made is None and step < LEAP_FROM and at.theta > leapt + LEAP_FROM:
+                leapt = at.theta
                 made = self._leap(at)
                 if made is not None:
-                    crossings.append(self._loosest(at, made))
+                    leaps.append(self._loosest(at, made))
+                    crossings.append(leaps[-1])
                     step = made.theta - at.theta
             if made is None:
                 step *= 0.5
@@ -391,7 +445,7 @@ class _March:
             nodes.append(made)
             at = made
             step *= 2.0
-        return nodes, Status.OK, crossings
+        return nodes, Status.OK, crossings, leaps
 
     def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[_Node], Floats, Floats]:
         wanted = rotation(self.axis, theta) @ self.start
@@ -400,7 +454,8 @@ class _March:
         made = []
         for row, angle in enumerate(theta):
             one = self.target.at(near.values[row : row + 1], wanted[row : row + 1])
-            made.append(_Node(float(angle), one, rates.first[row], rates.second[row]))
+            slope, bend = rates.first[row], rates.second[row]
+            made.append(_Node(float(angle), one, slope, bend, bool(rates.follows[row])))
         return made, first, ratio
 
     def _advance(self, at: _Node, goal: float) -> _Node | None:
@@ -418,10 +473,13 @@ class _March:
         if np.any((first > 1e-7) & (ratio > 0.1)):
             return None
         for each in (middle, node):
-            if not (self._holds(each) and each.condition > UNFIXED):
+            if not self._holds(each) or each.follows != at.follows:
                 return None
-            change = at.inverse @ (each.near.system[0] - at.near.system[0])
-            if not np.max(np.abs(np.linalg.eigvals(change))) < LARGEST_CHANGE:
+            if at.follows:
+                change = at.inverse @ (each.near.system[0] - at.near.system[0])
+                if not np.max(np.abs(np.linalg.eigvals(change))) < LARGEST_CHANGE:
+                    return None
+            elif not min(each.near.firmness[0], each.near.looseness[0]) > UNFIXED:
                 return None
         off = np.max(np.abs(self._between(at, node, middle.theta) - middle.values))
         return node if off < LARGEST_MIDDLE * moved + CLOSURE_TOLERANCE else None
@@ -481,7 +539,7 @@ class _March:
                 high = inner[1]
             else:
                 low = inner[0]
-        return 0.5 * (low + high)
+        return float(0.5 * (low + high))
 
     def _sign(self, node: _Node) -> float:
         return self._signs(node.values[None])
@@ -492,24 +550,22 @@ class _March:
         return float(determinant_sign(jacobian[:, :, free])[0])
 
     def _flip(self, at: _Node, node: _Node) -> float:
-        """Return the angle at which the inputs stop holding the mechanism, by halving."""
-        low, high = at.theta, node.theta
-        before = self._sign(at)
-        for _ in range(40):
-            middle = 0.5 * (low + high)
-            guess = self._between(at, node, middle)[None]
-            wanted = rotation(self.axis, np.array([middle])) @ self.start
+        """Return the angle at which the inputs stop holding the mechanism."""
+        # SciPy's optimisers take long to import, and most ways need none.
+        from scipy.optimize import brentq
+
+        free = [v for v in range(len(at.values)) if v not in self.driven]
+
+        def determinant(theta: float) -> float:
+            guess = self._between(at, node, theta)[None]
+            wanted = rotation(self.axis, np.array([theta])) @ self.start
             near, _, _ = corrected(self.target, guess, wanted)
-            if self._signs(near.values) == before:
-                low = middle
-            else:
-                high = middle
-        return 0.5 * (low + high)
+            return float(np.linalg.det(near.jacobian[0][:, free]))
+
+        return float(brentq(determinant, at.theta, node.theta, xtol=1e-13))
 
     def _why(self, at: _Node) -> Status:
         """Return the status of what lies beyond a node that no step leaves."""
-        if at.near.looseness[0] < STRETCHED:
-            return Status.AT_SINGULARITY
-        if at.near.grasp[0] < STRETCHED:
+        if not at.follows or at.near.grasp[0] < STRETCHED:
             return Status.OUT_OF_REACH
-        return Status.BRANCH_LOST
+        return Status.AT_SINGULARITY if at.condition < STRETCHED else Status.BRANCH_LOST

@@ -8,7 +8,6 @@ orientation has, or where the mechanism can follow, d and m are 0. Differentiate
 twice by the angle turned through, the condition gives exact rates.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -16,7 +15,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.geometry import Joint, Revolute
+from spherekit.model.geometry import Revolute
 from spherekit.motion.closure import Closure
 from spherekit.motion.pairs import PairStates, pair_rates, variable_vectors
 from spherekit.sphere.poses import LogRate
@@ -38,7 +37,7 @@ class Target:
     @property
     def reach(self) -> Floats:
         """(variables,) sense in which the way to the output link uses each variable."""
-        return self.closure.tree.paths[self.link]
+        return np.asarray(self.closure.tree.paths[self.link])
 
     def at(self, values: Floats, wanted: Floats) -> "Nearness":
         """Return n configurations (n, variables) beside orientations (n, 3, 3)."""
@@ -108,7 +107,8 @@ class Nearness:
     @cached_property
     def grasp(self) -> Floats:
         """(n,) least size of an angular velocity by a free motion of unit length."""
-        return np.linalg.svd(self.swing, compute_uv=False)[:, self.target.freedoms - 1]
+        sizes = np.linalg.svd(self.swing, compute_uv=False)
+        return np.asarray(sizes[:, self.target.freedoms - 1])
 
     @cached_property
     def system(self) -> Floats:
@@ -136,7 +136,7 @@ class Nearness:
         return w[:, [a for a, _ in tree.ends]], w[:, [b for _, b in tree.ends]]
 
     def _turned(self, rates: Floats) -> Floats:
-        """Return the derivatives (n, variables, 3) of the vectors at rates (n, variables)."""
+        """Return how vectors change, (n, variables, 3), at rates (n, variables)."""
         first, second = self._body_rates(self.vectors, rates)
         return pair_rates(
             self.target.closure.joints, self.frames, self.states, first, second
@@ -156,10 +156,14 @@ class Nearness:
                 out[:, v] += cross(first[:, pair], turned[:, v])
         return out
 
+    @property
+    def _departs(self) -> bool:
+        return bool(np.any(np.linalg.norm(self.left, axis=1) > DEPARTED))
+
     @cached_property
     def _curved(self) -> Floats:
         """How the gradient by the free motions bends with them, (n, freedoms, freedoms)."""
-        if not np.any(np.linalg.norm(self.left, axis=1) > DEPARTED):
+        if not self._departs:
             return np.zeros((len(self.values), *2 * (self.free.shape[2],)))
         columns = [
             np.einsum("nvk,nvk->nv", self._turned(self.free[:, :, j]), self._pulls)
@@ -176,6 +180,15 @@ class Nearness:
             np.swapaxes(self.swing, 1, 2) @ np.stack(turned, axis=2) - self._curved
         )
 
+    @cached_property
+    def firmness(self) -> Floats:
+        """(n,) least second derivative of a^2 / 2 along configurations; -1 if unknown."""
+        stiffness = 0.5 * (self.stiffness + np.swapaxes(self.stiffness, 1, 2))
+        finite = np.all(np.isfinite(stiffness), axis=(1, 2))
+        least = np.full(len(stiffness), -1.0)
+        least[finite] = np.linalg.eigvalsh(stiffness[finite])[:, 0]
+        return least
+
     def step(self) -> Floats:
         """Return the change (n, variables) of Newton's method towards the nearest one.
 
@@ -186,13 +199,12 @@ class Nearness:
         turned = np.einsum("nkv,nv->nk", self.turning, closing)
         left = self.left - LogRate(self.left, -1.0).of(turned)
         pull = np.einsum("nkj,nk->nj", self.swing, left)
-        stiffness = 0.5 * (self.stiffness + np.swapaxes(self.stiffness, 1, 2))
-        finite = np.all(np.isfinite(stiffness), axis=(1, 2))
-        least = np.full(len(free), -1.0)
-        least[finite] = np.linalg.eigvalsh(stiffness[finite])[:, 0]
+        if self._departs:
+            force = np.einsum("nvk,nvk->nv", self._turned(closing), self._pulls)
+            pull += np.einsum("nvj,nv->nj", free, force)
         plain = np.swapaxes(self.swing, 1, 2) @ self.swing
-        convex = least > 0.1 * self.grasp**2
-        used = np.where(convex[:, None, None], stiffness, plain)
+        convex = self.firmness > 0.1 * self.grasp**2
+        used = np.where(convex[:, None, None], self.stiffness, plain)
         along = np.einsum("nij,nj->ni", _inverse(used), pull)
         return np.asarray(np.einsum("nvj,nj->nv", free, along) + closing)
 
@@ -200,14 +212,53 @@ class Nearness:
         """Return how far (n,) loops are open and the gradient is from 0 (rad)."""
         pull = np.einsum("nkj,nk->nj", self.swing, self.left)
         open_by = np.max(np.abs(self.gap), axis=1, initial=0.0)
-        return np.maximum(open_by, np.max(np.abs(pull), axis=1))
+        return np.asarray(np.maximum(open_by, np.max(np.abs(pull), axis=1)))
 
     def rates(self, axis: Floats) -> "NearestRates":
         """Return first and second derivatives by theta as the target turns about an axis.
 
         `axis` (3,) is a unit vector in the axes of body 0. The configurations have to be
-        nearest ones.
+        nearest ones. Where the link follows exactly, its rotation is one more equation of
+        the motion, which also holds where the loops alone do not fix it.
         """
+        exact = self._exact_rates(axis)
+        follows = np.linalg.norm(self.left, axis=1) < DEPARTED
+        follows &= exact.misfit < DEPARTED
+        if np.all(follows):
+            return exact.rates
+        near = self._nearest_rates(axis)
+        rows = follows[:, None]
+        return NearestRates(
+            np.where(rows, exact.rates.first, near.first),
+            np.where(rows, exact.rates.second, near.second),
+            np.where(rows, exact.rates.w, near.w),
+            follows,
+        )
+
+    def _exact_rates(self, axis: Floats) -> "_ExactRates":
+        """Return the rates if the output link turns about the axis, and by how far not."""
+        rows = self.system.shape[1]
+        inverse = np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14)
+        right = np.zeros((len(self.values), rows))
+        right[:, -3:] = axis
+        first = np.einsum("nvm,nm->nv", inverse, right)
+        left = np.einsum("nmv,nv->nm", self.system, first) - right
+        turned = self._turned(first)
+        bias = np.zeros_like(right)
+        loops = self.target.closure.tree.jacobian(turned)
+        bias[:, :-3] = -np.einsum("nij,nj->ni", loops, first)
+        bias[:, -3:] = -np.einsum("v,nvk,nv->nk", self.target.reach, turned, first)
+        second = np.einsum("nvm,nm->nv", inverse, bias)
+        further = np.einsum("nmv,nv->nm", self.system, second) - bias
+        size = 1.0 + np.max(np.abs(bias), axis=1)
+        misfit = np.max(np.abs(left), axis=1)
+        misfit = np.maximum(misfit, np.max(np.abs(further), axis=1) / size)
+        w = np.einsum("nkv,nv->nk", self.turning, first)
+        exact = np.ones(len(w), dtype=bool)
+        return _ExactRates(NearestRates(first, second, w, exact), misfit)
+
+    def _nearest_rates(self, axis: Floats) -> "NearestRates":
+        """Return the rates of the nearest configurations, from the condition for those."""
         inverse, free, _ = self._split
         log, own = LogRate(self.left), LogRate(self.left, -1.0)
         tree, reach = self.target.closure.tree, self.target.reach
@@ -242,17 +293,30 @@ class Nearness:
         left_bias = log.changed(left_rate, about) - own.changed(left_rate, w)
         left_bias -= own.of(w_bias)
         second = held + along(np.einsum("nvj,nv->nj", free, force) + seen(left_bias))
-        return NearestRates(first, second, w)
+        return NearestRates(first, second, w, np.zeros(len(w), dtype=bool))
 
 
 @final
 @dataclass(frozen=True)
 class NearestRates:
-    """Derivatives (n, variables) by theta, and the angular velocity (n, 3) per theta."""
+    """Derivatives (n, variables) by theta, and the angular velocity (n, 3) per theta.
+
+    `follows` (n,): whether the output link turns exactly as wanted.
+    """
 
     first: Floats
     second: Floats
     w: Floats
+    follows: NDArray[np.bool_]
+
+
+@final
+@dataclass(frozen=True)
+class _ExactRates:
+    """Rates of an exact rotation, and how far (n,) the equations are from holding."""
+
+    rates: NearestRates
+    misfit: Floats
 
 
 def _inverse(matrices: Floats) -> Floats:

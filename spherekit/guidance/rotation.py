@@ -41,8 +41,9 @@ class RotationSamples:
         (n,) how surely the inputs hold the mechanism: the reciprocal condition of the
         closure equations with the inputs held, 0 where they do not.
     status
-        (n,) codes of `Status`. A row that is not OK is NaN; AT_SINGULARITY keeps the
-        position but has no rates.
+        (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY:
+        there the inputs do not hold the mechanism, but the rotation goes on; rates that
+        are not finite are NaN.
     """
 
     theta: Floats
@@ -137,7 +138,7 @@ def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:
             TurnStatus.NO_SENSE: "give the axis, with the sense wanted, and the angle",
         }[status]
         raise SolveError(f"{TURN_MEANING[status]}; {what}")
-    return turn.axis[0], float(turn.angle[0])
+    return np.asarray(turn.axis[0]), float(turn.angle[0])
 
 
 def unit(axis: ArrayLike) -> Floats:
@@ -148,7 +149,7 @@ def unit(axis: ArrayLike) -> Floats:
         raise SolveError(
             f"axis: found {given.tolist()}, needs three finite numbers, not all zero"
         )
-    return given / length
+    return np.asarray(given / length)
 
 
 def within(theta: ArrayLike, angle: float) -> Floats:

@@ -15,7 +15,7 @@ from itertools import product
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from spherekit.conventions import Status, listing
 from spherekit.errors import ModelError, SolveError
@@ -28,7 +28,7 @@ from spherekit.guidance.rotation import (
     within,
 )
 from spherekit.model.geometry import Joint, Revolute, geometry_of
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.sphere.mirror import mirror_of, reflections
@@ -126,9 +126,9 @@ class MidPlaneForm:
         return tuple(pairs[self.legs[k].base].name for k in self.plane.driven)
 
     @property
-    def driven_variables(self) -> tuple[int, ...]:
+    def driven_variables(self) -> list[int]:
         """Numbers of the driven variables."""
-        return tuple(self.legs[k].base for k in self.plane.driven)
+        return [self.legs[k].base for k in self.plane.driven]
 
     def orientations(self, normals: Floats) -> Floats:
         """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
@@ -165,9 +165,7 @@ class MidPlaneForm:
                 (leg.near, leg.base, bases),
                 (leg.far, leg.tip, tips),
             ):
-                inner = frame_toward(
-                    self._axis(pair, link), self._axis(leg.elbow, link)
-                )
+                inner = frame_toward(self._axis(pair, link), self._axis(leg.elbow, link))
                 outer = frame_toward(axes[:, k], elbows[:, k])
                 placed[:, link] = self.frame @ outer @ inner.T
         for carrier in self.carriers:
@@ -260,7 +258,9 @@ class MidPlaneForm:
                 )
         first, second = self.orientations(np.stack([start, stop]))
         axis, angle = turn_to(first, second)
-        return MidPlaneRotation(self, np.asarray(start, dtype=float), axis, angle, tuple(modes))
+        return MidPlaneRotation(
+            self, np.asarray(start, dtype=float), axis, angle, tuple(modes)
+        )
 
 
 @final
@@ -288,7 +288,8 @@ class MidPlaneRotation:
 
     def _normals(self, theta: Floats) -> Floats:
         about = self.form.frame.T @ self.axis
-        return np.einsum("nij,j->ni", rotation(about, 0.5 * theta), self.start)
+        turned = np.einsum("nij,j->ni", rotation(about, 0.5 * theta), self.start)
+        return np.asarray(turned)
 
     @cached_property
     def _marks(self) -> tuple[Floats, Floats]:
@@ -319,9 +320,7 @@ class MidPlaneRotation:
         status = np.where(inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
         status[inside & np.any(root == 0.0, axis=1)] = Status.AT_SINGULARITY
         ok = (status == Status.OK)[:, None]
-        orientation = np.where(
-            inside[:, None, None], form.orientations(normals), np.nan
-        )
+        orientation = np.where(inside[:, None, None], form.orientations(normals), np.nan)
         turned = rotation(self.axis, theta) @ form.orientations(self.start[None])
         w = form.rates_of_links(normals, slopes, self.modes)[:, form.effector]
         size = np.linalg.norm(w, axis=1, keepdims=True)
@@ -364,9 +363,7 @@ def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneF
     effector = made.link_number[end.link]
     legs = _legs(made, joints, effector)
     carriers = _carriers(made, joints, effector, legs)
-    legs = tuple(
-        leg for k, leg in enumerate(legs) if any(c.leg == k for c in carriers)
-    )
+    legs = tuple(leg for k, leg in enumerate(legs) if any(c.leg == k for c in carriers))
     if len(legs) < 3:
         raise _refusal(
             made,
@@ -402,19 +399,15 @@ def _refusal(mechanism: Mechanism, why: str) -> ModelError:
     return ModelError(f"{mechanism.name} has no mid-plane form: {why}")
 
 
-def _axis_in(
-    mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int
-) -> Floats:
+def _axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int) -> Floats:
     """Return the axis (3,) of an R pair in one of its links."""
     joint = joints[pair]
     assert isinstance(joint, Revolute)
     held = joint.first if mechanism.ends[pair][0] == link else joint.second
-    return held[:, 2]
+    return np.asarray(held[:, 2])
 
 
-def _legs(
-    mechanism: Mechanism, joints: Sequence[Joint], effector: int
-) -> tuple[Leg, ...]:
+def _legs(mechanism: Mechanism, joints: Sequence[Joint], effector: int) -> tuple[Leg, ...]:
     """Return the legs of two links with equal arcs from the base to the end effector."""
     at: dict[int, list[tuple[int, int]]] = {n: [] for n in range(len(mechanism.links))}
     for pair, (a, b) in enumerate(mechanism.ends):
@@ -540,9 +533,7 @@ def _assembled(
         np.array(phases),
         np.array(senses),
     )
-    return MidPlaneForm(
-        mechanism, joints, plane, effector, frame, image, legs, carriers
-    )
+    return MidPlaneForm(mechanism, joints, plane, effector, frame, image, legs, carriers)
 
 
 def _spread_normals(plane: MidPlane) -> Floats:
