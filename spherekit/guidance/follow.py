@@ -141,6 +141,10 @@ class FollowedRotation:
         """The angle (rad) at which following ended."""
         return self.nodes[-1].theta
 
+    @property
+    def _exact(self) -> bool:
+        return self.nodes[0].follows
+
     @cached_property
     def _known(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Angle (k,), values, first and second derivatives (k, variables) of nodes."""
@@ -168,7 +172,7 @@ class FollowedRotation:
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
         wanted = rotation(self.axis, theta) @ self.start
         predicted, allowed = self._predict(np.minimum(theta, self.reached))
-        near, _, _ = corrected(self.target, predicted, wanted)
+        near, _, _ = corrected(self.target, predicted, wanted, self._exact)
         unfixed = (status == Status.OK) & (_conditions(near.system) < UNFIXED)
         if np.any(unfixed):
             values = np.where(unfixed[:, None], predicted, near.values)
@@ -176,7 +180,7 @@ class FollowedRotation:
             status[unfixed] = Status.AT_SINGULARITY
         off = np.max(np.abs(near.values - predicted), axis=1)
         followed = status == Status.OK
-        status[followed & ~(near.miss() < STATIONARY)] = Status.NOT_CONVERGED
+        status[followed & ~(near.miss(self._exact) < STATIONARY)] = Status.NOT_CONVERGED
         status[(status == Status.OK) & ~(off <= allowed)] = Status.BRANCH_LOST
         held = control(self.target.closure, self.driven, near.values)
         status[(status == Status.OK) & ~(held > SINGULAR_RATIO)] = Status.AT_SINGULARITY
@@ -220,7 +224,9 @@ class FollowedRotation:
             x = np.cos(k * np.pi / POINTS)
             points = 0.5 * (low + high) + 0.5 * (high - low) * x
             wanted = rotation(self.axis, points) @ self.start
-            around, _, _ = corrected(self.target, self._predict(points)[0], wanted)
+            around, _, _ = corrected(
+                self.target, self._predict(points)[0], wanted, self._exact
+            )
             known = around.rates(self.axis)
             distance = theta[rows, None] - points
             distance[distance == 0.0] = 1e-300
@@ -271,7 +277,9 @@ def follow_rotation(
         Closure.of(made, geometry_of(made).joints), made.link_number[end.link], len(inputs)
     )
     first = _started(target, np.asarray(values, dtype=float), about, made.name)
-    march = _March(target, driven, about, float(angle), first.near.reached[0])
+    march = _March(
+        target, driven, about, float(angle), first.near.reached[0], first.follows
+    )
     nodes, status, crossings, leaps = march.run(first)
     return FollowedRotation(
         target,
@@ -334,17 +342,18 @@ def hermite(
 
 
 def corrected(
-    target: Target, values: Floats, wanted: Floats
+    target: Target, values: Floats, wanted: Floats, exact: bool
 ) -> tuple[Nearness, Floats, Floats]:
     """Return the nearest configurations by Newton's method from values (n, variables).
 
     With the size (n,) of the first step and the ratio of the second to the first.
+    `exact` says that the output link can follow.
     """
     n = len(values)
     first, ratio = np.zeros(n), np.zeros(n)
     near = target.at(values, wanted)
     for step in range(CORRECTIONS):
-        change = np.nan_to_num(near.step())
+        change = np.nan_to_num(near.exact_step() if exact else near.step())
         length = np.max(np.abs(change), axis=1)
         change *= np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None]
         if step == 0:
@@ -384,7 +393,7 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> _Node:
             f"{name}: the configuration to start from does not close: its residual is "
             f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
         )
-    near, _, _ = corrected(target, values[None], near.reached)
+    near, _, _ = corrected(target, values[None], near.reached, False)
     if not near.looseness[0] > UNFIXED:
         raise SolveError(
             f"{name}: the configuration to start from is singular, or the mechanism has "
@@ -408,6 +417,7 @@ class _March:
     axis: Floats
     angle: float
     start: Floats
+    exact: bool
 
     def run(self, start: _Node) -> tuple[list[_Node], Status, list[float], list[float]]:
         """Return the nodes, what lies beyond the last, and singular places on the way.
@@ -449,7 +459,7 @@ class _March:
 
     def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[_Node], Floats, Floats]:
         wanted = rotation(self.axis, theta) @ self.start
-        near, first, ratio = corrected(self.target, guess, wanted)
+        near, first, ratio = corrected(self.target, guess, wanted, self.exact)
         rates = near.rates(self.axis)
         made = []
         for row, angle in enumerate(theta):
@@ -484,10 +494,9 @@ class _March:
         off = np.max(np.abs(self._between(at, node, middle.theta) - middle.values))
         return node if off < LARGEST_MIDDLE * moved + CLOSURE_TOLERANCE else None
 
-    @staticmethod
-    def _holds(node: _Node) -> bool:
+    def _holds(self, node: _Node) -> bool:
         finite = np.all(np.isfinite(node.first)) and np.all(np.isfinite(node.second))
-        return bool(finite and node.near.miss()[0] < STATIONARY)
+        return bool(finite and node.near.miss(self.exact)[0] < STATIONARY)
 
     @staticmethod
     def _between(at: _Node, node: _Node, theta: float) -> Floats:
@@ -559,7 +568,7 @@ class _March:
         def determinant(theta: float) -> float:
             guess = self._between(at, node, theta)[None]
             wanted = rotation(self.axis, np.array([theta])) @ self.start
-            near, _, _ = corrected(self.target, guess, wanted)
+            near, _, _ = corrected(self.target, guess, wanted, self.exact)
             return float(np.linalg.det(near.jacobian[0][:, free]))
 
         return float(brentq(determinant, at.theta, node.theta, xtol=1e-13))

@@ -6,7 +6,6 @@ is the whole pose: two freedoms, and closed forms both ways (Chen et al. 2021, s
 Which mechanisms have this form is found out by `spherekit.guidance.symmetry`.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.conventions import REACH_SLACK
-from spherekit.sphere.mirror import normals_of, upward
+from spherekit.sphere.mirror import mirror_angles, normals_of, upward
 from spherekit.sphere.rotation import Floats, cross
 
 
@@ -63,7 +62,7 @@ class MidPlane:
     phases: Floats
     senses: Floats
 
-    def elbows(self, normals: Floats, modes: Sequence[int]) -> tuple[Floats, Floats]:
+    def elbows(self, normals: Floats, modes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the elbows (n, legs, 3) and n . (base axis x elbow), (n, legs).
 
         NaN where a leg does not reach the mid-plane; the second is 0 at the limit of its
@@ -117,7 +116,7 @@ class MidPlane:
         return np.stack(signs, axis=1)
 
     def rates(
-        self, normals: Floats, slopes: Floats, bends: Floats, modes: Sequence[int]
+        self, normals: Floats, slopes: Floats, bends: Floats, modes: ArrayLike
     ) -> ReadingRates:
         """Return the rates where the normals (n, 3) have these derivatives (n, 3).
 
@@ -137,11 +136,52 @@ class MidPlane:
             second = -second / root
         return ReadingRates(self.senses * first, self.senses * second, moved)
 
-    def jacobian(self, phi: ArrayLike, gamma: ArrayLike, modes: Sequence[int]) -> Floats:
+    def slopes(self, normals: Floats, modes: ArrayLike) -> Floats:
+        """Return the derivatives (n, 2, 3) of the normals by each driven reading.
+
+        The normal stays a unit vector across both driven elbows; NaN where these lie on
+        one line.
+        """
+        elbows, root = self.elbows(normals, modes)
+        driven = list(self.driven)
+        first, second = elbows[:, driven[0]], elbows[:, driven[1]]
+        volume = np.sum(cross(first, second) * normals, axis=1)
+        pushed = self.senses[driven] * root[:, driven]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            pushed = np.where(
+                np.abs(volume)[:, None] > REACH_SLACK, -pushed / volume[:, None], np.nan
+            )
+        ways = np.stack([cross(second, normals), cross(normals, first)], axis=1)
+        return np.asarray(pushed[..., None] * ways)
+
+    def forward_jacobian(self, normals: Floats, modes: ArrayLike) -> Floats:
+        """Return d(phi, gamma) / d(driven readings), (n, 2, 2)."""
+        slopes = self.slopes(normals, modes)
+        half = mirror_angles(normals)
+        turned = -2.0 * slopes[..., 0] / np.cos(0.5 * half.phi)[:, None]
+        tilted = 2.0 * slopes[..., 1] / np.cos(0.5 * half.gamma)[:, None]
+        return np.stack([turned, tilted], axis=1)
+
+    def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
+        """Return the driven readings (n, 2) rad in each mode of the driven legs.
+
+        For the paper's mechanism these are the four configurations of its Fig. 5: a driven
+        link points away from the middle of the base in mode -1 of the first leg and 1 of
+        the second, Fig. 5(a), and towards it in the other ones.
+        """
+        driven = list(self.driven)
+        found = {}
+        for modes in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
+            every = np.ones(len(self.arcs))
+            every[driven] = modes
+            elbows, _ = self.elbows(normals, every)
+            found[modes] = self.readings(elbows)[:, driven]
+        return found
+
+    def jacobian(self, phi: ArrayLike, gamma: ArrayLike, modes: ArrayLike) -> Floats:
         """Return d(driven readings) / d(phi, gamma), (n, 2, 2), at angles (n,) rad.
 
-        The inverse of each matrix is the Jacobian of the forward problem; the paper's
-        eq. (23) is the same for omega instead of gamma.
+        The paper's eq. (23) is the same for omega instead of gamma.
         """
         phi = np.atleast_1d(np.asarray(phi, dtype=float))
         gamma = np.atleast_1d(np.asarray(gamma, dtype=float))

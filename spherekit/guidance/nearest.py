@@ -208,8 +208,24 @@ class Nearness:
         along = np.einsum("nij,nj->ni", _inverse(used), pull)
         return np.asarray(np.einsum("nvj,nj->nv", free, along) + closing)
 
-    def miss(self) -> Floats:
-        """Return how far (n,) loops are open and the gradient is from 0 (rad)."""
+    def exact_step(self) -> Floats:
+        """Return the change (n, variables) of Newton's method where the link can follow.
+
+        The orientation is one more equation then, which also holds the links where the
+        loops alone do not.
+        """
+        right = np.concatenate([-self.gap, self.left], axis=1)
+        inverse = np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14)
+        return np.asarray(np.einsum("nvm,nm->nv", inverse, right))
+
+    def miss(self, exact: bool) -> Floats:
+        """Return by how much (n,) loops are open, and how far off the link is (rad).
+
+        As the gradient of a^2 / 2, or with `exact` as the rotation left.
+        """
+        if exact:
+            both = np.concatenate([self.gap, self.left], axis=1)
+            return np.asarray(np.max(np.abs(both), axis=1))
         pull = np.einsum("nkj,nk->nj", self.swing, self.left)
         open_by = np.max(np.abs(self.gap), axis=1, initial=0.0)
         return np.asarray(np.maximum(open_by, np.max(np.abs(pull), axis=1)))

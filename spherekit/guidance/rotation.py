@@ -167,4 +167,4 @@ def within(theta: ArrayLike, angle: float) -> Floats:
             f"theta has to be an array (n,) of angles from 0 to {angle:.6g} rad, the "
             "angle of the rotation"
         )
-    return np.clip(theta, 0.0, angle)
+    return np.asarray(np.clip(theta, 0.0, angle))

@@ -169,14 +169,15 @@ def quickest(
         lambda part: _moved(rotation, law, part)[1], 0.0, 1.0, TOLERANCE, MOST_CELLS
     )
     top = largest(fitted)
+    values = np.diagonal(_moved(rotation, law, top.places)[1])
     powers = np.repeat([1.0, 0.5], count)
-    duration = float(np.max((np.abs(top.values) / limits) ** powers))
+    duration = float(np.max((np.abs(values) / limits) ** powers))
     theta = rotation.angle * law.at(top.places)[0]
     extremes = tuple(
         Extreme(
             rotation.inputs[k % count],
             "speed" if k < count else "acceleration",
-            float(top.values[k] / duration ** (1.0 / powers[k])),
+            float(values[k] / duration ** (1.0 / powers[k])),
             float(duration * top.places[k]),
             float(theta[k]),
             float(limits[k]),

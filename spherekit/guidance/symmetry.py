@@ -141,7 +141,7 @@ class MidPlaneForm:
         """
         return mirror_of(transpose(self.frame) @ orientations @ transpose(self.image))
 
-    def place(self, normals: Floats, modes: Sequence[int], side: float = 1.0) -> Floats:
+    def place(self, normals: Floats, modes: ArrayLike, side: float = 1.0) -> Floats:
         """Return orientations (n, links, 3, 3) of all links relative to the base.
 
         Parameters
@@ -189,9 +189,7 @@ class MidPlaneForm:
             gaps.append(arc(one[..., 2], other[..., 2]))
         return np.stack(values, axis=1), np.stack(gaps, axis=1)
 
-    def rates_of_links(
-        self, normals: Floats, slopes: Floats, modes: Sequence[int]
-    ) -> Floats:
+    def rates_of_links(self, normals: Floats, slopes: Floats, modes: ArrayLike) -> Floats:
         """Return angular velocities (n, links, 3) relative to the base, in its axes.
 
         `normals`, `slopes` (n, 3): mid-planes and their derivatives by a parameter.
@@ -229,7 +227,7 @@ class MidPlaneForm:
         return Proof(len(normals), gap, freedoms)
 
     def rotation_between(
-        self, start: Floats, stop: Floats, modes: Sequence[int]
+        self, start: Floats, stop: Floats, modes: ArrayLike
     ) -> "MidPlaneRotation":
         """Return the rotation about a fixed axis from one pose to another.
 
@@ -258,9 +256,7 @@ class MidPlaneForm:
                 )
         first, second = self.orientations(np.stack([start, stop]))
         axis, angle = turn_to(first, second)
-        return MidPlaneRotation(
-            self, np.asarray(start, dtype=float), axis, angle, tuple(modes)
-        )
+        return MidPlaneRotation(self, np.asarray(start, dtype=float), axis, angle, modes)
 
 
 @final
@@ -275,7 +271,7 @@ class MidPlaneRotation:
     start: Floats
     axis: Floats
     angle: float
-    modes: tuple[int, ...]
+    modes: ArrayLike
 
     @property
     def inputs(self) -> tuple[str, ...]:
