@@ -18,6 +18,7 @@ from spherekit.guidance.schedule import SHAPES, quickest
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Polynomial
+from spherekit.model.mechanism import LinkSizes, Pair, SizeGeometry
 from spherekit.model.mid_plane import mid_plane_mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, Tracer
@@ -172,6 +173,41 @@ TABLE_1 = {
 def pose_at(form, inputs):
     angles = mirror_angles(form.plane.normals(np.radians([inputs])))
     return np.degrees([angles.phi[0], angles.gamma[0]])
+
+
+def eq23(form, at, printed):
+    """Return the paper's inverse Jacobian (2, 2), d(theta_21, theta_61) / d(phi, omega).
+
+    Printed is E_i = R sin(alpha_i) sin(alpha_1 / 2) cos(theta_i1); the derivative of y_j by
+    theta_i1 is R sin(alpha_i) cos(alpha_1 / 2) sin(theta_i1). For i = 6 it is negative.
+    """
+    normals = form.plane.normals(np.radians([at]))
+    elbows, _ = form.plane.elbows(normals, OUTWARD)
+    angles = mirror_angles(normals)
+    phi, omega, half = angles.phi[0], angles.omega[0], np.radians(30.0)
+    s, c = np.sin, np.cos
+    p = np.array([c(phi), s(phi) * s(omega), s(phi) * c(omega)])
+    rows = []
+    for theta, (x, y, z), side in zip(np.radians(at), elbows[0], (1, -1), strict=False):
+        swing = s(half) * c(theta) if printed else c(half) * s(theta)
+        d = s(half) * s(theta) * (p[0] - 1) + side * swing * p[1] + c(theta) * p[2]
+        d *= s(np.radians(40.0))
+        e = x * s(phi) - y * c(phi) * s(omega) - z * c(phi) * c(omega)
+        f = -y * s(phi) * c(omega) + z * s(phi) * s(omega)
+        rows.append([e / d, f / d])
+    to_gamma = np.array([-0.5 * s(omega) * s(0.5 * phi), c(omega) * c(0.5 * phi)])
+    return np.array(rows), 2.0 * to_gamma / np.sqrt(1 - (s(omega) * c(0.5 * phi)) ** 2)
+
+
+@pytest.mark.parametrize("at", TABLE_1)
+def test_the_papers_jacobian_column_comes_from_a_slip_in_eq_23(form, at):
+    """With E_i as printed the column is met to 3e-4, with it right the CAD's to 2e-4."""
+    _, *rows = TABLE_1[at]
+    for tiny, cad, printed in rows:
+        for slip, column, slack in ((True, printed, 3e-4), (False, cad, 2e-4)):
+            matrix, to_gamma = eq23(form, at, slip)
+            change = 1e3 * np.linalg.solve(matrix, tiny)
+            assert [change[0], to_gamma @ change] == pytest.approx(column, abs=slack)
 
 
 @pytest.mark.parametrize("at", TABLE_1)
@@ -361,6 +397,22 @@ def test_any_symmetric_arcs_have_the_form():
         assert form.proof.freedoms == 2
         assert form.proof.gap < 1e-14
         assert form.plane.arcs == pytest.approx([b, c, d], abs=1e-15)
+
+
+def test_guides_in_another_order_have_the_form(paper):
+    """The two arc-prismatic pairs may join the links 9, 10 and 11 in any order."""
+    right, angles = np.pi / 2, (0.0,)
+    sizes = dict(paper.geometry.links)
+    sizes["11"] = LinkSizes(("11_8", "11_9"), (right,))
+    sizes["9"] = LinkSizes(("9_2", "11_9", "10_9"), (right, right), angles)
+    sizes["10"] = LinkSizes(("10_6", "10_9"), (right,))
+    pairs = [p for p in paper.pairs if p.name != "11_10"] + [Pair("10_9", "R", ("10", "9"))]
+    made = replace(
+        paper, pairs=tuple(pairs), geometry=SizeGeometry(sizes, paper.geometry.zeros)
+    )
+    form = mid_plane_form(made)
+    assert form.proof.freedoms == 2
+    assert form.proof.gap < 1e-14
 
 
 def test_factory_and_shipped_file_agree(paper):
@@ -675,6 +727,25 @@ def test_one_freedom_about_its_own_pivot():
     rocker = made.link_number[made.outputs[0].link]
     rows = there.branch == motion.branch[row]
     assert np.max(np.abs(there.rotations[rows][:, rocker] - found.orientation)) < 1e-12
+
+
+def test_contact_pairs_follow_too():
+    """A cam's roller lever: exact about its pivot; beside it no second rates are given."""
+    made = sk.load("roller_cam")
+    motion = sk.trace(made, samples=9)
+    row = int(np.flatnonzero(motion.status == Status.OK)[3])
+    axis = motion.axes[row, made.pair_number["follower_pivot"]]
+    turn = follow_rotation(made, motion.values[row], axis, 0.02)
+    h = 1e-3
+    around = turn.at(0.01 + h * np.arange(-2, 3))
+    assert np.max(around.departure) < 1e-13
+    assert slopes_of(around.inputs, h) == pytest.approx(around.rates[2], rel=1e-7)
+    assert slopes_of(around.rates, h) == pytest.approx(around.second_rates[2], rel=1e-5)
+    beside = follow_rotation(made, motion.values[row], axis + [0.0, 0.2, 0.1], 0.02)
+    around = beside.at(0.01 + h * np.arange(-2, 3))
+    assert np.all(around.departure > 1e-5)
+    assert slopes_of(around.inputs, h) == pytest.approx(around.rates[2], rel=1e-7)
+    assert np.all(np.isnan(around.second_rates))
 
 
 def test_an_output_relative_to_a_moving_link():

@@ -87,9 +87,10 @@ class _Node:
         return np.asarray(self.near.values[0])
 
     def taylor(self, way: Floats) -> Floats:
-        """Return the variables (n, variables) at ways (n,) from here, second order."""
+        """Return the variables (n, variables) at ways (n,) from here, by derivatives."""
         way = way[:, None]
-        return np.asarray(self.values + way * self.first + 0.5 * way**2 * self.second)
+        bend = np.nan_to_num(self.second)
+        return np.asarray(self.values + way * self.first + 0.5 * way**2 * bend)
 
     @cached_property
     def inverse(self) -> Floats:
@@ -142,7 +143,8 @@ class FollowedRotation:
         return self.nodes[-1].theta
 
     @property
-    def _exact(self) -> bool:
+    def exact(self) -> bool:
+        """Whether the output link turns exactly about the axis, as far as it gets."""
         return self.nodes[0].follows
 
     @cached_property
@@ -172,7 +174,7 @@ class FollowedRotation:
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
         wanted = rotation(self.axis, theta) @ self.start
         predicted, allowed = self._predict(np.minimum(theta, self.reached))
-        near, _, _ = corrected(self.target, predicted, wanted, self._exact)
+        near, _, _ = corrected(self.target, predicted, wanted, self.exact)
         unfixed = (status == Status.OK) & (_conditions(near.system) < UNFIXED)
         if np.any(unfixed):
             values = np.where(unfixed[:, None], predicted, near.values)
@@ -180,8 +182,10 @@ class FollowedRotation:
             status[unfixed] = Status.AT_SINGULARITY
         off = np.max(np.abs(near.values - predicted), axis=1)
         followed = status == Status.OK
-        status[followed & ~(near.miss(self._exact) < STATIONARY)] = Status.NOT_CONVERGED
+        status[followed & ~(near.miss(self.exact) < STATIONARY)] = Status.NOT_CONVERGED
         status[(status == Status.OK) & ~(off <= allowed)] = Status.BRANCH_LOST
+        off_profile = (status == Status.OK) & ~np.all(near.states.inside, axis=1)
+        status[off_profile] = Status.OFF_PROFILE
         held = control(self.target.closure, self.driven, near.values)
         status[(status == Status.OK) & ~(held > SINGULAR_RATIO)] = Status.AT_SINGULARITY
         slopes, bends = self._rates(theta, near)
@@ -225,7 +229,7 @@ class FollowedRotation:
             points = 0.5 * (low + high) + 0.5 * (high - low) * x
             wanted = rotation(self.axis, points) @ self.start
             around, _, _ = corrected(
-                self.target, self._predict(points)[0], wanted, self._exact
+                self.target, self._predict(points)[0], wanted, self.exact
             )
             known = around.rates(self.axis)
             distance = theta[rows, None] - points
@@ -326,19 +330,22 @@ def hermite(
     """Return quintic Hermite values (n, m) at parts (n,), 0 to 1, of cells.
 
     `h` (n,) are their lengths; `start` and `stop` are values, first and second derivatives
-    (n, m) at both ends.
+    (n, m) at both ends; where those are not known, NaN, the values are cubic.
     """
     x, h = part[:, None], h[:, None]
     y = 1.0 - x
     x3, y3 = x**3, y**3
     value, slope, bend = start
     last, last_slope, last_bend = stop
-    return np.asarray(
+    quintic = (
         value
         + x3 * (10.0 - 15.0 * x + 6.0 * x * x) * (last - value)
         + x * y3 * ((1.0 + 3.0 * x) * h * slope + 0.5 * x * h * h * bend)
         + x3 * y * (0.5 * y * h * h * last_bend - (4.0 - 3.0 * x) * h * last_slope)
     )
+    cubic = value + x * x * (3.0 - 2.0 * x) * (last - value)
+    cubic = cubic + x * y * h * (y * slope - x * last_slope)
+    return np.where(np.isnan(quintic), cubic, quintic)
 
 
 def corrected(
@@ -427,7 +434,7 @@ class _March:
         nodes, crossings, leaps = [start], list[float](), list[float]()
         at, step, leapt = start, 0.05, -np.inf
         while at.theta < self.angle:
-            bend = float(np.max(np.abs(at.second))) + 1e-300
+            bend = float(np.max(np.abs(np.nan_to_num(at.second)))) + 1e-300
             step = min(step, LARGEST_STEP, np.sqrt(2.0 * BEND / bend))
             nearer = NEARER * float(np.max(np.abs(at.first))) / bend
             if nearer < SHORT:
@@ -495,7 +502,7 @@ class _March:
         return node if off < LARGEST_MIDDLE * moved + CLOSURE_TOLERANCE else None
 
     def _holds(self, node: _Node) -> bool:
-        finite = np.all(np.isfinite(node.first)) and np.all(np.isfinite(node.second))
+        finite = np.all(np.isfinite(node.first))
         return bool(finite and node.near.miss(self.exact)[0] < STATIONARY)
 
     @staticmethod
