@@ -161,7 +161,7 @@ class FollowedRotation:
         """Return predicted variables (n, variables) and how far (n,) they may be off."""
         angles, values, first, second = self._known
         if len(angles) == 1:
-            return np.repeat(values, len(theta), axis=0), np.zeros(len(theta))
+            return np.repeat(values, len(theta), axis=0), np.full(len(theta), 1e-8)
         cell = np.clip(np.searchsorted(angles, theta) - 1, 0, len(angles) - 2)
         h = angles[cell + 1] - angles[cell]
         ends = [(values[c], first[c], second[c]) for c in (cell, cell + 1)]

@@ -147,7 +147,7 @@ def unit(axis: ArrayLike) -> Floats:
     length = float(np.linalg.norm(given))
     if given.shape != (3,) or not np.isfinite(length) or length == 0.0:
         raise SolveError(
-            f"axis: found {given.tolist()}, needs three finite numbers, not all zero"
+            f"direction: found {given.tolist()}, needs three finite numbers, not all zero"
         )
     return np.asarray(given / length)
 

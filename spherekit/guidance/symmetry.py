@@ -17,7 +17,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.conventions import Status, listing
+from spherekit.conventions import SINGULAR_RATIO, Status, listing
 from spherekit.errors import ModelError, SolveError
 from spherekit.guidance.midplane import MidPlane
 from spherekit.guidance.rotation import (
@@ -25,6 +25,7 @@ from spherekit.guidance.rotation import (
     chosen_output,
     control,
     turn_to,
+    unit,
     within,
 )
 from spherekit.model.geometry import Joint, Revolute, geometry_of
@@ -214,7 +215,7 @@ class MidPlaneForm:
     @cached_property
     def proof(self) -> Proof:
         """Place all links at poses spread over the reach, in all modes."""
-        normals = _spread_normals(self.plane)
+        normals = _spreadnormals(self.plane)
         gap = 0.0
         placed = self.place(normals, [1] * len(self.legs))
         for side, *modes in product((1, -1), repeat=1 + len(self.legs)):
@@ -243,8 +244,15 @@ class MidPlaneForm:
         SolveError
             If the poses coincide or differ by half a turn, or a leg does not reach one.
         """
+        signs = np.asarray(modes, dtype=float)
+        if signs.shape != (len(self.legs),) or not np.all(np.abs(signs) == 1.0):
+            raise SolveError(
+                f"modes: found {signs.tolist()}, needs 1 or -1 for each of "
+                f"{len(self.legs)} legs"
+            )
+        start, stop = unit(start), unit(stop)
         for what, normal in (("start", start), ("end", stop)):
-            elbows, _ = self.plane.elbows(normal[None], modes)
+            elbows, _ = self.plane.elbows(normal[None], signs)
             lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
             if len(lost):
                 pairs = self.mechanism.pairs
@@ -256,7 +264,7 @@ class MidPlaneForm:
                 )
         first, second = self.orientations(np.stack([start, stop]))
         axis, angle = turn_to(first, second)
-        return MidPlaneRotation(self, np.asarray(start, dtype=float), axis, angle, modes)
+        return MidPlaneRotation(self, start, axis, angle, signs)
 
 
 @final
@@ -271,7 +279,7 @@ class MidPlaneRotation:
     start: Floats
     axis: Floats
     angle: float
-    modes: ArrayLike
+    modes: Floats
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -282,7 +290,8 @@ class MidPlaneRotation:
     def _closure(self) -> Closure:
         return Closure.of(self.form.mechanism, self.form.joints)
 
-    def _normals(self, theta: Floats) -> Floats:
+    def normals(self, theta: Floats) -> Floats:
+        """Return the normals (n, 3) of the mid-planes at angles (n,), in mirror axes."""
         about = self.form.frame.T @ self.axis
         turned = np.einsum("nij,j->ni", rotation(about, 0.5 * theta), self.start)
         return np.asarray(turned)
@@ -291,7 +300,7 @@ class MidPlaneRotation:
     def _marks(self) -> tuple[Floats, Floats]:
         """Angles (k,) on the way and the driven readings (k, 2) there, without jumps."""
         marks = np.linspace(0.0, self.angle, MARKS)
-        elbows, _ = self.form.plane.elbows(self._normals(marks), self.modes)
+        elbows, _ = self.form.plane.elbows(self.normals(marks), self.modes)
         readings = self.form.plane.readings(elbows)[:, list(self.form.plane.driven)]
         known = np.all(np.isfinite(readings), axis=1)
         return marks[known], np.unwrap(readings[known], axis=0)
@@ -300,7 +309,7 @@ class MidPlaneRotation:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
         theta = within(theta, self.angle)
         form, plane = self.form, self.form.plane
-        normals = self._normals(theta)
+        normals = self.normals(theta)
         about = np.broadcast_to(form.frame.T @ self.axis, normals.shape)
         slopes = 0.5 * cross(about, normals)
         elbows, root = plane.elbows(normals, self.modes)
@@ -314,24 +323,30 @@ class MidPlaneRotation:
         inputs = plane.readings(elbows)[:, driven]
         inputs += 2.0 * np.pi * np.round((readings[near] - inputs) / (2.0 * np.pi))
         status = np.where(inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
-        status[inside & np.any(root == 0.0, axis=1)] = Status.AT_SINGULARITY
-        ok = (status == Status.OK)[:, None]
-        orientation = np.where(inside[:, None, None], form.orientations(normals), np.nan)
+        held = control(self._closure, form.driven_variables, values)
+        loose = np.any(root == 0.0, axis=1) | ~(held > SINGULAR_RATIO)
+        status[inside & loose] = Status.AT_SINGULARITY
+        orientation = form.orientations(normals)
         turned = rotation(self.axis, theta) @ form.orientations(self.start[None])
         w = form.rates_of_links(normals, slopes, self.modes)[:, form.effector]
-        size = np.linalg.norm(w, axis=1, keepdims=True)
-        drift = arc(w / size, np.broadcast_to(self.axis, w.shape))
+        w /= np.linalg.norm(w, axis=1, keepdims=True)
+
+        def known(array: Floats) -> Floats:
+            array[~inside] = np.nan
+            array[~np.isfinite(array)] = np.nan
+            return array
+
         return RotationSamples(
-            theta,
-            np.where(inside[:, None], inputs, np.nan),
-            np.where(ok, rates.first[:, driven], np.nan),
-            np.where(ok, rates.second[:, driven], np.nan),
-            values,
-            orientation,
-            np.where(inside, turns_between(orientation, turned).angle, np.nan),
-            np.where(ok[:, 0], drift, np.nan),
-            control(self._closure, form.driven_variables, values),
-            status,
+            theta=theta,
+            inputs=known(inputs),
+            rates=known(rates.first[:, driven]),
+            second_rates=known(rates.second[:, driven]),
+            values=values,
+            orientation=known(orientation),
+            departure=known(turns_between(form.orientations(normals), turned).angle),
+            drift=known(arc(w, np.broadcast_to(self.axis, w.shape))),
+            control=held,
+            status=status,
         )
 
 
@@ -359,12 +374,12 @@ def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneF
     effector = made.link_number[end.link]
     legs = _legs(made, joints, effector)
     carriers = _carriers(made, joints, effector, legs)
-    legs = tuple(leg for k, leg in enumerate(legs) if any(c.leg == k for c in carriers))
-    if len(legs) < 3:
+    held = {carrier.leg for carrier in carriers}
+    if len(held) < 3 or len(held) < len(legs):
         raise _refusal(
             made,
-            f"the elbows of {len(legs)} legs with equal arcs are held in one plane, but "
-            "three are needed",
+            f"the elbows of {len(held)} of {len(legs)} legs with equal arcs are held in "
+            "one plane, but those of all, and of three at least, have to be",
         )
     known = {0, effector, *(n for leg in legs for n in (leg.near, leg.far))}
     others = set(range(len(made.links))) - known - {c.link for c in carriers}
@@ -532,7 +547,7 @@ def _assembled(
     return MidPlaneForm(mechanism, joints, plane, effector, frame, image, legs, carriers)
 
 
-def _spread_normals(plane: MidPlane) -> Floats:
+def _spreadnormals(plane: MidPlane) -> Floats:
     """Return mid-planes (n, 3) spread evenly over the reach of all legs."""
     count = 4 * PROOF_POSES
     while True:
