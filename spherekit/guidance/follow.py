@@ -38,6 +38,7 @@ from spherekit.sphere.rotation import Floats, arc
 LARGEST_STEP = 0.2
 """Longest step (rad of theta)."""
 SMALLEST_STEP = 1e-9
+MOST_NODES = 5000
 BEND = 0.05
 """Second-order part (rad) of a step that is aimed at."""
 NEARER, SHORT = 0.3, 0.02
@@ -63,6 +64,8 @@ AROUND, POINTS = 0.08, 14
 many points."""
 SMOOTH = 1e-7
 """The Hermite polynomial of a leap has to agree with configurations in it to this."""
+SINGULAR = 0.01
+"""Where links are held less firmly than this part of how they are beside, on a leap."""
 UNFIXED = 1e-7
 """Equations of this reciprocal condition do not fix the links."""
 STRETCHED = 1e-3
@@ -433,7 +436,7 @@ class _March:
         """
         nodes, crossings, leaps = [start], list[float](), list[float]()
         at, step, leapt = start, 0.05, -np.inf
-        while at.theta < self.angle:
+        while at.theta < self.angle and len(nodes) < MOST_NODES:
             bend = float(np.max(np.abs(np.nan_to_num(at.second)))) + 1e-300
             step = min(step, LARGEST_STEP, np.sqrt(2.0 * BEND / bend))
             nearer = NEARER * float(np.max(np.abs(at.first))) / bend
@@ -447,11 +450,12 @@ class _March:
             made = self._advance(at, goal)
             if made is None and step < LEAP_FROM and at.theta > leapt + LEAP_FROM:
                 leapt = at.theta
-                made = self._leap(at)
-                if made is not None:
-                    leaps.append(self._loosest(at, made))
-                    crossings.append(leaps[-1])
-                    step = made.theta - at.theta
+                leap = self._leap(at)
+                if leap is not None:
+                    made, place = leap
+                    leaps.append(place)
+                    crossings.append(place)
+                    leapt, step = made.theta, made.theta - at.theta
             if made is None:
                 step *= 0.5
                 continue
@@ -462,7 +466,8 @@ class _March:
             nodes.append(made)
             at = made
             step *= 2.0
-        return nodes, Status.OK, crossings, leaps
+        end = Status.OK if at.theta >= self.angle else Status.BRANCH_LOST
+        return nodes, end, crossings, leaps
 
     def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[_Node], Floats, Floats]:
         wanted = rotation(self.axis, theta) @ self.start
@@ -512,8 +517,11 @@ class _March:
         part = np.array([(theta - at.theta) / h])
         return np.asarray(hermite(ends[0], ends[1], np.array([h]), part)[0])
 
-    def _leap(self, at: _Node) -> _Node | None:
-        """Return a node beyond a singular configuration, if the way goes on smoothly."""
+    def _leap(self, at: _Node) -> tuple[_Node, float] | None:
+        """Return a node beyond a singular configuration, and the angle of that.
+
+        None if there is none near, or the way does not go on smoothly.
+        """
         for way in LEAPS:
             goal = at.theta + way
             if goal > self.angle:
@@ -532,30 +540,32 @@ class _March:
                 for each, one in zip(inner, guess, strict=True)
                 if each.condition > 100.0 * UNFIXED
             ]
-            if len(off) > 1 and max(off) < SMOOTH and all(map(self._holds, inner)):
-                return node
+            if len(off) < 2 or max(off) > SMOOTH or not all(map(self._holds, inner)):
+                continue
+            place, hold = self._loosest(at, node)
+            if hold < SINGULAR * min(self._hold(at, at, 0.0), self._hold(at, node, goal)):
+                return node, place
         return None
 
-    def _loosest(self, at: _Node, node: _Node) -> float:
-        """Return the angle between two nodes at which the links are fixed least."""
+    def _hold(self, at: _Node, node: _Node, theta: float) -> float:
+        """Return how firmly the equations fix the links between two nodes."""
+        values = at.values if node is at else self._between(at, node, theta)
+        near = self.target.at(values[None], np.eye(3)[None])
+        return float(np.linalg.svd(near.system[0], compute_uv=False)[-1])
+
+    def _loosest(self, at: _Node, node: _Node) -> tuple[float, float]:
+        """Return the angle between two nodes where the links are fixed least, and how."""
         low, high = at.theta, node.theta
         golden = 0.5 * (np.sqrt(5.0) - 1.0)
         for _ in range(60):
             inner = [high - golden * (high - low), low + golden * (high - low)]
-            left, right = (
-                np.linalg.svd(
-                    self.target.at(
-                        self._between(at, node, x)[None], np.eye(3)[None]
-                    ).system[0],
-                    compute_uv=False,
-                )[-1]
-                for x in inner
-            )
+            left, right = (self._hold(at, node, x) for x in inner)
             if left < right:
                 high = inner[1]
             else:
                 low = inner[0]
-        return float(0.5 * (low + high))
+        place = float(0.5 * (low + high))
+        return place, self._hold(at, node, place)
 
     def _sign(self, node: _Node) -> float:
         return self._signs(node.values[None])

@@ -203,7 +203,7 @@ class Nearness:
             force = np.einsum("nvk,nvk->nv", self._turned(closing), self._pulls)
             pull += np.einsum("nvj,nv->nj", free, force)
         plain = np.swapaxes(self.swing, 1, 2) @ self.swing
-        convex = self.firmness > 0.1 * self.grasp**2
+        convex = self.firmness > 1e-6 * self.grasp**2
         used = np.where(convex[:, None, None], self.stiffness, plain)
         along = np.einsum("nij,nj->ni", _inverse(used), pull)
         return np.asarray(np.einsum("nvj,nj->nv", free, along) + closing)
