@@ -1041,6 +1041,23 @@ BAD = {
         SolveError,
         ["from 0 to 0.5"],
     ),
+    "one input for two freedoms": (
+        lambda: follow_rotation(
+            sk.load("five_bar").with_inputs("21"), np.ones(5), [0, 0, 1], 0.1
+        ),
+        SolveError,
+        ["2 freedoms or more, but 1 inputs", "declare 2 R pairs"],
+    ),
+    "two inputs for one freedom": (
+        lambda: follow_rotation(
+            sk.load("four_bar").with_inputs("21", "41"),
+            sk.trace(sk.load("four_bar"), samples=3).values[1],
+            [0, 0, 1],
+            0.1,
+        ),
+        SolveError,
+        ["singular", "other freedoms than its 2 inputs"],
+    ),
     "output that does not move with all inputs": (
         lambda: follow_rotation(*configuration("bevel_differential")[::2], [0, 0, 1], 0.1),
         SolveError,

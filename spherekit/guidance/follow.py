@@ -396,6 +396,12 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> _Node:
             f"{name}: {target.freedoms} inputs turn the output link in more ways than "
             "there are; lock some of them"
         )
+    freer = count - 3 * len(target.closure.tree.chords)
+    if freer > target.freedoms:
+        raise SolveError(
+            f"{name}: it has {freer} freedoms or more, but {target.freedoms} inputs; "
+            f"declare {freer} R pairs as inputs"
+        )
     near = target.at(values[None], np.eye(3)[None])
     gap = float(np.max(np.abs(near.gap), initial=0.0))
     if not gap < CLOSED_START:
@@ -404,7 +410,9 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> _Node:
             f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
         )
     near, _, _ = corrected(target, values[None], near.reached, False)
-    if not near.looseness[0] > UNFIXED:
+    sizes = np.linalg.svd(near.jacobian[0], compute_uv=False)
+    held = np.any(sizes[count - target.freedoms :] > UNFIXED * np.max(sizes, initial=0.0))
+    if held or not near.looseness[0] > UNFIXED:
         raise SolveError(
             f"{name}: the configuration to start from is singular, or the mechanism has "
             f"other freedoms than its {target.freedoms} inputs; start from another one"
