@@ -1018,6 +1018,16 @@ BAD = {
     "no axis": (lambda: four_bar_rotation(axis=(0, 0, 0)), SolveError, ["not all zero"]),
     "negative angle": (lambda: four_bar_rotation(angle=-1.0), SolveError, ["above 0"]),
     "open loops": (lambda: four_bar_rotation(spoil=0.1), SolveError, ["does not close"]),
+    "too few values": (
+        lambda: follow_to(sk.load("four_bar"), [1.0, 2.0], np.eye(3)),
+        SolveError,
+        ["has to be 4 finite values"],
+    ),
+    "a mirror image": (
+        lambda: follow_to(sk.load("four_bar"), np.ones(4), np.diag([1.0, 1.0, -1.0])),
+        SolveError,
+        ["has to be a rotation matrix"],
+    ),
     "unknown output": (
         lambda: four_bar_rotation(output="roker"),
         ModelError,

@@ -116,8 +116,6 @@ class FollowedRotation:
 
     Attributes
     ----------
-    reached
-        The angle (rad) at which following ended; `angle` if it arrived.
     end
         Status of what lies beyond: OUT_OF_REACH where the output link cannot turn further,
         AT_SINGULARITY where the loops stop fixing the links, BRANCH_LOST otherwise.
@@ -178,7 +176,11 @@ class FollowedRotation:
         wanted = rotation(self.axis, theta) @ self.start
         predicted, allowed = self._predict(np.minimum(theta, self.reached))
         near, _, _ = corrected(self.target, predicted, wanted, self.exact)
-        unfixed = (status == Status.OK) & (_conditions(near.system) < UNFIXED)
+        beyond = theta > self.reached
+        hold = _conditions(near.system)
+        if not self.exact:
+            hold = np.minimum(near.firmness, near.looseness)
+        unfixed = (status == Status.OK) & ~(hold > UNFIXED)
         if np.any(unfixed):
             values = np.where(unfixed[:, None], predicted, near.values)
             near = self.target.at(values, wanted)
@@ -195,7 +197,7 @@ class FollowedRotation:
         w = np.einsum("nkv,nv->nk", near.turning, slopes)
         with np.errstate(invalid="ignore", divide="ignore"):
             w = w / np.linalg.norm(w, axis=1, keepdims=True)
-        lost = (status != Status.OK) & (status != Status.AT_SINGULARITY)
+        lost = beyond | ~np.isin(status, (Status.OK, Status.AT_SINGULARITY))
 
         def known(array: Floats) -> Floats:
             array[lost] = np.nan
@@ -283,7 +285,8 @@ def follow_rotation(
     target = Target(
         Closure.of(made, geometry_of(made).joints), made.link_number[end.link], len(inputs)
     )
-    first = _started(target, np.asarray(values, dtype=float), about, made.name)
+    start = _configuration(values, len(target.closure.tree.owners), made.name)
+    first = _started(target, start, about, made.name)
     march = _March(
         target, driven, about, float(angle), first.near.reached[0], first.follows
     )
@@ -316,9 +319,11 @@ def follow_to(
     end = chosen_output(mechanism, output)
     made = replace(mechanism, ground=end.relative_to)
     closure = Closure.of(made, geometry_of(made).joints)
-    placed, _ = closure.place(np.asarray(values, dtype=float)[None])
+    start = _configuration(values, len(closure.tree.owners), made.name)
+    placed, _ = closure.place(start[None])
     wanted = np.asarray(orientation, dtype=float)
-    if wanted.shape != (3, 3) or not np.max(np.abs(wanted @ wanted.T - np.eye(3))) < 1e-9:
+    proper = wanted.shape == (3, 3) and np.linalg.det(wanted) > 0.0
+    if not proper or not np.max(np.abs(wanted @ wanted.T - np.eye(3))) < 1e-9:
         raise SolveError("the orientation has to be a rotation matrix (3, 3)")
     axis, angle = turn_to(placed[0, made.link_number[end.link]], wanted)
     return follow_rotation(mechanism, values, axis, angle, output)
@@ -384,13 +389,19 @@ def _conditions(matrices: Floats) -> Floats:
         return np.nan_to_num(sizes[:, -1] / sizes[:, 0])
 
 
-def _started(target: Target, values: Floats, axis: Floats, name: str) -> _Node:
-    count = len(target.closure.tree.owners)
-    if values.shape != (count,) or not np.all(np.isfinite(values)):
+def _configuration(values: ArrayLike, count: int, name: str) -> Floats:
+    """Return a configuration (variables,); `SolveError` unless it has finite values."""
+    given = np.asarray(values, dtype=float)
+    if given.shape != (count,) or not np.all(np.isfinite(given)):
         raise SolveError(
             f"{name}: the configuration to start from has to be {count} finite values, as "
             "in a row of its motion"
         )
+    return given
+
+
+def _started(target: Target, values: Floats, axis: Floats, name: str) -> _Node:
+    count = len(values)
     if target.freedoms > 3:
         raise SolveError(
             f"{name}: {target.freedoms} inputs turn the output link in more ways than "
