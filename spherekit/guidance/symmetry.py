@@ -32,7 +32,7 @@ from spherekit.model.geometry import Joint, Revolute, geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
-from spherekit.sphere.mirror import mirror_of, reflections
+from spherekit.sphere.mirror import mirror_of, reflections, upward
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
 
@@ -237,7 +237,7 @@ class MidPlaneForm:
         start, stop
             Normals (3,) of the mid-planes, in mirror axes.
         modes
-            A sign for each leg.
+            A sign for each leg, for the start's normal with n_z >= 0; it stays on the way.
 
         Raises
         ------
@@ -250,7 +250,7 @@ class MidPlaneForm:
                 f"modes: found {signs.tolist()}, needs 1 or -1 for each of "
                 f"{len(self.legs)} legs"
             )
-        start, stop = unit(start), unit(stop)
+        start, stop = upward(unit(start)), upward(unit(stop))
         for what, normal in (("start", start), ("end", stop)):
             elbows, _ = self.plane.elbows(normal[None], signs)
             lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
