@@ -1,6 +1,6 @@
 """Rotations of the output link about a fixed axis, for any mechanism.
 
-The configuration nearest to the turned orientation is followed (`spherekit.guidance.march`).
+`spherekit.guidance.march` follows the configuration nearest to the turned orientation.
 Samples are predicted from the nodes of that way and corrected, so that they do not depend
 on each other.
 """
