@@ -20,7 +20,7 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
-    ("singular", "output", "engine"),
+    ("singular", "output", "guidance", "engine"),
     ("dynamics",),
     ("analysis",),
     ("view",),

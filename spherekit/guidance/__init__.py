@@ -1,0 +1,1 @@
+"""Rotations of an output link about a fixed axis, and motions planned along them."""

@@ -1,0 +1,322 @@
+"""Rotations of the output link about a fixed axis, for any mechanism.
+
+`spherekit.guidance.march` follows the configuration nearest to the turned orientation.
+Samples are predicted from the nodes of that way and corrected, so that they do not depend
+on each other.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherekit.conventions import SINGULAR_RATIO, Status
+from spherekit.errors import SolveError
+from spherekit.guidance.march import (
+    LARGEST_MIDDLE,
+    STATIONARY,
+    UNFIXED,
+    March,
+    Node,
+    corrected,
+    hermite,
+)
+from spherekit.guidance.nearest import Nearness, Target
+from spherekit.guidance.rotation import (
+    RotationSamples,
+    chosen_output,
+    control,
+    turn_to,
+    unit,
+    within,
+)
+from spherekit.model.geometry import geometry_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.closure import Closure
+from spherekit.sphere.poses import rotation, turns_between
+from spherekit.sphere.rotation import Floats, arc
+
+AROUND, POINTS = 0.08, 14
+"""How far around a configuration that was stepped over (rad of theta) rates are
+interpolated, through how many points."""
+CLOSED_START = 1e-6
+"""A configuration to start from may be as far from closed as this (rad)."""
+
+
+@final
+@dataclass(frozen=True)
+class FollowedRotation:
+    """A rotation about a fixed axis as far as a mechanism follows it.
+
+    See `FixedAxisRotation` for `axis`, `angle` and `inputs`.
+
+    Attributes
+    ----------
+    end
+        Status of what lies beyond: OUT_OF_REACH where the output link cannot turn further,
+        AT_SINGULARITY where the loops stop fixing the links, BRANCH_LOST otherwise.
+    crossings
+        Angles (rad) of singular configurations on the way, where the inputs do not hold
+        the mechanism.
+    leaps
+        Those of them that were stepped over, because the loops do not fix the links
+        there; rates near them are interpolated.
+    """
+
+    target: Target
+    driven: list[int]
+    inputs: tuple[str, ...]
+    axis: Floats
+    angle: float
+    start: Floats
+    nodes: tuple[Node, ...]
+    end: Status
+    crossings: tuple[float, ...]
+    leaps: tuple[float, ...]
+
+    @property
+    def reached(self) -> float:
+        """The angle (rad) at which following ended."""
+        return self.nodes[-1].theta
+
+    @property
+    def exact(self) -> bool:
+        """Whether the output link turns exactly about the axis, as far as it gets."""
+        return self.nodes[0].follows
+
+    @cached_property
+    def _known(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Angle (k,), values, first and second derivatives (k, variables) of nodes."""
+        return (
+            np.array([node.theta for node in self.nodes]),
+            np.stack([node.values for node in self.nodes]),
+            np.stack([node.first for node in self.nodes]),
+            np.stack([node.second for node in self.nodes]),
+        )
+
+    def _predict(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return predicted variables (n, variables) and how far (n,) they may be off."""
+        angles, values, first, second = self._known
+        if len(angles) == 1:
+            return np.repeat(values, len(theta), axis=0), np.full(len(theta), 1e-8)
+        cell = np.clip(np.searchsorted(angles, theta) - 1, 0, len(angles) - 2)
+        h = angles[cell + 1] - angles[cell]
+        ends = [(values[c], first[c], second[c]) for c in (cell, cell + 1)]
+        predicted = hermite(ends[0], ends[1], h, (theta - angles[cell]) / h)
+        return predicted, 10.0 * LARGEST_MIDDLE * h + 1e-8
+
+    def at(self, theta: ArrayLike) -> RotationSamples:
+        """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
+        theta = within(theta, self.angle)
+        status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
+        wanted = rotation(self.axis, theta) @ self.start
+        predicted, allowed = self._predict(np.minimum(theta, self.reached))
+        near, _, _ = corrected(self.target, predicted, wanted, self.exact)
+        beyond = theta > self.reached
+        hold = _conditions(near.system)
+        if not self.exact:
+            hold = np.minimum(near.firmness, near.looseness)
+        unfixed = (status == Status.OK) & ~(hold > UNFIXED)
+        if np.any(unfixed):
+            values = np.where(unfixed[:, None], predicted, near.values)
+            near = self.target.at(values, wanted)
+            status[unfixed] = Status.AT_SINGULARITY
+        off = np.max(np.abs(near.values - predicted), axis=1)
+        followed = status == Status.OK
+        status[followed & ~(near.miss(self.exact) < STATIONARY)] = Status.NOT_CONVERGED
+        status[(status == Status.OK) & ~(off <= allowed)] = Status.BRANCH_LOST
+        off_profile = (status == Status.OK) & ~np.all(near.states.inside, axis=1)
+        status[off_profile] = Status.OFF_PROFILE
+        held = control(self.target.closure, self.driven, near.values)
+        status[(status == Status.OK) & ~(held > SINGULAR_RATIO)] = Status.AT_SINGULARITY
+        slopes, bends = self._rates(theta, near)
+        w = np.einsum("nkv,nv->nk", near.turning, slopes)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            w = w / np.linalg.norm(w, axis=1, keepdims=True)
+        lost = beyond | ~np.isin(status, (Status.OK, Status.AT_SINGULARITY))
+
+        def known(array: Floats) -> Floats:
+            array[lost] = np.nan
+            return array
+
+        return RotationSamples(
+            theta=theta,
+            inputs=known(near.values[:, self.driven]),
+            rates=known(slopes[:, self.driven]),
+            second_rates=known(bends[:, self.driven]),
+            values=known(near.values),
+            orientation=known(near.reached),
+            departure=known(turns_between(near.reached, wanted).angle),
+            drift=known(arc(w, np.broadcast_to(self.axis, w.shape))),
+            control=known(held),
+            status=status,
+        )
+
+    def _rates(self, theta: Floats, near: Nearness) -> tuple[Floats, Floats]:
+        """Return first and second derivatives (n, variables) by theta.
+
+        Near a configuration that was stepped over, where rounding grows without bound,
+        from the polynomial through the derivatives at Chebyshev points around it.
+        """
+        rates = near.rates(self.axis)
+        slopes, bends = rates.first, rates.second
+        for place in self.leaps:
+            low, high = max(place - AROUND, 0.0), min(place + AROUND, self.reached)
+            rows = (theta > low) & (theta < high)
+            if not np.any(rows):
+                continue
+            k = np.arange(POINTS) + 0.5
+            x = np.cos(k * np.pi / POINTS)
+            points = 0.5 * (low + high) + 0.5 * (high - low) * x
+            wanted = rotation(self.axis, points) @ self.start
+            around, _, _ = corrected(
+                self.target, self._predict(points)[0], wanted, self.exact
+            )
+            known = around.rates(self.axis)
+            distance = theta[rows, None] - points
+            distance[distance == 0.0] = 1e-300
+            weights = (-1.0) ** np.arange(POINTS) * np.sin(k * np.pi / POINTS) / distance
+            weights /= np.sum(weights, axis=1, keepdims=True)
+            slopes[rows], bends[rows] = weights @ known.first, weights @ known.second
+        return slopes, bends
+
+
+def follow_rotation(
+    mechanism: Mechanism,
+    values: ArrayLike,
+    axis: ArrayLike,
+    angle: float,
+    output: str | None = None,
+) -> FollowedRotation:
+    """Return the rotation of an output link about a fixed axis.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism driven at as many R pairs as it has freedoms, three at most.
+    values
+        (variables,) the closed configuration to start from, as in a row of a `Motion`.
+    axis
+        Direction of the axis, (3,), in the axes of the link that the output is relative to.
+    angle
+        How far to turn, rad, above 0.
+    output
+        Name of the output; may be left out if there is one.
+
+    Raises
+    ------
+    ModelError
+        If the output is unknown.
+    SolveError
+        If the configuration does not close, or the output link cannot turn there in as
+        many ways as there are inputs.
+    """
+    end = chosen_output(mechanism, output)
+    made = replace(mechanism, ground=end.relative_to)
+    about = unit(axis)
+    if not (np.isfinite(angle) and angle > 0.0):
+        raise SolveError(f"angle: found {angle:g} rad, needs a finite angle above 0")
+    inputs = tuple(item.pair for item in made.inputs)
+    driven = [made.variables_of(made.pair_number[name])[0] for name in inputs]
+    target = Target(
+        Closure.of(made, geometry_of(made).joints), made.link_number[end.link], len(inputs)
+    )
+    start = _configuration(values, len(target.closure.tree.owners), made.name)
+    first = _started(target, start, about, made.name)
+    march = March(target, driven, about, float(angle), first.near.reached[0], first.follows)
+    nodes, status, crossings, leaps = march.run(first)
+    return FollowedRotation(
+        target,
+        driven,
+        inputs,
+        about,
+        float(angle),
+        march.start,
+        tuple(nodes),
+        status,
+        tuple(crossings),
+        tuple(leaps),
+    )
+
+
+def follow_to(
+    mechanism: Mechanism,
+    values: ArrayLike,
+    orientation: ArrayLike,
+    output: str | None = None,
+) -> FollowedRotation:
+    """Return the rotation that carries the output link to an orientation (3, 3).
+
+    In the axes of the link that the output is relative to. Other parameters and errors are
+    those of `follow_rotation`; `SolveError` also if the axis is not determined.
+    """
+    end = chosen_output(mechanism, output)
+    made = replace(mechanism, ground=end.relative_to)
+    closure = Closure.of(made, geometry_of(made).joints)
+    start = _configuration(values, len(closure.tree.owners), made.name)
+    placed, _ = closure.place(start[None])
+    wanted = np.asarray(orientation, dtype=float)
+    proper = wanted.shape == (3, 3) and np.linalg.det(wanted) > 0.0
+    if not proper or not np.max(np.abs(wanted @ wanted.T - np.eye(3))) < 1e-9:
+        raise SolveError("the orientation has to be a rotation matrix (3, 3)")
+    axis, angle = turn_to(placed[0, made.link_number[end.link]], wanted)
+    return follow_rotation(mechanism, values, axis, angle, output)
+
+
+def _conditions(matrices: Floats) -> Floats:
+    """Return reciprocal conditions (n,) of matrices (n, m, k), m >= k; 0 if not finite."""
+    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    sizes = np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0), compute_uv=False)
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(sizes[:, -1] / sizes[:, 0])
+
+
+def _configuration(values: ArrayLike, count: int, name: str) -> Floats:
+    """Return a configuration (variables,); `SolveError` unless it has finite values."""
+    given = np.asarray(values, dtype=float)
+    if given.shape != (count,) or not np.all(np.isfinite(given)):
+        raise SolveError(
+            f"{name}: the configuration to start from has to be {count} finite values, as "
+            "in a row of its motion"
+        )
+    return given
+
+
+def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
+    count = len(values)
+    if target.freedoms > 3:
+        raise SolveError(
+            f"{name}: {target.freedoms} inputs turn the output link in more ways than "
+            "there are; lock some of them"
+        )
+    freer = count - 3 * len(target.closure.tree.chords)
+    if freer > target.freedoms:
+        raise SolveError(
+            f"{name}: it has {freer} freedoms or more, but {target.freedoms} inputs; "
+            f"declare {freer} R pairs as inputs"
+        )
+    near = target.at(values[None], np.eye(3)[None])
+    gap = float(np.max(np.abs(near.gap), initial=0.0))
+    if not gap < CLOSED_START:
+        raise SolveError(
+            f"{name}: the configuration to start from does not close: its residual is "
+            f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
+        )
+    near, _, _ = corrected(target, values[None], near.reached, False)
+    sizes = np.linalg.svd(near.jacobian[0], compute_uv=False)
+    held = np.any(sizes[count - target.freedoms :] > UNFIXED * np.max(sizes, initial=0.0))
+    if held or not near.looseness[0] > UNFIXED:
+        raise SolveError(
+            f"{name}: the configuration to start from is singular, or the mechanism has "
+            f"other freedoms than its {target.freedoms} inputs; start from another one"
+        )
+    if not near.grasp[0] > UNFIXED:
+        raise SolveError(
+            f"{name}: at the start the output link cannot turn in as many ways as there "
+            f"are inputs ({target.freedoms}): it is at the limit of its reach, or does "
+            "not move with all inputs; start elsewhere or choose another output"
+        )
+    rates = near.rates(axis)
+    return Node(0.0, near, rates.first[0], rates.second[0], bool(rates.follows[0]))

@@ -1,0 +1,327 @@
+"""Verified steps along a rotation of an output link about a fixed axis.
+
+From a closed configuration the orientation wanted turns about the axis, and the
+configuration nearest to it is followed in verified steps: a step is accepted only if the
+prediction with exact first and second derivatives was nearly right, Newton's method
+contracted at once, the equations changed by less than would make them singular, and the
+Hermite polynomial of the step predicts its middle. Where the loops do not fix the links at
+one configuration on the way, that is stepped over at once, if the polynomials on both
+sides of it agree.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.guidance.nearest import Nearness, Target
+from spherekit.motion.steps import determinant_sign
+from spherekit.sphere.poses import rotation
+from spherekit.sphere.rotation import Floats
+
+LARGEST_STEP = 0.2
+"""Longest step (rad of theta)."""
+SMALLEST_STEP = 1e-9
+MOST_NODES = 5000
+BEND = 0.05
+"""Second-order part (rad) of a step that is aimed at."""
+NEARER, SHORT = 0.3, 0.02
+"""Part of slope / bend stepped at most, if that is short: 0.6 of the way to a limit of the
+reach, where variables go as the square root of the way left."""
+LARGEST_CHANGE = 0.6
+"""Eigenvalues of the change of the equations in one step, relative to them; they become
+singular on the way where one is -1."""
+LARGEST_CORRECTION = 0.05
+"""A prediction from the start of a step may be wrong by this part of it."""
+LARGEST_MIDDLE = 1e-4
+"""The prediction of its middle from both ends may be wrong by this part of it."""
+CORRECTIONS = 8
+SETTLED = 1e-10
+"""A Newton step (rad) below this leaves an error that its square bounds."""
+STATIONARY = 1e-11
+"""How well (rad) a configuration has to be the nearest one."""
+LEAPS = (0.004, 0.01, 0.02, 0.04)
+"""Ways (rad of theta) tried over a singular configuration."""
+LEAP_FROM = 2e-3
+"""Steps that have become shorter than this are tried as leaps."""
+SMOOTH = 1e-7
+"""The Hermite polynomial of a leap has to agree with configurations in it to this."""
+SINGULAR = 0.01
+"""Where links are held less firmly than this part of how they are beside, on a leap."""
+UNFIXED = 1e-7
+"""Equations of this reciprocal condition do not fix the links."""
+STRETCHED = 1e-3
+"""How near the last node is to a limit of the output's reach, to name it as the reason."""
+
+
+@final
+@dataclass(frozen=True)
+class Node:
+    """A configuration on the way with its derivatives by theta, one row each."""
+
+    theta: float
+    near: Nearness
+    first: Floats
+    second: Floats
+    follows: bool
+
+    @property
+    def values(self) -> Floats:
+        """(variables,) of the configuration."""
+        return np.asarray(self.near.values[0])
+
+    def taylor(self, way: Floats) -> Floats:
+        """Return the variables (n, variables) at ways (n,) from here, by derivatives."""
+        way = way[:, None]
+        bend = np.nan_to_num(self.second)
+        return np.asarray(self.values + way * self.first + 0.5 * way**2 * bend)
+
+    @cached_property
+    def inverse(self) -> Floats:
+        """(variables, rows) pseudo-inverse of the equations."""
+        return np.asarray(np.linalg.pinv(self.near.system[0]))
+
+    @cached_property
+    def condition(self) -> float:
+        """Reciprocal condition of the equations."""
+        size = np.linalg.norm(self.near.system[0]) * np.linalg.norm(self.inverse)
+        return float(1.0 / size)
+
+
+@final
+@dataclass(frozen=True)
+class March:
+    """The way from the orientation `start` (3, 3) about `axis` (3,) by `angle` (rad).
+
+    `driven` are the numbers of the inputs' variables; `exact` says that the output link of
+    the target can follow.
+    """
+
+    target: Target
+    driven: Sequence[int]
+    axis: Floats
+    angle: float
+    start: Floats
+    exact: bool
+
+    def run(self, start: Node) -> tuple[list[Node], Status, list[float], list[float]]:
+        """Return the nodes, what lies beyond the last, and singular places on the way.
+
+        And those of them that were stepped over.
+        """
+        nodes, crossings, leaps = [start], list[float](), list[float]()
+        at, step, leapt = start, 0.05, -np.inf
+        while at.theta < self.angle and len(nodes) < MOST_NODES:
+            bend = float(np.max(np.abs(np.nan_to_num(at.second)))) + 1e-300
+            step = min(step, LARGEST_STEP, np.sqrt(2.0 * BEND / bend))
+            nearer = NEARER * float(np.max(np.abs(at.first))) / bend
+            if nearer < SHORT:
+                step = min(step, nearer)
+            if step < SMALLEST_STEP:
+                return nodes, self._why(at), crossings, leaps
+            goal = min(at.theta + step, self.angle)
+            if self.angle - goal < SMALLEST_STEP:
+                goal = self.angle
+            made = self._advance(at, goal)
+            if made is None and step < LEAP_FROM and at.theta > leapt + LEAP_FROM:
+                leapt = at.theta
+                leap = self._leap(at)
+                if leap is not None:
+                    made, place = leap
+                    leaps.append(place)
+                    crossings.append(place)
+                    leapt, step = made.theta, made.theta - at.theta
+            if made is None:
+                step *= 0.5
+                continue
+            if self._sign(made) != self._sign(at) and not (
+                crossings and crossings[-1] > at.theta
+            ):
+                crossings.append(self._flip(at, made))
+            nodes.append(made)
+            at = made
+            step *= 2.0
+        end = Status.OK if at.theta >= self.angle else Status.BRANCH_LOST
+        return nodes, end, crossings, leaps
+
+    def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[Node], Floats, Floats]:
+        wanted = rotation(self.axis, theta) @ self.start
+        near, first, ratio = corrected(self.target, guess, wanted, self.exact)
+        rates = near.rates(self.axis)
+        made = []
+        for row, angle in enumerate(theta):
+            one = self.target.at(near.values[row : row + 1], wanted[row : row + 1])
+            slope, bend = rates.first[row], rates.second[row]
+            made.append(Node(float(angle), one, slope, bend, bool(rates.follows[row])))
+        return made, first, ratio
+
+    def _advance(self, at: Node, goal: float) -> Node | None:
+        """Return the node at an angle if the way there passes all tests."""
+        step = goal - at.theta
+        guess = at.taylor(np.array([0.5, 1.0]) * step)
+        if not np.all(np.isfinite(guess)):
+            return None
+        (middle, node), first, ratio = self._nodes(
+            np.array([at.theta + 0.5 * step, goal]), guess
+        )
+        moved = float(np.max(np.abs(node.values - at.values)))
+        if np.any(first > LARGEST_CORRECTION * moved + CLOSURE_TOLERANCE):
+            return None
+        if np.any((first > 1e-7) & (ratio > 0.1)):
+            return None
+        for each in (middle, node):
+            if not self._holds(each) or each.follows != at.follows:
+                return None
+            if at.follows:
+                change = at.inverse @ (each.near.system[0] - at.near.system[0])
+                if not np.max(np.abs(np.linalg.eigvals(change))) < LARGEST_CHANGE:
+                    return None
+            elif not min(each.near.firmness[0], each.near.looseness[0]) > UNFIXED:
+                return None
+        off = np.max(np.abs(self._between(at, node, middle.theta) - middle.values))
+        return node if off < LARGEST_MIDDLE * moved + CLOSURE_TOLERANCE else None
+
+    def _holds(self, node: Node) -> bool:
+        finite = np.all(np.isfinite(node.first))
+        return bool(finite and node.near.miss(self.exact)[0] < STATIONARY)
+
+    @staticmethod
+    def _between(at: Node, node: Node, theta: float) -> Floats:
+        h = node.theta - at.theta
+        ends = [(n.values[None], n.first[None], n.second[None]) for n in (at, node)]
+        part = np.array([(theta - at.theta) / h])
+        return np.asarray(hermite(ends[0], ends[1], np.array([h]), part)[0])
+
+    def _leap(self, at: Node) -> tuple[Node, float] | None:
+        """Return a node beyond a singular configuration, and the angle of that.
+
+        None if there is none near, or the way does not go on smoothly.
+        """
+        for way in LEAPS:
+            goal = at.theta + way
+            if goal > self.angle:
+                return None
+            (node,), first, _ = self._nodes(np.array([goal]), at.taylor(np.array([way])))
+            moved = float(np.max(np.abs(node.values - at.values)))
+            if not self._holds(node) or first[0] > LARGEST_CORRECTION * moved:
+                continue
+            if not node.condition > LEAP_FROM * way:
+                continue
+            places = at.theta + way * np.array([0.2, 0.4, 0.6, 0.8])
+            guess = np.stack([self._between(at, node, place) for place in places])
+            inner, _, _ = self._nodes(places, guess)
+            off = [
+                np.max(np.abs(each.values - one))
+                for each, one in zip(inner, guess, strict=True)
+                if each.condition > 100.0 * UNFIXED
+            ]
+            if len(off) < 2 or max(off) > SMOOTH or not all(map(self._holds, inner)):
+                continue
+            place, hold = self._loosest(at, node)
+            if hold < SINGULAR * min(self._hold(at, at, 0.0), self._hold(at, node, goal)):
+                return node, place
+        return None
+
+    def _hold(self, at: Node, node: Node, theta: float) -> float:
+        """Return how firmly the equations fix the links between two nodes."""
+        values = at.values if node is at else self._between(at, node, theta)
+        near = self.target.at(values[None], np.eye(3)[None])
+        return float(np.linalg.svd(near.system[0], compute_uv=False)[-1])
+
+    def _loosest(self, at: Node, node: Node) -> tuple[float, float]:
+        """Return the angle between two nodes where the links are fixed least, and how."""
+        low, high = at.theta, node.theta
+        golden = 0.5 * (np.sqrt(5.0) - 1.0)
+        for _ in range(60):
+            inner = [high - golden * (high - low), low + golden * (high - low)]
+            left, right = (self._hold(at, node, x) for x in inner)
+            if left < right:
+                high = inner[1]
+            else:
+                low = inner[0]
+        place = float(0.5 * (low + high))
+        return place, self._hold(at, node, place)
+
+    def _sign(self, node: Node) -> float:
+        return self._signs(node.values[None])
+
+    def _signs(self, values: Floats) -> float:
+        free = [v for v in range(values.shape[1]) if v not in self.driven]
+        _, jacobian = self.target.closure.linearise(values)
+        return float(determinant_sign(jacobian[:, :, free])[0])
+
+    def _flip(self, at: Node, node: Node) -> float:
+        """Return the angle at which the inputs stop holding the mechanism."""
+        # SciPy's optimisers take long to import, and most ways need none.
+        from scipy.optimize import brentq
+
+        free = [v for v in range(len(at.values)) if v not in self.driven]
+
+        def determinant(theta: float) -> float:
+            guess = self._between(at, node, theta)[None]
+            wanted = rotation(self.axis, np.array([theta])) @ self.start
+            near, _, _ = corrected(self.target, guess, wanted, self.exact)
+            return float(np.linalg.det(near.jacobian[0][:, free]))
+
+        return float(brentq(determinant, at.theta, node.theta, xtol=1e-13))
+
+    def _why(self, at: Node) -> Status:
+        """Return the status of what lies beyond a node that no step leaves."""
+        if not at.follows or at.near.grasp[0] < STRETCHED:
+            return Status.OUT_OF_REACH
+        return Status.AT_SINGULARITY if at.condition < STRETCHED else Status.BRANCH_LOST
+
+
+def hermite(
+    start: tuple[Floats, Floats, Floats],
+    stop: tuple[Floats, Floats, Floats],
+    h: Floats,
+    part: Floats,
+) -> Floats:
+    """Return quintic Hermite values (n, m) at parts (n,), 0 to 1, of cells.
+
+    `h` (n,) are their lengths; `start` and `stop` are values, first and second derivatives
+    (n, m) at both ends; where those are not known, NaN, the values are cubic.
+    """
+    x, h = part[:, None], h[:, None]
+    y = 1.0 - x
+    x3, y3 = x**3, y**3
+    value, slope, bend = start
+    last, last_slope, last_bend = stop
+    quintic = (
+        value
+        + x3 * (10.0 - 15.0 * x + 6.0 * x * x) * (last - value)
+        + x * y3 * ((1.0 + 3.0 * x) * h * slope + 0.5 * x * h * h * bend)
+        + x3 * y * (0.5 * y * h * h * last_bend - (4.0 - 3.0 * x) * h * last_slope)
+    )
+    cubic = value + x * x * (3.0 - 2.0 * x) * (last - value)
+    cubic = cubic + x * y * h * (y * slope - x * last_slope)
+    return np.where(np.isnan(quintic), cubic, quintic)
+
+
+def corrected(
+    target: Target, values: Floats, wanted: Floats, exact: bool
+) -> tuple[Nearness, Floats, Floats]:
+    """Return the nearest configurations by Newton's method from values (n, variables).
+
+    With the size (n,) of the first step and the ratio of the second to the first.
+    `exact` says that the output link can follow.
+    """
+    n = len(values)
+    first, ratio = np.zeros(n), np.zeros(n)
+    near = target.at(values, wanted)
+    for step in range(CORRECTIONS):
+        change = np.nan_to_num(near.exact_step() if exact else near.step())
+        length = np.max(np.abs(change), axis=1)
+        change *= np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None]
+        if step == 0:
+            first = length
+        elif step == 1:
+            ratio = length / np.maximum(first, 1e-300)
+        near = target.at(near.values + change, wanted)
+        if not np.any(length > SETTLED):
+            break
+    return near, first, ratio

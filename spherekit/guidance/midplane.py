@@ -1,0 +1,240 @@
+"""The mid-plane form: a base and an end effector that mirror each other in one plane.
+
+Three or more legs of two links with equal arcs lead from the base to the end effector,
+and their middle axes, the elbows, lie in one plane. The unit normal n of this mid-plane
+is the whole pose: two freedoms, and closed forms both ways (Chen et al. 2021, section 2).
+Which mechanisms have this form is found out by `spherekit.guidance.symmetry`.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherekit.conventions import REACH_SLACK
+from spherekit.sphere.mirror import mirror_angles, normals_of, upward
+from spherekit.sphere.rotation import Floats, cross
+
+
+@final
+@dataclass(frozen=True)
+class ReadingRates:
+    """First and second derivatives (n, legs) of the readings along a path of mid-planes.
+
+    `elbows` (n, legs, 3) are the first derivatives of the elbows.
+    """
+
+    first: Floats
+    second: Floats
+    elbows: Floats
+
+
+@final
+@dataclass(frozen=True)
+class MidPlane:
+    """Legs between a base and its mirror image, in mirror axes.
+
+    Mirror axes: x halves the angle between the base axes of the two driven legs, z points
+    along the first times the second; those of the paper are its O-x0y0z0. The mode of a
+    leg is the sign of n . (base axis x elbow), with n_z >= 0.
+
+    Attributes
+    ----------
+    axes
+        (legs, 3) unit axes at the base.
+    arcs
+        (legs,) rad, of both links of each leg.
+    driven
+        Numbers of the two driven legs.
+    dials
+        (legs, 3, 3): frames with the base axis as third column; the azimuth of the elbow
+        is counted from the first column.
+    phases, senses
+        (legs,): the reading, the variable of the leg's pair at the base, is sense times
+        (azimuth - phase) in (-pi, pi].
+    """
+
+    axes: Floats
+    arcs: Floats
+    driven: tuple[int, int]
+    dials: Floats
+    phases: Floats
+    senses: Floats
+
+    def elbows(self, normals: Floats, modes: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the elbows (n, legs, 3) and n . (base axis x elbow), (n, legs).
+
+        NaN where a leg does not reach the mid-plane; the second is 0 at the limit of its
+        reach.
+        """
+        sine = normals @ self.axes.T
+        flat = self.axes - sine[..., None] * normals[:, None]
+        square = np.sum(flat * flat, axis=-1)
+        height = np.arctan2(sine, np.sqrt(square))
+        left = np.sin(self.arcs + height) * np.sin(self.arcs - height)
+        left[np.abs(left) <= REACH_SLACK] = 0.0
+        aside = cross(np.broadcast_to(normals[:, None], flat.shape), flat)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            root = np.sqrt(left) * np.asarray(modes, dtype=float)
+            elbows = np.cos(self.arcs)[:, None] * flat + root[..., None] * aside
+            return elbows / square[..., None], root
+
+    def readings(self, elbows: Floats) -> Floats:
+        """Return the variables (n, legs) rad of the pairs at the base."""
+        x, y = (np.einsum("nlk,lk->nl", elbows, self.dials[..., c]) for c in (0, 1))
+        azimuth = np.arctan2(y, x) - self.phases
+        return np.asarray(self.senses * (np.pi - np.remainder(np.pi - azimuth, 2 * np.pi)))
+
+    def normals(self, inputs: Floats) -> Floats:
+        """Return the normals (n, 3), n_z >= 0, for driven readings (n, 2) rad.
+
+        NaN where both driven elbows lie on one line: they span no plane.
+        """
+        first, second = (
+            self._elbow(leg, inputs[:, k]) for k, leg in enumerate(self.driven)
+        )
+        across = cross(first, second)
+        length = np.linalg.norm(across, axis=1, keepdims=True)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return upward(np.where(length > REACH_SLACK, across / length, np.nan))
+
+    def _elbow(self, leg: int, reading: Floats) -> Floats:
+        azimuth = self.senses[leg] * reading + self.phases[leg]
+        x, y, z = self.dials[leg].T
+        turned = np.cos(azimuth)[:, None] * x + np.sin(azimuth)[:, None] * y
+        return np.asarray(np.cos(self.arcs[leg]) * z + np.sin(self.arcs[leg]) * turned)
+
+    def modes(self, inputs: Floats) -> Floats:
+        """Return the modes (n, 2) of the driven legs at driven readings (n, 2) rad."""
+        normals = self.normals(inputs)
+        signs = []
+        for k, leg in enumerate(self.driven):
+            elbow = self._elbow(leg, inputs[:, k])
+            axis = np.broadcast_to(self.axes[leg], elbow.shape)
+            signs.append(np.sign(np.sum(normals * cross(axis, elbow), axis=1)))
+        return np.stack(signs, axis=1)
+
+    def rates(
+        self, normals: Floats, slopes: Floats, bends: Floats, modes: ArrayLike
+    ) -> ReadingRates:
+        """Return the rates where the normals (n, 3) have these derivatives (n, 3).
+
+        From elbow . n = 0 differentiated once and twice; infinite or NaN at the limits of
+        the reach.
+        """
+        elbows, root = self.elbows(normals, modes)
+        axes = np.broadcast_to(self.axes, elbows.shape)
+        about = cross(axes, elbows)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            first = -np.einsum("nlk,nk->nl", elbows, slopes) / root
+            moved = first[..., None] * about
+            swing = first[..., None] * cross(axes, moved)
+            second = np.einsum("nlk,nk->nl", swing, normals)
+            second += 2.0 * np.einsum("nlk,nk->nl", moved, slopes)
+            second += np.einsum("nlk,nk->nl", elbows, bends)
+            second = -second / root
+        return ReadingRates(self.senses * first, self.senses * second, moved)
+
+    def slopes(self, normals: Floats, modes: ArrayLike) -> Floats:
+        """Return the derivatives (n, 2, 3) of the normals by each driven reading.
+
+        The normal stays a unit vector across both driven elbows; NaN where these lie on
+        one line.
+        """
+        elbows, root = self.elbows(normals, modes)
+        driven = list(self.driven)
+        first, second = elbows[:, driven[0]], elbows[:, driven[1]]
+        volume = np.sum(cross(first, second) * normals, axis=1)
+        pushed = self.senses[driven] * root[:, driven]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            pushed = np.where(
+                np.abs(volume)[:, None] > REACH_SLACK, -pushed / volume[:, None], np.nan
+            )
+        ways = np.stack([cross(second, normals), cross(normals, first)], axis=1)
+        return np.asarray(pushed[..., None] * ways)
+
+    def forward_jacobian(self, normals: Floats, modes: ArrayLike) -> Floats:
+        """Return d(phi, gamma) / d(driven readings), (n, 2, 2)."""
+        slopes = self.slopes(normals, modes)
+        half = mirror_angles(normals)
+        turned = -2.0 * slopes[..., 0] / np.cos(0.5 * half.phi)[:, None]
+        tilted = 2.0 * slopes[..., 1] / np.cos(0.5 * half.gamma)[:, None]
+        return np.stack([turned, tilted], axis=1)
+
+    def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
+        """Return the driven readings (n, 2) rad in each mode of the driven legs.
+
+        For the paper's mechanism these are the four configurations of its Fig. 5: a driven
+        link points away from the middle of the base in mode -1 of the first leg and 1 of
+        the second, Fig. 5(a), and towards it in the other ones.
+        """
+        driven = list(self.driven)
+        found = {}
+        for modes in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
+            every = np.ones(len(self.arcs))
+            every[driven] = modes
+            elbows, _ = self.elbows(normals, every)
+            found[modes] = self.readings(elbows)[:, driven]
+        return found
+
+    def jacobian(self, phi: ArrayLike, gamma: ArrayLike, modes: ArrayLike) -> Floats:
+        """Return d(driven readings) / d(phi, gamma), (n, 2, 2), at angles (n,) rad.
+
+        The paper's eq. (23) is the same for omega instead of gamma.
+        """
+        phi = np.atleast_1d(np.asarray(phi, dtype=float))
+        gamma = np.atleast_1d(np.asarray(gamma, dtype=float))
+        normals = normals_of(phi, gamma)
+        x, y, z = normals.T
+        zero = np.zeros_like(x)
+        turn_x, turn_y = -0.5 * np.cos(0.5 * phi), 0.5 * np.cos(0.5 * gamma)
+        columns = []
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slopes = (
+                np.stack([turn_x, zero, -x * turn_x / z], axis=1),
+                np.stack([zero, turn_y, -y * turn_y / z], axis=1),
+            )
+            for slope in slopes:
+                rates = self.rates(normals, slope, np.zeros_like(slope), modes)
+                columns.append(rates.first[:, list(self.driven)])
+        return np.stack(columns, axis=2)
+
+    def folds(self, normals: Floats) -> Floats:
+        """Return the angles (n, legs) rad between base and tip axes of each leg.
+
+        A leg is folded at 0, stretched at twice its arc; the paper asks for 10 degrees.
+        """
+        sine = np.abs(normals @ self.axes.T)
+        return np.asarray(2.0 * np.arcsin(np.clip(sine, 0.0, 1.0)))
+
+
+@final
+@dataclass(frozen=True)
+class Clearance:
+    """When the links of a leg do not yet touch (Chen et al. 2021, section 3).
+
+    `least` (rad) is the angle allowed between the base and tip axes of a driven leg;
+    `radius` and `width` are those of the links, in one unit of length.
+    """
+
+    least: float
+    radius: float
+    width: float
+
+    def margins(self, plane: MidPlane, normals: Floats) -> Floats:
+        """Return (n, 2, driven legs): rad left to the least fold, and to full stretch.
+
+        Negative beyond the limit.
+        """
+        driven = list(plane.driven)
+        folds = plane.folds(normals)[:, driven]
+        return np.stack([folds - self.least, 2.0 * plane.arcs[driven] - folds], axis=1)
+
+    def gaps(self, plane: MidPlane, normals: Floats) -> Floats:
+        """Return the lengths (n, driven legs) between the edges of links at both axes.
+
+        Measured along the sphere: radius times fold, less the width of a link.
+        """
+        folds = plane.folds(normals)[:, list(plane.driven)]
+        return np.asarray(self.radius * folds - self.width)

@@ -1,0 +1,170 @@
+"""What a rotation of the output link about a fixed axis is, sample by sample."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.conventions import listing, nearest
+from spherekit.errors import ModelError, SolveError
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.closure import Closure
+from spherekit.sphere.poses import TURN_MEANING, TurnStatus, turns_between
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class RotationSamples:
+    """n samples of a rotation about a fixed axis, in the axes of the base.
+
+    Attributes
+    ----------
+    theta
+        (n,) rad, the angle turned through about the axis.
+    inputs, rates, second_rates
+        (n, inputs): the driven variables (rad) and their first and second derivatives by
+        theta.
+    values
+        (n, variables) rad, of all pairs.
+    orientation
+        (n, 3, 3) from the axes of the output link to those of the base.
+    departure
+        (n,) rad, the angle between this orientation and the one turned exactly about
+        the axis.
+    drift
+        (n,) rad, the angle between the axis about which the link turns there and the
+        fixed one.
+    control
+        (n,) how surely the inputs hold the mechanism: the reciprocal condition of the
+        closure equations with the inputs held, 0 where they do not.
+    status
+        (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY:
+        there the inputs do not hold the mechanism, but the rotation goes on; rates that
+        are not finite are NaN.
+    """
+
+    theta: Floats
+    inputs: Floats
+    rates: Floats
+    second_rates: Floats
+    values: Floats
+    orientation: Floats
+    departure: Floats
+    drift: Floats
+    control: Floats
+    status: NDArray[np.int8]
+
+
+class FixedAxisRotation(Protocol):
+    """A rotation of an output link by `angle` (rad) about the unit vector `axis` (3,)."""
+
+    @property
+    def axis(self) -> Floats:
+        """Unit vector (3,) in the axes of the base."""
+        ...
+
+    @property
+    def angle(self) -> float:
+        """The whole angle (rad), 0 or more."""
+        ...
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the driven pairs."""
+        ...
+
+    def at(self, theta: ArrayLike) -> RotationSamples:
+        """Return the samples at angles theta (n,) from 0 to the whole angle, any order."""
+        ...
+
+
+def chosen_output(mechanism: Mechanism, name: str | None) -> Output:
+    """Return the output of this name, or the only one.
+
+    Raises
+    ------
+    ModelError
+        If there is none, or there are several and no name is given.
+    """
+    outputs = {output.name: output for output in mechanism.outputs}
+    if name is None and len(outputs) == 1:
+        return mechanism.outputs[0]
+    if name is None:
+        raise ModelError(
+            f"{mechanism.name}: {len(outputs)} outputs ({listing(outputs) or 'none'}); "
+            "declare one, or say which is meant"
+        )
+    if name not in outputs:
+        raise ModelError(
+            f'{mechanism.name}: no output is named "{name}"'
+            f"{nearest(name, outputs) or ';'} Outputs: {listing(outputs) or 'none'}"
+        )
+    return outputs[name]
+
+
+def control(closure: Closure, driven: Sequence[int], values: Floats) -> Floats:
+    """Return the reciprocal condition (n,) of the equations with the inputs held.
+
+    `values` (n, variables) are closed configurations; NaN rows stay NaN.
+    """
+    out = np.full(len(values), np.nan)
+    known = np.all(np.isfinite(values), axis=1)
+    free = [v for v in range(values.shape[1]) if v not in driven]
+    _, jacobian = closure.linearise(values[known])
+    if not free:
+        out[known] = 1.0
+        return out
+    sizes = np.linalg.svd(jacobian[:, :, free], compute_uv=False)
+    out[known] = sizes[:, len(free) - 1] / sizes[:, 0] if sizes.shape[1] else 0.0
+    return out
+
+
+def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:
+    """Return axis (3,) and angle (rad) of the rotation between orientations (3, 3).
+
+    Raises
+    ------
+    SolveError
+        If the axis or its sense is not determined.
+    """
+    turn = turns_between(first[None], second[None])
+    status = TurnStatus(turn.status[0])
+    if status != TurnStatus.OK:
+        what = {
+            TurnStatus.NO_AXIS: "there is nothing to turn",
+            TurnStatus.NO_SENSE: "give the axis, with the sense wanted, and the angle",
+        }[status]
+        raise SolveError(f"{TURN_MEANING[status]}; {what}")
+    return np.asarray(turn.axis[0]), float(turn.angle[0])
+
+
+def unit(axis: ArrayLike) -> Floats:
+    """Return a direction (3,) with length 1; `SolveError` if it has none."""
+    given = np.asarray(axis, dtype=float)
+    length = float(np.linalg.norm(given))
+    if given.shape != (3,) or not np.isfinite(length) or length == 0.0:
+        raise SolveError(
+            f"direction: found {given.tolist()}, needs three finite numbers, not all zero"
+        )
+    return np.asarray(given / length)
+
+
+def within(theta: ArrayLike, angle: float) -> Floats:
+    """Return angles (n,) as an array.
+
+    Raises
+    ------
+    SolveError
+        If one is not between 0 and the whole angle.
+    """
+    theta = np.atleast_1d(np.asarray(theta, dtype=float))
+    slack = 1e-12 * max(1.0, angle)
+    if theta.ndim != 1 or not np.all((theta >= -slack) & (theta <= angle + slack)):
+        raise SolveError(
+            f"theta has to be an array (n,) of angles from 0 to {angle:.6g} rad, the "
+            "angle of the rotation"
+        )
+    return np.asarray(np.clip(theta, 0.0, angle))
