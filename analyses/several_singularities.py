@@ -22,7 +22,7 @@ from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.singular.aspects import Aspects, aspects
 from spherekit.singular.curves import SingularCurves, singular_curves
-from spherekit.singular.points import SingularPoints, TypeName
+from spherekit.singular.points import SingularPoints, TypeName, motion_of
 from spherekit.singular.rest import output_of
 from spherekit.singular.several import OutputCoefficients, RowType, coefficients
 from spherekit.singular.surface import SingularSurface, singular_surface
@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 KINDS: tuple[TypeName, ...] = ("II", "I")
+VANISHES = 1e-8
+"""A coefficient or triple product below this vanishes."""
 TONES = {"I": 1, "II": 2, "III": 3}
 NAMES = {
     RowType.REGULAR: "regular",
@@ -64,18 +66,17 @@ class SeveralInputs:
         """Return the main table: points of singular curves or surfaces, by output."""
         parts: list[Row] = []
         for output in self.outputs(batch.mechanism):
-            name = f"{output.link}/{output.relative_to}"
             for found in self._curves(batch, output):
                 for number, each in enumerate(found.curves):
                     notes = "closed" if each.closed else "open"
-                    parts.append(_rows(batch, each.points, name, number, each.s, notes))
+                    parts.append(_rows(batch, each.points, output, number, each.s, notes))
                     nowhere = np.full(len(each.both.values), np.nan)
-                    both = _rows(batch, each.both, name, number, nowhere, "of both types")
+                    both = _rows(batch, each.both, output, number, nowhere, "of both types")
                     both["kind"][:] = "III"
                     parts.append(both)
             for mesh in self._surfaces(batch, output):
                 s = np.full(len(mesh.points.values), np.nan)
-                made = _rows(batch, mesh.points, name, 0, s, "vertex of a surface")
+                made = _rows(batch, mesh.points, output, 0, s, "vertex of a surface")
                 made["curve"] = mesh.component.astype(np.int64)
                 parts.append(made)
         return _stacked(parts)
@@ -86,7 +87,7 @@ class SeveralInputs:
         n = len(batch)
         for output in self.outputs(batch.mechanism):
             found = self._coefficients(batch, output)
-            kinds = np.array([_named(code) for code in found.type.tolist()], dtype=str)
+            kinds = np.array([_type(code) for code in found.type.tolist()], dtype=str)
             for moved, pair in enumerate(batch.moved_pairs):
                 w, u = found.w[:, moved], found.u[:, moved]
                 parts.append(
@@ -94,7 +95,7 @@ class SeveralInputs:
                         "sample": batch.sample,
                         "branch": batch.branch,
                         **input_columns(batch.mechanism, batch.inputs),
-                        "output": np.full(n, f"{output.link}/{output.relative_to}"),
+                        "output": np.full(n, _named(output)),
                         "form": np.full(n, "i"),
                         "c": found.c[:, moved],
                         "d": found.d[:, moved],
@@ -136,7 +137,7 @@ class SeveralInputs:
         figures: dict[str, Any] = {}
         warnings: list[str] = []
         for output in self.outputs(batch.mechanism):
-            name = f"{output.link}/{output.relative_to}"
+            name = _named(output)
             own: dict[str, Any] = {}
             for found in self._curves(batch, output):
                 own[f"curves_{found.kind}"] = len(found.curves)
@@ -300,10 +301,36 @@ class SeveralInputs:
         )
 
 
+def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray[Any]:
+    """Return (n,) text: which c_i and d_i vanish, which u_i are coplanar.
+
+    Or which u_i is the direction that counts, which then rests though its link turns.
+    """
+    if not len(points.values):
+        return np.zeros(0, dtype=str)
+    motion = motion_of(batch.tracer.solver, points.values)
+    rest = output_of(batch.mechanism, output.name)
+    at = coefficients(motion, rest, by_rank=batch.tracer.by_rank)
+    words: list[list[str]] = [[] for _ in points.values]
+    for letter, sizes in (("c", at.c), ("d", at.d)):
+        for row, moved in zip(*np.nonzero(np.abs(sizes) < VANISHES), strict=True):
+            words[row].append(f"{letter}_{batch.moved_pairs[moved]}=0")
+    if points.pointing is not None:
+        turned = motion.rotations[:, rest.relative_to]
+        direction = np.einsum("nij,nj->ni", turned, points.pointing)
+        off = np.linalg.norm(np.cross(at.u, direction[:, None]), axis=2)
+        for row, moved in zip(*np.nonzero(off < VANISHES), strict=True):
+            words[row].append(f"u_{batch.moved_pairs[moved]} along the direction")
+    for row, triple in zip(*np.nonzero(np.abs(at.triples) < VANISHES), strict=True):
+        three = ", ".join(batch.moved_pairs[k] for k in at.triplets[triple])
+        words[row].append(f"u of {three} coplanar")
+    return np.array([" ".join(own) for own in words], dtype=str)
+
+
 def _rows(
     batch: Batch,
     points: SingularPoints,
-    output: str,
+    output: Output,
     curve: int,
     s: Floats,
     note: str,
@@ -312,10 +339,10 @@ def _rows(
     inside = np.where(points.inside, note, note + "; outside the declared ranges")
     return {
         "kind": np.full(n, points.kind, dtype="<U8"),
-        "condition": np.full(n, ""),
+        "condition": _conditions(batch, points, output),
         "branch": np.full(n, ""),
         **input_columns(batch.mechanism, points.inputs),
-        "output": np.full(n, output),
+        "output": np.full(n, _named(output)),
         "curve": np.full(n, curve),
         "s": s,
         "error": np.full(n, np.nan),
@@ -339,7 +366,11 @@ def _angle(sizes: Floats) -> Floats:
     return np.asarray(np.arcsin(np.minimum(sizes, 1.0)))
 
 
-def _named(code: int) -> str:
+def _named(output: Output) -> str:
+    return f"{output.link}/{output.relative_to}"
+
+
+def _type(code: int) -> str:
     kind = RowType(code)
     return NAMES.get(kind, kind.name)
 
