@@ -21,7 +21,7 @@ from spherekit.analysis.tables import input_columns
 from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.singular.aspects import Aspects, aspects
-from spherekit.singular.curves import SingularCurves, singular_curves
+from spherekit.singular.curves import FoundCurve, SingularCurves, singular_curves
 from spherekit.singular.points import SingularPoints, TypeName, motion_of
 from spherekit.singular.rest import output_of
 from spherekit.singular.several import OutputCoefficients, RowType, coefficients
@@ -33,6 +33,10 @@ Row = dict[str, Any]
 KINDS: tuple[TypeName, ...] = ("II", "I")
 VANISHES = 1e-8
 """A coefficient or triple product below this vanishes."""
+SLICES = 12
+SLICES_OF_MESH = 4
+DRAWN = 8
+"""Parts of each way between two nodes of a curve that is drawn."""
 TONES = {"I": 1, "II": 2, "III": 3}
 NAMES = {
     RowType.REGULAR: "regular",
@@ -52,10 +56,18 @@ class SeveralInputs:
     there is none. `lattice` is the number of values of each input for aspects.
     """
 
-    slices: int
+    slices: int | None
     mesh: float
     lattice: int
     near: float
+
+    def slices_of(self, batch: Batch) -> int:
+        """Return the number of slices, by default what dyads or a mesh allow."""
+        if self.slices is not None:
+            return self.slices
+        if len(batch.moved_pairs) == 3:
+            return SLICES_OF_MESH if self.mesh else 0
+        return SLICES if batch.tracer.assembly.has_closed_form else 0
 
     def outputs(self, mechanism: Mechanism) -> tuple[Output, ...]:
         """Return the outputs that the mechanism declares."""
@@ -134,7 +146,7 @@ class SeveralInputs:
 
     def findings(self, batch: Batch) -> Findings:
         """Return curves, aspects and guarantees, and where rows come near a type."""
-        figures: dict[str, Any] = {}
+        figures: dict[str, Any] = {"slices": self.slices_of(batch)}
         warnings: list[str] = []
         for output in self.outputs(batch.mechanism):
             name = _named(output)
@@ -172,7 +184,7 @@ class SeveralInputs:
             parts: list[Primitive] = []
             for output in self.outputs(batch.mechanism):
                 parts += self._plots(batch, output, rows)
-                if len(batch.moved_pairs) == 2 and self.slices:
+                if self._curves(batch, output):
                     parts.append(self._plane(batch, output, rows))
                     parts += self._on_sphere(batch, output)
                 for mesh in self._surfaces(batch, output):
@@ -204,7 +216,8 @@ class SeveralInputs:
         low = np.array([item.start for item in batch.mechanism.inputs])
         for found in self._curves(batch, output):
             for each in found.curves:
-                line = np.degrees(low + np.mod(each.points.inputs - low, 2.0 * np.pi))
+                drawn = self._drawn(batch, each)
+                line = np.degrees(low + np.mod(drawn.inputs - low, 2.0 * np.pi))
                 jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > 180.0
                 line[np.any(jumps, axis=1)] = np.nan
                 curves.append((line, TONES[found.kind]))
@@ -236,7 +249,7 @@ class SeveralInputs:
         for found in self._curves(batch, output):
             lines, marks = [], []
             for each in found.curves:
-                lines.append(_directions(each.points))
+                lines.append(_directions(self._drawn(batch, each)))
                 marks += [
                     Mark("III", place, TONES["III"]) for place in _directions(each.both)
                 ]
@@ -252,20 +265,26 @@ class SeveralInputs:
         return parts
 
     def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
-        if len(batch.moved_pairs) != 2 or not self.slices:
+        if len(batch.moved_pairs) != 2 or not self.slices_of(batch):
             return ()
         return batch.once(
             ("curves", output.name),
             lambda: tuple(
                 singular_curves(
-                    batch.mechanism, kind, output.name, slices_of_each=self.slices
+                    batch.mechanism,
+                    kind,
+                    output.name,
+                    slices_of_each=self.slices_of(batch),
                 )
                 for kind in KINDS
             ),
         )
 
+    def _drawn(self, batch: Batch, curve: FoundCurve) -> SingularPoints:
+        return batch.once(("drawn", id(curve)), lambda: curve.dense(DRAWN))
+
     def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
-        if len(batch.moved_pairs) != 3 or not self.slices or not self.mesh:
+        if len(batch.moved_pairs) != 3 or not self.slices_of(batch) or not self.mesh:
             return ()
         return batch.once(
             ("surfaces", output.name),
@@ -275,7 +294,7 @@ class SeveralInputs:
                     kind,
                     output.name,
                     side=self.mesh,
-                    slices_of_each=self.slices,
+                    slices_of_each=self.slices_of(batch),
                 )
                 for kind in KINDS
             ),

@@ -58,9 +58,11 @@ class SingularityAnalysis(AbstractAnalysis):
     default the outputs that the mechanism declares.
 
     With several inputs the outputs are those declared. Singular curves of two inputs are
-    looked for on `slices` values of each, 0 for none; surfaces of three inputs, on as many,
-    if `mesh` gives the length of their triangles' edges (degrees); aspects over `lattice`
-    values of each input, 0 for none.
+    looked for on `slices` values of each, 0 for none: by default 12 if the mechanism is one
+    of dyads, and none else, since each slice then costs seconds to minutes. Surfaces of
+    three inputs are looked for on as many, or 4, if `mesh` gives the length of their
+    triangles' edges (degrees). Aspects are found over `lattice` values of each input, 0
+    for none.
     """
 
     name: ClassVar[str] = "singularities"
@@ -133,7 +135,7 @@ class SingularityAnalysis(AbstractAnalysis):
 
     output: tuple[str, ...] = ()
     near: float = 5.0
-    slices: int = 12
+    slices: int | None = None
     mesh: float = 0.0
     lattice: int = 11
 
@@ -165,7 +167,7 @@ class SingularityAnalysis(AbstractAnalysis):
             ("mesh", self.mesh),
             ("lattice", self.lattice),
         ):
-            if not value >= 0:
+            if value is not None and not value >= 0:
                 raise AnalysisError(
                     f"singularities: {name}: {value:g} is negative; 0 leaves it out"
                 )

@@ -34,6 +34,15 @@ class FoundCurve:
     points: SingularPoints
     cusps: SingularPoints
     both: SingularPoints
+    view: View
+
+    def dense(self, parts: int) -> SingularPoints:
+        """Return the whole curve, each way between two nodes divided into parts."""
+        count = len(self.curve.nodes.values) - 1
+        which = np.repeat(np.arange(count), parts)
+        along = np.tile(np.arange(parts) / parts, count)
+        made = self.curve.on(np.append(which, count - 1), np.append(along, 1.0))
+        return self.view.points(self.curve.locus, made)
 
     @property
     def s(self) -> Floats:
@@ -174,4 +183,5 @@ def _found(curve: SingularCurve, other: Locus, view: View) -> FoundCurve:
         view.points(locus, curve.nodes),
         view.points(locus, curve.cusps()),
         view.points(locus, curve.zeros(measured)),
+        view,
     )
