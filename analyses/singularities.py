@@ -486,7 +486,7 @@ class SingularityAnalysis(AbstractAnalysis):
         parts: list[Primitive] = [
             *link_bodies(batch.mechanism, turned),
             *(
-                Arrow(f"pole/{name}", words, axes[name], False)
+                Arrow(f"pole/{name}", words, axes[name], False, path_shown=False)
                 for name, words in _AXES.items()
                 if np.any(np.isfinite(axes[name]))
             ),
@@ -496,9 +496,13 @@ class SingularityAnalysis(AbstractAnalysis):
             ),
         ]
         lines = [
-            "| sample | kind | condition | branch | q, deg | output | what coincides |"
+            "Arrows: poles of the input link i, its reference r, the output link o and its "
+            "reference s, or the fourth link of form ii. Great circles: the planes that "
+            "coincide.",
+            "",
+            "| sample | kind | condition | branch | q, deg | output | what coincides |",
+            "|---|---|---|---|---|---|---|",
         ]
-        lines.append("|---|---|---|---|---|---|---|")
         for k in range(n):
             lines.append(
                 f"| {k} | {points['kind'][k]} | {points['condition'][k]} | "
@@ -514,14 +518,7 @@ _ANGLES = {
     "angle_II": "to type II",
     "transmission": "transmission angle",
 }
-_AXES = {
-    "ir": "input",
-    "or_": "output link and r",
-    "os": "output",
-    "io": "input link and output link",
-    "is_": "input link and s",
-    "rs": "references",
-}
+_AXES = {"ir": "ir", "or_": "or", "os": "os", "io": "io", "is_": "is", "rs": "rs"}
 _DTYPES: Mapping[str, Any] = {
     "number": float,
     "integer": np.int64,

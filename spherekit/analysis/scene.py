@@ -47,6 +47,8 @@ class Arrow:
     """A pole axis that is the axis of a pair, drawn quieter than a secondary one."""
     shown: bool = True
     """Whether it is drawn from the start; otherwise it can be switched on."""
+    path_shown: bool = True
+    """Whether successive rows are places on one path."""
 
 
 @final

@@ -95,7 +95,7 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
                         radii=POINT,
                     ),
                 )
-                if primitive.shown:
+                if primitive.shown and primitive.path_shown:
                     yield (
                         "trail",
                         rr.Points3D.from_fields(colors=colours.PALE, radii=0.008),
@@ -136,14 +136,15 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
             good = present(quaternions)
             yield "", _turned(quaternions, good)
             yield "labels", rr.Points3D.columns(show_labels=good.tolist())
-        case Arrow(directions=directions, primary=primary, shown=shown):
+        case Arrow(directions=directions, primary=primary, path_shown=path_shown):
+            trail = primitive.shown and path_shown
             good = present(directions)
             found, count = directions[good], good.astype(np.int64)
             length = 1.12 if primary else 1.25
             yield "", rr.Arrows3D.columns(vectors=length * found).partition(count)
             if not primary:
                 yield "label", _points(1.3 * found, count)
-                if shown:
+                if trail:
                     yield "trail", _points(1.004 * found, count)
         case GreatCircle(normals=normals):
             good = present(normals)

@@ -272,7 +272,7 @@ class Recorder:
             _check_rows(primitive, len(samples))
             for suffix, columns in entities.moving(primitive):
                 self._columns(_below(path, suffix), lines, columns, len(samples))
-            if isinstance(primitive, Arrow):
+            if isinstance(primitive, Arrow) and path in self._paths:
                 self._paths[path][1].append(np.array(primitive.directions))
             if isinstance(primitive, Portrait) and path in self._drawn:
                 self._drawn[path].append(primitive.placed())
@@ -355,12 +355,13 @@ class Recorder:
         match primitive:
             case Body() | GreatCircle() | SphereCurves():
                 layout.solids.append((page, path))
-            case Arrow(primary=primary, shown=shown):
+            case Arrow(primary=primary, shown=shown, path_shown=path_shown):
                 layout.solids.append((page, path))
                 if not shown:
                     layout.hidden.append((page, path))
-                self._paths[path] = (primary, [])
-                if shown and not primary:
+                if path_shown:
+                    self._paths[path] = (primary, [])
+                if shown and path_shown and not primary:
                     layout.trails.append((page, f"{path}/trail"))
             case Portrait(curves=curves):
                 layout.portraits.append((page, path, primitive.label))
