@@ -1,0 +1,119 @@
+"""The analysis of singularities with several inputs: tables, conditions, what is seen."""
+
+import numpy as np
+import pytest
+from rerun.experimental import RrdReader
+
+import spherekit as sk
+from spherekit.analysis.scene import Portrait, SphereCurves, Surface
+from spherekit.errors import AnalysisError, SpherekitError
+from spherekit.view.rerun_view import Recorder
+
+FEW = "singularities:slices=3,lattice=5,near=10"
+
+
+@pytest.fixture(scope="module")
+def five_bar(tmp_path_factory):
+    path = tmp_path_factory.mktemp("singular") / "five_bar.rrd"
+    made = sk.load("five_bar")
+    with Recorder.to_file(path, "five bar") as recorder:
+        result = sk.run(made, FEW, samples=[7, 7], recorder=recorder)
+    return result, path
+
+
+def test_points_of_singular_curves_say_why_they_are_singular(five_bar):
+    result, _ = five_bar
+    frame = result.frame("singularities")
+    assert list(frame)[:6] == ["kind", "condition", "branch", "q_21", "q_51", "output"]
+    assert set(frame.guarantee) == {"complete to a box size"}
+    assert frame.residual.max() < 1e-12
+    conditions = frame.groupby("kind").condition.unique()
+    assert set(conditions["II"]) == {"c_21=0 c_51=0"}
+    assert set(conditions["I"]) <= {"u_21 along the direction", "d_51=0"}
+
+
+def test_relation_has_every_input_and_agrees_with_itself(five_bar):
+    result, _ = five_bar
+    frame = result.frame("singularities", "relation")
+    assert list(frame)[-3:] == ["moved", "type", "group"]
+    assert set(frame.moved) == {"21", "51"}
+    good = frame[frame.status == "OK"]
+    gap = good.c * good.rate - good.d
+    assert np.nanmax(np.abs(gap)) < 1e-12
+    assert np.all(good.sigma > 0.0)
+    assert set(good.type) == {"regular"}
+    assert np.all(good.group == 0)
+
+
+def test_aspects_and_findings(five_bar):
+    result, _ = five_bar
+    frame = result.frame("singularities", "aspects")
+    assert list(frame) == ["aspect", "q_21", "q_51", "sign_II", "sign_I", "modes"]
+    (own,) = result.summary["analyses"]
+    assert own["findings"]["aspects"] == frame.aspect.value_counts().sort_index().tolist()
+    assert own["findings"]["3/1"]["curves_II"] == frame_curves(result, "II")
+    assert any("type II of output 3/1" in text for text in result.summary["warnings"])
+
+
+def frame_curves(result, kind):
+    frame = result.frame("singularities")
+    return frame[frame.kind == kind].curve.nunique()
+
+
+def test_recording_has_the_curves_on_the_sphere_and_in_the_plane_of_inputs(five_bar):
+    _, path = five_bar
+    entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
+    assert "/five_bar/branch_0/singular/pointer/II" in entities
+    assert "/five_bar/branch_0/plots/inputs/pointer/curve_0" in entities
+    assert "/five_bar/branch_0/plots/inputs/pointer/mark" in entities
+
+
+class Pages:
+    """Keeps the scenes of a run."""
+
+    def __init__(self):
+        self.parts = []
+
+    def start(self, *scenes, **more):
+        """Take what does not move."""
+
+    def log(self, scene, samples, inputs=None, times=None):
+        """Take one block of one branch."""
+        self.parts += [(scene.page, part) for part in scene.primitives]
+
+
+def test_three_inputs_have_coefficients_and_a_surface_only_if_asked_for():
+    pages = Pages()
+    wanted = "singularities:lattice=3"
+    result = sk.run(sk.load("three_rrr"), wanted, samples=3, recorder=pages)
+    assert result.frame("singularities").empty
+    frame = result.frame("singularities", "relation")
+    assert set(frame.moved) == {"a1", "a2", "a3"}
+    assert not any(isinstance(part, Surface | Portrait) for _, part in pages.parts)
+    assert not any(isinstance(part, SphereCurves) for _, part in pages.parts)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        (
+            "five_bar",
+            "singularities:output=3/1",
+            "the outputs are those that the mechanism",
+        ),
+        ("five_bar", "singularities:slices=-1", "slices: -1 is negative"),
+        ("five_bar", "singularities:near=-2", "near: -2 is no angle"),
+        ("four_bar", "singularities:output=4/7", "7"),
+    ],
+)
+def test_wrong_requests(name, text, words):
+    with pytest.raises(SpherekitError, match=words):
+        sk.run(sk.load(name), text, samples=3)
+
+
+def test_outputs_have_to_be_declared():
+    from dataclasses import replace
+
+    made = replace(sk.load("five_bar"), outputs=())
+    with pytest.raises(AnalysisError, match=r"declare one in the file as \[outputs.NAME\]"):
+        sk.run(made, "singularities", samples=3)
