@@ -7,6 +7,7 @@ Which mechanisms have this form is found out by `spherekit.guidance.symmetry`.
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import final
 
 import numpy as np
@@ -207,6 +208,40 @@ class MidPlane:
         """
         sine = np.abs(normals @ self.axes.T)
         return np.asarray(2.0 * np.arcsin(np.clip(sine, 0.0, 1.0)))
+
+    def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
+        """Return the mid-plane (3,) nearest to one (3,), all legs within reach.
+
+        It is on the border of a leg's reach, a circle about its axis, or where two of
+        them meet; `margin` (rad) is how far inside. NaN if there is none.
+        """
+        limits = np.sin(np.minimum(self.arcs, np.pi - self.arcs) - margin)
+        found = [normal]
+        circles = [(k, sign) for k in range(len(self.arcs)) for sign in (1.0, -1.0)]
+        for k, sign in circles:
+            axis, height = self.axes[k], sign * limits[k]
+            flat = normal - (normal @ axis) * axis
+            if np.linalg.norm(flat) > REACH_SLACK:
+                flat = flat / np.linalg.norm(flat)
+                found.append(height * axis + np.sqrt(1.0 - height**2) * flat)
+        for (k, one), (j, other) in combinations(circles, 2):
+            across = cross(self.axes[k], self.axes[j])
+            square = across @ across
+            if square < REACH_SLACK:
+                continue
+            heights = one * limits[k], other * limits[j]
+            middle = heights[0] * cross(self.axes[j], across)
+            middle = (middle - heights[1] * cross(self.axes[k], across)) / square
+            left = 1.0 - middle @ middle
+            if left >= 0.0:
+                aside = np.sqrt(left / square) * across
+                found += [middle + aside, middle - aside]
+        every = np.stack(found)
+        inside = np.all(np.abs(every @ self.axes.T) <= limits + REACH_SLACK, axis=1)
+        if not np.any(inside):
+            return np.full(3, np.nan)
+        kept = every[inside]
+        return upward(kept[int(np.argmax(np.abs(kept @ normal)))])
 
 
 @final
