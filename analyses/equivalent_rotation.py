@@ -20,7 +20,7 @@ from spherekit.analysis.tables import (
     TableData,
     input_columns,
 )
-from spherekit.conventions import STATUS_MEANING, Status, listing, nearest
+from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import AnalysisError, ModelError, SolveError
 from spherekit.guidance.follow import follow_rotation
 from spherekit.guidance.form import MidPlaneForm, MidPlaneRotation
@@ -35,6 +35,13 @@ from spherekit.sphere.tilt_torsion import tilt_torsion
 
 AGREES = 1e-8
 """Inputs (rad) by the closed form and on the graph that differ by less agree."""
+ENDS: Mapping[Status, str] = {
+    Status.OUT_OF_REACH: "the output link cannot turn further; choose a nearer pose",
+    Status.AT_SINGULARITY: "the loops stop fixing the links there; choose another way",
+    Status.OFF_PROFILE: "a contact runs off its profile; choose a nearer pose",
+    Status.BRANCH_LOST: "no verified step leads on; choose another way",
+}
+"""What it means that a rotation ends before its whole angle."""
 FEASIBLE = 1e-9
 """A rotation that departs by less (rad) is one about a fixed axis."""
 
@@ -139,6 +146,11 @@ class EquivalentRotation(AbstractAnalysis):
         """Return the tracer, whose solver assembles the start; refuse bad parameters."""
         chosen_output(mechanism, self.output or None)
         inputs = tuple(item.pair for item in mechanism.inputs)
+        if len(inputs) > 3:
+            raise AnalysisError(
+                f"{self.name}: {len(inputs)} inputs turn the output link in more ways than "
+                "there are; lock some of them"
+            )
         read_pose(self.start, inputs, f"{self.name}: start")
         read_end(self.end, inputs, f"{self.name}: end")
         if self.samples < 2:
@@ -264,7 +276,7 @@ class EquivalentRotation(AbstractAnalysis):
             warnings.append(
                 f"the rotation ends at {np.degrees(turn.reached):.6g} of "
                 f"{np.degrees(turn.angle):.6g} deg: {Status(turn.end).name}, "
-                f"{STATUS_MEANING[Status(turn.end)]}"
+                f"{ENDS[Status(turn.end)]}"
             )
         if not departure < FEASIBLE:
             worst = int(np.nanargmax(at.departure))

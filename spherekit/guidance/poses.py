@@ -5,20 +5,25 @@ inverse kinematics of the output and the assembly modes of the mechanism.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import follow_rotation, follow_to
 from spherekit.guidance.form import MidPlaneForm, MidPlaneRotation
-from spherekit.guidance.rotation import FixedAxisRotation, unit
+from spherekit.guidance.march import UNFIXED
+from spherekit.guidance.nearest import Target
+from spherekit.guidance.rotation import FixedAxisRotation, control, unit
+from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.branches import Solver, wrap
+from spherekit.motion.closure import Closure
 from spherekit.motion.modes import assemblies
 from spherekit.motion.motion import Motion
 from spherekit.output.inverse import InverseKinematics
@@ -87,27 +92,37 @@ class Candidates:
     """k configurations: `values` (k, variables), `inputs` (k, inputs) rad.
 
     `orientations` (k, 3, 3) are those of the output link seen from its other link,
-    `labels` the signs of modes: of the legs of a mid-plane form, else of dyads.
+    `labels` the signs of modes: of the legs of a mid-plane form, else of dyads, with ~
+    for other groups. Those come last where the inputs do not hold the mechanism, or do not
+    turn the output link in as many ways as there are inputs: `singular` (k,).
     """
 
     values: Floats
     inputs: Floats
     orientations: Floats
     labels: tuple[str, ...]
+    singular: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.values)
 
     def nearest_first(self, orientation: Floats) -> "Candidates":
-        """Return them ordered by the angle from an orientation (3, 3)."""
+        """Return them ordered by the angle from an orientation, singular ones last."""
         given = np.broadcast_to(orientation, self.orientations.shape)
         angles = turns_between(given, self.orientations).angle
-        order = np.argsort(np.round(angles, 9), kind="stable")
+        return self._ordered(np.lexsort((np.round(angles, 9), self.singular)))
+
+    def singular_last(self) -> "Candidates":
+        """Return them with the singular ones last."""
+        return self._ordered(np.argsort(self.singular, kind="stable"))
+
+    def _ordered(self, order: NDArray[np.intp]) -> "Candidates":
         return Candidates(
             self.values[order],
             self.inputs[order],
             self.orientations[order],
             tuple(self.labels[k] for k in order),
+            self.singular[order],
         )
 
     def number_of(self, mode: str) -> int:
@@ -193,12 +208,27 @@ class PoseFinder:
 
     def _of_values(self, values: Floats, labels: Sequence[str]) -> Candidates:
         placed, _ = self.solver.closure.place(values)
-        return Candidates(
+        driven = list(self.solver.driven)
+        found = Candidates(
             values,
-            wrap(values[:, list(self.solver.driven)]),
+            wrap(values[:, driven]),
             pose_of(self.mechanism, self.output, placed),
             tuple(labels),
+            self._singular(driven, values),
         )
+        return found.singular_last()
+
+    @cached_property
+    def _target(self) -> Target:
+        made = replace(self.mechanism, ground=self.output.relative_to)
+        closure = Closure.of(made, geometry_of(made).joints)
+        return Target(closure, made.link_number[self.output.link], len(made.inputs))
+
+    def _singular(self, driven: Sequence[int], values: Floats) -> NDArray[np.bool_]:
+        near = self._target.at(values, np.broadcast_to(np.eye(3), (len(values), 3, 3)))
+        held = np.minimum(near.grasp, near.looseness)
+        held = np.fmin(held, control(self._target.closure, driven, values))
+        return np.asarray(~(held > UNFIXED))
 
     def _inverse(self, pose: Floats, points: bool) -> Candidates:
         """Return the configurations at an orientation (3, 3) or direction (3,)."""
@@ -219,10 +249,15 @@ class PoseFinder:
             if off[best] < SAME_POSE:
                 values.append(at.values[best])
                 labels.append(_signs(signs))
+        if not values and len(found.row):
+            raise SolveError(
+                f"{self.mechanism.name}: outputs.{self.output.name} is singular at this "
+                "pose; choose another one"
+            )
         if not values:
             raise SolveError(
                 f"{self.mechanism.name}: outputs.{self.output.name} does not reach this "
-                "pose; choose one inside its workspace"
+                "pose, or is singular there; choose one inside its workspace"
                 + self._offer(AtDirection(pose) if points else AtOrientation(pose))
             )
         return self._of_values(np.stack(values), labels)
@@ -370,7 +405,7 @@ class PoseFinder:
 
 
 def _signs(signs: Sequence[int] | Floats) -> str:
-    return "".join("+" if sign > 0 else "-" if sign < 0 else "0" for sign in signs)
+    return "".join("+" if sign > 0 else "-" if sign < 0 else "~" for sign in signs)
 
 
 def _modes_of(label: str) -> Floats:
