@@ -6,7 +6,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 from spherekit_analyses.pose_text import read_end, read_pose
-from spherekit_analyses.rotation_scenes import RotationScenes
+from spherekit_analyses.rotation_scenes import RotationScenes, mid_planes
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.scene import Scene
@@ -185,9 +185,8 @@ class EquivalentRotation(AbstractAnalysis):
         n = len(at.theta)
         phi = gamma = np.full(n, np.nan)
         if found.form is not None:
-            angles = mirror_angles(found.form.normals(_known(at.orientation))[0])
-            lost = np.isnan(at.orientation[:, 0, 0])
-            phi, gamma = (np.where(lost, np.nan, a) for a in (angles.phi, angles.gamma))
+            angles = mirror_angles(mid_planes(found.form, at.orientation))
+            phi, gamma = angles.phi, angles.gamma
         tilted = tilt_torsion(at.orientation)
         first = {
             "sample": np.arange(n),
@@ -229,7 +228,8 @@ class EquivalentRotation(AbstractAnalysis):
         found = self._found(batch)
         findings = self.findings(batch)
         scenes = RotationScenes(
-            batch.tracer.solver,
+            batch.mechanism,
+            lambda values: batch.tracer.solver.closure.place(values)[0],
             found.output,
             found.rotation,
             found.form,
@@ -429,11 +429,6 @@ def _by_input(mechanism: Mechanism, name: str, values: Floats) -> dict[str, Floa
     column = Column(name, "", "", per_input=True)
     own = Table("", "", (column,)).of(mechanism).columns
     return {c.name: values[:, k] for k, c in enumerate(own)}
-
-
-def _known(orientations: Floats) -> Floats:
-    lost = np.isnan(orientations[:, :1, :1])
-    return np.where(lost, np.diag([1.0, 1.0, 1.0]), orientations)
 
 
 def _largest(values: Floats) -> float:
