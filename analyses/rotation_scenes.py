@@ -79,7 +79,7 @@ class RotationScenes:
         placed = self.place(found.values)
         parts = self._stage(placed, found.orientation)
         for name, group, values in (
-            ("q", "driving angles, deg", rows.inputs),
+            ("q", "driving angles in time, deg", rows.inputs),
             ("dq", "driving speeds, deg/s", rows.rates),
             ("ddq", "driving accelerations, deg/s2", rows.accelerations),
         ):
