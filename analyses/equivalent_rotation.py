@@ -12,7 +12,6 @@ from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import (
     INPUTS,
-    SAMPLE,
     STATUS,
     TIME,
     Column,
@@ -99,7 +98,7 @@ class EquivalentRotation(AbstractAnalysis):
             "equivalent_rotation",
             "one row per angle of the rotation",
             (
-                SAMPLE,
+                Column("sample", "", "number of the angle, from 0", "integer"),
                 Column("theta", "rad", "angle turned through about the axis"),
                 Column("phi", "rad", "arc from Q to P, of a mid-plane form"),
                 Column("gamma", "rad", "turn of the mid-plane, of a mid-plane form"),
