@@ -7,8 +7,11 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from benchmarks.timing import median, rounds
 from spherekit.files.read import load
+from spherekit.guidance.midplane import Clearance
+from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.motion.branches import Branch
 from spherekit.output.inverse import InverseKinematics
+from spherekit.sphere.mirror import upward
 from spherekit.sphere.rotation import from_quaternion
 from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
 
@@ -73,6 +76,7 @@ def run(quick: bool) -> list[Section]:
             rows,
         ),
         _with_bar(quick),
+        _mid_plane(quick),
     ]
 
 
@@ -103,6 +107,33 @@ def _with_bar(quick: bool) -> Section:
         f"sampled, takes {1e3 * searched:.0f} ms: {len(found.row) / len(seeds):.0f} for "
         "each direction on average.",
         ("directions off by, rad", "part closed", "us per pose"),
+        rows,
+    )
+
+
+def _mid_plane(quick: bool) -> Section:
+    """Return the cost of the closed forms of the mechanism of Chen et al. 2021."""
+    form = mid_plane_form(load(BAR))
+    plane, clear = form.plane, Clearance(np.radians(10.0), 200.0, 8.0)
+    count = FEW if quick else POSES
+    normals = np.random.default_rng(1).normal(size=(count, 3))
+    normals = upward(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    inputs = np.nan_to_num(plane.solutions(normals)[-1, 1])
+    jobs = {
+        "inputs in all four modes": lambda: plane.solutions(normals),
+        "margins of folding and stretching": lambda: clear.margins(plane, normals),
+        "mid-planes at given inputs": lambda: plane.normals(inputs),
+    }
+    times = rounds(jobs, 3 if quick else 7, now=time.process_time)
+    rows: list[tuple[Cell, ...]] = [
+        (name, 1e9 * median(times, name) / count, 1e6 * median(times, name) / count)
+        for name in jobs
+    ]
+    return Section(
+        "Inverse kinematics of a mid-plane",
+        f"{BAR} in its closed form: {count} mid-planes spread over the half sphere; "
+        "medians of processor time, one core.",
+        ("what", "ns per pose", "s per 1e6 poses"),
         rows,
     )
 

@@ -27,9 +27,15 @@ if TYPE_CHECKING:
     from spherekit.files.study import Study as Study
     from spherekit.files.study import load_study as load_study
     from spherekit.files.write import dump as dump
+    from spherekit.guidance.follow import follow_rotation as follow_rotation
+    from spherekit.guidance.follow import follow_to as follow_to
+    from spherekit.guidance.schedule import quickest as quickest
+    from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
     from spherekit.model.mechanism import Mechanism as Mechanism
     from spherekit.motion.motion import Motion as Motion
     from spherekit.motion.motion import trace as trace
+    from spherekit.output.forward import ForwardKinematics as ForwardKinematics
+    from spherekit.output.inverse import InverseKinematics as InverseKinematics
     from spherekit.planning.poles import Plan as Plan
     from spherekit.planning.poles import plan as plan
     from spherekit.planning.table import as_text as table  # noqa: F401
@@ -37,6 +43,8 @@ if TYPE_CHECKING:
 _HOME = {
     "AbstractAnalysis": "spherekit.analysis.contract:AbstractAnalysis",
     "Batch": "spherekit.analysis.contract:Batch",
+    "ForwardKinematics": "spherekit.output.forward:ForwardKinematics",
+    "InverseKinematics": "spherekit.output.inverse:InverseKinematics",
     "Mechanism": "spherekit.model.mechanism:Mechanism",
     "Motion": "spherekit.motion.motion:Motion",
     "Needs": "spherekit.analysis.contract:Needs",
@@ -46,9 +54,13 @@ _HOME = {
     "Status": "spherekit.conventions:Status",
     "Study": "spherekit.files.study:Study",
     "dump": "spherekit.files.write:dump",
+    "follow_rotation": "spherekit.guidance.follow:follow_rotation",
+    "follow_to": "spherekit.guidance.follow:follow_to",
     "load": "spherekit.files.read:load",
     "load_study": "spherekit.files.study:load_study",
+    "mid_plane_form": "spherekit.guidance.symmetry:mid_plane_form",
     "plan": "spherekit.planning.poles:plan",
+    "quickest": "spherekit.guidance.schedule:quickest",
     "run": "spherekit.analysis.run:run",
     "run_study": "spherekit.analysis.study:run_study",
     "table": "spherekit.planning.table:as_text",

@@ -38,6 +38,7 @@ SIBLINGS = {
     "dynamics": {"singular"},
 }
 PLUGINS_MAY_IMPORT = {
+    "guidance",
     "guarantee",
     "singular",
     "analysis",

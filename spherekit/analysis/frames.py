@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFrame":
-    """Return a table as a frame; with `degrees`, columns in rad become deg."""
+    """Return a table as a frame; with `degrees`, columns in rad become deg, rates too."""
     import pandas as pd
 
     columns: dict[str, Any] = {}
@@ -29,8 +29,8 @@ def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFr
         elif column.kind == "text":
             codes, words = _codes(np.asarray(values))
             values = pd.Categorical.from_codes(codes, categories=pd.Index(words))
-        elif degrees and unit == "rad":
-            values, unit = np.degrees(values), "deg"
+        elif degrees and unit in ("rad", "rad/s", "rad/s2"):
+            values, unit = np.degrees(values), unit.replace("rad", "deg")
         elif degrees and unit == "1/rad":
             values, unit = np.radians(values), "1/deg"
         columns[column.name] = values

@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.conventions import SINGULAR_RATIO, Status, listing
+from spherekit.conventions import REACH_SLACK, SINGULAR_RATIO, Status, listing
 from spherekit.errors import SolveError
 from spherekit.guidance.midplane import MidPlane
 from spherekit.guidance.rotation import RotationSamples, control, turn_to, unit, within
@@ -29,6 +29,10 @@ from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpos
 PROOF_POSES = 64
 MARKS = 257
 """Angles on a rotation at which the driven readings are known without jumps."""
+ZOOM = 16
+"""Parts into which an interval is cut that holds a crossing."""
+CROSSING_WIDTH = 1e-13
+"""How narrow (rad) it becomes."""
 
 
 @final
@@ -271,6 +275,54 @@ class MidPlaneRotation:
     def inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs."""
         return self.form.inputs
+
+    @cached_property
+    def reached(self) -> float:
+        """The angle (rad) up to which all legs reach the mid-plane.
+
+        On the way n . b is a cosine of theta / 2 for each base axis b.
+        """
+        plane = self.form.plane
+        side = cross(self.form.frame.T @ self.axis, self.start)
+        along, across = plane.axes @ self.start, plane.axes @ side
+        size = np.hypot(along, across)
+        limit = np.sin(plane.arcs)
+        short = size > limit + REACH_SLACK
+        ahead = np.arctan2(across, along)[short]
+        half = np.remainder(ahead - np.arccos(limit[short] / size[short]), np.pi)
+        return float(np.min(2.0 * half, initial=self.angle))
+
+    @property
+    def end(self) -> Status:
+        """Status of what lies beyond: OUT_OF_REACH, or OK at the whole angle."""
+        return Status.OK if self.reached >= self.angle else Status.OUT_OF_REACH
+
+    @cached_property
+    def crossings(self) -> tuple[float, ...]:
+        """Angles (rad) on the way at which the inputs do not hold the mechanism.
+
+        Where the control has a minimum of 0, enclosed more and more narrowly.
+        """
+        marks = np.linspace(0.0, self.reached, MARKS)
+        held = np.nan_to_num(self._control(marks), nan=np.inf)
+        beside = np.pad(held, 1, constant_values=np.inf)
+        low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
+        width, places = marks[1], marks[low]
+        while len(places) and width > CROSSING_WIDTH:
+            grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
+            grid = np.clip(grid, 0.0, self.reached)
+            found = np.nan_to_num(self._control(grid.ravel()), nan=np.inf)
+            best = np.argmin(found.reshape(grid.shape), axis=1)
+            places = grid[np.arange(len(grid)), best]
+            width *= 2.0 / ZOOM
+        lost = ~(self._control(places) > SINGULAR_RATIO)
+        return tuple(float(place) for place in places[lost])
+
+    def _control(self, theta: Floats) -> Floats:
+        """Return the control (n,) at angles (n,), see `RotationSamples`."""
+        placed = self.form.place(self.normals(theta), self.modes)
+        values, _ = self.form.values(placed)
+        return control(self._closure, self.form.driven_variables, values)
 
     @cached_property
     def _closure(self) -> Closure:

@@ -6,7 +6,9 @@ is the whole pose: two freedoms, and closed forms both ways (Chen et al. 2021, s
 Which mechanisms have this form is found out by `spherekit.guidance.symmetry`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import final
 
 import numpy as np
@@ -15,6 +17,9 @@ from numpy.typing import ArrayLike
 from spherekit.conventions import REACH_SLACK
 from spherekit.sphere.mirror import mirror_angles, normals_of, upward
 from spherekit.sphere.rotation import Floats, cross
+
+ROWS = 8192
+"""Poses computed at once: few enough for the processor's cache."""
 
 
 @final
@@ -71,9 +76,7 @@ class MidPlane:
         sine = normals @ self.axes.T
         flat = self.axes - sine[..., None] * normals[:, None]
         square = np.sum(flat * flat, axis=-1)
-        height = np.arctan2(sine, np.sqrt(square))
-        left = np.sin(self.arcs + height) * np.sin(self.arcs - height)
-        left[np.abs(left) <= REACH_SLACK] = 0.0
+        left = _left(self.arcs, sine, np.sqrt(square))
         aside = cross(np.broadcast_to(normals[:, None], flat.shape), flat)
         with np.errstate(invalid="ignore", divide="ignore"):
             root = np.sqrt(left) * np.asarray(modes, dtype=float)
@@ -169,13 +172,35 @@ class MidPlane:
         link points away from the middle of the base in mode -1 of the first leg and 1 of
         the second, Fig. 5(a), and towards it in the other ones.
         """
-        driven = list(self.driven)
+        wanted = ((-1, 1), (-1, -1), (1, 1), (1, -1))
+        found = {modes: np.empty((len(normals), 2)) for modes in wanted}
+        for start in range(0, len(normals), ROWS):
+            rows = slice(start, start + ROWS)
+            for k, leg in enumerate(self.driven):
+                for mode, readings in self._both(leg, normals[rows]).items():
+                    for modes in wanted:
+                        if modes[k] == mode:
+                            found[modes][rows, k] = readings
+        return found
+
+    def _both(self, leg: int, normals: Floats) -> dict[int, Floats]:
+        """Return a leg's readings (n,) rad in its modes 1 and -1.
+
+        With the normal (u, v, s) in the leg's dial the elbow's azimuth is that of
+        -cos(arc) s (u, v) + root (v, -u).
+        """
+        arc = self.arcs[leg]
+        u, v, sine = self.dials[leg].T @ normals.T
+        along = -np.cos(arc) * sine
+        with np.errstate(invalid="ignore"):
+            root = np.sqrt(_left(arc, sine, np.hypot(u, v)))
+        x, y, aside, back = along * u, along * v, root * v, root * u
         found = {}
-        for modes in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
-            every = np.ones(len(self.arcs))
-            every[driven] = modes
-            elbows, _ = self.elbows(normals, every)
-            found[modes] = self.readings(elbows)[:, driven]
+        for mode in (1, -1):
+            azimuth = np.arctan2(y - mode * back, x + mode * aside) - self.phases[leg]
+            azimuth -= 2.0 * np.pi * (azimuth > np.pi)
+            azimuth += 2.0 * np.pi * (azimuth <= -np.pi)
+            found[mode] = self.senses[leg] * azimuth
         return found
 
     def jacobian(self, phi: ArrayLike, gamma: ArrayLike, modes: ArrayLike) -> Floats:
@@ -200,13 +225,48 @@ class MidPlane:
                 columns.append(rates.first[:, list(self.driven)])
         return np.stack(columns, axis=2)
 
-    def folds(self, normals: Floats) -> Floats:
-        """Return the angles (n, legs) rad between base and tip axes of each leg.
+    def folds(self, normals: Floats, legs: Sequence[int] | None = None) -> Floats:
+        """Return the angles (n, legs) rad between base and tip axes of each leg, or some.
 
         A leg is folded at 0, stretched at twice its arc; the paper asks for 10 degrees.
         """
-        sine = np.abs(normals @ self.axes.T)
+        axes = self.axes if legs is None else self.axes[list(legs)]
+        sine = np.abs(normals @ axes.T)
         return np.asarray(2.0 * np.arcsin(np.clip(sine, 0.0, 1.0)))
+
+    def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
+        """Return the mid-plane (3,) nearest to one (3,), all legs within reach.
+
+        It is on the border of a leg's reach, a circle about its axis, or where two of
+        them meet; `margin` (rad) is how far inside. NaN if there is none.
+        """
+        limits = np.sin(np.minimum(self.arcs, np.pi - self.arcs) - margin)
+        found = [normal]
+        circles = [(k, sign) for k in range(len(self.arcs)) for sign in (1.0, -1.0)]
+        for k, sign in circles:
+            axis, height = self.axes[k], sign * limits[k]
+            flat = normal - (normal @ axis) * axis
+            if np.linalg.norm(flat) > REACH_SLACK:
+                flat = flat / np.linalg.norm(flat)
+                found.append(height * axis + np.sqrt(1.0 - height**2) * flat)
+        for (k, one), (j, other) in combinations(circles, 2):
+            across = cross(self.axes[k], self.axes[j])
+            square = across @ across
+            if square < REACH_SLACK:
+                continue
+            heights = one * limits[k], other * limits[j]
+            middle = heights[0] * cross(self.axes[j], across)
+            middle = (middle - heights[1] * cross(self.axes[k], across)) / square
+            left = 1.0 - middle @ middle
+            if left >= 0.0:
+                aside = np.sqrt(left / square) * across
+                found += [middle + aside, middle - aside]
+        every = np.stack(found)
+        inside = np.all(np.abs(every @ self.axes.T) <= limits + REACH_SLACK, axis=1)
+        if not np.any(inside):
+            return np.full(3, np.nan)
+        kept = every[inside]
+        return upward(kept[int(np.argmax(np.abs(kept @ normal)))])
 
 
 @final
@@ -228,7 +288,7 @@ class Clearance:
         Negative beyond the limit.
         """
         driven = list(plane.driven)
-        folds = plane.folds(normals)[:, driven]
+        folds = plane.folds(normals, driven)
         return np.stack([folds - self.least, 2.0 * plane.arcs[driven] - folds], axis=1)
 
     def gaps(self, plane: MidPlane, normals: Floats) -> Floats:
@@ -236,5 +296,16 @@ class Clearance:
 
         Measured along the sphere: radius times fold, less the width of a link.
         """
-        folds = plane.folds(normals)[:, list(plane.driven)]
+        folds = plane.folds(normals, plane.driven)
         return np.asarray(self.radius * folds - self.width)
+
+
+def _left(arcs: ArrayLike, sine: Floats, cosine: Floats) -> Floats:
+    """Return sin(arc + h) sin(arc - h), with sine and cosine of h: the square of the root.
+
+    0 where a leg just reaches the mid-plane, negative where it does not.
+    """
+    one, other = np.sin(arcs) * cosine, np.cos(arcs) * sine
+    left = np.asarray((one + other) * (one - other))
+    left[np.abs(left) <= REACH_SLACK] = 0.0
+    return left

@@ -7,7 +7,7 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.closure import Closure
@@ -74,6 +74,21 @@ class FixedAxisRotation(Protocol):
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs."""
+        ...
+
+    @property
+    def reached(self) -> float:
+        """The angle (rad) up to which the mechanism follows."""
+        ...
+
+    @property
+    def end(self) -> Status:
+        """Status of what lies beyond."""
+        ...
+
+    @property
+    def crossings(self) -> tuple[float, ...]:
+        """Angles (rad) on the way at which the inputs do not hold the mechanism."""
         ...
 
     def at(self, theta: ArrayLike) -> RotationSamples:

@@ -1,10 +1,12 @@
 """The two-freedom spherical mechanism of Chen et al. 2021 for any arcs."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from spherekit.errors import ModelError
+from spherekit.model.geometry import link_axes
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
@@ -80,7 +82,7 @@ def mid_plane_mechanism(
         "11": LinkSizes(("11_8", "11_9", "11_10"), (right, right), (0.0,)),
     }
     pairs = tuple(Pair(pair, "R", (first, second)) for pair, first, second in _PAIRS)
-    return Mechanism(
+    made = Mechanism(
         name,
         "1",
         tuple(str(number) for number in range(1, 12)),
@@ -90,10 +92,11 @@ def mid_plane_mechanism(
             Input("21", np.radians(14.0), np.radians(31.0)),
             Input("61", np.radians(12.0), np.radians(23.0)),
         ),
-        outputs=(Output("pointer", "4", "1"),),
         source=Source(
             "Z. Chen, X. Chen, M. Gao, C. Zhao, K. Zhao and Y. Li, Motion characteristics "
             "analysis of a novel spherical two-degree-of-freedom parallel mechanism, 2021, "
             "doi 10.21203/rs.3.rs-258461, Figs. 1 and 2"
         ),
     )
+    x, y, z = link_axes(made)["4"]["74"].tolist()
+    return replace(made, outputs=(Output("pointer", "4", "1", (x, y, z)),))

@@ -1,0 +1,455 @@
+"""Equivalent rotation: from one pose of an output to another about one fixed axis."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+from spherekit_analyses.pose_text import read_end, read_pose
+from spherekit_analyses.rotation_scenes import RotationScenes, mid_planes
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
+from spherekit.analysis.scene import Scene
+from spherekit.analysis.tables import (
+    INPUTS,
+    STATUS,
+    TIME,
+    Column,
+    Table,
+    TableData,
+    input_columns,
+)
+from spherekit.conventions import Status, listing, nearest
+from spherekit.errors import AnalysisError, ModelError, SolveError
+from spherekit.guidance.follow import follow_rotation
+from spherekit.guidance.form import MidPlaneForm, MidPlaneRotation
+from spherekit.guidance.poses import Candidates, PoseFinder
+from spherekit.guidance.rotation import FixedAxisRotation, RotationSamples, chosen_output
+from spherekit.guidance.schedule import SHAPES, Schedule, quickest
+from spherekit.guidance.symmetry import mid_plane_form
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.sphere.mirror import mirror_angles
+from spherekit.sphere.rotation import Floats
+from spherekit.sphere.tilt_torsion import tilt_torsion
+
+AGREES = 1e-8
+"""Inputs (rad) by the closed form and on the graph that differ by less agree."""
+ENDS: Mapping[Status, str] = {
+    Status.OUT_OF_REACH: "the output link cannot turn further; choose a nearer pose",
+    Status.AT_SINGULARITY: "the loops stop fixing the links there; choose another way",
+    Status.OFF_PROFILE: "a contact runs off its profile; choose a nearer pose",
+    Status.BRANCH_LOST: "no verified step leads on; choose another way",
+}
+"""What it means that a rotation ends before its whole angle."""
+FEASIBLE = 1e-9
+"""A rotation that departs by less (rad) is one about a fixed axis."""
+
+
+@final
+@dataclass(frozen=True)
+class Found:
+    """A rotation with its samples; `graph` is how far (rad) the graph is from them.
+
+    `form` is the mechanism's mid-plane form. `graph` is known where the rotation is in
+    closed form, unless the graph could not be followed, for the reason `unchecked`.
+    """
+
+    output: Output
+    start: Candidates
+    number: int
+    rotation: FixedAxisRotation
+    samples: RotationSamples
+    form: MidPlaneForm | None
+    graph: float | None
+    unchecked: str
+    schedule: Schedule | None
+    unscheduled: str
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class EquivalentRotation(AbstractAnalysis):
+    """The rotation about a fixed axis that carries an output link from `start` to `end`.
+
+    Poses are ``key=value+key=value``, angles in degrees: all driven pairs by their names
+    (``21=5.3+61=56.7``); ``phi``, ``gamma`` of a mid-plane form; ``x``, ``y``, ``z``, where
+    an output points; ``azimuth``, ``tilt``, ``torsion`` or the quaternion ``qx``, ``qy``,
+    ``qz``, ``qw`` of an orientation. The end may also be the axis and angle of a turn,
+    ``ux``, ``uy``, ``uz``, ``angle``. All are seen from the link that the output is
+    relative to.
+
+    `mode` is the start's configuration, by number or by signs; the summary lists them.
+    `end_mode` is that of an end with several orientations, 0 the nearest to the start.
+    `samples` divide the rotation evenly; `theta` (degrees) gives its angles instead.
+    `speed` (deg/s) and `acceleration` (deg/s2) are limits of the inputs, one for all or one
+    for each: with one of them there is a schedule of that many rows, its time law of the
+    `shape` cycloidal, cubic, quintic or septic.
+    """
+
+    name: ClassVar[str] = "equivalent_rotation"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "rotation about a fixed axis between two poses, in time"
+    cites: ClassVar[tuple[str, ...]] = (
+        "Z. Chen et al., Motion characteristics analysis of a novel spherical two-degree-"
+        "of-freedom parallel mechanism, 2021, doi 10.21203/rs.3.rs-258461",
+    )
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "equivalent_rotation",
+            "one row per angle of the rotation",
+            (
+                Column("sample", "", "number of the angle, from 0", "integer"),
+                Column("theta", "rad", "angle turned through about the axis"),
+                Column("phi", "rad", "arc from Q to P, of a mid-plane form"),
+                Column("gamma", "rad", "turn of the mid-plane, of a mid-plane form"),
+                Column("azimuth", "rad", "direction in which the output link is tilted"),
+                Column("tilt", "rad", "tilt of its z axis"),
+                Column("torsion", "rad", "its turn that is no tilt"),
+                INPUTS,
+                Column("rate", "", "derivative of q by theta", per_input=True),
+                Column("departure", "rad", "angle from the pose turned exactly"),
+                Column(
+                    "drift", "rad", "angle from the axis of the moment to the fixed one"
+                ),
+                Column("control", "", "how surely the inputs hold the mechanism, 0: not"),
+                STATUS,
+            ),
+        ),
+        Table(
+            "schedule",
+            "the rotation in time, for a controller; empty without limits",
+            (
+                TIME,
+                Column("theta", "rad", "angle turned through about the axis"),
+                INPUTS,
+                Column("dq", "rad/s", "rate of q", per_input=True),
+                Column("ddq", "rad/s2", "acceleration of q", per_input=True),
+                Column("control", "", "how surely the inputs hold the mechanism, 0: not"),
+                STATUS,
+            ),
+        ),
+    )
+
+    start: str
+    end: str
+    mode: str = "0"
+    end_mode: str = "0"
+    output: str = ""
+    samples: int = 91
+    theta: tuple[float, ...] = ()
+    speed: tuple[float, ...] = ()
+    acceleration: tuple[float, ...] = ()
+    shape: str = "cycloidal"
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return the tracer, whose solver assembles the start; refuse bad parameters."""
+        chosen_output(mechanism, self.output or None)
+        inputs = tuple(item.pair for item in mechanism.inputs)
+        if len(inputs) > 3:
+            raise AnalysisError(
+                f"{self.name}: {len(inputs)} inputs turn the output link in more ways than "
+                "there are; lock some of them"
+            )
+        read_pose(self.start, inputs, f"{self.name}: start")
+        read_end(self.end, inputs, f"{self.name}: end")
+        if self.samples < 2:
+            raise AnalysisError(
+                f"{self.name}: samples: found {self.samples}, needs at least 2"
+            )
+        if not all(np.isfinite(theta) and theta >= 0.0 for theta in self.theta):
+            raise AnalysisError(
+                f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, needs angles "
+                "in degrees from 0 to that of the rotation"
+            )
+        for name in ("speed", "acceleration"):
+            limits = getattr(self, name)
+            if len(limits) not in (0, 1, len(inputs)) or not all(
+                np.isfinite(limit) and limit > 0.0 for limit in limits
+            ):
+                raise AnalysisError(
+                    f"{self.name}: {name}: found {'+'.join(map(str, limits))}, needs one "
+                    f"limit above 0 for all inputs, or one for each of {listing(inputs)}"
+                )
+        if self.shape not in SHAPES:
+            raise AnalysisError(
+                f'{self.name}: shape: "{self.shape}" is none'
+                f"{nearest(self.shape, SHAPES) or ';'} shapes: {listing(SHAPES)}"
+            )
+        return Needs(tracer=True)
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return the tables of the rotation and of its schedule."""
+        found = self._found(batch)
+        mechanism, at = batch.mechanism, found.samples
+        n = len(at.theta)
+        phi = gamma = np.full(n, np.nan)
+        if found.form is not None:
+            angles = mirror_angles(mid_planes(found.form, at.orientation))
+            phi, gamma = angles.phi, angles.gamma
+        tilted = tilt_torsion(at.orientation)
+        first = {
+            "sample": np.arange(n),
+            "theta": at.theta,
+            "phi": phi,
+            "gamma": gamma,
+            "azimuth": tilted[:, 0],
+            "tilt": tilted[:, 1],
+            "torsion": tilted[:, 2],
+            **input_columns(mechanism, at.inputs),
+            **_by_input(mechanism, "rate", at.rates),
+            "departure": at.departure,
+            "drift": at.drift,
+            "control": at.control,
+            "status": at.status,
+        }
+        count = len(mechanism.inputs)
+        if found.schedule is None:
+            nothing, none = np.zeros(0), np.zeros((0, count))
+            t, theta, inputs, dq, ddq, control = nothing, nothing, none, none, none, nothing
+            status = np.zeros(0, dtype=np.int8)
+        else:
+            rows = found.schedule.table(self.samples)
+            t, theta, inputs, dq = rows.t, rows.theta, rows.inputs, rows.rates
+            ddq, control, status = rows.accelerations, rows.control, rows.status
+        second = {
+            "t": t,
+            "theta": theta,
+            **input_columns(mechanism, inputs),
+            **_by_input(mechanism, "dq", dq),
+            **_by_input(mechanism, "ddq", ddq),
+            "control": control,
+            "status": status,
+        }
+        return {"equivalent_rotation": first, "schedule": second}
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return a page with the rotation, and one with its schedule if there is one."""
+        found = self._found(batch)
+        findings = self.findings(batch)
+        scenes = RotationScenes(
+            batch.mechanism,
+            lambda values: batch.tracer.solver.closure.place(values)[0],
+            found.output,
+            found.rotation,
+            found.form,
+            self._words(found, findings.warnings),
+        )
+        pages = [scenes.rotation(found.samples)]
+        if found.schedule is not None:
+            pages.append(scenes.schedule(found.schedule.table(self.samples)))
+        return tuple(pages)
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return axis, angle, feasibility, places without control, and the duration."""
+        found = self._found(batch)
+        turn, at = found.rotation, found.samples
+        departure, drift = _largest(at.departure), _largest(at.drift)
+        followed = turn.end == Status.OK
+        figures: dict[str, Any] = {
+            "output": found.output.name,
+            "axis": turn.axis.tolist(),
+            "angle_rad": turn.angle,
+            "feasible": bool(followed and departure < FEASIBLE),
+            "reached_rad": turn.reached,
+            "end": Status(turn.end).name,
+            "closed_form": isinstance(turn, MidPlaneRotation),
+            "largest_departure_rad": departure,
+            "largest_drift_rad": drift,
+            "crossings_rad": list(turn.crossings),
+            "start": {
+                "mode": found.start.labels[found.number],
+                "number": found.number,
+                "configurations": [
+                    {"mode": label, "inputs_rad": inputs.tolist()}
+                    for label, inputs in zip(
+                        found.start.labels, found.start.inputs, strict=True
+                    )
+                ],
+            },
+            "graph_differs_rad": found.graph,
+        }
+        if found.form is not None:
+            figures["axis_in_mirror_axes"] = (turn.axis @ found.form.frame).tolist()
+        warnings = []
+        if not followed:
+            warnings.append(
+                f"the rotation ends at {np.degrees(turn.reached):.6g} of "
+                f"{np.degrees(turn.angle):.6g} deg: {Status(turn.end).name}, "
+                f"{ENDS[Status(turn.end)]}"
+            )
+        if not departure < FEASIBLE:
+            worst = int(np.nanargmax(at.departure))
+            warnings.append(
+                "the output link does not turn about a fixed axis: nearest to it, it "
+                f"departs by up to {np.degrees(departure):.4g} deg, at theta = "
+                f"{np.degrees(at.theta[worst]):.4g} deg, and its axis by "
+                f"{np.degrees(drift):.4g} deg"
+            )
+        if turn.crossings:
+            places = turn.at(np.array(turn.crossings))
+            for theta, inputs in zip(places.theta, places.inputs, strict=True):
+                where = f"theta = {np.degrees(theta):.4f} deg"
+                if np.all(np.isfinite(inputs)):
+                    where += "".join(
+                        f", {name} = {np.degrees(q) + 0.0:.4f}"
+                        for name, q in zip(turn.inputs, inputs, strict=True)
+                    )
+                warnings.append(
+                    f"control is lost at {where}: the rotation meets a type II "
+                    "singularity there, where the inputs do not hold the mechanism"
+                )
+        if found.graph is not None and not found.graph < AGREES:
+            warnings.append(
+                f"the closed form and the graph differ by {found.graph:.3g} rad in an input"
+            )
+        if found.unchecked:
+            figures["graph"] = found.unchecked
+        if found.unscheduled:
+            warnings.append(f"there is no schedule: {found.unscheduled}")
+        if found.schedule is not None:
+            figures["schedule"] = _schedule_figures(found.schedule, self.shape)
+        return Findings(figures, tuple(warnings))
+
+    def _found(self, batch: Batch) -> Found:
+        return batch.once("found", lambda: self._rotation(batch))
+
+    def _rotation(self, batch: Batch) -> Found:
+        mechanism = batch.mechanism
+        output = chosen_output(mechanism, self.output or None)
+        try:
+            form = mid_plane_form(mechanism, output.name)
+        except ModelError:
+            form = None
+        finder = PoseFinder(batch.tracer.solver, output, form, batch.motion)
+        inputs = batch.moved_pairs
+        end = read_end(self.end, inputs, f"{self.name}: end")
+        start, number = self._start(finder, inputs)
+        turn = finder.rotation(start, number, end, self.end_mode)
+        theta = np.linspace(0.0, turn.angle, self.samples)
+        if self.theta:
+            theta = np.radians(self.theta)
+            if not np.max(theta) <= turn.angle:
+                raise SolveError(
+                    f"theta: {max(self.theta):g} deg is beyond the rotation, whose angle "
+                    f"is {np.degrees(turn.angle):.9g} deg"
+                )
+        samples = turn.at(theta)
+        graph, unchecked = None, ""
+        if isinstance(turn, MidPlaneRotation):
+            graph, unchecked = _checked(mechanism, start.values[number], turn, samples)
+        schedule, unscheduled = None, ""
+        if self.speed or self.acceleration:
+            speed, acceleration = (
+                np.radians(each) if each else None
+                for each in (self.speed, self.acceleration)
+            )
+            try:
+                schedule = quickest(turn, speed, acceleration, self.shape)
+            except SolveError as problem:
+                unscheduled = str(problem)
+        return Found(
+            output,
+            start,
+            number,
+            turn,
+            samples,
+            form,
+            graph,
+            unchecked,
+            schedule,
+            unscheduled,
+        )
+
+    def _start(self, finder: PoseFinder, inputs: tuple[str, ...]) -> tuple[Candidates, int]:
+        try:
+            start = finder.candidates(read_pose(self.start, inputs, "start"))
+            return start, start.number_of(self.mode)
+        except SolveError as problem:
+            raise SolveError(f"start: {problem}") from None
+
+    def _words(self, found: Found, warnings: tuple[str, ...]) -> str:
+        """Return what is to be read beside the page, as Markdown."""
+        turn, at = found.rotation, found.samples
+        x, y, z = turn.axis
+        lines = [
+            "# Equivalent rotation",
+            "",
+            "| | |",
+            "|---|---|",
+            f"| from | {self.start} |",
+            f"| to | {self.end} |",
+            f"| configuration | {found.start.labels[found.number]} |",
+            f"| axis | {x:.6f}, {y:.6f}, {z:.6f} |",
+            f"| angle | {np.degrees(turn.angle):.6f} deg |",
+            f"| largest departure | {_largest(at.departure):.3g} rad |",
+            f"| largest drift of the axis | {_largest(at.drift):.3g} rad |",
+        ]
+        if found.schedule is not None:
+            most = found.schedule.binding
+            lines += [
+                f"| duration | {found.schedule.duration:.4f} s, {self.shape} |",
+                f"| set by | {most.quantity} of {most.input} at {most.t:.4f} s |",
+            ]
+        return "\n".join([*lines, "", *(f"- {text}" for text in warnings)])
+
+
+def _checked(
+    mechanism: Mechanism, values: Floats, turn: MidPlaneRotation, samples: RotationSamples
+) -> tuple[float | None, str]:
+    """Return how far (rad) inputs on the graph are off, or why that is not known."""
+    try:
+        graph = follow_rotation(
+            mechanism, values, turn.axis, turn.angle, _output_name(mechanism, turn)
+        )
+    except SolveError as problem:
+        return None, str(problem)
+    off = np.abs(graph.at(samples.theta).inputs - samples.inputs)
+    off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi)
+    known = off[np.all(np.isfinite(off), axis=1)]
+    if not len(known):
+        return None, "the graph could not be followed"
+    note = ""
+    if graph.end != turn.end:
+        reached = f"{np.degrees(graph.reached):.6g} deg"
+        note = f"followed to {reached} only: {Status(graph.end).name}"
+    return float(np.max(known)), note
+
+
+def _output_name(mechanism: Mechanism, turn: MidPlaneRotation) -> str:
+    link = turn.form.mechanism.links[turn.form.effector]
+    base = turn.form.mechanism.links[0]
+    return next(
+        o.name for o in mechanism.outputs if (o.link, o.relative_to) == (link, base)
+    )
+
+
+def _by_input(mechanism: Mechanism, name: str, values: Floats) -> dict[str, Floats]:
+    """Return columns of values (n, inputs) under a table's names for them."""
+    column = Column(name, "", "", per_input=True)
+    own = Table("", "", (column,)).of(mechanism).columns
+    return {c.name: values[:, k] for k, c in enumerate(own)}
+
+
+def _largest(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.max(finite, initial=0.0))
+
+
+def _schedule_figures(schedule: Schedule, shape: str) -> dict[str, Any]:
+    most = schedule.binding
+    return {
+        "shape": shape,
+        "duration_s": schedule.duration,
+        "set_by": f"{most.quantity} of {most.input} at {most.t:.6g} s",
+        "extremes": [
+            {
+                "input": each.input,
+                "quantity": each.quantity,
+                "value": each.value,
+                "unit": "rad/s" if each.quantity == "speed" else "rad/s2",
+                "t_s": each.t,
+                "theta_rad": each.theta,
+            }
+            for each in schedule.extremes
+        ],
+    }

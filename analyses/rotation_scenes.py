@@ -1,0 +1,180 @@
+"""What the analysis `equivalent_rotation` shows: the mechanism on its way, and in time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.scene import (
+    Arrow,
+    GreatCircle,
+    Mark,
+    Portrait,
+    Primitive,
+    Scene,
+    Series,
+    SphereCurves,
+    Text,
+)
+from spherekit.analysis.stage import link_bodies
+from spherekit.guidance.form import MidPlaneForm
+from spherekit.guidance.rotation import FixedAxisRotation, RotationSamples
+from spherekit.guidance.schedule import Timetable
+from spherekit.model.geometry import link_axes
+from spherekit.model.mechanism import Mechanism, Output
+
+Floats = NDArray[np.float64]
+
+DRAWN = 181
+"""Points with which the whole rotation is drawn."""
+PATH_TONE, LOST_TONE = 0, 2
+PLANE_TONES = {0: 1, -1: 4}
+
+
+@final
+@dataclass(frozen=True)
+class RotationScenes:
+    """Pages about a rotation.
+
+    `place` gives orientations (n, links, 3, 3) in ground axes at values (n, variables);
+    `form` is the mechanism's mid-plane form, `words` stand beside the pages.
+    """
+
+    mechanism: Mechanism
+    place: Callable[[Floats], Floats]
+    output: Output
+    turn: FixedAxisRotation
+    form: MidPlaneForm | None
+    words: str
+
+    def rotation(self, samples: RotationSamples) -> Scene:
+        """Return the page on which row k is sample k."""
+        placed = self.place(samples.values)
+        parts = self._stage(placed, samples.orientation)
+        for group, values in (
+            ("driving angles, deg", np.degrees(samples.inputs)),
+            ("rates of driving angles by theta", samples.rates),
+        ):
+            for k, name in enumerate(self.turn.inputs):
+                path = f"plots/{group.split()[0]}/{name}"
+                parts.append(Series(path, name, group, values[:, k]))
+        parts += self._portraits(samples.theta, samples.inputs)
+        for label, values in (
+            ("departure", np.degrees(samples.departure)),
+            ("drift of the axis", np.degrees(samples.drift)),
+        ):
+            path = f"plots/{label.split()[0]}"
+            parts.append(Series(path, label, "off the fixed axis, deg", values))
+        parts.append(
+            Series("plots/control", "control", "hold by the inputs", samples.control)
+        )
+        parts.append(Text("words", "Rotation", self.words))
+        return Scene("Equivalent rotation", tuple(parts), len(samples.theta))
+
+    def schedule(self, rows: Timetable) -> Scene:
+        """Return the page on which rows are evenly spread over the duration."""
+        found = self.turn.at(rows.theta)
+        placed = self.place(found.values)
+        parts = self._stage(placed, found.orientation)
+        for name, group, values in (
+            ("q", "driving angles in time, deg", rows.inputs),
+            ("dq", "driving speeds, deg/s", rows.rates),
+            ("ddq", "driving accelerations, deg/s2", rows.accelerations),
+        ):
+            for k, pair in enumerate(rows.names):
+                shown = np.degrees(values[:, k])
+                parts.append(Series(f"plots/{name}/{pair}", pair, group, shown))
+        step = rows.t[-1] / (len(rows.t) - 1)
+        words = f"{self.words}\n\nRow k of this page is at k x {step:.6g} s."
+        parts.append(Text("words", "Rotation", words))
+        return Scene("Equivalent rotation in time", tuple(parts), len(rows.t))
+
+    def _stage(self, placed: Floats, orientation: Floats) -> list[Primitive]:
+        """Return the links, the axis, arcs of the output, and mid-planes."""
+        mechanism = self.mechanism
+        base = placed[:, mechanism.link_number[self.output.relative_to]]
+        parts: list[Primitive] = [*link_bodies(mechanism, placed)]
+        parts.append(Arrow("axis", "axis of the rotation", base @ self.turn.axis, False))
+        whole = self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN))
+        every = self.place(whole.values)
+        link = mechanism.link_number[self.output.link]
+        for name, direction in self._directions():
+            path = every[:, link] @ direction
+            known = path[np.isfinite(path[:, 0])]
+            if len(known):
+                marks = [
+                    Mark("start", known[0], PATH_TONE),
+                    Mark("end", known[-1], PATH_TONE),
+                ]
+                parts.append(
+                    SphereCurves(f"arc/{name}", f"arc of {name}", [known], PATH_TONE, marks)
+                )
+        if self.turn.crossings:
+            lost = self.turn.at(np.array(self.turn.crossings)).values
+            tips = self.place(lost)[:, link] @ self._directions()[0][1]
+            marks = [Mark("no control", tip, LOST_TONE) for tip in tips if tip[0] == tip[0]]
+            parts.append(SphereCurves("lost", "no control", [], LOST_TONE, marks))
+        if self.form is not None:
+            normals = mid_planes(self.form, orientation)
+            moving = np.einsum("nij,nj->ni", base @ self.form.frame, normals)
+            known = moving[np.isfinite(moving[:, 0])]
+            for k, name in ((0, "start"), (-1, "end")) if len(known) else ():
+                circle = _circle(known[k])
+                label = f"mid-plane, {name}"
+                parts.append(
+                    SphereCurves(f"mid_plane/{name}", label, [circle], PLANE_TONES[k])
+                )
+            parts.append(GreatCircle("mid_plane/now", "mid-plane", moving))
+        return parts
+
+    def _directions(self) -> list[tuple[str, Floats]]:
+        """Return what of the output link draws arcs: its direction, or all its axes."""
+        if self.output.direction is not None:
+            return [(self.output.name, np.array(self.output.direction))]
+        return list(link_axes(self.mechanism)[self.output.link].items())
+
+    def _portraits(self, theta: Floats, inputs: Floats) -> list[Primitive]:
+        """Return each driving angle over theta, with the places without control."""
+        whole = self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN))
+        lost = np.array(self.turn.crossings)
+        at = self.turn.at(lost).inputs if len(lost) else np.zeros((0, inputs.shape[1]))
+        x = np.degrees(whole.theta)
+        parts: list[Primitive] = []
+        for k, name in enumerate(self.turn.inputs):
+            y = np.degrees(whole.inputs[:, k])
+            parts.append(
+                Portrait(
+                    f"plots/driving/{name}",
+                    f"driving angle {name}",
+                    np.degrees(theta),
+                    np.degrees(inputs[:, k]),
+                    "theta, deg",
+                    f"{name}, deg",
+                    (0.0, float(x[-1])),
+                    (float(np.nanmin(y)), float(np.nanmax(y))),
+                    [(np.stack([x, y], axis=1), PATH_TONE)],
+                    [
+                        Mark("no control", np.degrees([t, q]), LOST_TONE)
+                        for t, q in zip(lost, at[:, k], strict=True)
+                    ],
+                )
+            )
+        return parts
+
+
+def mid_planes(form: MidPlaneForm, orientations: Floats) -> Floats:
+    """Return the mid-planes (n, 3) of orientations (n, 3, 3), NaN where these are."""
+    normals = np.full((len(orientations), 3), np.nan)
+    known = np.isfinite(orientations[:, 0, 0])
+    normals[known], _ = form.normals(orientations[known])
+    return normals
+
+
+def _circle(normal: Floats) -> Floats:
+    """Return points (k, 3) of the great circle about a normal (3,)."""
+    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    across /= np.linalg.norm(across)
+    turn = np.linspace(0.0, 2.0 * np.pi, DRAWN)[:, None]
+    return np.cos(turn) * across + np.sin(turn) * np.cross(normal, across)

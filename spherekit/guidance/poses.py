@@ -1,0 +1,433 @@
+"""Poses of an output, said in any of its terms, and the configurations that have them.
+
+With a mid-plane form the configurations come from its closed forms; otherwise from the
+inverse kinematics of the output and the assembly modes of the mechanism.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import listing
+from spherekit.errors import SolveError
+from spherekit.guidance.follow import follow_rotation, follow_to
+from spherekit.guidance.form import MidPlaneForm, MidPlaneRotation
+from spherekit.guidance.march import UNFIXED
+from spherekit.guidance.nearest import Target
+from spherekit.guidance.rotation import FixedAxisRotation, control, unit
+from spherekit.model.geometry import geometry_of
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.branches import Solver, wrap
+from spherekit.motion.closure import Closure
+from spherekit.motion.modes import assemblies
+from spherekit.motion.motion import Motion
+from spherekit.output.inverse import InverseKinematics
+from spherekit.output.solutions import pose_of
+from spherekit.sphere.mirror import mirror_angles, normal_at, upward
+from spherekit.sphere.poses import turns_between
+from spherekit.sphere.rotation import Floats, arc
+
+SAME_POSE = 1e-7
+"""Orientations that differ by less (rad) are one; solutions near a fold are known less
+well than to rounding."""
+IN_PLANE = 1e-9
+"""How near (rad) an orientation is to a mirror image to be taken for one."""
+INSIDE = np.radians(0.01)
+"""How far inside the legs' reach an offered pose is."""
+
+
+@final
+@dataclass(frozen=True)
+class AtInputs:
+    """The pose at inputs (inputs,) rad."""
+
+    inputs: Floats
+
+
+@final
+@dataclass(frozen=True)
+class AtOrientation:
+    """An orientation (3, 3) of the output link."""
+
+    orientation: Floats
+
+
+@final
+@dataclass(frozen=True)
+class AtDirection:
+    """A pose in which the output points at a direction (3,) of any length."""
+
+    direction: Floats
+
+
+@final
+@dataclass(frozen=True)
+class AtMirror:
+    """The pose of a mid-plane form with these angles (rad), see `MirrorAngles`."""
+
+    phi: float
+    gamma: float
+
+
+@final
+@dataclass(frozen=True)
+class Turned:
+    """The start's pose turned about an axis (3,) by an angle (rad)."""
+
+    axis: Floats
+    angle: float
+
+
+Pose = AtInputs | AtOrientation | AtDirection | AtMirror
+
+
+@final
+@dataclass(frozen=True)
+class Candidates:
+    """k configurations: `values` (k, variables), `inputs` (k, inputs) rad.
+
+    `orientations` (k, 3, 3) are those of the output link seen from its other link,
+    `labels` the signs of modes: of the legs of a mid-plane form, else of dyads, with ~
+    for other groups. Those come last where the inputs do not hold the mechanism, or do not
+    turn the output link in as many ways as there are inputs: `singular` (k,).
+    """
+
+    values: Floats
+    inputs: Floats
+    orientations: Floats
+    labels: tuple[str, ...]
+    singular: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def nearest_first(self, orientation: Floats) -> "Candidates":
+        """Return them ordered by the angle from an orientation, singular ones last."""
+        given = np.broadcast_to(orientation, self.orientations.shape)
+        angles = turns_between(given, self.orientations).angle
+        return self._ordered(np.lexsort((np.round(angles, 9), self.singular)))
+
+    def singular_last(self) -> "Candidates":
+        """Return them with the singular ones last."""
+        return self._ordered(np.argsort(self.singular, kind="stable"))
+
+    def _ordered(self, order: NDArray[np.intp]) -> "Candidates":
+        return Candidates(
+            self.values[order],
+            self.inputs[order],
+            self.orientations[order],
+            tuple(self.labels[k] for k in order),
+            self.singular[order],
+        )
+
+    def number_of(self, mode: str) -> int:
+        """Return the number of the candidate that a number or signs name.
+
+        Raises
+        ------
+        SolveError
+            If there is none.
+        """
+        if mode in self.labels:
+            return self.labels.index(mode)
+        if mode.isdigit() and int(mode) < len(self):
+            return int(mode)
+        raise SolveError(
+            f'no configuration of the pose is "{mode}"; there are '
+            + listing(f"{k} ({label})" for k, label in enumerate(self.labels))
+        )
+
+
+@final
+@dataclass(frozen=True)
+class PoseFinder:
+    """Finds the configurations of a mechanism at poses of an output.
+
+    `form` is its mid-plane form for this output, None if it has none; `known` are
+    configurations of which the nearest is offered for a pose out of reach.
+    """
+
+    solver: Solver
+    output: Output
+    form: MidPlaneForm | None
+    known: Motion | None = None
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism with its inputs."""
+        return self.solver.mechanism
+
+    def candidates(self, pose: Pose) -> Candidates:
+        """Return every configuration found at a pose.
+
+        Raises
+        ------
+        SolveError
+            If there is none, or the pose is not one of this mechanism's output.
+        """
+        if self.form is not None:
+            return self._of_mirrors(self.form, self._normals(self.form, pose))
+        match pose:
+            case AtInputs(inputs):
+                return self._assembled(inputs)
+            case AtOrientation(orientation):
+                return self._inverse(orientation, points=False)
+            case AtDirection(direction):
+                return self._inverse(unit(direction), points=True)
+            case AtMirror():
+                raise SolveError(
+                    f"{self.mechanism.name}: phi and gamma name a mid-plane, and the "
+                    "mechanism has no mid-plane form; give inputs, a direction or an "
+                    "orientation"
+                )
+
+    @cached_property
+    def _kinematics(self) -> InverseKinematics:
+        count = len(self.mechanism.inputs)
+        if count not in (2, 3):
+            raise SolveError(
+                f"{self.mechanism.name}: with {count} input the pose of the output is "
+                "given by the input"
+            )
+        return InverseKinematics(self.mechanism, self.output.name)
+
+    def _assembled(self, inputs: Floats) -> Candidates:
+        modes = assemblies(self.solver, inputs).modes
+        if not modes:
+            raise SolveError(
+                f"{self.mechanism.name} cannot be assembled at {self._shown(inputs)}"
+                f"{self._offer(AtInputs(inputs))}"
+            )
+        labels = [_signs(signs) for signs, _ in modes]
+        return self._of_values(np.stack([values for _, values in modes]), labels)
+
+    def _of_values(self, values: Floats, labels: Sequence[str]) -> Candidates:
+        placed, _ = self.solver.closure.place(values)
+        driven = list(self.solver.driven)
+        found = Candidates(
+            values,
+            wrap(values[:, driven]),
+            pose_of(self.mechanism, self.output, placed),
+            tuple(labels),
+            self._singular(driven, values),
+        )
+        return found.singular_last()
+
+    @cached_property
+    def _target(self) -> Target:
+        made = replace(self.mechanism, ground=self.output.relative_to)
+        closure = Closure.of(made, geometry_of(made).joints)
+        return Target(closure, made.link_number[self.output.link], len(made.inputs))
+
+    def _singular(self, driven: Sequence[int], values: Floats) -> NDArray[np.bool_]:
+        near = self._target.at(values, np.broadcast_to(np.eye(3), (len(values), 3, 3)))
+        held = np.minimum(near.grasp, near.looseness)
+        held = np.fmin(held, control(self._target.closure, driven, values))
+        return np.asarray(~(held > UNFIXED))
+
+    def _inverse(self, pose: Floats, points: bool) -> Candidates:
+        """Return the configurations at an orientation (3, 3) or direction (3,)."""
+        kinematics = self._kinematics
+        if kinematics.wrist.points != points:
+            takes = "a direction" if kinematics.wrist.points else "an orientation"
+            raise SolveError(
+                f"{self.mechanism.name}: outputs.{self.output.name} takes {takes}, or "
+                "inputs"
+            )
+        found = kinematics.solutions(pose[None])
+        values, labels = [], []
+        for k, signs in enumerate(found.signs):
+            at = self._assembled(found.inputs[k])
+            wanted = np.broadcast_to(found.rotations[k], at.orientations.shape)
+            off = turns_between(wanted, at.orientations).angle
+            best = int(np.argmin(off))
+            if off[best] < SAME_POSE:
+                values.append(at.values[best])
+                labels.append(_signs(signs))
+        if not values and len(found.row):
+            raise SolveError(
+                f"{self.mechanism.name}: outputs.{self.output.name} is singular at this "
+                "pose; choose another one"
+            )
+        if not values:
+            raise SolveError(
+                f"{self.mechanism.name}: outputs.{self.output.name} does not reach this "
+                "pose, or is singular there; choose one inside its workspace"
+                + self._offer(AtDirection(pose) if points else AtOrientation(pose))
+            )
+        return self._of_values(np.stack(values), labels)
+
+    def _shown(self, inputs: Floats) -> str:
+        return ", ".join(
+            f"{item.pair} = {np.degrees(q):.6g} deg"
+            for item, q in zip(self.mechanism.inputs, inputs, strict=True)
+        )
+
+    def _offer(self, pose: AtInputs | AtOrientation | AtDirection) -> str:
+        """Return words on the known configuration nearest to a pose, if there is one."""
+        if self.known is None or np.all(self.known.failed):
+            return ""
+        good = self.known.rows(~self.known.failed)
+        turned = pose_of(self.mechanism, self.output, good.rotations)
+        match pose:
+            case AtInputs(inputs):
+                off = np.max(np.abs(wrap(good.inputs - inputs)), axis=1)
+            case AtOrientation(orientation):
+                given = np.broadcast_to(orientation, turned.shape)
+                off = turns_between(given, turned).angle
+            case AtDirection(direction):
+                points = turned @ np.array(self.output.direction)
+                off = arc(points, np.broadcast_to(direction, points.shape))
+        best = int(np.argmin(off))
+        return (
+            f"; nearest among the samples, {np.degrees(off[best]):.3g} deg off, is "
+            f"{self._shown(good.inputs[best])}"
+        )
+
+    def _normals(self, form: MidPlaneForm, pose: Pose) -> tuple[Floats, str]:
+        """Return normals (k, 3) of mid-planes, and signs of the driven legs or none."""
+        match pose:
+            case AtMirror(phi, gamma):
+                return normal_at(phi, gamma)[None], ""
+            case AtInputs(inputs):
+                normals = form.plane.normals(inputs[None])
+                if np.any(np.isnan(normals)):
+                    raise SolveError(
+                        f"{form.mechanism.name}: at these inputs both driven elbows lie "
+                        "on one line and do not fix the mid-plane; change one input"
+                    )
+                return normals, _signs(form.plane.modes(inputs[None])[0])
+            case AtOrientation(orientation):
+                normals, departure = form.normals(orientation[None])
+                if not departure[0] < IN_PLANE:
+                    raise SolveError(
+                        f"{form.mechanism.name}: the orientation is no pose of its output "
+                        f"link: it is {np.degrees(departure[0]):.3g} deg from "
+                        f"{_named(normals[0])}"
+                    )
+                return normals, ""
+            case AtDirection(direction):
+                found = self._kinematics.solutions(unit(direction)[None])
+                normals, departure = form.normals(found.rotations)
+                kept: list[Floats] = []
+                for normal in normals[departure < SAME_POSE]:
+                    if all(np.linalg.norm(normal - other) > SAME_POSE for other in kept):
+                        kept.append(normal)
+                if not kept:
+                    raise SolveError(
+                        f"{form.mechanism.name}: outputs.{self.output.name} does not reach "
+                        "this direction; choose one inside its workspace"
+                    )
+                return np.stack(kept), ""
+
+    def _of_mirrors(self, form: MidPlaneForm, wanted: tuple[Floats, str]) -> Candidates:
+        normals, driven_signs = wanted
+        values, labels = [], []
+        for normal in normals:
+            self.check_reach(normal)
+            for modes in _modes(form):
+                label = _signs(modes)
+                own = "".join(label[k] for k in form.plane.driven)
+                if not driven_signs or own == driven_signs:
+                    values.append(form.values(form.place(normal[None], modes))[0][0])
+                    labels.append(label)
+        return self._of_values(np.stack(values), labels)
+
+    def check_reach(self, normal: Floats) -> None:
+        """Raise `SolveError` if a mid-plane (3,) of the form is outside the legs' reach.
+
+        With the nearest one that is inside.
+        """
+        form = self.form
+        assert form is not None
+        elbows, _ = form.plane.elbows(normal[None], np.ones(len(form.legs)))
+        lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
+        if len(lost):
+            pairs = form.mechanism.pairs
+            names = listing(pairs[form.legs[k].base].name for k in lost)
+            raise SolveError(
+                f"{form.mechanism.name}: {_named(normal)} is outside the workspace: the "
+                f"legs at {names} do not reach its mid-plane; the nearest pose inside is "
+                f"{_named(form.plane.nearest(normal, INSIDE))}"
+            )
+
+    def rotation(
+        self, start: Candidates, number: int, end: Pose | Turned, mode: str
+    ) -> FixedAxisRotation:
+        """Return the rotation from a configuration to a pose.
+
+        In closed form where the mid-plane form has it, else followed on the graph.
+
+        Parameters
+        ----------
+        start, number
+            Configurations, and which of them to start from.
+        end
+            The pose; where it has several orientations `mode` says which, 0 being the
+            nearest to the start.
+
+        Raises
+        ------
+        SolveError
+            If the axis is not determined, the pose is not reached where it is given by
+            inputs, a direction or a mid-plane, or the start is singular.
+        """
+        values, first = start.values[number], start.orientations[number]
+        named = self.output.name
+        if isinstance(end, Turned):
+            if self.form is not None:
+                (normal,), _ = self.form.normals(first[None])
+                about = unit(end.axis)
+                if abs(normal @ self.form.frame.T @ about) < IN_PLANE:
+                    signs = _modes_of(start.labels[number])
+                    return MidPlaneRotation(self.form, normal, about, end.angle, signs)
+            return follow_rotation(self.mechanism, values, end.axis, end.angle, named)
+        if isinstance(end, AtOrientation):
+            wanted = end.orientation
+        else:
+            try:
+                ends = self.candidates(end).nearest_first(first)
+                wanted = ends.orientations[ends.number_of(mode)]
+            except SolveError as problem:
+                raise SolveError(f"end: {problem}") from None
+        if self.form is not None:
+            normals, departure = self.form.normals(np.stack([first, wanted]))
+            if departure[1] < SAME_POSE:
+                self.check_reach(normals[1])
+                signs = _modes_of(start.labels[number])
+                return self.form.rotation_between(normals[0], normals[1], signs)
+        return follow_to(self.mechanism, values, wanted, named)
+
+
+def _signs(signs: Sequence[int] | Floats) -> str:
+    return "".join("+" if sign > 0 else "-" if sign < 0 else "~" for sign in signs)
+
+
+def _modes_of(label: str) -> Floats:
+    return np.array([1.0 if sign == "+" else -1.0 for sign in label])
+
+
+def _modes(form: MidPlaneForm) -> list[Floats]:
+    """Return all signs of the legs: first those of the driven ones as in `solutions`."""
+    count = len(form.legs)
+    others = [k for k in range(count) if k not in form.plane.driven]
+    found = []
+    for own in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
+        for rest in product((1, -1), repeat=len(others)):
+            signs = np.empty(count)
+            signs[list(form.plane.driven)], signs[others] = own, rest
+            found.append(signs)
+    return found
+
+
+def _named(normal: Floats) -> str:
+    angles = mirror_angles(upward(normal)[None])
+    return (
+        f"phi = {np.degrees(angles.phi[0]) + 0.0:.6g}, gamma = "
+        f"{np.degrees(angles.gamma[0]) + 0.0:.6g} deg"
+    )

@@ -1,0 +1,529 @@
+"""The analysis `equivalent_rotation`: tables, findings, messages, pages, poses as text."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from mpmath import mp
+
+import spherekit as sk
+from spherekit.analysis.contract import Batch, Findings, Needs
+from spherekit.analysis.frames import to_frame
+from spherekit.analysis.registry import create
+from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
+from spherekit.errors import AnalysisError, SolveError, SpherekitError
+from spherekit.guidance.midplane import Clearance
+from spherekit.guidance.poses import AtInputs, AtMirror, AtOrientation, PoseFinder
+from spherekit.guidance.symmetry import mid_plane_form
+from spherekit.model.mechanism import Output
+from spherekit.motion.motion import Tracer
+from spherekit.sphere.mirror import normal_at, upward
+from spherekit.sphere.poses import rotation, turns_between
+from spherekit.sphere.rotation import arc, from_quaternion, quaternion
+from spherekit.sphere.tilt_torsion import tilt_torsion
+
+NAME = "equivalent_rotation"
+TABLE_3 = f"{NAME}:start=phi=75+gamma=-20,end=phi=70+gamma=20"
+
+
+class Listener:
+    """Takes the scenes of a run."""
+
+    def __init__(self):
+        self.pages = {}
+
+    def start(self, scenes, inputs, **words):
+        pass
+
+    def log(self, scene, samples, inputs=None, times=None):
+        self.pages[scene.page] = (scene, len(samples))
+
+
+@cache
+def tracer_of(name):
+    return Tracer(sk.load(name), samples=2, branch=0)
+
+
+@dataclass
+class Outcome:
+    """What the analysis gives without the rest of a run."""
+
+    tables: dict
+    told: Findings
+    pages: dict
+    warnings: tuple
+
+
+def ran(name, text, mechanism=None, scenes=False):
+    analysis = create(text if text.startswith(NAME) else f"{NAME}:{text}")
+    if mechanism is None:
+        tracer = tracer_of(name)
+    else:
+        tracer = Tracer(mechanism, samples=2, branch=0)
+    needs = analysis.needs(tracer.mechanism)
+    batch = Batch(tracer.mechanism, (), needs, tracer.motion(), (), _tracer=tracer)
+    tables = {
+        table.name: to_frame(
+            table.of(tracer.mechanism), analysis.compute(batch)[table.name], degrees=True
+        )
+        for table in analysis.tables
+    }
+    told = analysis.findings(batch)
+    pages = {scene.page: scene for scene in analysis.scene(batch)} if scenes else {}
+    return Outcome(tables, told, pages, told.warnings)
+
+
+def findings(result):
+    if isinstance(result, Outcome):
+        return result.told.figures
+    assert not result.failures, result.failures
+    (own,) = result.summary["analyses"]
+    return own["findings"]
+
+
+def failure(name, text):
+    with pytest.raises(SolveError) as caught:
+        ran(name, text)
+    return str(caught.value)
+
+
+def degrees(result, *columns):
+    if isinstance(result, Outcome):
+        return result.tables[NAME][list(columns)].to_numpy()
+    return result.frame(NAME, degrees=True)[list(columns)].to_numpy()
+
+
+@pytest.fixture(scope="module")
+def listener():
+    return Listener()
+
+
+@pytest.fixture(scope="module")
+def table_3(listener):
+    text = TABLE_3 + ",theta=0+13+26+40.323061,speed=30,acceleration=70,samples=41"
+    return sk.run(sk.load("two_dof_spm"), text, samples=2, branch=0, recorder=listener)
+
+
+# --- the paper's mechanism ----------------------------------------------------------------
+
+
+def test_rows_of_table_3(table_3):
+    """Printed in Chen et al. 2021, Table 3; gamma of configuration 3 has lost its sign.
+
+    The rows between show the rounding of the paper: up to 6.2e-4 degrees.
+    """
+    printed = [
+        (75.0, -20.0, 5.3391, 56.7404),
+        (74.5359, -7.1049, 18.3470, 35.3134),
+        (72.9604, +5.7918, 32.3670, 18.9834),
+        (70.0, 20.0, 49.2440, 3.7442),
+    ]
+    found = degrees(table_3, "phi", "gamma", "q_21", "q_61")
+    assert found == pytest.approx(np.array(printed), abs=6.2e-4)
+    assert found[0] == pytest.approx(np.array(printed[0]), abs=5.1e-5)
+    own = findings(table_3)
+    assert own["axis_in_mirror_axes"] == pytest.approx(
+        [-0.7933, 0.1257, -0.5957], abs=5.1e-5
+    )
+    assert np.degrees(own["angle_rad"]) == pytest.approx(40.3230, abs=7e-5)
+
+
+def test_that_the_axis_stays_fixed_is_proven_in_numbers(table_3):
+    own = findings(table_3)
+    assert own["feasible"] and own["closed_form"] and own["end"] == "OK"
+    assert own["largest_departure_rad"] < 1e-14
+    assert own["largest_drift_rad"] < 1e-14
+    assert own["graph_differs_rad"] < 1e-12
+
+
+def test_loss_of_control_on_the_way_is_a_warning(table_3):
+    """The determinant of base axes x elbows vanishes there, from 50 digits (see docs)."""
+    (place,) = findings(table_3)["crossings_rad"]
+    form = mid_plane_form(sk.load("two_dof_spm"))
+    start, stop = (normal_at(*np.radians(p)) for p in ((75.0, -20.0), (70.0, 20.0)))
+    turn = form.rotation_between(start, stop, (-1, 1, 1))
+    elbows, _ = form.plane.elbows(turn.normals(np.array([place])), (-1, 1, 1))
+    with mp.workdps(50):
+        rows = []
+        for b, e in zip(form.plane.axes.tolist(), elbows[0].tolist(), strict=True):
+            b, e = [mp.mpf(x) for x in b], [mp.mpf(x) for x in e]
+            rows.append([b[k - 2] * e[k - 1] - b[k - 1] * e[k - 2] for k in range(3)])
+        assert abs(mp.det(mp.matrix(rows))) < 1e-14
+    (text,) = table_3.summary["warnings"]
+    assert "control is lost at theta = 30.9007 deg, 21 = 37.95" in text
+
+
+def test_schedule_is_a_table_in_time(table_3):
+    """The limit that binds is met, no other one is passed, and rates are derivatives."""
+    frame = table_3.frame("equivalent_rotation", "schedule", degrees=True)
+    units = frame.attrs["units"]
+    assert units["dq_21"] == "deg/s" and units["ddq_61"] == "deg/s2"
+    assert units["t"] == "s" and units["theta"] == units["q_21"] == "deg"
+    own = findings(table_3)["schedule"]
+    assert own["set_by"].startswith("speed of 61")
+    top = max(abs(e["value"]) for e in own["extremes"] if e["quantity"] == "speed")
+    assert np.degrees(top) == pytest.approx(30.0, abs=1e-9)
+    assert len(frame) == 41 and frame["t"].iloc[-1] == pytest.approx(own["duration_s"])
+    assert frame["dq_61"].abs().max() <= 30.0 + 1e-9
+    assert frame["ddq_21"].abs().max() <= 70.0 + 1e-9
+    t = frame["t"].to_numpy()
+    for pair in ("21", "61"):  # a smooth law: integrals by the trapezoidal rule at rest
+        q, dq = frame[f"q_{pair}"].to_numpy(), frame[f"dq_{pair}"].to_numpy()
+        assert np.trapezoid(dq, t) == pytest.approx(q[-1] - q[0], abs=1e-2)
+        ddq = frame[f"ddq_{pair}"].to_numpy()
+        assert np.trapezoid(ddq, t) == pytest.approx(0.0, abs=3e-2)
+
+
+def test_passing_through_the_home_pose():
+    result = ran("two_dof_spm", "start=phi=40+gamma=10,end=phi=-40+gamma=-10,samples=5")
+    own = findings(result)
+    assert own["feasible"] and own["largest_drift_rad"] < 1e-14
+    assert own["crossings_rad"] == pytest.approx([0.5 * own["angle_rad"]], abs=1e-12)
+    found = degrees(result, "phi", "gamma", "q_21", "q_61")
+    assert np.max(np.abs(found[2])) < 1e-12
+    assert found[::-1] == pytest.approx(-found, abs=1e-12)
+    names = result.tables[NAME]["status"].tolist()
+    assert names == ["OK", "OK", "AT_SINGULARITY", "OK", "OK"]
+
+
+def test_modes_of_the_start_are_listed_and_chosen():
+    text = TABLE_3 + ",samples=2,mode="
+    own = findings(ran("two_dof_spm", text + "+-+"))
+    assert [c["mode"] for c in own["start"]["configurations"]][:2] == ["-++", "-+-"]
+    assert own["start"]["number"] == 6
+    found = degrees(ran("two_dof_spm", text + "6"), "q_21", "q_61")
+    assert found[0] == pytest.approx([113.7956, 100.7573], abs=5.1e-5)  # docs, Fig. 5
+    assert 'is "++"; there are 0 (-++), 1 (-+-)' in failure("two_dof_spm", text + "++")
+
+
+def test_one_pose_in_all_its_terms():
+    """By mid-plane, inputs, orientation, tilt and torsion, turn: the same rotation."""
+    mechanism = sk.load("two_dof_spm")
+    form = mid_plane_form(mechanism)
+    normals = np.stack([normal_at(*np.radians(p)) for p in ((75.0, -20.0), (70.0, 20.0))])
+    first, second = form.orientations(normals)
+    q = quaternion(second[None])[0]
+    tilt = np.degrees(tilt_torsion(first[None]))[0]
+    turn = turns_between(first[None], second[None])
+    u = turn.axis[0]
+    starts = [
+        "21=5.339100020817853+61=56.74044673238507",
+        "+".join(
+            f"{n}={v:.17g}"
+            for n, v in zip(("azimuth", "tilt", "torsion"), tilt, strict=True)
+        ),
+    ]
+    ends = [
+        f"qx={q[0]:.17g}+qy={q[1]:.17g}+qz={q[2]:.17g}+qw={q[3]:.17g}",
+        f"ux={u[0]:.17g}+uy={u[1]:.17g}+uz={u[2]:.17g}"
+        f"+angle={np.degrees(turn.angle[0]):.17g}",
+    ]
+    want = degrees(ran("two_dof_spm", TABLE_3 + ",samples=3"), "q_21", "q_61")
+    for start, end in zip(starts, ends, strict=True):
+        result = ran("two_dof_spm", f"start={start},end={end},samples=3")
+        assert findings(result)["closed_form"]
+        assert degrees(result, "q_21", "q_61") == pytest.approx(want, abs=1e-10)
+
+
+def test_nearest_reachable_pose_is_offered():
+    """Against a dense sample of the sphere: nothing reachable is nearer than the offer."""
+    plane = mid_plane_form(sk.load("two_dof_spm")).plane
+    random = np.random.default_rng(5)
+    every = random.normal(size=(200000, 3))
+    every /= np.linalg.norm(every, axis=1, keepdims=True)
+    limits = np.sin(plane.arcs)
+    inside = upward(every[np.all(np.abs(every @ plane.axes.T) <= limits, axis=1)])
+    for pose in ((120.0, 0.0), (-70.0, 40.0), (100.0, -60.0), (0.0, 120.0)):
+        normal = normal_at(*np.radians(pose))
+        found = plane.nearest(normal)
+        assert np.all(np.abs(plane.axes @ found) <= limits + 1e-12)
+        best = np.max(np.abs(inside @ normal))
+        assert abs(found @ normal) >= best - 1e-12
+        assert np.arccos(abs(found @ normal)) > np.arccos(best) - 0.02
+    reached = normal_at(*np.radians((40.0, 10.0)))
+    assert np.array_equal(plane.nearest(reached), reached)
+    text = failure("two_dof_spm", "start=phi=75+gamma=-20,end=phi=120+gamma=0")
+    assert "legs at 21, 61, 81 do not reach" in text
+    offered = text.split("nearest pose inside is ")[1].removesuffix(" deg")
+    again = "start=phi=75+gamma=-20,end=" + offered.replace(" ", "").replace(",", "+")
+    assert findings(ran("two_dof_spm", again + ",samples=2"))["closed_form"]
+
+
+def test_end_of_the_reach_on_the_way():
+    """The closed form of where legs end against samples, over random pairs of poses."""
+    form = mid_plane_form(sk.load("two_dof_spm"))
+    random = np.random.default_rng(7)
+    ended = 0
+    for _ in range(300):
+        a, b = random.normal(size=(2, 3))
+        turn_axis = np.cross(a, b)
+        start = a / np.linalg.norm(a)
+        if np.any(np.abs(form.plane.axes @ start) > np.sin(form.plane.arcs) - 1e-3):
+            continue
+        about = form.frame @ (turn_axis / np.linalg.norm(turn_axis))
+        whole = form.rotation_between(start, start + 1e-3 * b, (1, 1, 1))
+        turn = replace(whole, start=start, axis=about, angle=3.0)
+        theta = np.linspace(0.0, 3.0, 4001)
+        elbows, _ = form.plane.elbows(turn.normals(theta), (1, 1, 1))
+        lost = np.any(np.isnan(elbows[..., 0]), axis=1)
+        first = theta[np.argmax(lost)] if np.any(lost) else 3.0
+        assert first - 3.0 / 4000 <= turn.reached + 1e-9 and turn.reached <= first + 1e-9
+        ended += int(np.any(lost))
+    assert ended > 50
+
+
+def test_readings_in_blocks_are_those_of_the_elbows():
+    plane = mid_plane_form(sk.load("two_dof_spm")).plane
+    normals = np.random.default_rng(2).normal(size=(20000, 3))
+    normals = upward(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    for modes, readings in plane.solutions(normals).items():
+        elbows, _ = plane.elbows(normals, (*modes, 1))
+        want = plane.readings(elbows)[:, list(plane.driven)]
+        assert np.array_equal(np.isnan(want), np.isnan(readings))
+        held = np.abs(np.einsum("nlk,nk->nl", elbows, normals))
+        assert np.nanmax(held) < 1e-14
+        assert np.nanmax(arc_of(want - readings)) < 1e-12
+    margins = Clearance(0.17, 200.0, 8.0).margins(plane, normals)
+    base = np.arccos(np.clip(normals @ plane.axes[:2].T, -1.0, 1.0))
+    assert np.max(np.abs(margins[:, 0] + 0.17 - np.abs(np.pi - 2.0 * base))) < 1e-7
+
+
+def arc_of(angles):
+    return np.abs(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
+
+
+# --- other mechanisms ---------------------------------------------------------------------
+
+
+def test_a_mechanism_with_two_inputs_departs():
+    """A five-bar has no third freedom: it departs between the ends."""
+    result = ran("five_bar", "start=21=60+51=100,end=21=75+51=75,samples=21,speed=60")
+    own = findings(result)
+    assert not own["feasible"] and own["end"] == "OK" and not own["closed_form"]
+    found = degrees(result, "q_21", "q_51", "phi", "departure")
+    assert found[0, :2] == pytest.approx([60.0, 100.0], abs=1e-9)
+    assert found[-1, :2] == pytest.approx([75.0, 75.0], abs=1e-9)
+    assert np.all(np.isnan(found[:, 2]))
+    assert found[0, 3] < 1e-9 and found[-1, 3] < 1e-9
+    assert np.degrees(own["largest_departure_rad"]) == pytest.approx(np.max(found[:, 3]))
+    assert "does not turn about a fixed axis" in result.warnings[0]
+    # nothing else near by is nearer: five hundred poses around each sample
+    made = sk.load("five_bar")
+    solver = tracer_of("five_bar").solver
+    finder = PoseFinder(solver, made.outputs[0], None)
+    start = finder.candidates(AtInputs(np.radians([60.0, 100.0])))
+    turn = finder.rotation(start, 0, AtInputs(np.radians([75.0, 75.0])), "0")
+    at = turn.at(np.array([0.3 * turn.angle, 0.6 * turn.angle]))
+    random = np.random.default_rng(3)
+    for k in range(2):
+        wanted = rotation(turn.axis, at.theta[k : k + 1])[0] @ start.orientations[0]
+        for off in random.normal(size=(60, 2)) * 0.02:
+            near = finder.candidates(AtInputs(at.inputs[k] + off)).nearest_first(
+                at.orientation[k]
+            )
+            left = turns_between(near.orientations[:1], wanted[None]).angle[0]
+            assert left > at.departure[k] - 1e-12
+
+
+def test_a_direction_as_the_end():
+    result = ran("five_bar", "start=21=60+51=100,end=x=0.2+y=1+z=0.1,samples=3")
+    assert not findings(result)["feasible"]
+    q = np.radians(degrees(result, "q_21", "q_51")[-1])
+    made = sk.load("five_bar")
+    finder = PoseFinder(tracer_of(made.name).solver, made.outputs[0], None)
+    turned = finder.candidates(AtInputs(q)).orientations @ np.array(
+        made.outputs[0].direction
+    )
+    wanted = np.array([0.2, 1.0, 0.1]) / np.linalg.norm([0.2, 1.0, 0.1])
+    assert np.min(arc(turned, np.broadcast_to(wanted, turned.shape))) < 1e-12
+
+
+def test_a_mechanism_with_three_inputs_follows():
+    end = "a1=45+a2=60+a3=50"
+    result = ran("three_rrr", f"start=a1=40+a2=50+a3=60,end={end},samples=5,speed=60")
+    own = findings(result)
+    assert own["feasible"] and own["largest_drift_rad"] < 1e-12
+    found = degrees(result, "q_a1", "q_a2", "q_a3")
+    assert found[0] == pytest.approx([40.0, 50.0, 60.0], abs=1e-9)
+    assert found[-1] == pytest.approx([45.0, 60.0, 50.0], abs=1e-9)
+    angles = np.radians(degrees(result, "azimuth", "tilt", "torsion"))
+    # the way back, from the orientation of the last row to that of the first
+    text = [
+        "+".join(
+            f"{n}={v:.17g}"
+            for n, v in zip(("azimuth", "tilt", "torsion"), np.degrees(row), strict=True)
+        )
+        for row in angles[[-1, 0]]
+    ]
+    back = ran("three_rrr", f"start={text[0]},end={text[1]},samples=2")
+    modes = findings(back)["start"]["configurations"]
+    mode = int(
+        np.argmin(
+            [
+                np.max(arc_of(np.array(c["inputs_rad"]) - np.radians(found[-1])))
+                for c in modes
+            ]
+        )
+    )
+    back = ran("three_rrr", f"start={text[0]},end={text[1]},samples=5,mode={mode}")
+    again = degrees(back, "q_a1", "q_a2", "q_a3")
+    assert again[::-1] == pytest.approx(found, abs=1e-9)
+    axes = findings(back)["axis"]
+    assert np.array(axes) == pytest.approx(-np.array(own["axis"]), abs=1e-9)
+
+
+def test_one_input_turns_a_rocker_about_its_axis():
+    result = ran("four_bar", "start=21=60,end=21=90,samples=4")
+    assert findings(result)["feasible"]
+    assert degrees(result, "q")[[0, -1], 0] == pytest.approx([60.0, 90.0], abs=1e-9)
+    assert len(result.tables["schedule"]) == 0
+
+
+def test_singular_ends_come_last():
+    """At every input the agile eye also has its unit pose, where no leg moves it."""
+    made = sk.load("agile_eye")
+    finder = PoseFinder(tracer_of(made.name).solver, made.outputs[0], None)
+    found = finder.candidates(AtInputs(np.radians([20.0, 15.0, -10.0])))
+    assert found.singular.tolist() == [False] * 4 + [True] * 4
+    unit = np.max(np.abs(found.orientations - np.eye(3)), axis=(1, 2)) < 1e-9
+    assert np.flatnonzero(unit)[0] >= 4
+
+
+# --- what is refused ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("start=phi=75,end=phi=70+gamma=20", 'start: "phi=75" is no pose; say one of 21='),
+        ("start=phi=75+gamma=x,end=21=1+61=1", '"gamma=x" of "phi=75'),
+        ("start=phi=75+gamma=-20+phi=1,end=21=1+61=1", "each name once"),
+        ("start=21=5+61=5,end=x=0+y=0+z=0", "has no direction: all numbers are 0"),
+        ("start=ux=1+uy=0+uz=0+angle=9,end=21=5+61=5", "start: .* is no pose"),
+        ("start=21=5+61=5,end=ux=1+uy=0+uz=0+angle=-9", "angle has to be above 0"),
+        ("start=21=5+61=5", "parameters missing: end"),
+        ("start=21=5+61=5,end=21=6+61=6,samples=1", "samples: found 1, needs at least 2"),
+        ("start=21=5+61=5,end=21=6+61=6,speed=-1", "speed: found -1.0, needs one limit"),
+        ("start=21=5+61=5,end=21=6+61=6,acceleration=1+2+3", "one for each of 21, 61"),
+        ("start=21=5+61=5,end=21=6+61=6,theta=-3", "theta: found -3.0, needs angles"),
+        ("start=21=5+61=5,end=21=6+61=6,shape=cubix", 'did you mean "cubic"'),
+        ("start=21=5+61=5,end=21=6+61=6,output=pointr", 'did you mean "pointer"'),
+    ],
+)
+def test_bad_parameters_are_refused_before_the_run(text, words):
+    with pytest.raises(SpherekitError, match=words):
+        create(f"{NAME}:{text}").needs(sk.load("two_dof_spm"))
+
+
+def test_more_inputs_than_ways_to_turn_are_refused():
+    from spherekit_analyses.equivalent_rotation import EquivalentRotation
+
+    made = sk.load("three_rrr")
+    item = made.inputs[0]
+    many = replace_inputs(made, (*made.inputs, replace(item, pair="b1")))
+    with pytest.raises(AnalysisError, match="4 inputs turn the output link in more ways"):
+        EquivalentRotation(start="", end="").needs(many)
+    assert EquivalentRotation(start="a1=1+a2=2+a3=3", end="a1=1+a2=2+a3=4").needs(
+        made
+    ) == Needs(tracer=True)
+
+
+def replace_inputs(mechanism, inputs):
+    return replace(mechanism, inputs=inputs)
+
+
+def test_poses_that_fix_no_axis():
+    same = "start=phi=75+gamma=-20,end=phi=75+gamma=-20"
+    assert "every axis will do" in failure("two_dof_spm", same)
+    made = sk.load("three_rrr")
+    finder = PoseFinder(tracer_of(made.name).solver, made.outputs[0], None)
+    start = finder.candidates(AtInputs(np.radians([40.0, 50.0, 60.0])))
+    half = rotation(np.array([0.6, 0.0, 0.8]), [np.pi])[0] @ start.orientations[0]
+    with pytest.raises(SpherekitError, match="half a turn.*give the axis, with the sense"):
+        finder.rotation(start, 0, AtOrientation(half), "0")
+
+
+def test_poses_out_of_reach_offer_what_is_near():
+    text = failure("five_bar", "start=21=60+51=100,end=21=80+51=110")
+    assert "end: five_bar cannot be assembled at 21 = 80 deg, 51 = 110 deg" in text
+    assert "nearest among the samples, 60 deg off, is 21 = 140 deg, 51 = 140 deg" in text
+    text = failure("three_rrr", "start=azimuth=0+tilt=0+torsion=0,end=a1=1+a2=2+a3=3")
+    assert "start: three_rrr: outputs.platform does not reach this pose" in text
+    text = failure("three_rrr", "start=phi=1+gamma=0,end=a1=1+a2=2+a3=3")
+    assert "the mechanism has no mid-plane form" in text
+    text = failure("three_rrr", "start=x=1+y=0+z=0,end=a1=1+a2=2+a3=3")
+    assert "outputs.platform takes an orientation, or inputs" in text
+    text = failure("two_dof_spm", TABLE_3 + ",theta=0+50")
+    assert "theta: 50 deg is beyond the rotation, whose angle is 40.32306" in text
+
+
+def test_elbows_on_one_line_fix_no_plane():
+    made = sk.load("two_dof_spm")
+    finder = PoseFinder(tracer_of(made.name).solver, made.outputs[0], mid_plane_form(made))
+    home = finder.candidates(AtMirror(0.0, 0.0))
+    assert len(home) == 8 and np.max(np.abs(home.inputs[0])) < 1e-12
+
+
+# --- pages --------------------------------------------------------------------------------
+
+
+def test_page_of_a_rotation(table_3, listener):
+    scene, rows = listener.pages["Equivalent rotation"]
+    assert scene.rows == rows == 4
+    parts = {part.path: part for part in scene.primitives}
+    assert sum(path.startswith("link/") for path in parts) == 10
+    axis = parts["axis"].directions
+    assert np.max(np.abs(axis - findings(table_3)["axis"])) < 1e-15
+    path = parts["arc/pointer"]
+    assert isinstance(path, SphereCurves) and len(path.marks) == 2
+    (line,) = path.curves
+    height = line @ axis[0]  # an arc about a fixed axis keeps its distance from it
+    assert np.ptp(height) < 1e-14
+    circle = parts["mid_plane/now"]
+    assert isinstance(circle, GreatCircle)
+    assert np.max(np.abs(np.sum(circle.normals * axis, axis=1))) < 1e-14
+    for name in ("start", "end"):
+        (fixed,) = parts[f"mid_plane/{name}"].curves
+        assert np.max(np.abs(fixed @ circle.normals[0 if name == "start" else -1])) < 1e-14
+    assert len(parts["lost"].marks) == 1
+    assert len(parts["plots/driving/21"].marks) == 1
+    assert "30.9007" in parts["words"].markdown
+
+
+def test_page_of_a_schedule(table_3, listener):
+    scene, rows = listener.pages["Equivalent rotation in time"]
+    assert scene.rows == rows == 41
+    frame = table_3.frame("equivalent_rotation", "schedule", degrees=True)
+    plots = {
+        part.path: part.values for part in scene.primitives if isinstance(part, Series)
+    }
+    assert plots["plots/dq/21"] == pytest.approx(frame["dq_21"].to_numpy())
+    assert plots["plots/ddq/61"] == pytest.approx(frame["ddq_61"].to_numpy())
+
+
+def test_pages_where_the_rotation_ends_early():
+    """Rows beyond the reach are NaN, and no page fails for it."""
+    text = "start=a1=40+a2=50+a3=60,end=ux=0+uy=0+uz=1+angle=170,samples=9,speed=10"
+    result = ran("three_rrr", text, scenes=True)
+    assert findings(result)["end"] != "OK"
+    assert np.any(np.isnan(degrees(result, "q_a1")))
+    assert any("the rotation ends at" in text for text in result.warnings)
+    assert any("there is no schedule" in text for text in result.warnings)
+    assert set(result.pages) == {"Equivalent rotation"}
+
+
+def test_base_that_moves():
+    """An output relative to a moving link: axis and links are in ground axes."""
+    made = replace(sk.load("five_bar"), outputs=(Output("hand", "3", "5"),))
+    text = "start=21=60+51=100,end=21=75+51=75,samples=5"
+    result = ran("", text, made, scenes=True)
+    own = findings(result)
+    assert own["output"] == "hand"
+    parts = {part.path: part for part in result.pages["Equivalent rotation"].primitives}
+    base = from_quaternion(parts["link/5"].quaternions)
+    assert np.max(np.abs(parts["axis"].directions - base @ own["axis"])) < 1e-12
+    link = from_quaternion(parts["link/3"].quaternions)
+    relative = tilt_torsion(np.swapaxes(base, 1, 2) @ link)
+    found = np.radians(degrees(result, "azimuth", "tilt", "torsion"))
+    assert np.max(arc_of(relative - found)) < 1e-9
