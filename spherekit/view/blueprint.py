@@ -81,7 +81,7 @@ class Layout:
         pages: list[rrb.Container] = [
             self._page(page, title) for page, title in self.pages.items()
         ] or [self._page(None, "Mechanism")]
-        if len({e.page for own in self.groups.values() for e in own}) > 1:
+        if len({e.page for own in self._compared().values() for e in own}) > 1:
             pages.append(self._comparison())
         top = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
         first, last = self.span or (0, 360)
@@ -218,9 +218,18 @@ class Layout:
         )
         return rrb.TimeAxis(view_range=view_range)
 
+    def _compared(self) -> dict[str, list[SeriesEntry]]:
+        """Return the series of branches, whose rows are the same samples."""
+        found = {
+            group: [entry for entry in series if isinstance(entry.page, int)]
+            for group, series in self.groups.items()
+        }
+        return {group: series for group, series in found.items() if series}
+
     def _comparison(self) -> rrb.Container:
         plots = [
-            self._plot(group, series, mixed=True) for group, series in self.groups.items()
+            self._plot(group, series, mixed=True)
+            for group, series in self._compared().items()
         ]
         columns = 1 if len(plots) < 3 else 2
         return rrb.Grid(*plots, grid_columns=columns, name="Compare")
