@@ -209,6 +209,7 @@ class SingularityAnalysis(AbstractAnalysis):
             if point.type is Type.APPARENT:
                 continue
             words = [item.words for at in point.relations for item in at.conditions]
+            words = words or [at.note for at in point.relations]
             rows.append(
                 {
                     "kind": str(point.type),

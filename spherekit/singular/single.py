@@ -593,6 +593,11 @@ def _disagreement(
         )
         what = "neither rate vanishes" if fact is None else f"the rates say type {fact}"
         return f"c = d = 0, but {what}: {cause}; a relation of other links decides"
+    if fact == Type.III and kind is None:
+        return (
+            "input and output stand still together while other links move; c and d do not "
+            "vanish, and y'/q' = d/c stays finite"
+        )
     told, wanted = (
         "nothing vanishes" if each is None else f"type {each}" for each in (kind, fact)
     )
