@@ -57,9 +57,14 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     crossed.append(cells[:, ~turning & _changes(cells[2], cells[4])])
     tops, sides = _about_extrema(function, cells[:, turning], floor)
     simple = _polish(function, np.concatenate([*crossed, sides], axis=1))
-    edge = grid[[0, -1]][np.abs(value[[0, -1]]) <= floor]
-    places = np.concatenate([tops, simple, edge])
-    double = np.arange(len(places)) < len(tops)
+    ends, slopes = grid[[0, -1]], np.abs(slope[[0, -1]])
+    edge = np.abs(value[[0, -1]]) <= floor
+    bends = np.abs(np.diff(slope)[[0, -1]] / np.diff(grid)[[0, -1]])
+    touched = edge & (slopes**2 <= 2.0 * floor * bends)
+    for end, way in zip(ends[touched], 2.0 * slopes[touched] / bends[touched], strict=True):
+        tops = tops[np.abs(tops - end) > way]
+    places = np.concatenate([tops, ends[touched], simple, ends[edge]])
+    double = np.arange(len(places)) < len(tops) + np.sum(touched)
     order = np.argsort(places, kind="stable")
     places, double = places[order], double[order]
     fresh = np.ones(len(places), dtype=bool)
