@@ -263,9 +263,22 @@ def test_a_chain_that_moves_against_its_count_has_its_singularities():
 
 
 QUICK = ("bevel_pair", "four_bar", "universal_joint")
-SINGLE = ("double_butterfly", "eight_bar_05", "eight_bar_07", "eight_bar_15", "flat_cam",
-          "planetary_bevel", "roller_cam", "rolling_cones", "shaped_cam", "shaped_flat_cam", "single_flier",
-          "stephenson", "two_contacts", "watt")  # fmt: skip
+SINGLE = (
+    "double_butterfly",
+    "eight_bar_05",
+    "eight_bar_07",
+    "eight_bar_15",
+    "flat_cam",
+    "planetary_bevel",
+    "roller_cam",
+    "rolling_cones",
+    "shaped_cam",
+    "shaped_flat_cam",
+    "single_flier",
+    "stephenson",
+    "two_contacts",
+    "watt",
+)
 
 
 def check_shipped(name, tmp_path, capsys):
