@@ -29,6 +29,7 @@ from spherekit.analysis.tables import (
     Table,
     TableData,
 )
+from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.record import RelationAt, SingularPoint, Type
@@ -233,6 +234,11 @@ class SingularityAnalysis(AbstractAnalysis):
         if found.report.everywhere is not None:
             figures["freedoms_everywhere"] = found.report.everywhere
         warnings = [*found.report.notes, *found.configurations.mismatches]
+        if found.report.everywhere is not None:
+            warnings.append(
+                f"the mechanism has {found.report.everywhere} freedoms in every "
+                "configuration: it is singular everywhere, and its tables are empty"
+            )
         for kind, rate in (("I", "output_rate"), ("II", "input_rate")):
             slow = np.abs(relation[rate]) <= np.sin(np.radians(self.near))
             angles = np.where(slow, np.degrees(relation[f"angle_{kind}"]), np.inf)
@@ -276,11 +282,13 @@ class SingularityAnalysis(AbstractAnalysis):
         for point in found.report.points:
             if point.type is Type.APPARENT:
                 continue
-            words = [item.words for at in point.relations for item in at.conditions]
+            agreeing = [at for at in point.relations if at.agrees]
+            words = [item.words for at in agreeing for item in at.conditions]
+            words = words or [at.note for at in point.relations]
             rows.append(
                 {
                     "kind": str(point.type),
-                    **_conditions(point.relations),
+                    **_conditions(agreeing),
                     "branch": _joined(found.branches_at(point.curve, point.s)),
                     "q": found.input_at(point.curve, np.array([point.s]))[0],
                     "output": _named(batch.mechanism, point.output),
@@ -366,6 +374,8 @@ class SingularityAnalysis(AbstractAnalysis):
             with np.errstate(divide="ignore", invalid="ignore"):
                 return np.asarray(own.output_rate / own.input_rate)
 
+        status = np.where(batch.status == Status.OK, found.status, batch.status)
+
         def kinds(own: Measures) -> NDArray[Any]:
             known = np.isfinite(own.input_rate)
             rest = [np.abs(r) < RESTS for r in (own.output_rate, own.input_rate)]
@@ -394,7 +404,7 @@ class SingularityAnalysis(AbstractAnalysis):
                 "to_II": own.to_ii,
                 "sigma": sigma,
                 "flatness": flatness,
-                "status": batch.status,
+                "status": status,
                 "moved": np.full(n, batch.moved_pairs[0]),
                 "type": kinds(own),
                 "group": (kinds(own) != "regular").astype(np.int64),

@@ -17,6 +17,7 @@ NAMES = (
     "motion",
     "configurations",
     "inverse",
+    "singularities",
     "startup",
     "accuracy",
     "tracking",

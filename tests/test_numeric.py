@@ -91,6 +91,24 @@ def test_zeros_on_the_grid_and_at_its_ends_are_found_once():
     assert not np.any(found.double)
 
 
+def test_a_zero_that_touches_at_an_end_is_double_and_a_triple_one_is_found_soon():
+    for slope in (1e-9, -1e-9, 0.0):
+        found = zeros(
+            lambda s, a=slope: (s * s + a * s, 2.0 * s + a), np.linspace(0.0, 1.0, 8)
+        )
+        assert found.places.tolist() == [0.0]
+        assert found.double.tolist() == [True]
+    asked = []
+
+    def triple(s):
+        asked.append(len(s))
+        return (s - 0.3) ** 3 * np.exp(s), (s - 0.3) ** 2 * (s + 2.7) * np.exp(s)
+
+    found = zeros(triple, np.linspace(0.0, 1.0, 8))
+    assert len(found.places) == 1 and abs(found.places[0] - 0.3) < 1e-5
+    assert len(asked) < 30
+
+
 def test_zeros_of_a_function_without_any():
     found = zeros(lambda s: (2.0 + np.sin(s), np.cos(s)), np.linspace(0.0, 6.0, 9))
     assert len(found.places) == 0

@@ -59,10 +59,11 @@ class Closure:
         first, second = states.first, states.second
         placed = np.empty((len(values), self.tree.count, 3, 3))
         placed[:, 0] = np.eye(3)
+        across = first @ transpose(second)
         for pair, parent, child in self.tree.branches:
             ahead = self.tree.ends[pair][0] == parent
-            one, other = (first, second) if ahead else (second, first)
-            placed[:, child] = placed[:, parent] @ one[:, pair] @ transpose(other[:, pair])
+            turn = across[:, pair] if ahead else transpose(across[:, pair])
+            placed[:, child] = placed[:, parent] @ turn
         return placed, states
 
     def frames(self, placed: Floats, states: PairStates) -> Floats:
@@ -71,16 +72,15 @@ class Closure:
 
     def residual(self, placed: Floats, states: PairStates) -> Floats:
         """Return (n, 3 loops): rotation vectors (rad) by which the loops stay open."""
-        gaps = []
-        for chord in self.tree.chords:
-            a, b = self.tree.ends[chord]
-            around = (
-                placed[:, a]
-                @ states.first[:, chord]
-                @ transpose(placed[:, b] @ states.second[:, chord])
-            )
-            gaps.append(rotation_vector(around))
-        return np.concatenate(gaps, axis=1) if gaps else np.zeros((len(placed), 0))
+        chords = list(self.tree.chords)
+        if not chords:
+            return np.zeros((len(placed), 0))
+        one, other = (
+            placed[:, [self.tree.ends[chord][k] for chord in chords]] @ frames[:, chords]
+            for k, frames in enumerate((states.first, states.second))
+        )
+        gaps = rotation_vector(one @ transpose(other))
+        return gaps.reshape(len(placed), 3 * len(chords))
 
     def vectors(self, placed: Floats, states: PairStates) -> Floats:
         """Return the variables' vectors (n, variables, 3) in the axes of body 0."""

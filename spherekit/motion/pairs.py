@@ -58,16 +58,18 @@ def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
         inside[:, k] = one.inside & other.inside
         at = last + 1
     if turning:
-        which = [k for k, _, _ in turning]
+        every = len(turning) == pairs
+        which = slice(None) if every else [k for k, _, _ in turning]
         angle = values[:, [v for _, v, _ in turning], None]
-        frame = np.stack([joint.first for _, _, joint in turning])
+        frame = np.array([joint.first for _, _, joint in turning])
         c, s = np.cos(angle), np.sin(angle)
-        turned = np.empty((n, len(which), 3, 3))
+        turned = first if every else np.empty((n, len(turning), 3, 3))
         turned[..., 0] = c * frame[..., 0] + s * frame[..., 1]
         turned[..., 1] = c * frame[..., 1] - s * frame[..., 0]
         turned[..., 2] = frame[..., 2]
-        first[:, which] = turned
-        second[:, which] = np.stack([joint.second for _, _, joint in turning])
+        if not every:
+            first[:, which] = turned
+        second[:, which] = np.array([joint.second for _, _, joint in turning])
     return PairStates(first, second, curvatures, rates, inside)
 
 
@@ -78,6 +80,8 @@ def variable_vectors(joints: Sequence[Joint], frames: Floats, curvatures: Floats
     `PairStates`. With t, n, p the tangent, normal and point of a contact and k1, k2 the
     curvatures: the axis (R); (k1 - k2) p (Cr); n + k1 p and -(n + k2 p) (Cs).
     """
+    if all(isinstance(joint, Revolute) for joint in joints):
+        return np.ascontiguousarray(frames[..., 2])
     vectors = []
     for k, joint in enumerate(joints):
         normal, point = frames[:, k, :, 1], frames[:, k, :, 2]
@@ -123,6 +127,9 @@ def pair_rates(
     s1' = (w . p - k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2), w the
     relative angular velocity (derived from the frames' own derivatives).
     """
+    if all(isinstance(joint, Revolute) for joint in joints):
+        turned = cross(first_w, frames[..., 2])
+        return PairRates(turned, turned)
     vectors, axes = [], []
     for k, joint in enumerate(joints):
         w1, w2 = first_w[:, k], second_w[:, k]

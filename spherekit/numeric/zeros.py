@@ -21,6 +21,10 @@ SAME = 1e-10
 """Zeros nearer to each other than this part of the range are one."""
 
 
+MOST_STEPS = 100
+"""Steps to a zero or an extremum in its cell."""
+
+
 @final
 @dataclass(frozen=True)
 class Zeros:
@@ -53,9 +57,14 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     crossed.append(cells[:, ~turning & _changes(cells[2], cells[4])])
     tops, sides = _about_extrema(function, cells[:, turning], floor)
     simple = _polish(function, np.concatenate([*crossed, sides], axis=1))
-    edge = grid[[0, -1]][np.abs(value[[0, -1]]) <= floor]
-    places = np.concatenate([tops, simple, edge])
-    double = np.arange(len(places)) < len(tops)
+    ends, slopes = grid[[0, -1]], np.abs(slope[[0, -1]])
+    edge = np.abs(value[[0, -1]]) <= floor
+    bends = np.abs(np.diff(slope)[[0, -1]] / np.diff(grid)[[0, -1]])
+    touched = edge & (slopes**2 <= 2.0 * floor * bends)
+    for end, way in zip(ends[touched], 2.0 * slopes[touched] / bends[touched], strict=True):
+        tops = tops[np.abs(tops - end) > way]
+    places = np.concatenate([tops, ends[touched], simple, ends[edge]])
+    double = np.arange(len(places)) < len(tops) + np.sum(touched)
     order = np.argsort(places, kind="stable")
     places, double = places[order], double[order]
     fresh = np.ones(len(places), dtype=bool)
@@ -94,12 +103,7 @@ def _about_extrema(
     """Return the extrema that touch zero, and cells with the zeros beside the others."""
     if not cells.size:
         return np.zeros(0), cells
-    a, b = cells[0], cells[1]
-    for _ in range(48):
-        top = 0.5 * (a + b)
-        value, slope = function(top)
-        before = ~_changes(slope, cells[3])
-        a, b = np.where(before, top, a), np.where(before, b, top)
+    top, value, slope = _extrema(function, cells)
     touches = np.abs(value) <= floor
     left, right = cells.copy(), cells.copy()
     left[1], left[4], left[5] = top, value, slope
@@ -108,13 +112,47 @@ def _about_extrema(
     return top[touches], sides[:, _changes(sides[2], sides[4])]
 
 
+def _extrema(function: Function, cells: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the extremum in each cell, with value and slope there.
+
+    False position on the slope, the end that stays halved in weight (the Illinois
+    method), and a halving where that has not halved the cell in three steps.
+    """
+    a, b, low, high = cells[0], cells[1], cells[3], cells[5]
+    rises = low < 0.0
+    width, side = b - a, np.zeros(len(a))
+    for step in range(MOST_STEPS):
+        slow = (step % 3 == 2) & (b - a > 0.5 * width)
+        width = b - a if step % 3 == 2 else width
+        part = np.where(
+            slow | (low == high), 0.5, low / np.where(low == high, 1.0, low - high)
+        )
+        top = np.clip(a + part * (b - a), a, b)
+        value, slope = function(top)
+        before = (slope < 0.0) == rises
+        high = np.where(before & (side > 0.0), 0.5 * high, np.where(before, high, slope))
+        low = np.where(~before & (side < 0.0), 0.5 * low, np.where(before, slope, low))
+        moved = np.where(before, top - a, b - top)
+        a, b = np.where(before, top, a), np.where(before, b, top)
+        side = np.where(before, 1.0, -1.0)
+        small = 4.0 * EPS * np.maximum(1.0, np.abs(top))
+        if np.all((slope == 0.0) | (b - a <= small) | (moved <= small)):
+            break
+    return top, value, slope
+
+
 def _polish(function: Function, cells: Floats) -> Floats:
-    """Return the zero in each cell by Newton's method, by halving where it leaves."""
-    a, b, fa, _, fb, _ = cells
-    x = a - fa * (b - a) / np.where(fb != fa, fb - fa, 1.0)
-    moved = b - a
+    """Return the zero in each cell by Newton's method, by halving where it leaves.
+
+    Steps that shrink by a factor of (m - 1) / m say that the zero has the order m; m
+    times the step then goes there at once (Schroeder 1870).
+    """
+    a, b, fa = cells[0], cells[1], cells[2]
+    x = _guess(cells)
+    moved = np.full(len(x), np.inf)
+    order = np.ones(len(x))
     going = np.arange(len(x))
-    for _ in range(100):
+    for _ in range(MOST_STEPS):
         if not len(going):
             break
         value, slope = function(x[going])
@@ -122,15 +160,37 @@ def _polish(function: Function, cells: Floats) -> Floats:
         a[going] = np.where(before, x[going], a[going])
         b[going] = np.where(before, b[going], x[going])
         with np.errstate(divide="ignore", invalid="ignore"):
-            new = x[going] - value / slope
+            new = x[going] - order[going] * value / slope
         inside = (new >= a[going]) & (new <= b[going])
         new = np.where(inside, new, 0.5 * (a[going] + b[going]))
         step = np.abs(new - x[going])
-        settled = step <= 2.0 * EPS * np.maximum(1.0, np.abs(new))
-        settled |= (step < 1e-9) & (step > 0.25 * moved[going])
-        x[going], moved[going] = new, step
+        ratio = step / moved[going]
+        plain = inside & (order[going] == 1.0)
+        rounding = EPS * np.maximum(1.0, np.abs(new))
+        settled = step <= 2.0 * rounding
+        settled |= (step < 1e-9) & (ratio > 0.25)
+        settled |= plain & np.isfinite(moved[going]) & (step * ratio**2 < 0.1 * rounding)
+        slow = plain & (ratio > 0.4) & (ratio < 0.9)
+        order[going] = np.where(slow, np.round(1.0 / (1.0 - np.where(slow, ratio, 0.0))), 1)
+        x[going], moved[going] = new, np.where(inside, step, np.inf)
         going = going[~settled]
     return np.asarray(x)
+
+
+def _guess(cells: Floats) -> Floats:
+    """Return about where the cubic Hermite polynomial of each cell is zero."""
+    a, b, fa, da, fb, db = cells
+    width, rise = b - a, fb - fa
+    slope, bend = width * da, 3.0 * rise - width * (2.0 * da + db)
+    last = width * (da + db) - 2.0 * rise
+    secant = np.clip(-fa / np.where(rise != 0.0, rise, 1.0), 0.0, 1.0)
+    x = secant
+    for _ in range(4):
+        value = fa + x * (slope + x * (bend + x * last))
+        rate = slope + x * (2.0 * bend + 3.0 * x * last)
+        x = x - value / np.where(rate != 0.0, rate, np.inf)
+    inside = (x >= 0.0) & (x <= 1.0)
+    return np.asarray(a + width * np.where(inside, x, secant))
 
 
 def _changes(one: Floats, other: Floats) -> NDArray[np.bool_]:

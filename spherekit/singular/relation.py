@@ -14,6 +14,9 @@ import numpy as np
 
 from spherekit.sphere.rotation import Floats, cross
 
+ONE_LINE = 1e-12
+"""Axes whose sines are all smaller lie on one line and span no plane."""
+
 
 class Form(StrEnum):
     """Which of the two relations: the output is o relative to s (i), or to r (ii)."""
@@ -275,14 +278,15 @@ def _three_links(
 def _plane_normal(a: Floats, b: Floats, c: Floats) -> Floats:
     """Return the unit normal (n, 3) of three vectors in a plane, from the surest two.
 
-    Its side is continued from row to row, so that it is continuous along a curve.
+    NaN where all three lie on one line. Its side is continued from row to row, so that it
+    is continuous along a curve.
     """
     normals = np.stack([cross(a, b), cross(b, c), cross(c, a)])
     length = np.linalg.norm(normals, axis=-1)
     which = np.argmax(np.nan_to_num(length), axis=0)
     rows = np.arange(len(a))
     size = length[which, rows]
-    normal = normals[which, rows] / np.where(size > 0.0, size, np.nan)[:, None]
+    normal = normals[which, rows] / np.where(size > ONE_LINE, size, np.nan)[:, None]
     good = np.flatnonzero(np.all(np.isfinite(normal), axis=1))
     if len(good):
         beside = np.sum(normal[good[1:]] * normal[good[:-1]], axis=1)

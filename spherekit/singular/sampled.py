@@ -11,6 +11,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import Status
 from spherekit.motion.configuration import Configurations
 from spherekit.motion.motion import Tracer
 from spherekit.singular.nearness import nearness, singular_values
@@ -21,6 +22,8 @@ from spherekit.sphere.rotation import Floats
 
 ROUNDED = 1e-12
 """An input below the range's start by less (rad) is at its start."""
+NEAR_CROSSING = 1e-4
+"""Configurations (rad) that near to a crossing may lie where no curve is followed."""
 TOUCHES = 1e-6
 """A piece of a curve holds what is nearer than this to its ends (rad of arc length)."""
 
@@ -76,6 +79,9 @@ class SampledSingularities:
         All curves, and the singularities on them.
     curve, s
         (n,) the number of the curve of each row, -1 without one, and the place on it.
+    status
+        (n,) OK on a curve, AT_SINGULARITY so near to a crossing of curves that none is
+        followed there, BRANCH_LOST elsewhere.
     """
 
     def __init__(
@@ -101,6 +107,12 @@ class SampledSingularities:
                 places = item.curve.find(values[todo])
                 on = np.isfinite(places)
                 self.curve[todo[on]], self.s[todo[on]] = number, places[on]
+        self.status = np.where(self.curve < 0, Status.BRANCH_LOST, Status.OK)
+        for crossing in self.report.crossings:
+            (lost,) = np.nonzero(known & (self.curve < 0))
+            away = self.curves[crossing.ends[0][0]].wrapped(values[lost] - crossing.values)
+            near = np.max(np.abs(away), axis=1) < NEAR_CROSSING
+            self.status[lost[near]] = Status.AT_SINGULARITY
 
     def branches_at(self, curve: int, s: float) -> tuple[int, ...]:
         """Return the branches whose pieces of a curve hold or touch the place s."""

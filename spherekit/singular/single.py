@@ -250,6 +250,7 @@ class SingleFreedom:
             self.whole.append(WholeCurve(kind, self.outputs[output], number))
             return []
         own += [(None, more) for more in self._coplanar(number, along, output, own)]
+        self._note_one_line(number, along, output)
         groups = groups_of(along.curve, own)
         if not groups:
             return []
@@ -400,6 +401,20 @@ class SingleFreedom:
             error = place_error(along.curve, rounding_of(rates), slope)
             out.append(Places(s, found.double[fresh], error))
         return out
+
+    def _note_one_line(self, number: int, along: AlongCurve, output: int) -> None:
+        """Note relations of three links that turn about one line on a whole curve."""
+        names = self.tracer.mechanism.links
+        axes = along.axes(along.curve.s, self._poles(output))
+        for links, _, relation in self._relations(output, axes):
+            if relation.kind == Kind.THREE_LINKS and np.all(np.isnan(relation.c)):
+                three = ", ".join(
+                    names[k] for k in dict.fromkeys((links.i, links.r, links.o, links.s))
+                )
+                self.notes.append(
+                    f"curve {number}: the axes of the links {three} are one line "
+                    f"everywhere, so form {relation.form} says nothing; choose other links"
+                )
 
     def _crossings(self) -> tuple[CrossingPoint, ...]:
         """Return the configurations at which curves end because rank is lost."""
@@ -593,6 +608,11 @@ def _disagreement(
         )
         what = "neither rate vanishes" if fact is None else f"the rates say type {fact}"
         return f"c = d = 0, but {what}: {cause}; a relation of other links decides"
+    if fact == Type.III and kind is None:
+        return (
+            "input and output stand still together while other links move; c and d do not "
+            "vanish, and y'/q' = d/c stays finite"
+        )
     told, wanted = (
         "nothing vanishes" if each is None else f"type {each}" for each in (kind, fact)
     )

@@ -12,7 +12,10 @@ def cross(a: Floats, b: Floats) -> Floats:
     """Return a x b for arrays (..., 3); much faster on small arrays than NumPy's own."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    x = ay * bz - az * by
+    out = np.empty((*x.shape, 3), dtype=x.dtype)
+    out[..., 0], out[..., 1], out[..., 2] = x, az * bx - ax * bz, ax * by - ay * bx
+    return out
 
 
 def about_z(angle: ArrayLike) -> Floats:
@@ -58,20 +61,16 @@ def perpendicular(axis: Floats) -> Floats:
 
 
 def rotation_vector(matrix: Floats) -> Floats:
-    """Return the rotation vectors (n, 3), axis times angle in [0, pi], of matrices.
+    """Return the rotation vectors (..., 3), axis times angle in [0, pi], of matrices.
 
     Accurate to rounding for small angles, where closure residuals live; near a half
     turn the axis comes from the symmetric part.
     """
     r = matrix
-    twice_sine = np.stack(
-        [
-            r[..., 2, 1] - r[..., 1, 2],
-            r[..., 0, 2] - r[..., 2, 0],
-            r[..., 1, 0] - r[..., 0, 1],
-        ],
-        axis=-1,
-    )
+    twice_sine = np.empty(r.shape[:-1])
+    twice_sine[..., 0] = r[..., 2, 1] - r[..., 1, 2]
+    twice_sine[..., 1] = r[..., 0, 2] - r[..., 2, 0]
+    twice_sine[..., 2] = r[..., 1, 0] - r[..., 0, 1]
     sine = 0.5 * np.linalg.norm(twice_sine, axis=-1)
     cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)

@@ -1,0 +1,115 @@
+"""Every singularity of random chains in 50 digits, and against the number of modes."""
+
+import numpy as np
+import pytest
+from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
+from exact_rest import exact_rest
+
+from spherekit.guarantee import Guarantee
+from spherekit.motion.modes import assemblies
+from spherekit.motion.motion import Tracer
+from spherekit.singular.record import Type
+from spherekit.singular.single import SingleFreedom
+
+CHAINS = (STEPHENSON, WATT, *EIGHT_BARS)
+RESTING = 1e-28
+"""Rates that vanish in 50 digits."""
+INPUTS = 24
+"""Inputs over a turn at which the modes are counted."""
+
+
+def analysed(number):
+    """Return a tracer, its configurations, the analysis and its report.
+
+    Any pair is the input; the outputs are the last link relative to the ground, and
+    links 5 and 3.
+    """
+    random = np.random.default_rng(200 + number)
+    edges = joints(CHAINS[number])
+    a, b = edges[random.integers(len(edges))]
+    axes = random_axes(random, len(edges))
+    made = mechanism(CHAINS[number], axes, f"p{a}_{b}", span=(-np.pi, np.pi))
+    tracer = Tracer(made, samples=9)
+    found = tracer.configurations
+    curves = [item.curve for item in found.curves]
+    analysis = SingleFreedom(tracer, curves, [(made.links[-1], "1"), ("5", "3")])
+    return tracer, found, analysis, analysis.report()
+
+
+def check_exact(tracer, analysis, points):
+    """Solve for every point in 50 digits; compare places, types and rates."""
+    made, solved = tracer.mechanism, {}
+    for point in points:
+        links = point.output if point.type == Type.I else analysis.input
+        key = point.curve, point.s, links
+        if key not in solved:
+            along = analysis.along[point.curve]
+            rates = along.rates(np.array([point.s]))
+            placed, _ = along.closure.place(point.values[None])
+            slope = rates.dw[0, links[0]] - rates.dw[0, links[1]]
+            solved[key] = exact_rest(made, placed[0], rates.w[0], links, slope)
+        exact = solved[key]
+        assert exact.moved < 1e-12
+        assert max(exact.left, exact.resting) < RESTING
+        driven, output = (
+            np.linalg.norm(exact.rates[a] - exact.rates[b])
+            for a, b in (analysis.input, point.output)
+        )
+        rest = {Type.I: (output,), Type.II: (driven,), Type.III: (driven, output)}
+        assert max(rest[point.type]) < RESTING
+        assert abs(driven - abs(point.input_rate)) < 1e-12
+        assert abs(output - abs(point.output_rate)) < 1e-12
+        if point.type != Type.III:
+            assert max(driven, output) > 1e-6
+
+
+def check_counts(tracer, found, report):
+    """Compare the modes at inputs over a turn with the dead centres between them.
+
+    Where the input has a minimum on its curve, two modes appear as it grows; where it
+    has a maximum, two vanish.
+    """
+    single = tracer.solver.single
+    dead = [
+        (p.values[single], p.input_slope)
+        for p in report.points
+        if p.output == report.outputs[0] and p.input_turns
+    ]
+    places, slopes = np.array(dead).reshape(-1, 2).T
+    random = np.random.default_rng(1)
+    inputs = [*np.sort(random.uniform(-np.pi, np.pi, INPUTS)), *found.inputs]
+    counts = []
+    for q in inputs[:INPUTS]:
+        modes = assemblies(tracer.solver, np.array([q]))
+        assert all(each is None or each.is_complete for each in modes.methods)
+        counts.append(len(modes.modes))
+    counts += found.counts.tolist()
+    for q, count in zip(inputs, counts, strict=True):
+        between = np.mod(places - inputs[0], 2.0 * np.pi) < np.mod(
+            q - inputs[0], 2.0 * np.pi
+        )
+        assert count - counts[0] == 2 * np.sum(np.sign(slopes[between]))
+    return len(places), len(set(counts))
+
+
+def check(number):
+    tracer, found, analysis, report = analysed(number)
+    assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
+    assert not (report.crossings or report.whole or report.notes)
+    points = [p for p in report.points if p.type != Type.APPARENT]
+    assert all(p.decided and not p.double for p in points)
+    check_exact(tracer, analysis, points)
+    dead, counts = check_counts(tracer, found, report)
+    assert len(points) >= 8
+    assert counts > 1 and dead >= 4 and dead % 2 == 0
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_singularities_of_random_chains_are_exact_and_all(number):
+    check(number)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(CHAINS)))
+def test_singularities_of_all_chains_are_exact_and_all(number):
+    check(number)

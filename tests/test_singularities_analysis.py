@@ -1,0 +1,310 @@
+"""The singularities analysis with one input: tables, findings, pages, special cases."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from chains import mechanism
+from test_run import Listener
+from test_several_inputs import dixon
+from test_singular_single import four_bar
+
+import spherekit as sk
+from spherekit.analysis.scene import Portrait, Text
+from spherekit.cli.main import main
+from spherekit.errors import SpherekitError
+from spherekit.files.write import dump
+from spherekit.model.mechanism import Input
+
+NAME = "singularities"
+ROCKER = np.radians([100.0, 50.0, 70.0, 40.0])
+Z, SLANT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
+
+
+class Pages(Listener):
+    """Keeps the scenes themselves, by page."""
+
+    def log(self, scene, samples, inputs=None, times=None):
+        super().log(scene, samples, inputs, times)
+        self.pages = getattr(self, "pages", {}) | {scene.page: scene}
+
+
+@pytest.fixture(scope="module")
+def rocker():
+    pages = Pages()
+    result = sk.run(four_bar(ROCKER), NAME, samples=61, recorder=pages)
+    assert not result.failures
+    return result, pages.pages
+
+
+def findings_of(result):
+    """Return the findings and the warnings of the only analysis."""
+    (entry,) = result.summary["analyses"]
+    return entry["findings"], result.summary["warnings"]
+
+
+def silent(frame):
+    """Return the columns with NaN in rows whose status is OK."""
+    good = frame[frame["status"].astype(str) == "OK"]
+    numbers = good.select_dtypes("number")
+    return set(numbers.columns[numbers.isna().any()])
+
+
+def test_tables_have_the_columns_that_are_declared(rocker):
+    result, _ = rocker
+    tables = result.results[NAME].tables
+    assert [table.name for table in tables][:2] == [NAME, "relation"]
+    for table in tables:
+        frame = result.frame(NAME, table.name)
+        assert list(frame.columns) == [column.name for column in table.columns]
+        for column in table.columns:
+            text = not pd.api.types.is_numeric_dtype(frame[column.name])
+            assert text == (column.kind in ("text", "status"))
+
+
+def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker):
+    """By the cosine theorem, with kinds, branches and conditions."""
+    frame = rocker[0].frame()
+    ground, crank, coupler, follower = ROCKER
+    dead = frame[frame["kind"] == "II"]
+    angles = []
+    for way in (coupler + follower, abs(coupler - follower)):
+        cosine = np.cos(way) - np.cos(ground) * np.cos(crank)
+        cosine /= np.sin(ground) * np.sin(crank)
+        if abs(cosine) < 1.0:
+            angles += [np.arccos(cosine), 2.0 * np.pi - np.arccos(cosine)]
+    assert len(dead) == len(angles) > 0
+    assert np.max(np.abs(np.sort(dead["q"]) - np.sort(angles))) < 1e-12
+    assert set(dead["turns"]) == {"input"}
+    assert all(len(branch.split("+")) == 2 for branch in dead["branch"])
+    still = frame[frame["kind"] == "I"]
+    assert len(frame) == len(dead) + len(still)
+    assert set(still["turns"]) <= {"output"}
+    for kind, rows in (("I", still), ("II", dead)):
+        assert all(f"{kind}.3" in labels.split() for labels in rows["condition"])
+    assert set(frame["decided"]) == {"yes"} and set(frame["double"]) == {"no"}
+    assert set(frame["guarantee"]) == {"complete"}
+    assert np.all(frame["residual"] < 1e-9)
+    assert np.all(frame["note"] != "")
+
+
+def test_the_relation_holds_in_every_row(rocker):
+    frame = rocker[0].frame(NAME, "relation")
+    good = frame[frame["status"].astype(str) == "OK"]
+    assert 0 < len(good) < len(frame)
+    gap = good["c"] * good["output_rate"] - good["d"] * good["input_rate"]
+    assert np.max(np.abs(gap)) < 1e-12
+    assert set(good["form"]) == {"i", "ii"} and set(good["output"]) == {"4/1"}
+    assert silent(frame) <= {"transmission", "to_I", "to_II"}
+    assert np.all(good[good["form"] == "ii"]["transmission"].notna())
+
+
+def test_the_nearest_dead_centre_is_as_far_as_the_inputs_say(rocker):
+    result, _ = rocker
+    points, frame = result.frame(), result.frame(NAME, "relation")
+    good = frame[frame["status"].astype(str) == "OK"]
+    dead = points[points["kind"] == "II"]["q"].to_numpy()
+    away = np.abs(good["q"].to_numpy()[:, None] - dead)
+    away = np.min(np.minimum(away, 2.0 * np.pi - away), axis=1)
+    assert np.max(np.abs(good["to_II"] - away)) < 1e-9
+
+
+def test_findings_count_and_warn_as_near_asks(rocker):
+    figures, warnings = findings_of(rocker[0])
+    kinds = rocker[0].frame()["kind"].value_counts().to_dict()
+    assert figures[NAME] == kinds
+    assert figures["guarantee"].startswith("complete")
+    assert not figures["checks_failed"] and not figures["notes"]
+    wide = sk.run(four_bar(ROCKER), f"{NAME}:near=25", samples=61)
+    none = sk.run(four_bar(ROCKER), f"{NAME}:near=0", samples=61)
+    assert not [w for w in findings_of(none)[1] if "come within" in w]
+    near = [w for w in findings_of(wide)[1] if "come within 25 deg" in w]
+    assert any("type II of output 4/1" in words for words in near)
+    assert len(near) >= len([w for w in warnings if "come within" in w])
+
+
+def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
+    result, pages = rocker
+    frame = result.frame()
+    page = pages["Singularities"]
+    assert page.rows == len(frame)
+    (words,) = (p.markdown for p in page.primitives if isinstance(p, Text))
+    listed = [line for line in words.splitlines() if line.startswith("|")]
+    assert len(listed) == 2 + len(frame)
+    for branch in set(result.frame("motion")["branch"]):
+        (portrait,) = (p for p in pages[branch].primitives if isinstance(p, Portrait))
+        marked = sorted(mark.label for mark in portrait.marks)
+        assert marked == sorted(frame["kind"])
+        places = np.array([mark.place for mark in portrait.marks])
+        gaps = np.abs(np.degrees(frame["q"].to_numpy())[:, None] - places[:, 0])
+        assert np.max(np.min(gaps, axis=1)) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("output=4/9", "is no pole"),
+        ("output=4/4", "is no pole"),
+        ("near=-1", "is no angle"),
+        ("near=nan", "near"),
+        ("nere=1", "near"),
+    ],
+)
+def test_wrong_options_are_refused_in_words(options, words):
+    with pytest.raises(SpherekitError, match=words):
+        sk.run(sk.load("four_bar"), f"{NAME}:{options}", samples=5)
+
+
+FOLDING = {
+    "parallelogram": (np.radians([60.0, 40.0, 60.0, 40.0]), {"III": 2}),
+    "kite": (np.radians([60.0, 60.0, 40.0, 40.0]), {"II": 2, "III": 2}),
+    "rhombus": (np.radians([50.0] * 4), {"III": 3, "I": 2}),
+    "all 90 deg": (np.radians([90.0] * 4), {"III": 4, "I": 4}),
+}
+
+
+@pytest.mark.parametrize("name", FOLDING)
+def test_folding_four_bars_run_with_the_right_types(name):
+    """At each crossing all axes are in one plane, III.a; a coincidence adds its own."""
+    arcs, kinds = FOLDING[name]
+    result = sk.run(four_bar(arcs), NAME, samples=37)
+    frame = result.frame()
+    assert not result.failures
+    assert frame["kind"].value_counts().to_dict() == kinds
+    crossing = frame[frame["kind"] == "III"]
+    assert all("III.a" in labels.split() for labels in crossing["condition"])
+    assert set(frame["decided"]) == {"yes"}
+    whole = frame["q"].isna()
+    assert all("at rest on the whole" in words for words in frame[whole]["note"])
+    relation = result.frame(NAME, "relation")
+    assert silent(relation) <= {"transmission"}
+
+
+def test_a_folding_four_bar_runs_from_the_shell(tmp_path, capsys):
+    arcs, kinds = FOLDING["kite"]
+    dump(four_bar(arcs), tmp_path / "made.toml")
+    command = ["run", str(tmp_path / "made.toml"), "-a", NAME, "--samples", "9"]
+    assert main([*command, "-o", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    written = pd.read_csv(tmp_path / "out" / f"{NAME}.csv")
+    assert written["kind"].value_counts().to_dict() == kinds
+
+
+@pytest.mark.parametrize("power", [8, 12])
+def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
+    arcs = FOLDING["parallelogram"][0].copy()
+    arcs[0] += 10.0**-power
+    result = sk.run(four_bar(arcs), NAME, samples=37)
+    frame, relation = result.frame(), result.frame(NAME, "relation")
+    assert silent(relation) <= {"transmission"}
+    if power < 12:
+        assert frame["kind"].value_counts().to_dict() == {"I": 2, "II": 2}
+        assert set(frame["decided"]) == {"yes"}
+        return
+    assert set(frame["kind"]) == {"III"} and set(frame["decided"]) == {"no"}
+    assert all("undecided within tolerance" in words for words in frame["note"])
+    assert "AT_SINGULARITY" in set(relation["status"].astype(str))
+
+
+@pytest.mark.parametrize("away", [0.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-14, -1e-3, -1e-14])
+def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(away):
+    """There the input is a quadratic function of the arc length, its rate goes as a root.
+
+    Both modes end there; beyond it neither closes.
+    """
+    ground, crank, coupler, follower = ROCKER
+    cosine = np.cos(coupler + follower) - np.cos(ground) * np.cos(crank)
+    dead = float(np.arccos(cosine / (np.sin(ground) * np.sin(crank))))
+    made = replace(four_bar(ROCKER), inputs=(Input("21", dead - 0.5, dead - away),))
+    result = sk.run(made, NAME, samples=5)
+    points, frame = result.frame(), result.frame(NAME, "relation")
+    assert not result.failures
+    assert np.min(np.abs(points[points["kind"] == "II"]["q"] - dead)) < 1e-13
+    assert silent(frame) <= {"transmission", "to_I"}
+    last = frame[frame["sample"] == 4]
+    if away == -1e-3:
+        assert set(last["status"].astype(str)) == {"OUT_OF_REACH"}
+        return
+    if away >= 1e-12:
+        assert set(last["status"].astype(str)) == {"OK"}
+        rates = np.abs(last["input_rate"])
+        assert np.all((rates > 0.1 * np.sqrt(away)) & (rates < 10.0 * np.sqrt(away)))
+        assert np.allclose(last["to_II"], away, rtol=1e-3, atol=1e-15)
+    else:
+        assert set(last["status"].astype(str)) <= {"AT_SINGULARITY", "OUT_OF_REACH"}
+
+
+@pytest.mark.parametrize(("coaxial", "freedoms"), [(2, 2), (3, 2), (4, 3)])
+def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms):
+    axes = np.array([Z] * coaxial + [SLANT] * (4 - coaxial))
+    made = mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0))
+    result = sk.run(made, NAME, samples=9)
+    figures, warnings = findings_of(result)
+    assert not result.failures and not len(result.frame())
+    assert figures["freedoms_everywhere"] == freedoms
+    assert any("singular everywhere" in words for words in warnings)
+
+
+@pytest.mark.slow
+def test_a_chain_that_moves_against_its_count_has_its_singularities():
+    """Dixon's K(3,3): the bars of one point turn about one line, so form i is empty."""
+    result = sk.run(dixon(np.random.default_rng(3)), NAME, samples=9)
+    frame, relation = result.frame(), result.frame(NAME, "relation")
+    assert not result.failures and len(frame)
+    assert set(frame["decided"]) == {"yes"}
+    notes = " ".join(findings_of(result)[0]["notes"])
+    assert "lie in one plane everywhere" in notes
+    assert "are one line everywhere, so form i says nothing" in notes
+    assert silent(relation) <= {"c", "d", "angle_I", "angle_II", "transmission", "to_II"}
+    empty = relation[relation["c"].isna()]
+    assert set(zip(empty["output"], empty["form"], strict=True)) == {("bar2/bar0", "i")}
+
+
+QUICK = ("bevel_pair", "four_bar", "universal_joint")
+SINGLE = (
+    "double_butterfly",
+    "eight_bar_05",
+    "eight_bar_07",
+    "eight_bar_15",
+    "flat_cam",
+    "planetary_bevel",
+    "roller_cam",
+    "rolling_cones",
+    "shaped_cam",
+    "shaped_flat_cam",
+    "single_flier",
+    "stephenson",
+    "two_contacts",
+    "watt",
+)
+
+
+def check_shipped(name, tmp_path, capsys):
+    """Run the command; every row has a kind, and NaN only with a reason."""
+    command = ["run", name, "-a", NAME, "--samples", "13", "-o", str(tmp_path)]
+    assert main(command) == 0
+    capsys.readouterr()
+    frame = pd.read_csv(tmp_path / f"{NAME}.csv", keep_default_na=False)
+    assert set(frame["kind"]) <= {"I", "II", "III"}
+    assert all(frame["note"].astype(bool) | frame["condition"].astype(bool))
+    relation = pd.read_csv(tmp_path / f"{NAME}_relation.csv")
+    findings = json.loads((tmp_path / "summary.json").read_text())["analyses"][0][
+        "findings"
+    ]
+    assert not findings["checks_failed"]
+    one_line = any("are one line everywhere" in note for note in findings["notes"])
+    unknown = {"c", "d"} if one_line else set()
+    assert silent(relation) <= {"transmission", "to_I", "to_II"} | unknown
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
+    check_shipped(name, tmp_path, capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SINGLE)
+def test_more_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
+    check_shipped(name, tmp_path, capsys)
