@@ -18,7 +18,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import REACH_SLACK, Status
+from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.model.mechanism import Mechanism

@@ -134,5 +134,7 @@ class Posed:
     def _axis(self, pair: int) -> Floats:
         dyads = self.placed.dyads
         links = dyads.ends[pair]
-        nearest = min(links, key=lambda link: len(dyads.needs_of(dyads.source(pair, link)[1])))
+        nearest = min(
+            links, key=lambda link: len(dyads.needs_of(dyads.source(pair, link)[1]))
+        )
         return self.placed.axis(pair, nearest, self.signs)

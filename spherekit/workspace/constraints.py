@@ -127,9 +127,7 @@ class _Between:
             self.high, self.high_from = high, source
 
 
-def _between_axes(
-    kinematics: OutputKinematics, wanted: Constraints
-) -> tuple[Bound, ...]:
+def _between_axes(kinematics: OutputKinematics, wanted: Constraints) -> tuple[Bound, ...]:
     """Return the bounds of angles between axes, one each way for each two axes."""
     mechanism = kinematics.mechanism
     found: dict[tuple[int, int], _Between] = {}
@@ -236,7 +234,7 @@ def _of_stop(stop: object) -> PairLimit:
 
 
 def _overlap(one: PairLimit, other: PairLimit) -> bool:
-    """Return whether two ranges of an angle have one in common, whole turns apart or not."""
+    """Return whether two ranges of an angle meet, up to whole turns."""
     gap = 0.5 * (other.low + other.high - one.low - one.high)
     gap = abs(float(np.remainder(gap + np.pi, 2.0 * np.pi)) - np.pi)
     return gap <= 0.5 * (one.high - one.low + other.high - other.low) + COLLINEAR

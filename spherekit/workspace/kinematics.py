@@ -14,14 +14,14 @@ import numpy as np
 from spherekit.errors import AnalysisError, ModelError
 from spherekit.guidance.form import MidPlaneForm
 from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.model.geometry import COLLINEAR
+from spherekit.model.geometry import Revolute
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.output.dyads import Cones, Signs
 from spherekit.output.forward import ForwardKinematics
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.posed import Posed
 from spherekit.sphere.mirror import reflections
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, cross, quaternion
 
 
 class Rows(Protocol):
@@ -94,8 +94,8 @@ class OutputKinematics(ABC):
         """Return one mode at poses."""
 
     @abstractmethod
-    def poses(self, inputs: Floats) -> Floats:
-        """Return every pose (k, 3) or (k, 3, 3) found at inputs (inputs,) rad."""
+    def places(self, inputs: Floats) -> Floats:
+        """Return all poses at inputs (inputs,) rad, as directions or quaternions xyzw."""
 
     def name_of(self, pair: int) -> str:
         """Return the name of a pair, or that of the output for a pair made for it."""
@@ -171,14 +171,14 @@ class DyadKinematics(OutputKinematics):
             self.kinematics.posed(poses, signs), self.kinematics.wrist.driven, len(poses)
         )
 
-    def poses(self, inputs: Floats) -> Floats:
-        """Return every pose (k, 3) or (k, 3, 3) found at inputs (inputs,) rad."""
+    def places(self, inputs: Floats) -> Floats:
+        """Return all poses at inputs (inputs,) rad, as directions or quaternions xyzw."""
         forward = ForwardKinematics(self.mechanism, self.output.name)
         found = forward.solutions(inputs[None])
         if self.points:
             assert found.directions is not None
             return found.directions
-        return found.rotations
+        return quaternion(found.rotations)
 
 
 @final
@@ -252,15 +252,17 @@ class MidPlaneKinematics(OutputKinematics):
         plane = self.form.plane
         return tuple(
             Span(leg.base, leg.tip, Cones(float(arc), float(arc)), number in plane.driven)
-            for number, (leg, arc) in enumerate(zip(self.form.legs, plane.arcs, strict=True))
+            for number, (leg, arc) in enumerate(
+                zip(self.form.legs, plane.arcs, strict=True)
+            )
         )
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
         """Return one mode at directions (n, 3)."""
         return _MidPlaneRows(self, poses @ self.form.frame, signs)
 
-    def poses(self, inputs: Floats) -> Floats:
-        """Return the direction (1, 3) at driven readings (2,) rad."""
+    def places(self, inputs: Floats) -> Floats:
+        """Return the direction (0 or 1, 3) at driven readings (2,) rad."""
         normals = self.form.plane.normals(inputs[None])
         turned = self.form.orientations(normals) @ np.array(self.output.direction)
         return np.asarray(turned[np.isfinite(turned[:, 0])])
@@ -299,7 +301,9 @@ class _MidPlaneRows:
     def type_2(self) -> Floats:
         elbows, _ = self._elbows
         across = cross(self.points[:, None], elbows[:, self.driven])
-        first, second = np.moveaxis(across / np.linalg.norm(across, axis=2)[..., None], 1, 0)
+        first, second = np.moveaxis(
+            across / np.linalg.norm(across, axis=2)[..., None], 1, 0
+        )
         return np.asarray(np.linalg.norm(cross(first, second), axis=1))
 
     @cached_property
@@ -312,7 +316,8 @@ class _MidPlaneRows:
 
     @cached_property
     def _values(self) -> Floats:
-        return self.form.values(self._placed)[0]
+        values, _ = self.form.values(self._placed)
+        return values
 
     def _axis(self, pair: int) -> Floats:
         """Return the axis (n or 1, 3) of a pair in mirror axes."""
@@ -323,8 +328,9 @@ class _MidPlaneRows:
             if pair == leg.tip:
                 return np.asarray(reflections(self.normals) @ axis)
             if pair == leg.elbow:
-                return self._elbows[0][:, k]
+                return np.asarray(self._elbows[0][:, k])
         ends = self.form.mechanism.ends[pair]
         joint = self.form.joints[pair]
-        axis = np.asarray(joint.first[:, 2])  # type: ignore[union-attr]
+        assert isinstance(joint, Revolute)
+        axis = joint.first[:, 2]
         return np.asarray(self._placed[:, ends[0]] @ axis @ self.form.frame)

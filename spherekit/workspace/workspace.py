@@ -11,14 +11,21 @@ from spherekit.errors import AnalysisError
 from spherekit.output.dyads import Signs
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.region import Region, find_region
-from spherekit.sphere.rotation import Floats, from_quaternion
+from spherekit.sphere.rotation import Floats, arc, from_quaternion
 from spherekit.workspace.constraints import Bound
 from spherekit.workspace.kinematics import OutputKinematics, Rows, label_of
 
 FIRST_LOOK = 2000
 """Directions at which the area is guessed, to make its error relative."""
+SAMPLES = 4000
+"""Orientations looked at."""
+PSI = 1.533751168755204288118041
+"""The positive root of x^4 = x + 4."""
+NUDGES = (1e-12, 1e-11, 1e-10, 1e-9, 1e-8)
+"""Steps (rad) into a workspace from its border, which is known to rounding only."""
+WAY_ROUNDS, WAY_SAMPLES = 8, 65
 LEAST_PART = 1e-3
-"""Part of the sphere that the tolerance is relative to, at least, before an area is known."""
+"""Part of the sphere that the tolerance is relative to at first, at least."""
 
 
 @final
@@ -166,7 +173,7 @@ def direction_workspaces(
 
 
 def _region(margins: Callable[[Floats], Floats], tolerance: float) -> Region:
-    """Return a region whose error is the tolerance times its area, or as near as it gets."""
+    """Return a region with an error relative to its area, or as near as it gets."""
     with np.errstate(invalid="ignore"):
         inside = np.all(margins(spread(FIRST_LOOK)) >= 0.0, axis=1)
     part = max(float(np.mean(inside)), LEAST_PART)
@@ -199,3 +206,86 @@ def orientation_workspaces(
         )
         for signs in modes
     )
+
+
+def orientation_samples(count: int = SAMPLES) -> Floats:
+    """Return unit quaternions (count, 4) xyzw spread evenly over all orientations.
+
+    Notes
+    -----
+    The spirals of M. Alexa, Super-Fibonacci spirals: fast, low-discrepancy sampling of
+    SO(3) (2022).
+    """
+    part = (np.arange(count) + 0.5) / count
+    one, other = 2.0 * np.pi * count * part / np.sqrt(2.0), 2.0 * np.pi * count * part / PSI
+    inner, outer = np.sqrt(part), np.sqrt(1.0 - part)
+    return np.stack(
+        [
+            inner * np.sin(one),
+            inner * np.cos(one),
+            outer * np.sin(other),
+            outer * np.cos(other),
+        ],
+        axis=1,
+    )
+
+
+def nearest_reachable(
+    kinematics: OutputKinematics,
+    bounds: Sequence[Bound],
+    found: DirectionWorkspace | OrientationWorkspace,
+    place: Floats,
+) -> tuple[Floats, float] | None:
+    """Return a reachable pose near one that is outside, and how far (rad) it is.
+
+    Of directions (3,) it is the nearest one, to 1e-8 rad. Of quaternions xyzw (4,) it is
+    where the way to the nearest of `SAMPLES` orientations spread evenly, or to the best
+    one known, enters the workspace for good. None if no pose is known to be inside.
+    """
+
+    def inside(places: Floats) -> NDArray[np.bool_]:
+        return judge(kinematics, bounds, found.signs, places).inside
+
+    if isinstance(found, OrientationWorkspace):
+        samples = np.concatenate([orientation_samples(), found.orientations.place[None]])
+        held = samples[inside(samples)]
+        if not len(held):
+            return None
+        near = held[np.argmax(np.abs(held @ place))]
+        near = near if near @ place >= 0.0 else -near
+        there = _on_way(place, near, inside)
+        return there, 2.0 * float(arc(place, there))
+    if not found.region.components:
+        return None
+    border = found.region.nearest(place)
+    deepest = [part.place for part in found.region.components]
+    aims = [border, *(_beyond(border, 2.0 * border - place, step) for step in NUDGES)]
+    aims += [_beyond(border, aim, step) for step in NUDGES for aim in deepest]
+    candidates = np.stack(aims)
+    good = np.flatnonzero(inside(candidates))
+    there = candidates[good[0]] if len(good) else border
+    return there, float(arc(place, there))
+
+
+def _beyond(start: Floats, aim: Floats, step: float) -> Floats:
+    """Return the direction (3,) a step (rad) from `start` towards another place."""
+    way = aim - (aim @ start) * start
+    size = float(np.linalg.norm(way))
+    turned = start + (step / size) * way if size > 0.0 else start
+    return np.asarray(turned / np.linalg.norm(turned))
+
+
+def _on_way(
+    outside: Floats, held: Floats, inside: Callable[[Floats], NDArray[np.bool_]]
+) -> Floats:
+    """Return the quaternion on the way to `held` from which on all samples are inside."""
+    low, high = 0.0, 1.0
+    for _ in range(WAY_ROUNDS):
+        parts = np.linspace(low, high, WAY_SAMPLES)
+        places = (1.0 - parts[:, None]) * outside + parts[:, None] * held
+        places /= np.linalg.norm(places, axis=1, keepdims=True)
+        out = np.flatnonzero(~inside(places))
+        last = int(out[-1])
+        low, high = float(parts[last]), float(parts[last + 1])
+        held_there = places[last + 1]
+    return np.asarray(held_there)
