@@ -324,7 +324,7 @@ class _MidPlaneRows:
         for k, leg in enumerate(self.form.legs):
             axis = self.form.plane.axes[k]
             if pair == leg.base:
-                return axis[None]
+                return np.asarray(axis[None])
             if pair == leg.tip:
                 return np.asarray(reflections(self.normals) @ axis)
             if pair == leg.elbow:
