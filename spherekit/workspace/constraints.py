@@ -103,11 +103,17 @@ def bounds_of(kinematics: OutputKinematics, wanted: Constraints) -> tuple[Bound,
         For unknown pairs, values without meaning, and limits that contradict each other.
     """
     mechanism = kinematics.mechanism
-    return (
+    found = (
         *_between_axes(kinematics, wanted),
         *_of_pairs(mechanism, wanted.limits),
         *_of_singularities(mechanism, wanted.near),
     )
+    return found or (_NO_LIMIT,)
+
+
+_NO_LIMIT = Bound(
+    "none: every pose is reached", np.pi, False, lambda r: np.ones_like(r.type_2)
+)
 
 
 @final
@@ -160,6 +166,13 @@ def _between_axes(kinematics: OutputKinematics, wanted: Constraints) -> tuple[Bo
                 f"the axes {name} cannot be at least {_deg(between.low)} apart "
                 f"({between.low_from}) and at most {_deg(between.high)} "
                 f"({between.high_from}); these limits contradict each other",
+            )
+        if between.high - between.low < COLLINEAR:
+            raise _refusal(
+                mechanism,
+                f"the axes {name} are always {_deg(between.low)} apart "
+                f"({between.low_from}, {between.high_from}); the workspace is no more "
+                "than a curve and has no area",
             )
 
         def cosine(rows: Rows, one: int = one, other: int = other) -> Floats:
@@ -254,7 +267,8 @@ def _of_singularities(mechanism: Mechanism, near: float) -> tuple[Bound, ...]:
     for number, item in enumerate(mechanism.inputs):
 
         def first(rows: Rows, number: int = number) -> Floats:
-            return np.asarray(1.0 - 2.0 * rows.type_1[:, number] ** 2)
+            measure = np.nan_to_num(rows.type_1[:, number], nan=0.0)  # it ends there as 0
+            return np.asarray(1.0 - 2.0 * measure**2)
 
         title = f"type I of {item.pair} at least {_deg(near)} away"
         bounds.append(Bound(title, 2.0 * near, True, first, 0.5))
