@@ -284,6 +284,9 @@ class _MidPlaneRows:
         return np.broadcast_to(dots, len(self.points))
 
     def angle(self, pair: int) -> Floats:
+        for k, leg in enumerate(self.form.legs):
+            if pair == leg.base:
+                return np.asarray(self.form.plane.readings(self._elbows[0])[:, k])
         return np.asarray(self._values[:, pair])
 
     @property

@@ -11,7 +11,7 @@ from spherekit.errors import AnalysisError
 from spherekit.output.dyads import Signs
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.region import Region, find_region
-from spherekit.sphere.rotation import Floats, arc, from_quaternion
+from spherekit.sphere.rotation import Floats, from_quaternion
 from spherekit.workspace.constraints import Bound
 from spherekit.workspace.kinematics import OutputKinematics, Rows, label_of
 
@@ -108,7 +108,11 @@ def judge(
 
 
 def _known(rows: Rows) -> tuple[Floats, Floats, Floats]:
-    return rows.inputs, np.min(rows.type_1, axis=1), rows.type_2
+    """Return inputs, least type I and type II, NaN out of reach."""
+    inputs = rows.inputs
+    out = np.isnan(inputs).any(axis=1)
+    least = np.min(rows.type_1, axis=1)
+    return inputs, np.where(out, np.nan, least), np.where(out, np.nan, rows.type_2)
 
 
 def _poses(kinematics: OutputKinematics, places: Floats) -> Floats:
@@ -254,7 +258,7 @@ def nearest_reachable(
         near = held[np.argmax(np.abs(held @ place))]
         near = near if near @ place >= 0.0 else -near
         there = _on_way(place, near, inside)
-        return there, 2.0 * float(arc(place, there))
+        return there, 2.0 * _between(place, there)
     if not found.region.components:
         return None
     border = found.region.nearest(place)
@@ -264,7 +268,13 @@ def nearest_reachable(
     candidates = np.stack(aims)
     good = np.flatnonzero(inside(candidates))
     there = candidates[good[0]] if len(good) else border
-    return there, float(arc(place, there))
+    return there, _between(place, there)
+
+
+def _between(one: Floats, other: Floats) -> float:
+    """Return the angle (rad) between unit vectors of any dimension."""
+    ends = np.linalg.norm(one - other), np.linalg.norm(one + other)
+    return float(2.0 * np.arctan2(*ends))
 
 
 def _beyond(start: Floats, aim: Floats, step: float) -> Floats:
