@@ -40,7 +40,6 @@ Workspaces = tuple[DirectionWorkspace, ...] | tuple[OrientationWorkspace, ...]
 UNDEFINED = "the output is not determined"
 """Name of a border where no bound is 0."""
 POSE = ("x", "y", "z", "w")
-MOST_MARKS = 8
 COARSE = 1e-2
 """Relative error of the volume of a set of orientations, if nothing else is asked for."""
 FINE = 1e-4
@@ -119,7 +118,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column("curves", "", "numbers of the curves around it", "text"),
                 *PLACES,
                 Column("w", "", "of the quaternion; empty for directions"),
-                Column("margin", "rad", "at this sample, the farthest from the border"),
+                Column("margin", "rad", "at this sample, well within the part"),
             ),
         ),
     )
@@ -499,17 +498,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
         return curves
 
     def _deepest(self, batch: Batch, item: DirectionWorkspace) -> list[Mark]:
-        """Return a mark in each part of a size, at the vertex with the largest margin."""
-        parts = _sure(item.region, item.region.components)[:MOST_MARKS]
-        if not parts:
-            return []
-        places = np.stack([part.place for part in parts])
-        kinematics, bounds = self._kinematics(batch), self._bounds(batch)
-        margin = np.degrees(judge(kinematics, bounds, item.signs, places).margin)
-        return [
-            Mark(f"{left:.3g} deg", place)
-            for left, place in zip(margin, places, strict=True)
-        ]
+        """Return a mark at the vertex with the largest margin."""
+        judged, places = self._judged(batch, item)
+        best = int(np.nanargmax(judged.margin))
+        return [Mark(f"{np.degrees(judged.margin[best]):.3g} deg", places[best])]
 
     def _words(self, batch: Batch, item: DirectionWorkspace) -> str:
         """Return areas and limits as Markdown."""

@@ -430,5 +430,5 @@ def test_pages_show_map_border_and_areas(five_bar):
         assert len({part.tone for part in borders}) == 3
         (words,) = [part.markdown for part in parts if isinstance(part, Text)]
         assert "Bounded by" in words and "type II at least 15 deg away" in words
-    singular = [p for p in watcher.pages["Singularity"] if isinstance(p, SphereMap)][0]
+    singular = next(p for p in watcher.pages["Singularity"] if isinstance(p, SphereMap))
     assert singular.values[np.unique(singular.triangles)].min() > 14.999

@@ -49,7 +49,7 @@ PORTRAIT = (1.6, 1.0)
 """Width and height of the frame of a portrait."""
 MAP_LIFT = 1.002
 """Maps lie just outside of the sphere, and inside of curves."""
-SCALE = (1.25, 1.6)
+SCALE = (1.2, 1.48)
 """Where on the z axis the colours of a map are explained."""
 SCALE_MARKS = 5
 HIDDEN = 1e-6
