@@ -379,6 +379,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "fraction": found.fraction,
             "evaluations": found.evaluations,
         }
+        if item.same_as is not None:
+            figures["same_as"] = label_of(item.same_as)
+            return figures, []
         words = []
         if found.depth < 0.0:
             kinematics, bounds = self._kinematics(batch), self._bounds(batch)
@@ -511,7 +514,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         alike = [
             label_of(other.signs)
             for other in self._found(batch)
-            if item.signs in (other.signs, getattr(other, "same_as", None))
+            if item.signs in (other.signs, other.same_as)
         ]
         lines = [
             f"# Workspace of {kinematics.output.name}",

@@ -13,9 +13,10 @@ import numpy as np
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
-from spherekit.model.geometry import COLLINEAR
+from spherekit.guidance.form import axis_in
+from spherekit.model.geometry import COLLINEAR, geometry_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, arc
 from spherekit.workspace.kinematics import OutputKinematics, Rows
 
 
@@ -154,6 +155,15 @@ def _between_axes(kinematics: OutputKinematics, wanted: Constraints) -> tuple[Bo
                 f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is no range; give "
                 "the least angle between the axes, 0 to 180 deg, and a greatest not below",
             )
+        fixed = _fixed(mechanism, one, other)
+        if fixed is not None:
+            if not item.low - COLLINEAR <= fixed <= item.high + COLLINEAR:
+                raise _refusal(
+                    mechanism,
+                    f"apart: {where}: both axes are on one link, always {_deg(fixed)} "
+                    f"apart, not {_deg(item.low)} to {_deg(item.high)}",
+                )
+            continue
         key = (one, other) if (one, other) in found else (other, one)
         key = key if key in found else (one, other)
         found.setdefault(key, _Between()).narrow(item.low, item.high, "apart")
@@ -187,6 +197,16 @@ def _between_axes(kinematics: OutputKinematics, wanted: Constraints) -> tuple[Bo
                 title = f"axes {name} {words} {_deg(limit)} ({source})"
                 bounds.append(Bound(title, limit, at_least, cosine))
     return tuple(bounds)
+
+
+def _fixed(mechanism: Mechanism, one: int, other: int) -> float | None:
+    """Return the angle (rad) between the axes of two pairs of one link, else None."""
+    shared = set(mechanism.ends[one]) & set(mechanism.ends[other])
+    joints = geometry_of(mechanism).joints
+    for link in shared:
+        axes = (axis_in(mechanism, joints, pair, link) for pair in (one, other))
+        return float(arc(*axes))
+    return None
 
 
 def _closest(mechanism: Mechanism, wanted: Constraints) -> float:

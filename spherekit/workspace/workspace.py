@@ -66,10 +66,11 @@ class DirectionWorkspace:
 @final
 @dataclass(frozen=True)
 class OrientationWorkspace:
-    """The orientations that one working mode reaches, of all 8 pi^2 of them."""
+    """The orientations that one working mode reaches; `same_as` as for directions."""
 
     signs: Signs
     orientations: Orientations
+    same_as: Signs | None
 
 
 def margins_of(
@@ -203,13 +204,25 @@ def orientation_workspaces(
     modes: Sequence[Signs],
     tolerance: float = 1e-2,
 ) -> tuple[OrientationWorkspace, ...]:
-    """Return the orientations that each mode reaches; the tolerance is relative."""
-    return tuple(
-        OrientationWorkspace(
-            signs, find_orientations(margins_of(kinematics, bounds, signs), tolerance)
-        )
-        for signs in modes
-    )
+    """Return the orientations that each mode reaches; the tolerance is relative.
+
+    Modes whose margins are the same at all samples share what was found.
+    """
+    found: list[OrientationWorkspace] = []
+    known: list[tuple[Floats, OrientationWorkspace]] = []
+    samples = orientation_samples()
+    for signs in modes:
+        margins = margins_of(kinematics, bounds, signs)
+        here = margins(samples)
+        for values, item in known:
+            if np.array_equal(here, values, equal_nan=True):
+                found.append(OrientationWorkspace(signs, item.orientations, item.signs))
+                break
+        else:
+            own = OrientationWorkspace(signs, find_orientations(margins, tolerance), None)
+            found.append(own)
+            known.append((here, own))
+    return tuple(found)
 
 
 def orientation_samples(count: int = SAMPLES) -> Floats:
