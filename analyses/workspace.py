@@ -427,6 +427,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         if not len(places):
             warnings.append("pose: the mechanism does not close at these inputs")
         for place in places:
+            told: dict[str, list[str]] = {}
             shown = ", ".join(f"{value:.6g}" for value in place)
             for item in self._found(batch):
                 label = label_of(item.signs)
@@ -440,7 +441,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 if row["inside"] == "yes":
                     continue
                 found = nearest_reachable(kinematics, bounds, item, place)
-                text = f"pose ({shown}) is outside in mode {label}, by {row['limiting']}"
+                text = f"by {row['limiting']}"
                 if found is not None:
                     there, angle = found
                     row["nearest"] = there.tolist()
@@ -450,7 +451,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
                     )
                     offered = ", ".join(f"{value:.6g}" for value in there)
                     text += f"; nearest is ({offered}), {np.degrees(angle):.4g} deg away"
-                warnings.append(text)
+                told.setdefault(text, []).append(label)
+            warnings += [
+                f"pose ({shown}) is outside in mode {', '.join(labels)}, {text}"
+                for text, labels in told.items()
+            ]
         return figures, warnings
 
     def _pages(self, batch: Batch, item: DirectionWorkspace, title: str) -> list[Scene]:

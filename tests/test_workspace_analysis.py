@@ -291,6 +291,7 @@ def test_mechanism_with_a_loop_within(loop_case, signs):
     [
         ({"apart": "21/43:60:40"}, "no range"),
         ({"apart": "43/51:160"}, "contradict each other"),
+        ({"apart": "21/43:160"}, "contradict each other"),
         ({"apart": "21/21:10"}, "one axis twice"),
         ({"apart": "21/32:80"}, "both axes are on one link, always 75 deg"),
         ({"apart": "21-43:10"}, "not PAIR/PAIR"),

@@ -12,9 +12,9 @@ from typing import Protocol, final
 import numpy as np
 
 from spherekit.errors import AnalysisError, ModelError
-from spherekit.guidance.form import MidPlaneForm
+from spherekit.guidance.form import MidPlaneForm, axis_in
 from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.model.geometry import Revolute
+from spherekit.model.geometry import COLLINEAR, Revolute
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.output.dyads import Cones, Signs
 from spherekit.output.forward import ForwardKinematics
@@ -141,6 +141,20 @@ class DyadKinematics(OutputKinematics):
         self.kinematics = kinematics
         self.mechanism = kinematics.own
         self.output = kinematics.wrist.output
+        self._own = {pair: self._same_axis(pair) for pair in kinematics.wrist.pairs}
+
+    def _same_axis(self, made: int) -> int:
+        """Return the mechanism's own pair with the axis of one made for the output."""
+        mechanism, joints = self.kinematics.mechanism, self.kinematics.solver.joints
+        link = self.kinematics.wrist.link
+        if link in mechanism.ends[made]:
+            axis = axis_in(mechanism, joints, made, link)
+            for pair, ends in enumerate(self.mechanism.ends):
+                if link in ends:
+                    gap = axis_in(mechanism, joints, pair, link) - axis
+                    if np.linalg.norm(gap) < COLLINEAR:
+                        return pair
+        return made
 
     @property
     def points(self) -> bool:
@@ -156,14 +170,22 @@ class DyadKinematics(OutputKinematics):
     def legs(self) -> tuple[str, ...]:
         """What each sign belongs to."""
         return tuple(
-            "leg of " + ", ".join(map(self.name_of, (s.near, s.middle, s.far)))
+            "leg of "
+            + ", ".join(
+                self.name_of(self._own.get(pair, pair))
+                for pair in (s.near, s.middle, s.far)
+            )
             for s in self.kinematics.stands
         )
 
     @property
     def spans(self) -> tuple[Span, ...]:
         """What limits the reach: the outer axes of every dyad."""
-        return tuple(Span(s.near, s.far, s.cones, True) for s in self.kinematics.stands)
+        own = self._own
+        return tuple(
+            Span(own.get(s.near, s.near), own.get(s.far, s.far), s.cones, True)
+            for s in self.kinematics.stands
+        )
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
         """Return one mode at poses."""
