@@ -286,6 +286,53 @@ def test_mechanism_with_a_loop_within(loop_case, signs):
     assert item.region.error < 1e-2 * item.region.area
 
 
+def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
+    cloud = DIRECTIONS
+    kinematics = kinematics_of(five_bar)
+    bounds = bounds_of(kinematics, Constraints(limits=(PairLimit("21", 0.7, 2.4),)))
+    (item,) = direction_workspaces(kinematics, bounds, [(1, 1)], 1e-3)
+    inside = judge(kinematics, bounds, (1, 1), cloud).inside
+    counted = 4.0 * np.pi * inside.mean()
+    assert abs(item.region.area - counted) < item.region.error + SCATTER
+    outside = cloud[~inside][::1500]
+    for place in outside:
+        there, angle = nearest_reachable(kinematics, bounds, item, place)
+        here = judge(kinematics, bounds, (1, 1), there[None])
+        assert here.inside[0] and np.isfinite(here.inputs).all()
+        assert angle <= arc(cloud[inside], place).min() + 1e-8
+        assert abs(angle - arc(place, there)) < 1e-12
+    there, angle = nearest_reachable(kinematics, bounds, item, cloud[inside][7])
+    assert angle < 1e-7
+
+
+def test_a_pose_is_judged_in_each_mode(five_bar):
+    _, findings = found_in(five_bar, pose="1+1+0.2")
+    assert [row["inside"] for row in findings["pose"]] == ["yes"] * 4
+    result, findings = found_in(five_bar, pose="0+0+-1", mode="++")
+    (row,) = findings["pose"]
+    assert row["inside"] == "no"
+    axes = kinematics_of(five_bar)
+    there = np.array(row["nearest"])
+    assert abs(row["away_rad"] - arc(np.array([0.0, 0.0, -1.0]), there)) < 1e-12
+    assert judge(axes, bounds_of(axes, Constraints()), (1, 1), there[None]).inside[0]
+    assert any("is outside in mode ++" in text for text in result.summary["warnings"])
+    _, findings = found_in(five_bar, pose="40+45", mode="0")
+    assert len(findings["pose"]) == 2
+    for row in findings["pose"]:
+        if np.allclose(np.degrees(row["inputs"]), [40.0, 45.0], atol=1e-9):
+            assert row["inside"] == "yes"
+
+
+def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
+    result, findings = found_in(five_bar, apart="21/43:0:30+43/51:0:30", mode="++")
+    own = findings["modes"]["++"]
+    assert own["area_sr"] == 0.0
+    (pair,) = own["excluding"]
+    assert "21/43 at most 30 deg" in pair
+    assert "43/51 at most 30 deg" in pair
+    assert any("the workspace is empty" in text for text in result.summary["warnings"])
+
+
 @pytest.mark.parametrize(
     "given, words",
     [
