@@ -1,5 +1,6 @@
 """The analysis `workspace`: areas against quadrature, samples, bad input."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +17,7 @@ from test_inverse import mechanism_of, unlike_legs
 import spherekit as sk
 from spherekit.analysis.scene import SphereCurves, SphereMap, Text
 from spherekit.conventions import Status
+from spherekit.model.dynamics import Stop
 from spherekit.model.mechanism import Output
 from spherekit.motion.branches import Branch
 from spherekit.output.forward import ForwardKinematics
@@ -303,6 +305,18 @@ def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
         assert abs(angle - arc(place, there)) < 1e-12
     there, angle = nearest_reachable(kinematics, bounds, item, cloud[inside][7])
     assert angle < 1e-7
+
+
+def test_stops_of_the_mechanism_are_limits(five_bar):
+    stopped = replace(five_bar, stops=(Stop("51", 0.4, 2.0),))
+    kinematics = kinematics_of(stopped)
+    (*_, bound) = bounds_of(kinematics, Constraints())
+    rows = kinematics.at(DIRECTIONS, (1, -1))
+    q = rows.inputs[:, 1]
+    known = np.isfinite(q)
+    assert np.array_equal(bound.left(rows)[known] >= 0.0, (np.abs(q - 1.2) <= 0.8)[known])
+    with pytest.raises(sk.errors.AnalysisError, match="contradict each other"):
+        bounds_of(kinematics, Constraints(limits=(PairLimit("51", 2.5, 3.0),)))
 
 
 def test_a_pose_is_judged_in_each_mode(five_bar):

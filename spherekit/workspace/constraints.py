@@ -14,6 +14,7 @@ import numpy as np
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.guidance.form import axis_in
+from spherekit.model.dynamics import Stop
 from spherekit.model.geometry import COLLINEAR, geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, arc
@@ -262,8 +263,8 @@ def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[Bound,
     return tuple(bounds)
 
 
-def _of_stop(stop: object) -> PairLimit:
-    return PairLimit(stop.pair, stop.low, stop.high)  # type: ignore[attr-defined]
+def _of_stop(stop: Stop) -> PairLimit:
+    return PairLimit(stop.pair, stop.low, stop.high)
 
 
 def _overlap(one: PairLimit, other: PairLimit) -> bool:
@@ -303,7 +304,7 @@ def _of_singularities(mechanism: Mechanism, near: float) -> tuple[Bound, ...]:
 
 
 def _pair(mechanism: Mechanism, what: str, name: str) -> int:
-    """Return the number of an R pair."""
+    """Return the number of a pair."""
     number = mechanism.pair_number.get(name)
     if number is None:
         raise _refusal(
