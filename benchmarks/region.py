@@ -6,9 +6,18 @@ import numpy as np
 
 from benchmarks.report import Cell, Section
 from benchmarks.timing import median, rounds
+from spherekit import load
+from spherekit.model.mechanism import Mechanism
 from spherekit.region.orientations import find_orientations
 from spherekit.region.region import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
+from spherekit.workspace.constraints import AxesLimit, Constraints, bounds_of
+from spherekit.workspace.kinematics import kinematics_of
+from spherekit.workspace.workspace import (
+    DirectionWorkspace,
+    direction_workspaces,
+    judge,
+)
 
 Margins = Callable[[Floats], Floats]
 
@@ -18,12 +27,17 @@ ELBOWS = np.deg2rad([[20.0, 150.0], [25.0, 140.0]])
 """A spherical five-bar: arc of its base, of both links of each leg, limits of the angle
 between these."""
 TOLERANCES = 10.0 ** -np.arange(2, 9)
+RULES = {
+    "five_bar": (("21", "43"), ("51", "43")),
+    "two_dof_spm": (("21", "43"), ("61", "54")),
+}
+"""Mechanisms, and the axes that the rule keeps apart."""
 WIDTHS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 
 
 def run(quick: bool) -> list[Section]:
     """Return the sections."""
-    return [_accuracy(quick), _features(quick), _orientations(quick)]
+    return [_accuracy(quick), _mechanisms(quick), _features(quick), _orientations(quick)]
 
 
 def _five_bar() -> tuple[Margins, float]:
@@ -80,6 +94,54 @@ def _accuracy(quick: bool) -> Section:
         rows,
         "What it takes to see the parts of the region gives its area to 1e-6 at once.",
     )
+
+
+def _mechanisms(quick: bool) -> Section:
+    """Time whole workspaces, from the mechanism on, at tolerances from 1e-2 to 1e-6."""
+    rows: list[tuple[Cell, ...]] = []
+    ten = np.radians(10.0)
+    for name, axes in RULES.items():
+        mechanism = load(name)
+        wanted = Constraints(apart=tuple(AxesLimit(*pair, ten) for pair in axes))
+        exact = _found(mechanism, wanted, 1e-10)[0].region.area
+        for tolerance in (1e-4,) if quick else (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
+
+            def job(
+                mechanism: Mechanism = mechanism,
+                wanted: Constraints = wanted,
+                tolerance: float = tolerance,
+            ) -> tuple[DirectionWorkspace, ...]:
+                return _found(mechanism, wanted, tolerance)
+
+            times = rounds({"workspace": job}, 3)
+            modes = job()
+            region = modes[0].region
+            found = len(modes), region.evaluations
+            claimed, error = region.error / exact, abs(region.area - exact) / exact
+            label = f"{tolerance:.0e}"
+            rows.append((name, label, median(times, "workspace"), *found, claimed, error))
+    return Section(
+        "Workspaces of mechanisms",
+        "All working modes under the rule that the outer axes of a driven leg are 10 "
+        "degrees apart at least, with inputs and measures at every vertex, from the "
+        "mechanism on. Errors are relative; the last column is the difference to a "
+        "tolerance of 1e-10.",
+        ("mechanism", "asked for", "s", "modes", "evaluations", "error stated", "change"),
+        rows,
+        "Whole workspaces with the area to 1e-4 are to take 2 s at most.",
+    )
+
+
+def _found(
+    mechanism: Mechanism, wanted: Constraints, tolerance: float
+) -> tuple[DirectionWorkspace, ...]:
+    """Return the workspaces of all modes, having judged every vertex."""
+    kinematics = kinematics_of(mechanism)
+    bounds = bounds_of(kinematics, wanted)
+    found = direction_workspaces(kinematics, bounds, kinematics.modes, tolerance)
+    for item in found:
+        judge(kinematics, bounds, item.signs, item.region.points)
+    return found
 
 
 def _features(quick: bool) -> Section:

@@ -21,7 +21,7 @@ LAYERS = (
     ("motion",),
     ("rates",),
     ("singular", "output", "guidance", "engine"),
-    ("dynamics",),
+    ("dynamics", "workspace"),
     ("analysis",),
     ("view",),
     ("cli",),
@@ -35,7 +35,8 @@ SIBLINGS = {
     "planning": {"files"},
     "singular": {"engine"},
     "engine": {"singular"},
-    "dynamics": {"singular"},
+    "dynamics": {"singular", "workspace"},
+    "workspace": {"dynamics", "engine", "singular"},
 }
 PLUGINS_MAY_IMPORT = {
     "guidance",
@@ -47,6 +48,7 @@ PLUGINS_MAY_IMPORT = {
     "model",
     "planning",
     "region",
+    "workspace",
     "errors",
     "conventions",
 }

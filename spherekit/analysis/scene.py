@@ -136,6 +136,22 @@ class SphereCurves:
 
 @final
 @dataclass(frozen=True)
+class SphereMap:
+    """A part of the unit sphere, in ground axes, coloured by a value; it does not move."""
+
+    path: str
+    label: str
+    """What the value is, with its unit."""
+    vertices: Floats
+    """(v, 3) unit vectors."""
+    triangles: NDArray[np.int64]
+    """(t, 3) numbers of vertices."""
+    values: Floats
+    """(v,)"""
+
+
+@final
+@dataclass(frozen=True)
 class Surface:
     """A triangulated surface in a space of its own, with its axes named."""
 
@@ -173,7 +189,16 @@ class Text:
 
 
 Primitive = (
-    Body | Arrow | GreatCircle | Series | Portrait | SphereCurves | Surface | Graph | Text
+    Body
+    | Arrow
+    | GreatCircle
+    | Series
+    | Portrait
+    | SphereCurves
+    | SphereMap
+    | Surface
+    | Graph
+    | Text
 )
 
 Page = int | str | None

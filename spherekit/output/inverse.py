@@ -10,7 +10,7 @@ closed-loop kinematic chains (1990), made free of units. With the other inputs f
 locked input leaves the output a plane of angular velocities; n_i is its normal.
 """
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
@@ -18,17 +18,18 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import REACH_SLACK, Status
+from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import FLAT_DYAD, Solver
 from spherekit.output.bar import Turned, turned
-from spherekit.output.dyads import Dyads, Fraction, Placed, Signs
+from spherekit.output.dyads import Dyads, Placed, Signs, Stand
+from spherekit.output.posed import Posed, reach_of
 from spherekit.output.solutions import Solutions, solved
 from spherekit.output.wrist import Wrist, with_wrist
 from spherekit.planning.assembly import plan_assembly
-from spherekit.rates.vectors import cross, dot, norm
+from spherekit.rates.vectors import cross, dot
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
 
@@ -264,7 +265,7 @@ class InverseKinematics:
                         view = _closed(self._turned, block, starts[rows], signs)
                     else:
                         placed = placed or self._placed(block)
-                        view = _View(placed, signs, _reach(placed, signs))
+                        view = Posed(placed, signs, reach_of(placed, signs))
                     margin[k, rows], limiting[k, rows] = (
                         view.reach.margin,
                         view.reach.limiting,
@@ -291,6 +292,32 @@ class InverseKinematics:
             None if kept is None else np.moveaxis(kept, -1, 1),
             slope,
         )
+
+    def posed(self, poses: ArrayLike, signs: Signs) -> Posed:
+        """Return a mode at poses as for `at`, to be asked for angles one by one.
+
+        Raises
+        ------
+        SolveError
+            If the poses are no rotations or directions, the mode does not exist, or
+            `has_closed_form` is false.
+        """
+        if self._dyads is None:
+            raise SolveError(
+                f"{self.own.name}: with the output held there is no closed form: "
+                f"{'; '.join(self.legs)}; ask for `solutions` row by row"
+            )
+        (chosen,) = self._chosen([signs])
+        block = np.ascontiguousarray(self._checked(poses).T)
+        self._check(block, 0)
+        placed = self._placed(block)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return Posed(placed, chosen, reach_of(placed, chosen))
+
+    @property
+    def stands(self) -> tuple[Stand, ...]:
+        """The dyads in solving order, none where there is no closed form."""
+        return () if self._dyads is None else self._dyads.stands
 
     def solutions(self, poses: ArrayLike) -> Solutions:
         """Return every configuration found at poses, of any mechanism, row by row.
@@ -403,121 +430,14 @@ class InverseKinematics:
         return chosen
 
 
-@final
-@dataclass(frozen=True)
-class _Reach:
-    """Whether the dyads of a mode close (n,), see `Inverse`; `key` names what it is of."""
-
-    key: Hashable
-    margin: Floats
-    limiting: NDArray[np.int8]
-    status: NDArray[np.int8]
-
-
-def _reach(placed: Placed, signs: Signs) -> _Reach:
-    numbers = range(len(signs))
-    key = ("reach", *(placed.reach_key(number, signs) for number in numbers))
-    if key not in placed.known:
-        margin = placed.margin(0, signs)
-        limiting = np.zeros(len(margin), dtype=np.int8)
-        status = np.zeros(len(margin), dtype=np.int8)
-        for number in numbers:
-            another = placed.margin(number, signs)
-            limiting[another < margin] = number
-            margin = np.fmin(margin, another)
-            status[~placed.sound(number, signs)] = Status.AT_SINGULARITY
-        status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
-        placed.known[key] = _Reach(key, margin, limiting, status)
-    found: _Reach = placed.known[key]
-    return found
-
-
-@final
-@dataclass(frozen=True)
-class _Rate:
-    """How an input moves with the output: a vector (3, n) along its normal, and sizes."""
-
-    normal: Floats
-    size: Floats
-    sense: Floats
-    speed: Floats
-
-    @property
-    def unit(self) -> Floats:
-        """The unit normal (3, n)."""
-        return np.asarray(self.normal * (self.sense / self.size))
-
-
-@final
-@dataclass(frozen=True)
-class _View:
-    """One mode of placed dyads; `turn` are the rate of the bar's gap and the directions.
-
-    What other modes share is taken from what is known of `placed` already.
-    """
-
-    placed: Placed
-    signs: Signs
-    reach: _Reach
-    turn: tuple[Fraction, Floats] | None = None
-
-    @property
-    def slope(self) -> Floats:
-        """The derivative (n,) of the bar's gap by the turn."""
-        assert self.turn is not None
-        gap, directions = self.turn
-        return np.asarray(dot(gap.top, directions) / gap.bottom)
-
-    def input(self, pair: int) -> Floats:
-        """Return an input (n,), NaN where the mode has no configuration."""
-        known = self.placed.known
-        angle, key = self.placed.angle(pair, self.signs)
-        masked = (key, self.reach.key)
-        if masked not in known:
-            held = angle.copy()
-            status = self.reach.status
-            held[(status != Status.OK) & (status != Status.AT_SINGULARITY)] = np.nan
-            known[masked] = held
-        return np.asarray(known[masked])
-
-    def rate(self, pair: int) -> _Rate:
-        """Return how an input moves with the output, its turn being what the bar asks."""
-        placed, signs = self.placed, self.signs
-        key = ("size", placed.key("rate", pair, placed.dyads.moves_with(pair), signs))
-        if key not in placed.known:
-            rate = placed.rate(pair, signs)
-            if self.turn is not None:
-                gap, directions = self.turn
-                along, about = dot(rate.top, directions), dot(gap.top, directions)
-                rate = Fraction(rate.top * about - gap.top * along, rate.bottom * about)
-            size = norm(rate.top)
-            speed = np.abs(rate.bottom) / size
-            placed.known[key] = _Rate(rate.top, size, np.sign(rate.bottom), speed)
-        found: _Rate = placed.known[key]
-        return found
-
-    def independence(self, rates: Sequence[_Rate], pairs: Sequence[int]) -> Floats:
-        """Return the volume or area (n,) that the unit normals span."""
-        placed = self.placed
-        one, other, *rest = rates
-        needs = placed.dyads.moves_with(pairs[0]) | placed.dyads.moves_with(pairs[1])
-        key = placed.key("cross", pairs[0], needs, self.signs)
-        if key not in placed.known:
-            placed.known[key] = cross(one.normal, other.normal), one.size * other.size
-        across, sizes = placed.known[key]
-        if not rest:
-            return np.asarray(norm(across) / sizes)
-        return np.asarray(np.abs(dot(across, rest[0].normal)) / (sizes * rest[0].size))
-
-
-def _closed(turned: Turned, directions: Floats, near: Floats, signs: Signs) -> _View:
+def _closed(turned: Turned, directions: Floats, near: Floats, signs: Signs) -> Posed:
     """Return one mode with the output turned so that the bar closes, next to `near`."""
     mode, wanted = signs[:-1], signs[-1]
     start = turned.turn_of(directions, near)
     turn, converged = turned.close(directions, start, mode)
     placed = turned.place(directions, turn)
-    reach = _reach(placed, mode)
-    view = _View(placed, mode, reach, (turned.rate(placed, mode), directions))
+    reach = reach_of(placed, mode)
+    view = Posed(placed, mode, reach, (turned.rate(placed, mode), directions))
     status = reach.status.copy()
     within = status != Status.OUT_OF_REACH
     status[within & (np.abs(view.slope) < FLAT_DYAD)] = Status.AT_SINGULARITY

@@ -117,7 +117,10 @@ class Layout:
             for owner, path, label in self.surfaces
             if owner in (None, page)
         ]
-        panels = [self._panel(panel) for panel in _of(self.panels, page)]
+        ordered = _of(self.panels, page)
+        if isinstance(page, str):
+            ordered.sort(key=lambda panel: panel.page is None)
+        panels = [self._panel(panel) for panel in ordered]
         rows: list[rrb.View | rrb.Container] = [*plots[:1]]
         if len(plots) > 1:
             rows.append(_tabs(plots[1:]))

@@ -4,6 +4,9 @@ The link colours are the set of Okabe and Ito (2008), lightened for a dark backg
 and without its yellow and orange, which are left to the pole axes.
 """
 
+import numpy as np
+from numpy.typing import NDArray
+
 Colour = tuple[int, int, int]
 
 BACKGROUND: Colour = (20, 22, 30)
@@ -28,6 +31,23 @@ LINKS: tuple[Colour, ...] = (
 )
 
 TONES: tuple[Colour, ...] = (PALE, LINKS[1], LINKS[2], LINKS[4], LINKS[3], LINKS[5])
+
+
+HEAT: tuple[Colour, ...] = (
+    (68, 1, 84),
+    (59, 82, 139),
+    (33, 145, 140),
+    (94, 201, 98),
+    (253, 231, 37),
+)
+"""From low to high; the map viridis of S. van der Walt and N. Smith (2015), in five."""
+
+
+def heat(parts: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return the colours (n, 3) of values (n,) between 0 and 1."""
+    places = np.linspace(0.0, 1.0, len(HEAT))
+    columns = [np.interp(parts, places, each) for each in np.array(HEAT, float).T]
+    return np.round(np.stack(columns, axis=1)).astype(np.uint8)
 
 
 def tone(number: int) -> Colour:

@@ -22,6 +22,7 @@ from spherekit.analysis.scene import (
     Primitive,
     Series,
     SphereCurves,
+    SphereMap,
     Surface,
     Text,
 )
@@ -46,6 +47,11 @@ POINT = 0.001
 GRAPH_SIZE = (420.0, 220.0)
 PORTRAIT = (1.6, 1.0)
 """Width and height of the frame of a portrait."""
+MAP_LIFT = 1.002
+"""Maps lie just outside of the sphere, and inside of curves."""
+SCALE = (1.2, 1.48)
+"""Where on the z axis the colours of a map are explained."""
+SCALE_MARKS = 5
 HIDDEN = 1e-6
 MOST_LABELS = 24
 """With more marks than this, their labels are seen when they are pointed at."""
@@ -117,6 +123,8 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
             yield from _still_portrait(primitive)
         case SphereCurves():
             yield from _still_curves(primitive)
+        case SphereMap():
+            yield from _still_map(primitive)
         case Surface():
             yield from _still_surface(primitive)
         case Graph():
@@ -130,7 +138,9 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
 def moving(primitive: Primitive) -> Iterator[Moving]:
     """Yield the columns of one block of samples; nothing for what does not move."""
     match primitive:
-        case Body(quaternions=None) | SphereCurves() | Surface() | Graph() | Text():
+        case Body(quaternions=None) | SphereCurves() | SphereMap() | Surface():
+            return
+        case Graph() | Text():
             return
         case Body(quaternions=quaternions) if quaternions is not None:
             good = present(quaternions)
@@ -257,6 +267,37 @@ def _still_curves(item: SphereCurves) -> Iterator[Still]:
                 show_labels=len(item.marks) <= MOST_LABELS,
             ),
         )
+
+
+def _still_map(item: SphereMap) -> Iterator[Still]:
+    used = np.unique(item.triangles)
+    low, high = float(np.min(item.values[used])), float(np.max(item.values[used]))
+    parts = np.clip((item.values - low) / max(high - low, HIDDEN), 0.0, 1.0)
+    yield (
+        "",
+        rr.Mesh3D(
+            vertex_positions=MAP_LIFT * item.vertices,
+            triangle_indices=item.triangles,
+            vertex_normals=item.vertices,
+            vertex_colors=colours.heat(parts),
+        ),
+    )
+    scale = np.linspace(0.0, 1.0, SCALE_MARKS)
+    places = np.outer(SCALE[0] + (SCALE[1] - SCALE[0]) * scale, [0.0, 0.0, 1.0])
+    yield (
+        "scale",
+        rr.Points3D(
+            places,
+            colors=colours.heat(scale),
+            radii=rr.Radius.ui_points(6.0),
+        ),
+    )
+    words = [f"{low + (high - low) * part:.3g}" for part in scale]
+    words[-1] += f" {item.label}"
+    yield (
+        "scale/words",
+        rr.Points3D(places, labels=words, colors=colours.PALE, radii=0.0, show_labels=True),
+    )
 
 
 def _still_surface(surface: Surface) -> Iterator[Still]:

@@ -24,6 +24,7 @@ from spherekit.analysis.scene import (
     Scene,
     Series,
     SphereCurves,
+    SphereMap,
     Surface,
     Text,
 )
@@ -353,7 +354,7 @@ class Recorder:
             title = f"Branch {page}" if isinstance(page, int) else page
             layout.pages.setdefault(page, title)
         match primitive:
-            case Body() | GreatCircle() | SphereCurves():
+            case Body() | GreatCircle() | SphereCurves() | SphereMap():
                 layout.solids.append((page, path))
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
                 layout.solids.append((page, path))

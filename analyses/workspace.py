@@ -1,0 +1,612 @@
+"""Workspace: what an output reaches under constraints, its border, area and margins."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
+from spherekit.analysis.scene import Mark, Primitive, Scene, SphereCurves, SphereMap, Text
+from spherekit.analysis.tables import INPUTS, Column, Table, TableData, input_columns
+from spherekit.errors import AnalysisError
+from spherekit.model.mechanism import Mechanism
+from spherekit.region.region import Part, Region
+from spherekit.workspace.constraints import (
+    AxesLimit,
+    Bound,
+    Constraints,
+    PairLimit,
+    bounds_of,
+)
+from spherekit.workspace.kinematics import OutputKinematics, kinematics_of, label_of
+from spherekit.workspace.workspace import (
+    DirectionWorkspace,
+    Judged,
+    OrientationWorkspace,
+    chosen_modes,
+    direction_workspaces,
+    judge,
+    nearest_reachable,
+    orientation_samples,
+    orientation_workspaces,
+)
+
+Floats = NDArray[np.float64]
+Row = dict[str, Any]
+Workspaces = tuple[DirectionWorkspace, ...] | tuple[OrientationWorkspace, ...]
+
+UNDEFINED = "the output is not determined"
+"""Name of a border where no bound is 0."""
+POSE = ("x", "y", "z", "w")
+COARSE = 1e-2
+"""Relative error of the volume of a set of orientations, if nothing else is asked for."""
+FINE = 1e-4
+"""Relative error of the area of a set of directions, if nothing else is asked for."""
+
+MODE = Column("mode", "", "signs of the working mode's legs", "text")
+PLACES = (
+    Column("x", "", "of the direction, or of the unit quaternion xyzw"),
+    Column("y", "", "of the direction or quaternion"),
+    Column("z", "", "of the direction or quaternion"),
+)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class WorkspaceAnalysis(AbstractAnalysis):
+    """Directions or orientations that an output reaches in a working mode.
+
+    `output` is its name, if several are declared. `mode` is the signs of one mode, such as
+    ``+-``, or its number; by default all modes. Angles are in degrees: `limits` of pairs
+    are ``PAIR:LOW:HIGH``, beside the stops of the mechanism; `apart` are angles between
+    the axes of two pairs, ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``; `near` is
+    the least angle to a singularity of type I or II. Links of a `width` on a sphere of a
+    `radius`, in the same unit of length, are kept from touching. `tolerance` is the
+    relative error of the area or volume, by default 1e-4 of directions and 1e-2 of
+    orientations. `pose` is judged: a direction x+y+z, a quaternion x+y+z+w for
+    orientations, or inputs in degrees, as many as there are.
+    """
+
+    name: ClassVar[str] = "workspace"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "what an output reaches under constraints, with its area"
+    cites: ClassVar[tuple[str, ...]] = (
+        "C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",
+        "Z. Chen et al., 2021, doi 10.21203/rs.3.rs-258461",
+    )
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "workspace",
+            "one row per mode and sample, inside and outside",
+            (
+                MODE,
+                *PLACES,
+                Column("w", "", "of the quaternion; empty for directions"),
+                Column("inside", "", "yes or no", "text"),
+                Column("margin", "rad", "left to the nearest limit, negative outside"),
+                Column("limiting", "", "that limit", "text"),
+                INPUTS,
+                Column("type_1", "", "least measure of type I, 0 at a singularity"),
+                Column("type_2", "", "measure of type II, 0 at a singularity"),
+            ),
+        ),
+        Table(
+            "boundary",
+            "one row per point of the border of directions, the workspace to its left",
+            (
+                MODE,
+                Column("curve", "", "number of the closed curve", "integer"),
+                Column("component", "", "the part of the workspace beside it", "integer"),
+                Column("gap", "", "the part of the outside beside it", "integer"),
+                Column("arc", "", "number of the smooth arc in its curve", "integer"),
+                Column("point", "", "number of the point in its arc", "integer"),
+                *PLACES,
+                Column("constraint", "", "the limit that ends the workspace", "text"),
+            ),
+        ),
+        Table(
+            "areas",
+            "one row per mode for the whole, and for each part and hole",
+            (
+                MODE,
+                Column("part", "", "whole, component, hole or outside", "text"),
+                Column("number", "", "of the part, the largest first", "integer"),
+                Column("size", "", "area in sr, or volume of all 8 pi^2 orientations"),
+                Column("error", "", "bound of its error, in the same unit"),
+                Column("curves", "", "numbers of the curves around it", "text"),
+                *PLACES,
+                Column("w", "", "of the quaternion; empty for directions"),
+                Column("margin", "rad", "at this sample, well within the part"),
+            ),
+        ),
+    )
+
+    output: str = ""
+    mode: str = ""
+    limits: tuple[str, ...] = ()
+    apart: tuple[str, ...] = ()
+    near: float = 0.0
+    width: float = 0.0
+    radius: float = 0.0
+    tolerance: float = 0.0
+    pose: tuple[float, ...] = ()
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return nothing: poses are given, not traced. Bad parameters are refused here."""
+        if not 0.0 <= self.tolerance < 1.0:
+            raise AnalysisError(
+                f"workspace: tolerance: {self.tolerance:g} is no relative error; give one "
+                "above 0 and below 1, or 0 for the default"
+            )
+        kinematics = kinematics_of(mechanism, self.output or None)
+        bounds_of(kinematics, self._constraints)
+        chosen_modes(kinematics, self.mode)
+        self._given_pose(kinematics)
+        return Needs()
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return samples, border and areas."""
+        tables: dict[str, list[Row]] = {table.name: [] for table in self.tables}
+        for item in self._found(batch):
+            label = label_of(item.signs)
+            judged, places = self._judged(batch, item)
+            tables["workspace"].append(self._samples(batch, label, judged, places))
+            if isinstance(item, DirectionWorkspace):
+                tables["boundary"].append(self._border(batch, label, item.region))
+                tables["areas"].append(self._areas(batch, item))
+            else:
+                tables["areas"].append(self._volume(batch, item))
+        blank = {
+            table.name: {
+                column.name: np.zeros(0) for column in table.of(batch.mechanism).columns
+            }
+            for table in self.tables
+        }
+        return {
+            name: _stacked(parts) if parts else blank[name]
+            for name, parts in tables.items()
+        }
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return area, parts and limits of each mode, and how the pose fares."""
+        kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+        figures: dict[str, Any] = {
+            "output": kinematics.output.name,
+            "legs": list(kinematics.legs),
+            "limits": [bound.name for bound in bounds],
+        }
+        warnings: list[str] = []
+        modes: dict[str, Any] = {}
+        for item in self._found(batch):
+            label = label_of(item.signs)
+            if isinstance(item, DirectionWorkspace):
+                modes[label], words = self._of_region(batch, item)
+            else:
+                modes[label], words = self._of_orientations(batch, item)
+            warnings += [f"mode {label}: {text}" for text in words]
+        figures["modes"] = modes
+        if self.pose:
+            figures["pose"], words = self._of_pose(batch)
+            warnings += words
+        return Findings(figures, tuple(warnings))
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return a page for each set of directions: its border, margin and measures."""
+        pages = []
+        own = [
+            item
+            for item in self._found(batch)
+            if isinstance(item, DirectionWorkspace) and item.same_as is None
+        ]
+        for item in own:
+            title = "Workspace" if len(own) == 1 else f"Workspace {label_of(item.signs)}"
+            pages += self._pages(batch, item, title)
+        return tuple(pages)
+
+    @property
+    def _constraints(self) -> Constraints:
+        return Constraints(
+            tuple(
+                PairLimit(pair, low, high)
+                for pair, low, high in (_read_limit(text) for text in self.limits)
+            ),
+            tuple(_read_apart(text) for text in self.apart),
+            float(np.radians(self.near)),
+            self.width,
+            self.radius,
+        )
+
+    def _kinematics(self, batch: Batch) -> OutputKinematics:
+        return batch.once(
+            "kinematics", lambda: kinematics_of(batch.mechanism, self.output or None)
+        )
+
+    def _bounds(self, batch: Batch) -> tuple[Bound, ...]:
+        return batch.once(
+            "bounds", lambda: bounds_of(self._kinematics(batch), self._constraints)
+        )
+
+    def _found(self, batch: Batch) -> Workspaces:
+        return batch.once("found", lambda: self._find(batch))
+
+    def _find(self, batch: Batch) -> Workspaces:
+        kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+        modes = chosen_modes(kinematics, self.mode)
+        if kinematics.points:
+            return direction_workspaces(kinematics, bounds, modes, self.tolerance or FINE)
+        return orientation_workspaces(kinematics, bounds, modes, self.tolerance or COARSE)
+
+    def _judged(
+        self, batch: Batch, item: DirectionWorkspace | OrientationWorkspace
+    ) -> tuple[Judged, Floats]:
+        """Return the samples of a mode: the vertices, or orientations spread evenly."""
+
+        def make() -> tuple[Judged, Floats]:
+            places = (
+                item.region.points
+                if isinstance(item, DirectionWorkspace)
+                else orientation_samples()
+            )
+            kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+            return judge(kinematics, bounds, item.signs, places), places
+
+        return batch.once(("judged", item.signs), make)
+
+    def _samples(self, batch: Batch, label: str, judged: Judged, places: Floats) -> Row:
+        n = len(places)
+        names = [bound.name for bound in self._bounds(batch)] + [UNDEFINED]
+        return {
+            "mode": np.full(n, label),
+            **_coordinates(places),
+            "inside": np.where(judged.inside, "yes", "no"),
+            "margin": judged.margin,
+            "limiting": np.array(names)[judged.limiting],
+            **input_columns(batch.mechanism, judged.inputs),
+            "type_1": judged.type_1,
+            "type_2": judged.type_2,
+        }
+
+    def _border(self, batch: Batch, label: str, region: Region) -> Row:
+        names = [bound.name for bound in self._bounds(batch)] + [UNDEFINED]
+        parts: list[Row] = []
+        for curve, boundary in enumerate(region.boundaries):
+            for number, arc in enumerate(boundary.arcs):
+                n = len(arc.points)
+                numbers = {
+                    "curve": curve,
+                    "component": boundary.component,
+                    "gap": boundary.gap,
+                    "arc": number,
+                }
+                parts.append(
+                    {
+                        "mode": np.full(n, label),
+                        **{name: np.full(n, each) for name, each in numbers.items()},
+                        "point": np.arange(n),
+                        **dict(zip(POSE[:3], arc.points.T, strict=True)),
+                        "constraint": np.full(n, names[arc.margin]),
+                    }
+                )
+        if not parts:
+            columns = self.tables[1].columns
+            return {column.name: np.zeros(0) for column in columns}
+        return _stacked(parts)
+
+    def _areas(self, batch: Batch, item: DirectionWorkspace) -> Row:
+        region, label = item.region, label_of(item.signs)
+        whole = (region.area, (), np.full(3, np.nan))
+        rows: list[tuple[str, int, float, tuple[int, ...], Floats]] = [("whole", 0, *whole)]
+        for number, part in enumerate(region.components):
+            rows.append(("component", number, part.area, part.boundaries, part.place))
+        for number, part in enumerate(region.gaps):
+            kind = "hole" if number else "outside"
+            rows.append((kind, number, part.area, part.boundaries, part.place))
+        kinds, numbers, sizes, curves, places = zip(*rows, strict=True)
+        at = np.array(places)
+        known = np.flatnonzero(np.isfinite(at[:, 0]))
+        margin = np.full(len(rows), np.nan)
+        if len(known):
+            kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+            margin[known] = judge(kinematics, bounds, item.signs, at[known]).margin
+        return {
+            "mode": np.full(len(rows), label),
+            "part": np.array(kinds),
+            "number": np.array(numbers),
+            "size": np.array(sizes),
+            "error": np.full(len(rows), region.error),
+            "curves": np.array([" ".join(map(str, own)) for own in curves]),
+            **_coordinates(at),
+            "margin": margin,
+        }
+
+    def _volume(self, batch: Batch, item: OrientationWorkspace) -> Row:
+        found = item.orientations
+        kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+        place = found.place[None]
+        return {
+            "mode": np.array([label_of(item.signs)]),
+            "part": np.array(["whole"]),
+            "number": np.array([0]),
+            "size": np.array([found.volume]),
+            "error": np.array([found.error]),
+            "curves": np.array([""]),
+            **_coordinates(place),
+            "margin": judge(kinematics, bounds, item.signs, place).margin,
+        }
+
+    def _of_region(
+        self, batch: Batch, item: DirectionWorkspace
+    ) -> tuple[dict[str, Any], list[str]]:
+        region = item.region
+        names = [bound.name for bound in self._bounds(batch)] + [UNDEFINED]
+        numbers = {arc.margin for each in region.boundaries for arc in each.arcs}
+        figures: dict[str, Any] = {
+            "area_sr": region.area,
+            "error_sr": region.error,
+            "components": [part.area for part in _sure(region, region.components)],
+            "holes": [part.area for part in _sure(region, region.holes)],
+            "unresolved_sr": region.unresolved,
+            "bounded_by": [names[number] for number in sorted(numbers)],
+            "evaluations": region.evaluations,
+        }
+        if item.same_as is not None:
+            figures["same_as"] = label_of(item.same_as)
+            return figures, []
+        words = []
+        if not region.components:
+            sets = [" with ".join(names[k] for k in each) for each in region.excluding]
+            figures["excluding"] = sets
+            words.append(
+                "the workspace is empty"
+                + (f"; no direction keeps to {', nor to '.join(sets)}" if sets else "")
+            )
+        elif region.error > (self.tolerance or FINE) * region.area:
+            words.append(
+                f"the area {region.area:.9g} sr is known to {region.error:.3g} sr only; "
+                "borders touch, or end at sharp corners"
+            )
+        return figures, words
+
+    def _of_orientations(
+        self, batch: Batch, item: OrientationWorkspace
+    ) -> tuple[dict[str, Any], list[str]]:
+        found = item.orientations
+        figures: dict[str, Any] = {
+            "volume": found.volume,
+            "error": found.error,
+            "fraction": found.fraction,
+            "evaluations": found.evaluations,
+        }
+        if item.same_as is not None:
+            figures["same_as"] = label_of(item.same_as)
+            return figures, []
+        words = []
+        if found.depth < 0.0:
+            kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+            here = judge(kinematics, bounds, item.signs, found.place[None])
+            figures["nearest_limit"] = bounds[int(here.limiting[0])].name
+            words.append(
+                "no orientation was found inside; the best one seen misses "
+                f"{figures['nearest_limit']} by {-np.degrees(here.margin[0]):.3g} deg"
+            )
+        elif found.error > (self.tolerance or COARSE) * found.volume:
+            words.append(
+                f"the volume {found.volume:.6g} is known to {found.error:.3g} only"
+            )
+        return figures, words
+
+    def _given_pose(self, kinematics: OutputKinematics) -> Floats:
+        """Return the poses (k, 3) or (k, 4) to be judged."""
+        given = np.array(self.pose)
+        inputs = len(kinematics.mechanism.inputs)
+        size = 3 if kinematics.points else 4
+        if not len(given):
+            return np.zeros((0, size))
+        what = "a direction x+y+z" if kinematics.points else "a quaternion x+y+z+w"
+        if len(given) not in (size, inputs) or not np.all(np.isfinite(given)):
+            raise AnalysisError(
+                f"workspace: pose: {'+'.join(f'{v:g}' for v in given)} is neither {what} "
+                f"nor {inputs} inputs in degrees"
+            )
+        if len(given) == inputs:
+            return kinematics.places(np.radians(given))
+        length = np.linalg.norm(given)
+        if length == 0.0:
+            raise AnalysisError(f"workspace: pose: {what} may not be 0 throughout")
+        return np.asarray(given[None] / length)
+
+    def _of_pose(self, batch: Batch) -> tuple[list[dict[str, Any]], list[str]]:
+        """Return how each pose fares in each mode, with the nearest one that is reached."""
+        kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+        names = [bound.name for bound in bounds] + [UNDEFINED]
+        figures: list[dict[str, Any]] = []
+        warnings: list[str] = []
+        places = self._given_pose(kinematics)
+        if not len(places):
+            warnings.append("pose: the mechanism does not close at these inputs")
+        for place in places:
+            told: dict[str, list[str]] = {}
+            shown = ", ".join(f"{value:.6g}" for value in place)
+            for item in self._found(batch):
+                label = label_of(item.signs)
+                here = judge(kinematics, bounds, item.signs, place[None])
+                row: dict[str, Any] = {
+                    "pose": place.tolist(),
+                    "mode": label,
+                    **_fares(here, names),
+                }
+                figures.append(row)
+                if row["inside"] == "yes":
+                    continue
+                found = nearest_reachable(kinematics, bounds, item, place)
+                text = f"by {row['limiting']}"
+                if found is not None:
+                    there, angle = found
+                    row["nearest"] = there.tolist()
+                    row["away_rad"] = angle
+                    row["nearest_inputs"] = _numbers(
+                        judge(kinematics, bounds, item.signs, there[None]).inputs[0]
+                    )
+                    offered = ", ".join(f"{value:.6g}" for value in there)
+                    text += f"; nearest is ({offered}), {np.degrees(angle):.4g} deg away"
+                told.setdefault(text, []).append(label)
+            warnings += [
+                f"pose ({shown}) is outside in mode {', '.join(labels)}, {text}"
+                for text, labels in told.items()
+            ]
+        return figures, warnings
+
+    def _pages(self, batch: Batch, item: DirectionWorkspace, title: str) -> list[Scene]:
+        """Return the page of the margin and that of the singularity measures."""
+        kinematics, bounds, region = (
+            self._kinematics(batch),
+            self._bounds(batch),
+            item.region,
+        )
+        names = [bound.name for bound in bounds] + [UNDEFINED]
+        curves = self._curves(region, names)
+        words = Text("legend", "Areas", self._words(batch, item))
+        if not len(region.surface_triangles):
+            return [Scene(title, (*curves, words))]
+        places = region.surface_points
+        at = judge(kinematics, bounds, item.signs, places)
+        margin = np.degrees(np.maximum(np.nan_to_num(at.margin), 0.0))
+        worst = np.fmin(at.type_1, at.type_2)
+        angle = np.degrees(np.arcsin(np.clip(np.nan_to_num(worst), 0.0, 1.0)))
+        marks = self._deepest(batch, item)
+        inside = SphereCurves("workspace/deepest", "farthest inside", (), 0, marks)
+
+        def painted(name: str, values: Floats) -> SphereMap:
+            return SphereMap(
+                "workspace/map", name, places, region.surface_triangles, values
+            )
+
+        return [
+            Scene(title, (painted("margin, deg", margin), *curves, inside, words)),
+            Scene(
+                title.replace("Workspace", "Singularity"),
+                (painted("angle to a singularity, deg", angle), *curves, words),
+            ),
+        ]
+
+    def _curves(self, region: Region, names: Sequence[str]) -> list[Primitive]:
+        """Return the border by the limits that end it, each named on its longest arc."""
+        lines: dict[int, list[Floats]] = {}
+        for boundary in region.boundaries:
+            for arc in boundary.arcs:
+                lines.setdefault(arc.margin, []).append(arc.points)
+        curves: list[Primitive] = []
+        for tone, (number, own) in enumerate(sorted(lines.items()), 1):
+            longest = max(own, key=_length)
+            mark = Mark(names[number], longest[len(longest) // 2], tone)
+            path = f"workspace/border/{number + 1}"
+            curves.append(SphereCurves(path, names[number], own, tone, [mark]))
+        return curves
+
+    def _deepest(self, batch: Batch, item: DirectionWorkspace) -> list[Mark]:
+        """Return a mark at the vertex with the largest margin."""
+        judged, places = self._judged(batch, item)
+        best = int(np.nanargmax(judged.margin))
+        return [Mark(f"{np.degrees(judged.margin[best]):.3g} deg", places[best])]
+
+    def _words(self, batch: Batch, item: DirectionWorkspace) -> str:
+        """Return areas and limits as Markdown."""
+        region = item.region
+        kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+        names = [bound.name for bound in bounds] + [UNDEFINED]
+        alike = [
+            label_of(other.signs)
+            for other in self._found(batch)
+            if item.signs in (other.signs, other.same_as)
+        ]
+        lines = [
+            f"# Workspace of {kinematics.output.name}",
+            "",
+            f"Modes {', '.join(alike)}: {'; '.join(kinematics.legs)}.",
+            "",
+            f"Area {region.area:.9g} sr, error at most {region.error:.2g} sr",
+            "",
+            "| part | area, sr |",
+            "|---|---|",
+            *(
+                f"| {kind} {number} | {part.area:.9g} |"
+                for kind, parts in (("part", region.components), ("hole", region.holes))
+                for number, part in enumerate(_sure(region, parts), 1)
+            ),
+            "",
+            "Bounded by:",
+            "",
+        ]
+        numbers = {arc.margin for each in region.boundaries for arc in each.arcs}
+        return "\n".join([*lines, *(f"- {names[number]}" for number in sorted(numbers))])
+
+
+def _sure(region: Region, parts: Sequence[Part]) -> list[Part]:
+    """Return the parts larger than what is not resolved, which can be parts of others."""
+    return [part for part in parts if part.area > region.unresolved]
+
+
+def _length(points: Floats) -> float:
+    return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+
+def _read_limit(text: str) -> tuple[str, float, float]:
+    """Return a pair and its limits in rad from ``PAIR:LOW:HIGH`` in degrees."""
+    pair, *limits = text.split(":")
+    if len(limits) == 2:
+        low, high = (_degrees("limits", text, each) for each in limits)
+        return pair, low, high
+    raise AnalysisError(
+        f'workspace: limits: "{text}" is not PAIR:LOW:HIGH, with both in degrees'
+    )
+
+
+def _read_apart(text: str) -> AxesLimit:
+    """Return limits from ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``."""
+    axes, *limits = text.split(":")
+    one, _, other = axes.partition("/")
+    if other and len(limits) in (1, 2):
+        return AxesLimit(one, other, *(_degrees("apart", text, each) for each in limits))
+    raise AnalysisError(
+        f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or PAIR/PAIR:LEAST:GREATEST, '
+        "with angles in degrees"
+    )
+
+
+def _degrees(what: str, text: str, number: str) -> float:
+    try:
+        return float(np.radians(float(number)))
+    except ValueError:
+        raise AnalysisError(
+            f'workspace: {what}: "{number}" in "{text}" is no number of degrees'
+        ) from None
+
+
+def _coordinates(places: Floats) -> Row:
+    """Return the columns x, y, z, w of places (n, 3) or (n, 4)."""
+    rest = np.full(len(places), np.nan)
+    return {
+        name: places[:, k] if k < places.shape[1] else rest for k, name in enumerate(POSE)
+    }
+
+
+def _fares(judged: Judged, names: Sequence[str]) -> dict[str, Any]:
+    return {
+        "inside": "yes" if judged.inside[0] else "no",
+        "margin_rad": _numbers(judged.margin)[0],
+        "limiting": names[int(judged.limiting[0])],
+        "inputs": _numbers(judged.inputs[0]),
+        "type_1": _numbers(judged.type_1)[0],
+        "type_2": _numbers(judged.type_2)[0],
+    }
+
+
+def _numbers(values: Floats) -> list[float | None]:
+    """Return numbers ready for JSON, None for NaN."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]
+
+
+def _stacked(parts: Sequence[Row]) -> Row:
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

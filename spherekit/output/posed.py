@@ -1,0 +1,140 @@
+"""One working mode of placed dyads: how it reaches, its inputs, rates, axes and angles."""
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import REACH_SLACK, Status
+from spherekit.output.dyads import Fraction, Placed, Signs
+from spherekit.rates.vectors import cross, dot, norm
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class Reach:
+    """Whether the dyads of a mode close (n,), see `Inverse`; `key` names what it is of."""
+
+    key: Hashable
+    margin: Floats
+    limiting: NDArray[np.int8]
+    status: NDArray[np.int8]
+
+
+def reach_of(placed: Placed, signs: Signs) -> Reach:
+    """Return whether the dyads of a mode close."""
+    numbers = range(len(signs))
+    key = ("reach", *(placed.reach_key(number, signs) for number in numbers))
+    if key not in placed.known:
+        margin = placed.margin(0, signs)
+        limiting = np.zeros(len(margin), dtype=np.int8)
+        status = np.zeros(len(margin), dtype=np.int8)
+        for number in numbers:
+            another = placed.margin(number, signs)
+            limiting[another < margin] = number
+            margin = np.fmin(margin, another)
+            status[~placed.sound(number, signs)] = Status.AT_SINGULARITY
+        status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
+        placed.known[key] = Reach(key, margin, limiting, status)
+    found: Reach = placed.known[key]
+    return found
+
+
+@final
+@dataclass(frozen=True)
+class Rate:
+    """How an input moves with the output: a vector (3, n) along its normal, and sizes."""
+
+    normal: Floats
+    size: Floats
+    sense: Floats
+    speed: Floats
+
+    @property
+    def unit(self) -> Floats:
+        """The unit normal (3, n)."""
+        return np.asarray(self.normal * (self.sense / self.size))
+
+
+@final
+@dataclass(frozen=True)
+class Posed:
+    """One mode of placed dyads; `turn` are the rate of the bar's gap and the directions.
+
+    What other modes share is taken from what is known of `placed` already.
+    """
+
+    placed: Placed
+    signs: Signs
+    reach: Reach
+    turn: tuple[Fraction, Floats] | None = None
+
+    @property
+    def slope(self) -> Floats:
+        """The derivative (n,) of the bar's gap by the turn."""
+        assert self.turn is not None
+        gap, directions = self.turn
+        return np.asarray(dot(gap.top, directions) / gap.bottom)
+
+    def input(self, pair: int) -> Floats:
+        """Return an input (n,), NaN where the mode has no configuration."""
+        known = self.placed.known
+        angle, key = self.placed.angle(pair, self.signs)
+        masked = (key, self.reach.key)
+        if masked not in known:
+            held = angle.copy()
+            status = self.reach.status
+            held[(status != Status.OK) & (status != Status.AT_SINGULARITY)] = np.nan
+            known[masked] = held
+        return np.asarray(known[masked])
+
+    def rate(self, pair: int) -> Rate:
+        """Return how an input moves with the output, its turn being what the bar asks."""
+        placed, signs = self.placed, self.signs
+        key = ("size", placed.key("rate", pair, placed.dyads.moves_with(pair), signs))
+        if key not in placed.known:
+            rate = placed.rate(pair, signs)
+            if self.turn is not None:
+                gap, directions = self.turn
+                along, about = dot(rate.top, directions), dot(gap.top, directions)
+                rate = Fraction(rate.top * about - gap.top * along, rate.bottom * about)
+            size = norm(rate.top)
+            speed = np.abs(rate.bottom) / size
+            placed.known[key] = Rate(rate.top, size, np.sign(rate.bottom), speed)
+        found: Rate = placed.known[key]
+        return found
+
+    def independence(self, rates: Sequence[Rate], pairs: Sequence[int]) -> Floats:
+        """Return the volume or area (n,) that the unit normals span."""
+        placed = self.placed
+        one, other, *rest = rates
+        needs = placed.dyads.moves_with(pairs[0]) | placed.dyads.moves_with(pairs[1])
+        key = placed.key("cross", pairs[0], needs, self.signs)
+        if key not in placed.known:
+            placed.known[key] = cross(one.normal, other.normal), one.size * other.size
+        across, sizes = placed.known[key]
+        if not rest:
+            return np.asarray(norm(across) / sizes)
+        return np.asarray(np.abs(dot(across, rest[0].normal)) / (sizes * rest[0].size))
+
+    def angle(self, pair: int) -> Floats:
+        """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach."""
+        return self.placed.angle(pair, self.signs)[0]
+
+    def cosine(self, one: int, other: int) -> Floats:
+        """Return the cosine (n,) of the angle between the axes of two pairs.
+
+        NaN where an axis cannot be placed; it may be known where the mode does not close.
+        """
+        return dot(self._axis(one), self._axis(other))
+
+    def _axis(self, pair: int) -> Floats:
+        dyads = self.placed.dyads
+        links = dyads.ends[pair]
+        nearest = min(
+            links, key=lambda link: len(dyads.needs_of(dyads.source(pair, link)[1]))
+        )
+        return self.placed.axis(pair, nearest, self.signs)

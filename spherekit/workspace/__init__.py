@@ -1,0 +1,1 @@
+"""What an output reaches under constraints, in each working mode."""

@@ -1,0 +1,361 @@
+"""An output at given poses in a working mode, whichever closed form the mechanism has.
+
+Two closed forms serve every pose without a start: dyads on the held output, and the
+mid-plane form. A `Rows` says what constraints may be put on.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, final
+
+import numpy as np
+
+from spherekit.errors import AnalysisError, ModelError
+from spherekit.guidance.form import MidPlaneForm, axis_in
+from spherekit.guidance.symmetry import mid_plane_form
+from spherekit.model.geometry import COLLINEAR, Revolute
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.output.dyads import Cones, Signs
+from spherekit.output.forward import ForwardKinematics
+from spherekit.output.inverse import InverseKinematics
+from spherekit.output.posed import Posed
+from spherekit.sphere.mirror import reflections
+from spherekit.sphere.rotation import Floats, cross, quaternion
+
+
+class Rows(Protocol):
+    """A mechanism at n poses of its output, in one working mode.
+
+    Everything is NaN where it is not determined; what limits the reach is not.
+    """
+
+    def cosine(self, one: int, other: int) -> Floats:
+        """Return the cosine (n,) of the angle between the axes of two pairs."""
+
+    def angle(self, pair: int) -> Floats:
+        """Return the variable (n,) of a pair in (-pi, pi] rad."""
+
+    @property
+    def inputs(self) -> Floats:
+        """(n, inputs) rad in (-pi, pi]."""
+
+    @property
+    def type_1(self) -> Floats:
+        """(n, inputs) measures of type I, see `Inverse`."""
+
+    @property
+    def type_2(self) -> Floats:
+        """(n,) measure of type II, see `Inverse`."""
+
+
+@final
+@dataclass(frozen=True)
+class Span:
+    """Two pairs whose axes a leg joins, and between what angles (rad) it does.
+
+    `folds` says that the leg's two links can lie over each other there.
+    """
+
+    one: int
+    other: int
+    cones: Cones
+    folds: bool
+
+
+class OutputKinematics(ABC):
+    """The poses of one declared output, in every working mode."""
+
+    mechanism: Mechanism
+    output: Output
+
+    @property
+    @abstractmethod
+    def points(self) -> bool:
+        """Whether poses are directions (n, 3), else rotations (n, 3, 3)."""
+
+    @property
+    @abstractmethod
+    def modes(self) -> tuple[Signs, ...]:
+        """The signs of all working modes."""
+
+    @property
+    @abstractmethod
+    def legs(self) -> tuple[str, ...]:
+        """What each sign belongs to."""
+
+    @property
+    @abstractmethod
+    def spans(self) -> tuple[Span, ...]:
+        """What limits the reach."""
+
+    @abstractmethod
+    def at(self, poses: Floats, signs: Signs) -> Rows:
+        """Return one mode at poses."""
+
+    @abstractmethod
+    def places(self, inputs: Floats) -> Floats:
+        """Return all poses at inputs (inputs,) rad, as directions or quaternions xyzw."""
+
+    def name_of(self, pair: int) -> str:
+        """Return the name of a pair, or that of the output for a pair made for it."""
+        pairs = self.mechanism.pairs
+        return pairs[pair].name if pair < len(pairs) else self.output.name
+
+
+def label_of(signs: Signs) -> str:
+    """Return the signs of a mode as text, ``+-+``."""
+    return "".join("+" if sign > 0 else "-" for sign in signs)
+
+
+def kinematics_of(mechanism: Mechanism, output: str | None = None) -> OutputKinematics:
+    """Return the closed form of an output.
+
+    Raises
+    ------
+    PlanError
+        If the output is unknown or cannot take every pose.
+    AnalysisError
+        If there is no closed form that needs no start.
+    """
+    kinematics = InverseKinematics(mechanism, output)
+    if kinematics.has_closed_form:
+        return DyadKinematics(kinematics)
+    try:
+        form = mid_plane_form(mechanism, output)
+    except ModelError as problem:
+        raise AnalysisError(
+            f"{mechanism.name}: outputs.{kinematics.wrist.output.name}: the poses of a "
+            "working mode have no closed form that needs no start. With the output held "
+            f"these groups are left: {'; '.join(kinematics.legs)}; dyads on the output "
+            f"alone would do. And {problem}"
+        ) from None
+    return MidPlaneKinematics(mechanism, kinematics.wrist.output, form)
+
+
+@final
+class DyadKinematics(OutputKinematics):
+    """An output whose mechanism falls into dyads when it is held."""
+
+    def __init__(self, kinematics: InverseKinematics) -> None:
+        self.kinematics = kinematics
+        self.mechanism = kinematics.own
+        self.output = kinematics.wrist.output
+        self._own = {pair: self._same_axis(pair) for pair in kinematics.wrist.pairs}
+
+    def _same_axis(self, made: int) -> int:
+        """Return the mechanism's own pair with the axis of one made for the output."""
+        mechanism, joints = self.kinematics.mechanism, self.kinematics.solver.joints
+        link = self.kinematics.wrist.link
+        if link in mechanism.ends[made]:
+            axis = axis_in(mechanism, joints, made, link)
+            for pair, ends in enumerate(self.mechanism.ends):
+                if link in ends:
+                    gap = axis_in(mechanism, joints, pair, link) - axis
+                    if np.linalg.norm(gap) < COLLINEAR:
+                        return pair
+        return made
+
+    @property
+    def points(self) -> bool:
+        """Whether poses are directions (n, 3), else rotations (n, 3, 3)."""
+        return self.kinematics.wrist.points
+
+    @property
+    def modes(self) -> tuple[Signs, ...]:
+        """The signs of all working modes."""
+        return self.kinematics.modes
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """What each sign belongs to."""
+        return tuple(
+            "leg of "
+            + ", ".join(
+                self.name_of(self._own.get(pair, pair))
+                for pair in (s.near, s.middle, s.far)
+            )
+            for s in self.kinematics.stands
+        )
+
+    @property
+    def spans(self) -> tuple[Span, ...]:
+        """What limits the reach: the outer axes of every dyad."""
+        own = self._own
+        return tuple(
+            Span(own.get(s.near, s.near), own.get(s.far, s.far), s.cones, True)
+            for s in self.kinematics.stands
+        )
+
+    def at(self, poses: Floats, signs: Signs) -> Rows:
+        """Return one mode at poses."""
+        return _DyadRows(
+            self.kinematics.posed(poses, signs), self.kinematics.wrist.driven, len(poses)
+        )
+
+    def places(self, inputs: Floats) -> Floats:
+        """Return all poses at inputs (inputs,) rad, as directions or quaternions xyzw."""
+        forward = ForwardKinematics(self.mechanism, self.output.name)
+        found = forward.solutions(inputs[None])
+        if self.points:
+            assert found.directions is not None
+            return found.directions
+        return quaternion(found.rotations)
+
+
+@final
+@dataclass(frozen=True)
+class _DyadRows:
+    posed: Posed
+    driven: tuple[int, ...]
+    count: int
+
+    def cosine(self, one: int, other: int) -> Floats:
+        return np.broadcast_to(self.posed.cosine(one, other), self.count)
+
+    def angle(self, pair: int) -> Floats:
+        return self.posed.angle(pair)
+
+    @property
+    def inputs(self) -> Floats:
+        return np.stack([self.posed.input(pair) for pair in self.driven], axis=1)
+
+    @property
+    def type_1(self) -> Floats:
+        return np.stack([self.posed.rate(pair).speed for pair in self.driven], axis=1)
+
+    @property
+    def type_2(self) -> Floats:
+        rates = [self.posed.rate(pair) for pair in self.driven]
+        return self.posed.independence(rates, self.driven)
+
+
+@final
+class MidPlaneKinematics(OutputKinematics):
+    """A pointing output of a mechanism in its mid-plane form.
+
+    The mid-plane of a direction p is the one that mirrors m, where the output would point
+    with the end effector laid upon its image, to p; its normal n points from m to p. The
+    mode of a leg is the sign of n . (base axis x elbow). In the direction m itself every
+    plane through m serves, and nothing is determined.
+    """
+
+    def __init__(self, mechanism: Mechanism, output: Output, form: MidPlaneForm) -> None:
+        assert output.direction is not None
+        self.mechanism = mechanism
+        self.output = output
+        self.form = form
+        self.home = form.image @ np.array(self.output.direction)
+
+    @property
+    def points(self) -> bool:
+        """Whether poses are directions: yes."""
+        return True
+
+    @property
+    def modes(self) -> tuple[Signs, ...]:
+        """The signs of all working modes."""
+        found: list[Signs] = [()]
+        for _ in self.form.legs:
+            found = [(*signs, sign) for signs in found for sign in (1, -1)]
+        return tuple(found)
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """What each sign belongs to."""
+        return tuple(
+            "leg of " + ", ".join(map(self.name_of, (leg.base, leg.elbow, leg.tip)))
+            for leg in self.form.legs
+        )
+
+    @property
+    def spans(self) -> tuple[Span, ...]:
+        """What limits the reach: the axes of every leg at base and end effector."""
+        plane = self.form.plane
+        return tuple(
+            Span(leg.base, leg.tip, Cones(float(arc), float(arc)), number in plane.driven)
+            for number, (leg, arc) in enumerate(
+                zip(self.form.legs, plane.arcs, strict=True)
+            )
+        )
+
+    def at(self, poses: Floats, signs: Signs) -> Rows:
+        """Return one mode at directions (n, 3)."""
+        return _MidPlaneRows(self, poses @ self.form.frame, signs)
+
+    def places(self, inputs: Floats) -> Floats:
+        """Return the direction (0 or 1, 3) at driven readings (2,) rad."""
+        normals = self.form.plane.normals(inputs[None])
+        turned = self.form.orientations(normals) @ np.array(self.output.direction)
+        return np.asarray(turned[np.isfinite(turned[:, 0])])
+
+
+@final
+class _MidPlaneRows:
+    def __init__(self, owner: MidPlaneKinematics, points: Floats, signs: Signs) -> None:
+        self.form, self.signs, self.points = owner.form, signs, points
+        self.driven = list(owner.form.plane.driven)
+        way = points - owner.home
+        self.distance = np.linalg.norm(way, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self.normals = way / self.distance[:, None]
+
+    def cosine(self, one: int, other: int) -> Floats:
+        ends = [self._axis(pair) for pair in (one, other)]
+        dots = np.sum(ends[0] * ends[1], axis=1)
+        return np.broadcast_to(dots, len(self.points))
+
+    def angle(self, pair: int) -> Floats:
+        for k, leg in enumerate(self.form.legs):
+            if pair == leg.base:
+                return np.asarray(self.form.plane.readings(self._elbows[0])[:, k])
+        return np.asarray(self._values[:, pair])
+
+    @property
+    def inputs(self) -> Floats:
+        return self.form.plane.readings(self._elbows[0])[:, self.driven]
+
+    @property
+    def type_1(self) -> Floats:
+        elbows, root = self._elbows
+        across = cross(self.points[:, None], elbows[:, self.driven])
+        size = np.linalg.norm(across, axis=2)
+        return np.asarray(np.abs(root[:, self.driven]) * self.distance[:, None] / size)
+
+    @property
+    def type_2(self) -> Floats:
+        elbows, _ = self._elbows
+        across = cross(self.points[:, None], elbows[:, self.driven])
+        first, second = np.moveaxis(
+            across / np.linalg.norm(across, axis=2)[..., None], 1, 0
+        )
+        return np.asarray(np.linalg.norm(cross(first, second), axis=1))
+
+    @cached_property
+    def _elbows(self) -> tuple[Floats, Floats]:
+        return self.form.plane.elbows(self.normals, self.signs)
+
+    @cached_property
+    def _placed(self) -> Floats:
+        return self.form.place(self.normals, self.signs)
+
+    @cached_property
+    def _values(self) -> Floats:
+        values, _ = self.form.values(self._placed)
+        return values
+
+    def _axis(self, pair: int) -> Floats:
+        """Return the axis (n or 1, 3) of a pair in mirror axes."""
+        for k, leg in enumerate(self.form.legs):
+            axis = self.form.plane.axes[k]
+            if pair == leg.base:
+                return np.asarray(axis[None])
+            if pair == leg.tip:
+                return np.asarray(reflections(self.normals) @ axis)
+            if pair == leg.elbow:
+                return np.asarray(self._elbows[0][:, k])
+        ends = self.form.mechanism.ends[pair]
+        joint = self.form.joints[pair]
+        assert isinstance(joint, Revolute)
+        axis = joint.first[:, 2]
+        return np.asarray(self._placed[:, ends[0]] @ axis @ self.form.frame)

@@ -1,0 +1,314 @@
+"""Workspaces of an output: what it reaches in each working mode under constraints."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.errors import AnalysisError
+from spherekit.output.dyads import Signs
+from spherekit.region.orientations import Orientations, find_orientations
+from spherekit.region.region import Region, find_region
+from spherekit.sphere.rotation import Floats, from_quaternion
+from spherekit.workspace.constraints import Bound
+from spherekit.workspace.kinematics import OutputKinematics, Rows, label_of
+
+FIRST_LOOK = 2000
+"""Directions at which the area is guessed, to make its error relative."""
+SAMPLES = 4000
+"""Orientations looked at."""
+PSI = 1.533751168755204288118041
+"""The positive root of x^4 = x + 4."""
+NUDGES = (1e-12, 1e-11, 1e-10, 1e-9, 1e-8)
+"""Steps (rad) into a workspace from its border, which is known to rounding only."""
+WAY_ROUNDS, WAY_SAMPLES = 8, 65
+LEAST_PART = 1e-3
+"""Part of the sphere that the tolerance is relative to at first, at least."""
+
+
+@final
+@dataclass(frozen=True)
+class Judged:
+    """Constraints at n poses in one mode.
+
+    `margin` (n,) rad is what is left to the limit that is nearest, negative outside, and
+    `limiting` (n,) its number, -1 where no limit says why the pose cannot be taken.
+    `inputs` (n, inputs) rad, `type_1` (n,) the least of all inputs, `type_2` (n,).
+    """
+
+    margin: Floats
+    limiting: NDArray[np.intp]
+    inputs: Floats
+    type_1: Floats
+    type_2: Floats
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which poses (n,) keep to all bounds."""
+        return np.asarray(self.margin >= 0.0)
+
+
+@final
+@dataclass(frozen=True)
+class DirectionWorkspace:
+    """The directions that one working mode reaches; `same_as` an earlier mode has them too.
+
+    Numbers of margins in `region` are those of `bounds`.
+    """
+
+    signs: Signs
+    region: Region
+    same_as: Signs | None
+
+
+@final
+@dataclass(frozen=True)
+class OrientationWorkspace:
+    """The orientations that one working mode reaches; `same_as` as for directions."""
+
+    signs: Signs
+    orientations: Orientations
+    same_as: Signs | None
+
+
+def margins_of(
+    kinematics: OutputKinematics, bounds: Sequence[Bound], signs: Signs
+) -> Callable[[Floats], Floats]:
+    """Return the margins (n, bounds) of a mode, of directions or quaternions xyzw."""
+
+    def margins(places: Floats) -> Floats:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rows = kinematics.at(_poses(kinematics, places), signs)
+            return np.stack([bound.column(rows) for bound in bounds], axis=1)
+
+    return margins
+
+
+def judge(
+    kinematics: OutputKinematics, bounds: Sequence[Bound], signs: Signs, places: Floats
+) -> Judged:
+    """Return what is left at places, directions (n, 3) or quaternions (n, 4) xyzw."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rows = kinematics.at(_poses(kinematics, places), signs)
+        left = np.stack([bound.left(rows) for bound in bounds], axis=1)
+        columns = np.stack([bound.column(rows) for bound in bounds], axis=1)
+        missing = np.isnan(left)
+        filled = np.where(missing, np.inf, left)
+        limiting = np.argmin(filled, axis=1)
+        margin = np.min(filled, axis=1)
+        exact = np.min(np.where(np.isnan(columns), np.inf, columns), axis=1)
+        margin = np.where((margin < 0.0) & (exact >= 0.0), 0.0, margin)
+        unknown = missing.any(axis=1) & (margin >= 0.0)
+        return Judged(
+            np.where(unknown, np.nan, margin),
+            np.where(unknown, -1, limiting),
+            *_known(rows),
+        )
+
+
+def _known(rows: Rows) -> tuple[Floats, Floats, Floats]:
+    """Return inputs, least type I and type II, NaN out of reach."""
+    inputs = rows.inputs
+    out = np.isnan(inputs).any(axis=1)
+    least = np.min(rows.type_1, axis=1)
+    return inputs, np.where(out, np.nan, least), np.where(out, np.nan, rows.type_2)
+
+
+def _poses(kinematics: OutputKinematics, places: Floats) -> Floats:
+    return places if kinematics.points else from_quaternion(places)
+
+
+def chosen_modes(kinematics: OutputKinematics, mode: str) -> tuple[Signs, ...]:
+    """Return the modes that a text names: all for ``""``, else a label or a number.
+
+    Raises
+    ------
+    AnalysisError
+        If it names none.
+    """
+    modes = kinematics.modes
+    labels = [label_of(signs) for signs in modes]
+    if not mode:
+        return modes
+    if mode in labels:
+        return (modes[labels.index(mode)],)
+    if mode.isdecimal() and int(mode) < len(modes):
+        return (modes[int(mode)],)
+    raise AnalysisError(
+        f'workspace of {kinematics.mechanism.name}: mode "{mode}" is none of '
+        f"{', '.join(labels)}, nor a number below {len(modes)}; the signs are those of: "
+        f"{'; '.join(kinematics.legs)}"
+    )
+
+
+def direction_workspaces(
+    kinematics: OutputKinematics,
+    bounds: Sequence[Bound],
+    modes: Sequence[Signs],
+    tolerance: float = 1e-4,
+) -> tuple[DirectionWorkspace, ...]:
+    """Return the directions that each mode reaches.
+
+    Parameters
+    ----------
+    kinematics, bounds, modes
+        The output, what holds, and the signs of the modes wanted.
+    tolerance
+        Error of the area to aim at, relative to the area.
+
+    Notes
+    -----
+    Modes whose margins are the same at all vertices of a region share it.
+    """
+    found: list[DirectionWorkspace] = []
+    for signs in modes:
+        margins = margins_of(kinematics, bounds, signs)
+        for known in found:
+            region = known.region
+            if known.same_as is None and np.array_equal(
+                margins(region.points), region.values, equal_nan=True
+            ):
+                found.append(DirectionWorkspace(signs, region, known.signs))
+                break
+        else:
+            found.append(DirectionWorkspace(signs, _region(margins, tolerance), None))
+    return tuple(found)
+
+
+def _region(margins: Callable[[Floats], Floats], tolerance: float) -> Region:
+    """Return a region with an error relative to its area, or as near as it gets."""
+    with np.errstate(invalid="ignore"):
+        inside = np.all(margins(spread(FIRST_LOOK)) >= 0.0, axis=1)
+    part = max(float(np.mean(inside)), LEAST_PART)
+    region = find_region(margins, tolerance * 0.5 * part * 4.0 * np.pi)
+    goal = tolerance * region.area
+    if region.error > goal > 0.0 and part == LEAST_PART:
+        region = find_region(margins, goal)
+    return region
+
+
+def spread(count: int) -> Floats:
+    """Return directions (count, 3) spread evenly, on a spiral by the golden section."""
+    number = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * number / count
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * number
+    side = np.sqrt(1.0 - z * z)
+    return np.stack([side * np.cos(azimuth), side * np.sin(azimuth), z], axis=1)
+
+
+def orientation_workspaces(
+    kinematics: OutputKinematics,
+    bounds: Sequence[Bound],
+    modes: Sequence[Signs],
+    tolerance: float = 1e-2,
+) -> tuple[OrientationWorkspace, ...]:
+    """Return the orientations that each mode reaches; the tolerance is relative.
+
+    Modes whose margins are the same at all samples share what was found.
+    """
+    found: list[OrientationWorkspace] = []
+    known: list[tuple[Floats, OrientationWorkspace]] = []
+    samples = orientation_samples()
+    for signs in modes:
+        margins = margins_of(kinematics, bounds, signs)
+        here = margins(samples)
+        for values, item in known:
+            if np.array_equal(here, values, equal_nan=True):
+                found.append(OrientationWorkspace(signs, item.orientations, item.signs))
+                break
+        else:
+            own = OrientationWorkspace(signs, find_orientations(margins, tolerance), None)
+            found.append(own)
+            known.append((here, own))
+    return tuple(found)
+
+
+def orientation_samples(count: int = SAMPLES) -> Floats:
+    """Return unit quaternions (count, 4) xyzw spread evenly over all orientations.
+
+    Notes
+    -----
+    The spirals of M. Alexa, Super-Fibonacci spirals: fast, low-discrepancy sampling of
+    SO(3) (2022).
+    """
+    part = (np.arange(count) + 0.5) / count
+    one, other = 2.0 * np.pi * count * part / np.sqrt(2.0), 2.0 * np.pi * count * part / PSI
+    inner, outer = np.sqrt(part), np.sqrt(1.0 - part)
+    return np.stack(
+        [
+            inner * np.sin(one),
+            inner * np.cos(one),
+            outer * np.sin(other),
+            outer * np.cos(other),
+        ],
+        axis=1,
+    )
+
+
+def nearest_reachable(
+    kinematics: OutputKinematics,
+    bounds: Sequence[Bound],
+    found: DirectionWorkspace | OrientationWorkspace,
+    place: Floats,
+) -> tuple[Floats, float] | None:
+    """Return a reachable pose near one that is outside, and how far (rad) it is.
+
+    Of directions (3,) it is the nearest one, to 1e-8 rad. Of quaternions xyzw (4,) it is
+    where the way to the nearest of `SAMPLES` orientations spread evenly, or to the best
+    one known, enters the workspace for good. None if no pose is known to be inside.
+    """
+
+    def inside(places: Floats) -> NDArray[np.bool_]:
+        return judge(kinematics, bounds, found.signs, places).inside
+
+    if isinstance(found, OrientationWorkspace):
+        samples = np.concatenate([orientation_samples(), found.orientations.place[None]])
+        held = samples[inside(samples)]
+        if not len(held):
+            return None
+        near = held[np.argmax(np.abs(held @ place))]
+        near = near if near @ place >= 0.0 else -near
+        there = _on_way(place, near, inside)
+        return there, 2.0 * _between(place, there)
+    if not found.region.components:
+        return None
+    border = found.region.nearest(place)
+    deepest = [part.place for part in found.region.components]
+    aims = [border, *(_beyond(border, 2.0 * border - place, step) for step in NUDGES)]
+    aims += [_beyond(border, aim, step) for step in NUDGES for aim in deepest]
+    candidates = np.stack(aims)
+    good = np.flatnonzero(inside(candidates))
+    there = candidates[good[0]] if len(good) else border
+    return there, _between(place, there)
+
+
+def _between(one: Floats, other: Floats) -> float:
+    """Return the angle (rad) between unit vectors of any dimension."""
+    ends = np.linalg.norm(one - other), np.linalg.norm(one + other)
+    return float(2.0 * np.arctan2(*ends))
+
+
+def _beyond(start: Floats, aim: Floats, step: float) -> Floats:
+    """Return the direction (3,) a step (rad) from `start` towards another place."""
+    way = aim - (aim @ start) * start
+    size = float(np.linalg.norm(way))
+    turned = start + (step / size) * way if size > 0.0 else start
+    return np.asarray(turned / np.linalg.norm(turned))
+
+
+def _on_way(
+    outside: Floats, held: Floats, inside: Callable[[Floats], NDArray[np.bool_]]
+) -> Floats:
+    """Return the quaternion on the way to `held` from which on all samples are inside."""
+    low, high = 0.0, 1.0
+    for _ in range(WAY_ROUNDS):
+        parts = np.linspace(low, high, WAY_SAMPLES)
+        places = (1.0 - parts[:, None]) * outside + parts[:, None] * held
+        places /= np.linalg.norm(places, axis=1, keepdims=True)
+        out = np.flatnonzero(~inside(places))
+        last = int(out[-1])
+        low, high = float(parts[last]), float(parts[last + 1])
+        held_there = places[last + 1]
+    return np.asarray(held_there)

@@ -1,0 +1,455 @@
+"""The analysis `workspace`: areas against quadrature, samples, bad input."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from closed_forms import (
+    MID_PLANE_LEG,
+    SMALLEST_ANGLE,
+    five_bar_area,
+    mid_plane_area,
+)
+from scipy.integrate import quad
+from test_inverse import mechanism_of, unlike_legs
+
+import spherekit as sk
+from spherekit.analysis.scene import SphereCurves, SphereMap, Text
+from spherekit.conventions import Status
+from spherekit.model.dynamics import Stop
+from spherekit.model.mechanism import Output
+from spherekit.motion.branches import Branch
+from spherekit.output.forward import ForwardKinematics
+from spherekit.output.inverse import InverseKinematics
+from spherekit.sphere.rotation import arc, from_quaternion, transpose
+from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
+from spherekit.workspace.constraints import AxesLimit, Constraints, PairLimit, bounds_of
+from spherekit.workspace.kinematics import kinematics_of
+from spherekit.workspace.workspace import (
+    direction_workspaces,
+    judge,
+    margins_of,
+    nearest_reachable,
+    orientation_samples,
+    orientation_workspaces,
+    spread,
+)
+
+DIRECTIONS = spread(20_000)
+SCATTER = 0.02
+"""What an area counted from these may be off by (sr): some 30 of them."""
+
+
+def found_in(mechanism, **parameters):
+    """Run the analysis over few samples; its result and its findings."""
+    text = ",".join(f"{key}={value}" for key, value in parameters.items())
+    result = sk.run(mechanism, [f"workspace:{text}"], samples=2, search=False)
+    assert not result.failures
+    (own,) = result.summary["analyses"]
+    return result, own["findings"]
+
+
+@pytest.fixture(scope="module")
+def five_bar():
+    return sk.load("five_bar")
+
+
+@pytest.fixture(scope="module")
+def mid_plane():
+    return kinematics_of(sk.load("two_dof_spm"))
+
+
+def ten_degrees():
+    ten = np.radians(10.0)
+    return Constraints(apart=(AxesLimit("21", "43", ten), AxesLimit("61", "54", ten)))
+
+
+def sub_loop():
+    """A five-bar of seven links: one crank is driven through a four-bar."""
+    return mechanism_of(
+        {
+            "base": ("a1 a2 d2", [70.0, 95.0], [30.0]),
+            "crank1": ("a1 b1", [50.0], []),
+            "coupler1": ("b1 c", [75.0], []),
+            "drive": ("d2 e2", [35.0], []),
+            "rod": ("e2 f2", [78.0], []),
+            "crank2": ("a2 f2 b2", [40.0, 65.0], [75.0]),
+            "coupler2": ("c b2", [70.0], []),
+        },
+        {
+            "a1": "base crank1",
+            "b1": "coupler1 crank1",
+            "c": "coupler1 coupler2",
+            "d2": "drive base",
+            "e2": "drive rod",
+            "f2": "rod crank2",
+            "a2": "base crank2",
+            "b2": "crank2 coupler2",
+        },
+        ["a1", "d2"],
+        Output("tip", "coupler2", "base", (0.0, 0.0, 1.0)),
+        {"a1": 0.4, "d2": -0.7},
+    )
+
+
+def five_bar_with_caps(least):
+    """The area where the five-bar points, at least an angle from both driven axes."""
+    caps = 2.0 * 2.0 * np.pi * (1.0 - np.cos(np.radians(least)))
+    return five_bar_area(0.5 * np.pi, (np.radians(75.0),) * 4) - caps
+
+
+def folded_over_area():
+    """The area (sr) of the mid-plane form where one leg folds to the other side.
+
+    The mid-plane's normal n has n . B1 = s1 and n . B6 = s6 of opposite signs; the area
+    of P is 4 n_x times that of n, integrated over n_x in closed form.
+    """
+    low, high, c = np.sin(0.5 * SMALLEST_ANGLE), np.sin(MID_PLANE_LEG), np.cos(np.pi / 6)
+
+    def strip(y):
+        rest = np.sqrt(1.0 - y * y)
+        start = max(low - 0.5 * y, 0.5 * y - high, 0.0) / c
+        stop = min(min(high - 0.5 * y, 0.5 * y - low) / c, rest)
+        if stop <= start:
+            return 0.0
+        ends = np.sqrt(np.maximum(rest * rest - np.array([start, stop]) ** 2, 0.0))
+        return 4.0 * (ends[0] - ends[1])
+
+    grid = np.linspace(0.0, 1.0, 401)
+    values = [quad(strip, a, b, epsabs=1e-12)[0] for a, b in pairwise(grid)]
+    return 4.0 * sum(values)
+
+
+@pytest.mark.parametrize("least", [0, 10])
+def test_area_of_the_five_bar(five_bar, least):
+    exact = five_bar_with_caps(least)
+    apart = f"21/43:{least}+43/51:{least}"
+    for tolerance in (1e-2, 1e-4, 1e-6):
+        result, findings = found_in(five_bar, apart=apart, tolerance=tolerance)
+        assert list(findings["modes"]) == ["++", "+-", "-+", "--"]
+        for own in findings["modes"].values():
+            assert abs(own["area_sr"] - exact) <= own["error_sr"] <= tolerance * exact
+            assert len(own["components"]) == 1
+            assert len(own["holes"]) == (3 if least else 1)
+            assert len(own["bounded_by"]) == (4 if least else 2)
+    assert abs(own["area_sr"] - exact) < 1e-6 * exact
+    areas = result.frame("workspace", "areas")
+    whole = areas[areas.part == "whole"]
+    assert np.abs(whole["size"] - exact).max() < 1e-6 * exact
+    parts = areas[areas["mode"] == "++"].query("part != 'whole'")
+    assert abs(parts["size"].sum() - 4.0 * np.pi) < 1e-9
+
+
+def test_samples_and_border_of_the_five_bar(five_bar):
+    """Samples against inverse and forward kinematics, borders against their limits."""
+    result, _ = found_in(five_bar, apart="21/43:10", mode="+-")
+    table = result.frame("workspace")
+    place = table[["x", "y", "z"]].to_numpy()
+    inverse = InverseKinematics(five_bar).at(place, [(1, -1)])
+    axes = kinematics_of(five_bar)
+    rows = axes.at(place, (1, -1))
+    angles = np.arccos(rows.cosine(*(five_bar.pair_number[p] for p in ("21", "43"))))
+    expected = (inverse.status[0] == Status.OK) & (angles >= np.radians(10.0))
+    assert np.array_equal(table["inside"] == "yes", expected)
+    q = table[["q_21", "q_51"]].to_numpy()
+    assert np.allclose(q, inverse.inputs[0], atol=1e-12, equal_nan=True)
+    forward = ForwardKinematics(five_bar).at(q[expected])
+    miss = np.linalg.norm(forward.directions - place[expected], axis=2).min(axis=0)
+    assert miss.max() < 1e-9
+    least = inverse.type_1[0].min(axis=1)
+    assert np.allclose(table["type_1"][expected], least[expected], atol=1e-12)
+    assert np.allclose(table["type_2"][expected], inverse.type_2[0][expected], atol=1e-12)
+    border = result.frame("workspace", "boundary")
+    place = border[["x", "y", "z"]].to_numpy()
+    margin = judge(axes, bounds_of(axes, Constraints()), (1, -1), place).margin
+    reach = border["constraint"].str.contains("at most 150")
+    assert reach.any() and not reach.all()
+    assert np.abs(margin[reach]).max() < 1e-11
+    rows = axes.at(place[~reach], (1, -1))
+    angles = np.arccos(rows.cosine(*(five_bar.pair_number[p] for p in ("21", "43"))))
+    assert np.abs(angles - np.radians(10.0)).max() < 1e-11
+
+
+def test_area_of_the_mid_plane_mechanism(mid_plane):
+    """The 10 degree rule of Chen et al. leaves two equal parts, and those beyond a fold."""
+    exact = mid_plane_area()
+    whole = 2.0 * exact + folded_over_area()
+    bounds = bounds_of(mid_plane, ten_degrees())
+    assert len(bounds) == 5
+    for tolerance in (1e-2, 1e-4, 1e-6):
+        every = direction_workspaces(mid_plane, bounds, mid_plane.modes, tolerance)
+        assert [item.same_as is None for item in every] == [True] + 7 * [False]
+        region = every[0].region
+        assert abs(region.area - whole) <= region.error <= tolerance * whole
+    assert abs(region.area - whole) < 1e-6 * whole
+    for part in region.components[:2]:
+        assert abs(part.area - exact) < 1e-6 * exact
+        (number,) = part.boundaries
+        assert len(region.boundaries[number].corners) == 4
+
+
+def test_width_of_links_is_an_angle_between_axes(mid_plane):
+    """Links of a width on a radius, as section 3 of Chen et al. has it."""
+    wide = Constraints(width=np.radians(10.0) * 0.3, radius=0.3)
+    same = [bounds_of(mid_plane, wanted) for wanted in (ten_degrees(), wide)]
+    margins = [margins_of(mid_plane, bounds, (1, 1, 1))(DIRECTIONS) for bounds in same]
+    assert np.allclose(*margins, atol=1e-15, equal_nan=True)
+
+
+def test_measures_of_the_mid_plane_mechanism(mid_plane):
+    """Inputs and measures against those of the dyads and the bar of the whole graph."""
+    form = mid_plane.form
+    random = np.random.default_rng(1)
+    s = np.sin(np.radians(random.uniform(6.0, 39.0, (30, 2))))
+    x, y = -s.sum(axis=1) / np.sqrt(3.0), s[:, 1] - s[:, 0]
+    normals = np.stack([x, y, np.sqrt(1.0 - x * x - y * y)], axis=1)
+    turned = form.orientations(normals)
+    places = turned @ np.array(mid_plane.output.direction)
+    inverse = InverseKinematics(mid_plane.mechanism)
+    other = inverse.at(places, near=turned)
+    for signs in ((1, -1, 1), (-1, 1, 1)):
+        rows = mid_plane.at(places, signs)
+        gap = np.abs(np.exp(1j * other.inputs) - np.exp(1j * rows.inputs)).max(axis=2)
+        gap[other.status != Status.OK] = np.inf
+        assert np.min(gap, axis=0).max() < 1e-9
+        mode, row = np.nonzero(gap < 1e-9)
+        assert np.abs(other.type_1[mode, row] - rows.type_1[row]).max() < 1e-8
+        assert np.abs(other.type_2[mode, row] - rows.type_2[row]).max() < 1e-8
+    axes = [mid_plane.at(places, (1, -1, 1)).cosine(pair, 0) for pair in range(14)]
+    assert np.all(np.abs(axes) <= 1.0 + 1e-12)
+
+
+def test_axes_of_the_mid_plane_mechanism(mid_plane):
+    """Angles between axes and variables of pairs against all links placed on the sphere."""
+    form = mid_plane.form
+    places = DIRECTIONS[::400]
+    signs = (1, -1, 1)
+    rows = mid_plane.at(places, signs)
+    normals = places @ form.frame - mid_plane.home
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    placed = form.place(normals, signs)
+    values, gaps = form.values(placed)
+    known = np.isfinite(gaps).all(axis=1)
+    assert known.sum() > 5 and gaps[known].max() < 1e-12
+    ends = form.mechanism.ends
+    axes = [
+        placed[:, a] @ joint.first[:, 2]
+        for (a, _), joint in zip(ends, form.joints, strict=True)
+    ]
+    for one in range(14):
+        turn = np.exp(1j * rows.angle(one)) - np.exp(1j * values[:, one])
+        assert np.abs(turn[known]).max() < 1e-12
+        for other in range(one):
+            dots = np.sum(axes[one] * axes[other], axis=1)
+            assert np.abs(rows.cosine(one, other) - dots)[known].max() < 1e-12
+
+
+@pytest.fixture(scope="module")
+def loop_case():
+    mechanism = sub_loop()
+    kinematics = kinematics_of(mechanism)
+    wanted = Constraints(
+        limits=(PairLimit("f2", -2.0, 1.0),),
+        apart=(AxesLimit("b1", "b2", 0.3), AxesLimit("e2", "c", 0.0, 1.9)),
+        near=np.radians(12.0),
+    )
+    return mechanism, kinematics, bounds_of(kinematics, wanted)
+
+
+@pytest.mark.parametrize("signs", [(1, 1, 1), (-1, 1, -1)])
+def test_mechanism_with_a_loop_within(loop_case, signs):
+    """Brute force by the position analysis of the graph, in matrices."""
+    mechanism, kinematics, bounds = loop_case
+    inverse = InverseKinematics(mechanism)
+    found = inverse.solver.evaluate(Branch(0, signs), azimuth_tilt(DIRECTIONS))
+    number = mechanism.pair_number
+    f2 = found.values[:, number["f2"]]
+    middle = np.angle(np.exp(1j * (f2 + 0.5)))
+
+    def axis(pair):
+        joint = inverse.solver.joints[number[pair]]
+        link = mechanism.ends[number[pair]][0]
+        return found.rotations[:, link] @ joint.first[:, 2]
+
+    measures = inverse.at(DIRECTIONS, [signs])
+    inside = (found.status == Status.OK) & (np.abs(middle) <= 1.5)
+    inside &= arc(axis("b1"), axis("b2")) >= 0.3
+    inside &= arc(axis("e2"), axis("c")) <= 1.9
+    least = np.minimum(measures.type_1[0].min(axis=1), measures.type_2[0])
+    inside &= least >= np.sin(np.radians(12.0))
+    judged = judge(kinematics, bounds, signs, DIRECTIONS)
+    assert 1000 < inside.sum() < 15_000
+    assert np.array_equal(judged.inside, inside)
+    simple = [bound for bound in bounds if "axes" in bound.name]
+    (item,) = direction_workspaces(kinematics, simple, [signs], 1e-2)
+    counted = judge(kinematics, simple, signs, DIRECTIONS).inside.mean() * 4.0 * np.pi
+    assert abs(item.region.area - counted) < item.region.error + SCATTER
+    assert item.region.error < 1e-2 * item.region.area
+
+
+def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
+    cloud = DIRECTIONS
+    kinematics = kinematics_of(five_bar)
+    bounds = bounds_of(kinematics, Constraints(limits=(PairLimit("21", 0.7, 2.4),)))
+    (item,) = direction_workspaces(kinematics, bounds, [(1, 1)], 1e-3)
+    inside = judge(kinematics, bounds, (1, 1), cloud).inside
+    counted = 4.0 * np.pi * inside.mean()
+    assert abs(item.region.area - counted) < item.region.error + SCATTER
+    outside = cloud[~inside][::1500]
+    for place in outside:
+        there, angle = nearest_reachable(kinematics, bounds, item, place)
+        here = judge(kinematics, bounds, (1, 1), there[None])
+        assert here.inside[0] and np.isfinite(here.inputs).all()
+        assert angle <= arc(cloud[inside], place).min() + 1e-8
+        assert abs(angle - arc(place, there)) < 1e-12
+    there, angle = nearest_reachable(kinematics, bounds, item, cloud[inside][7])
+    assert angle < 1e-7
+
+
+def test_stops_of_the_mechanism_are_limits(five_bar):
+    stopped = replace(five_bar, stops=(Stop("51", 0.4, 2.0),))
+    kinematics = kinematics_of(stopped)
+    (*_, bound) = bounds_of(kinematics, Constraints())
+    rows = kinematics.at(DIRECTIONS, (1, -1))
+    q = rows.inputs[:, 1]
+    known = np.isfinite(q)
+    assert np.array_equal(bound.left(rows)[known] >= 0.0, (np.abs(q - 1.2) <= 0.8)[known])
+    with pytest.raises(sk.errors.AnalysisError, match="contradict each other"):
+        bounds_of(kinematics, Constraints(limits=(PairLimit("51", 2.5, 3.0),)))
+
+
+def test_a_pose_is_judged_in_each_mode(five_bar):
+    _, findings = found_in(five_bar, pose="1+1+0.2")
+    assert [row["inside"] for row in findings["pose"]] == ["yes"] * 4
+    result, findings = found_in(five_bar, pose="0+0+-1", mode="++")
+    (row,) = findings["pose"]
+    assert row["inside"] == "no"
+    axes = kinematics_of(five_bar)
+    there = np.array(row["nearest"])
+    assert abs(row["away_rad"] - arc(np.array([0.0, 0.0, -1.0]), there)) < 1e-12
+    assert judge(axes, bounds_of(axes, Constraints()), (1, 1), there[None]).inside[0]
+    assert any("is outside in mode ++" in text for text in result.summary["warnings"])
+    _, findings = found_in(five_bar, pose="40+45", mode="0")
+    assert len(findings["pose"]) == 2
+    for row in findings["pose"]:
+        if np.allclose(np.degrees(row["inputs"]), [40.0, 45.0], atol=1e-9):
+            assert row["inside"] == "yes"
+
+
+def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
+    result, findings = found_in(five_bar, apart="21/43:0:30+43/51:0:30", mode="++")
+    own = findings["modes"]["++"]
+    assert own["area_sr"] == 0.0
+    (pair,) = own["excluding"]
+    assert "21/43 at most 30 deg" in pair
+    assert "43/51 at most 30 deg" in pair
+    assert any("the workspace is empty" in text for text in result.summary["warnings"])
+
+
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ({"apart": "21/43:60:40"}, "no range"),
+        ({"apart": "43/51:160"}, "contradict each other"),
+        ({"apart": "21/43:160"}, "contradict each other"),
+        ({"apart": "21/21:10"}, "one axis twice"),
+        ({"apart": "21/32:80"}, "both axes are on one link, always 75 deg"),
+        ({"apart": "21-43:10"}, "not PAIR/PAIR"),
+        ({"apart": "21/44:10"}, "no pair is named"),
+        ({"apart": "21/43:ten"}, "no number of degrees"),
+        ({"limits": "21:40:20"}, "no range"),
+        ({"limits": "21:40"}, "not PAIR:LOW:HIGH"),
+        ({"limits": "21:0:20+21:30:50"}, "contradict each other"),
+        ({"near": "95"}, "distance to a singularity"),
+        ({"width": "0.1"}, "radius"),
+        ({"width": "1", "radius": "0.2"}, "do not fit"),
+        ({"mode": "+"}, "none of"),
+        ({"mode": "9"}, "none of"),
+        ({"output": "nose"}, "no output"),
+        ({"pose": "1+2+3+4"}, "neither a direction"),
+        ({"pose": "0+0+0"}, "0 throughout"),
+        ({"tolerance": "2"}, "relative error"),
+    ],
+)
+def test_wrong_requests_are_refused_before_any_work(five_bar, given, words):
+    text = ",".join(f"{key}={value}" for key, value in given.items())
+    with pytest.raises(sk.errors.SpherekitError, match=words):
+        sk.run(five_bar, [f"workspace:{text}"], samples=2)
+
+
+def test_mechanism_without_closed_form_is_refused():
+    mechanism = sk.load("four_bar")
+    with pytest.raises(sk.errors.SpherekitError):
+        sk.run(mechanism, ["workspace"], samples=2)
+
+
+def test_orientations_of_unlike_legs():
+    """Volume against the share of orientations for which the graph closes."""
+    mechanism = unlike_legs()
+    kinematics = kinematics_of(mechanism)
+    bounds = bounds_of(kinematics, Constraints())
+    signs = kinematics.modes[0]
+    samples = orientation_samples(20_000)
+    rotations = from_quaternion(samples)
+    inverse = InverseKinematics(mechanism)
+    found = inverse.solver.evaluate(Branch(0, signs), euler_zyz(rotations))
+    judged = judge(kinematics, bounds, signs, samples)
+    assert np.array_equal(judged.inside, found.status == Status.OK)
+    item, other = orientation_workspaces(kinematics, bounds, kinematics.modes[:2], 0.05)
+    assert other.same_as in (None, signs)
+    volume = item.orientations
+    share = judged.inside.mean()
+    spread_of_share = 4.0 * np.sqrt(share * (1.0 - share) / len(samples))
+    assert abs(volume.fraction - share) < spread_of_share + volume.error / (8 * np.pi**2)
+    outside = samples[~judged.inside][3]
+    there, angle = nearest_reachable(kinematics, bounds, item, outside)
+    assert judge(kinematics, bounds, signs, there[None]).inside[0]
+    between = transpose(from_quaternion(outside[None])) @ from_quaternion(there[None])
+    turned = np.arccos(0.5 * (np.trace(between[0]) - 1.0))
+    assert abs(turned - angle) < 1e-6
+
+
+def test_orientations_are_tabled():
+    result, findings = found_in(
+        sk.load("agile_eye"), tolerance=0.2, mode="0", pose="0+0+0+1"
+    )
+    (own,) = findings["modes"].values()
+    assert 0.0 < own["volume"] <= 8.0 * np.pi**2 + own["error"]
+    table = result.frame("workspace")
+    assert len(table) == 4000
+    assert np.allclose(np.linalg.norm(table[["x", "y", "z", "w"]], axis=1), 1.0)
+    assert len(findings["pose"]) == 1
+
+
+class Watcher:
+    """Keeps the scenes that a recorder is given."""
+
+    def __init__(self):
+        self.pages = {}
+
+    def start(self, *args, **kwargs):
+        pass
+
+    def log(self, scene, *args, **kwargs):
+        self.pages.setdefault(scene.page, []).extend(scene.primitives)
+
+
+def test_pages_show_map_border_and_areas(five_bar):
+    watcher = Watcher()
+    request = "workspace:near=15,mode=++"
+    sk.run(five_bar, [request], samples=2, recorder=watcher)
+    assert {"Workspace", "Singularity"} <= set(watcher.pages)
+    for title, most in (("Workspace", 90.0), ("Singularity", 90.0)):
+        parts = watcher.pages[title]
+        (shown,) = [part for part in parts if isinstance(part, SphereMap)]
+        assert shown.triangles.max() < len(shown.vertices) == len(shown.values)
+        used = shown.values[np.unique(shown.triangles)]
+        assert used.min() >= 0.0 and used.max() <= most
+        borders = [part for part in parts if isinstance(part, SphereCurves) if part.curves]
+        assert len(borders) == 3
+        assert len({part.tone for part in borders}) == 3
+        (words,) = [part.markdown for part in parts if isinstance(part, Text)]
+        assert "Bounded by" in words and "type II at least 15 deg away" in words
+    singular = next(p for p in watcher.pages["Singularity"] if isinstance(p, SphereMap))
+    assert singular.values[np.unique(singular.triangles)].min() > 14.999
