@@ -308,7 +308,11 @@ class EquivalentRotation(AbstractAnalysis):
             warnings.append(f"there is no schedule: {found.unscheduled}")
         if found.schedule is not None:
             figures["schedule"] = _schedule_figures(found.schedule, self.shape)
-        return Findings(figures, tuple(warnings))
+        axis = ", ".join(f"{x:.6f}" for x in turn.axis)
+        remarks = [f"{np.degrees(turn.angle):.6g} deg about ({axis}) in ground axes"]
+        if found.schedule is not None:
+            remarks.append(f"it takes {found.schedule.duration:.6g} s within the limits")
+        return Findings(figures, tuple(warnings), tuple(remarks))
 
     def _found(self, batch: Batch) -> Found:
         return batch.once("found", lambda: self._rotation(batch))

@@ -33,6 +33,12 @@ Row = dict[str, Any]
 KINDS: tuple[TypeName, ...] = ("II", "I")
 VANISHES = 1e-8
 """A coefficient or triple product below this vanishes."""
+_FOUND = {
+    "curves_II": "curves of type II",
+    "curves_I": "curves of type I",
+    "vertices_II": "vertices of surfaces of type II",
+    "vertices_I": "vertices of surfaces of type I",
+}
 SLICES = 12
 SLICES_OF_MESH = 4
 DRAWN = 8
@@ -175,7 +181,16 @@ class SeveralInputs:
         if parts is not None:
             figures["aspects"] = [int(size) for size in parts.sizes]
             figures["aspects_guarantee"] = parts.guarantee
-        return Findings(figures, tuple(warnings))
+        remarks = [
+            f"output {name}: "
+            + ", ".join(
+                f"{own[key]} {words}" for key, words in _FOUND.items() if key in own
+            )
+            + f"; {own['guarantee']}"
+            for name, own in figures.items()
+            if isinstance(own, dict) and "guarantee" in own
+        ]
+        return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scenes(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of each branch, curves in the plane of inputs and on the sphere."""

@@ -254,7 +254,12 @@ class SingularityAnalysis(AbstractAnalysis):
                     f"{relation['branch'][row]} at q = {np.degrees(relation['q'][row]):.6g}"
                     " deg"
                 )
-        return Findings(figures, tuple(warnings))
+        counts = ", ".join(f"{n} of type {k}" for k, n in figures["singularities"].items())
+        remark = (
+            f"{counts or 'no singularities'} on {len(found.curves)} configuration curves; "
+            f"{found.configurations.claim}"
+        )
+        return Findings(figures, tuple(warnings), (remark,))
 
     @property
     def _several(self) -> SeveralInputs:

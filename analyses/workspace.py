@@ -178,6 +178,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "limits": [bound.name for bound in bounds],
         }
         warnings: list[str] = []
+        remarks: list[str] = []
         modes: dict[str, Any] = {}
         for item in self._found(batch):
             label = label_of(item.signs)
@@ -186,11 +187,12 @@ class WorkspaceAnalysis(AbstractAnalysis):
             else:
                 modes[label], words = self._of_orientations(batch, item)
             warnings += [f"mode {label}: {text}" for text in words]
+            remarks.append(f"mode {label}: {_in_words(modes[label])}")
         figures["modes"] = modes
         if self.pose:
             figures["pose"], words = self._of_pose(batch)
             warnings += words
-        return Findings(figures, tuple(warnings))
+        return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page for each set of directions: its border, margin and measures."""
@@ -541,6 +543,22 @@ class WorkspaceAnalysis(AbstractAnalysis):
         ]
         numbers = {arc.margin for each in region.boundaries for arc in each.arcs}
         return "\n".join([*lines, *(f"- {names[number]}" for number in sorted(numbers))])
+
+
+def _in_words(figures: Row) -> str:
+    """Return what the findings of a mode say in a line."""
+    if "same_as" in figures:
+        return f"the same as mode {figures['same_as']}"
+    if "volume" in figures:
+        return (
+            f"volume {figures['volume']:.6g} +- {figures['error']:.1g} of 8 pi^2 for all "
+            "orientations"
+        )
+    return (
+        f"area {figures['area_sr']:.8g} +- {figures['error_sr']:.1g} sr, parts "
+        f"{len(figures['components'])}, holes {len(figures['holes'])}, bounded by "
+        f"{', '.join(figures['bounded_by']) or 'nothing'}"
+    )
 
 
 def _sure(region: Region, parts: Sequence[Part]) -> list[Part]:

@@ -102,7 +102,9 @@ class Ranges(AbstractAnalysis):
 
     def findings(self, batch: Batch):
         widest = float(np.max(np.ptp(batch.inputs, axis=0)))
-        return Findings({"widest": widest, "modes": len(batch.tracer.branches)}, ("So.",))
+        return Findings(
+            {"widest": widest, "modes": len(batch.tracer.branches)}, ("So.",), ("Yes.",)
+        )
 
 
 def test_columns_for_each_input():
@@ -122,6 +124,7 @@ def test_findings_are_in_the_summary():
     assert own["findings"]["modes"] == 2
     assert own["findings"]["widest"] == pytest.approx(2 * np.pi, abs=1e-12)
     assert result.summary["warnings"] == ["ranges: So."]
+    assert result.summary["remarks"] == ["ranges: Yes."]
 
 
 def test_poles_is_registered_like_anyones():

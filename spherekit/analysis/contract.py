@@ -79,11 +79,12 @@ class Findings:
     """What an analysis has to say beside its tables.
 
     `figures` go to the summary and must be ready for JSON; `warnings`, in whole
-    sentences, are shown to whoever runs it.
+    sentences, and `remarks`, the results in a line or two, are shown to whoever runs it.
     """
 
     figures: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 @final

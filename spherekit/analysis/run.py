@@ -471,6 +471,9 @@ def _summary(
             }
             for analysis in chosen
         ],
+        "remarks": [
+            f"{name}: {text}" for name, own in findings.items() for text in own.remarks
+        ],
         "warnings": [
             f"{name}: {text}" for name, own in findings.items() for text in own.warnings
         ],

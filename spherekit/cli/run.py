@@ -274,6 +274,7 @@ def report(summary: Any) -> str:
             "largest error bound of a pole direction "
             f"{errors['largest_direction_error_bound_rad']:.1e} rad"
         )
+    lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     return "\n".join(lines)
 
