@@ -258,7 +258,7 @@ def test_curves_have_every_mode_that_a_search_finds(chain, driven, seed, inputs)
     assert here >= there > 0.85 * here > 10
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("number", range(16))
 def test_curves_of_all_eight_bars_have_every_mode_that_a_search_finds(number):
     chain = EIGHT_BARS[number]

@@ -147,7 +147,7 @@ def test_all_dead_points_of_random_four_bars_are_where_two_links_are_in_line():
     check_four_bars(1, 30)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2, 5))
 def test_all_dead_points_of_hundreds_of_four_bars(seed):
     check_four_bars(seed, 100)

@@ -304,7 +304,7 @@ def test_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
     check_shipped(name, tmp_path, capsys)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", SINGLE)
 def test_more_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
     check_shipped(name, tmp_path, capsys)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rerun.experimental import RrdReader
+from rerun.chunk import RrdReader
 
 import spherekit as sk
 from spherekit.analysis.scene import Portrait, SphereCurves, Surface
