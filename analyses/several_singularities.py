@@ -39,6 +39,8 @@ _FOUND = {
     "vertices_II": "vertices of surfaces of type II",
     "vertices_I": "vertices of surfaces of type I",
 }
+SAME = 1e-6
+"""Points of type III whose variables differ by less (rad) are one, met on two curves."""
 SLICES = 12
 SLICES_OF_MESH = 4
 DRAWN = 8
@@ -84,14 +86,21 @@ class SeveralInputs:
         """Return the main table: points of singular curves or surfaces, by output."""
         parts: list[Row] = []
         for output in self.outputs(batch.mechanism):
-            for found in self._curves(batch, output):
-                for number, each in enumerate(found.curves):
-                    notes = "closed" if each.closed else "open"
-                    parts.append(_rows(batch, each.points, output, number, each.s, notes))
-                    nowhere = np.full(len(each.both.values), np.nan)
-                    both = _rows(batch, each.both, output, number, nowhere, "of both types")
-                    both["kind"][:] = "III"
-                    parts.append(both)
+            met = np.zeros((0, len(batch.mechanism.variable_names)))
+            curves = [
+                each for found in self._curves(batch, output) for each in found.curves
+            ]
+            for number, each in enumerate(curves):
+                notes = "closed" if each.closed else "open"
+                parts.append(_rows(batch, each.points, output, number, each.s, notes))
+                nowhere = np.full(len(each.both.values), np.nan)
+                both = _rows(batch, each.both, output, number, nowhere, "of both types")
+                both["kind"][:] = "III"
+                away = each.both.values[:, None] - met
+                lap = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
+                fresh = ~np.any(np.max(lap, axis=2) < SAME, axis=1)
+                parts.append({name: column[fresh] for name, column in both.items()})
+                met = np.concatenate([met, each.both.values])
             for mesh in self._surfaces(batch, output):
                 s = np.full(len(mesh.points.values), np.nan)
                 made = _rows(batch, mesh.points, output, 0, s, "vertex of a surface")
