@@ -90,6 +90,9 @@ def test_explain_says_what_will_be_computed(capsys):
     (planned,) = facts["plans"]
     assert planned["secondary_poles"] < 8
     assert facts["positions"][0]["group"] == "dyad"
+    _, beside, _ = run(capsys, "explain", "stephenson", "-a", "singularities")
+    assert "beside the samples, looked for by: singularities" in beside
+    assert "asked of the samples: no poles" in beside
 
 
 def test_analyses_describe_their_tables(capsys):

@@ -76,10 +76,14 @@ def execute(options: argparse.Namespace) -> int:
             }
             for wanted in requests
         ],
+        "other_configurations": [
+            analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
+        ],
     }
     if options.json:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
         return 0
+    own = facts["other_configurations"]
     every = len(names) * (len(names) - 1) // 2
     word = "inputs" if len(inputs) > 1 else "input"
     print(
@@ -89,6 +93,11 @@ def execute(options: argparse.Namespace) -> int:
     print("positions, group by group:")
     for item in facts["positions"]:
         print(f"  {item['group']} of pairs {', '.join(item['pairs'])}")
+    if own:
+        print(f"configurations beside the samples, looked for by: {', '.join(own)}")
+    if not facts["asked"]:
+        print("asked of the samples: no poles")
+        return 0
     print(f"asked: {len(facts['asked'])} of {every} poles: {', '.join(facts['asked'])}")
     for each in facts["plans"]:
         if each["locked"]:
