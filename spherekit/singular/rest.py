@@ -6,7 +6,7 @@ from typing import Protocol, final
 
 import numpy as np
 
-from spherekit.conventions import nearest
+from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.model.geometry import link_axes
 from spherekit.model.mechanism import Mechanism
@@ -128,11 +128,16 @@ def output_of(
         If there is no such output, or no such direction.
     """
     names = {item.name: item for item in mechanism.outputs}
-    if not names or (output is not None and output not in names):
-        hint = nearest(output or "", names) or ";"
+    if not names:
         raise AnalysisError(
-            f'{mechanism.name}: there is no output "{output or ""}"{hint} outputs: '
-            f"{', '.join(names) or 'none; declare one in the file as [outputs.NAME]'}"
+            f"{mechanism.name} declares no output; declare one in the file as "
+            "[outputs.NAME] with its link"
+        )
+    if output is not None and output not in names:
+        hint = nearest(output, names) or ";"
+        raise AnalysisError(
+            f'{mechanism.name}: there is no output "{output}"{hint} outputs: '
+            f"{listing(names)}"
         )
     chosen = names[output] if output is not None else mechanism.outputs[0]
     number = mechanism.link_number
