@@ -21,7 +21,6 @@ from spherekit.guidance.march import (
     March,
     Node,
     corrected,
-    hermite,
 )
 from spherekit.guidance.nearest import Nearness, Target
 from spherekit.guidance.rotation import (
@@ -35,6 +34,7 @@ from spherekit.guidance.rotation import (
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
+from spherekit.numeric.hermite import hermite
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc
 

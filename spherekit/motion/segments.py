@@ -19,6 +19,7 @@ from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.pairs import pair_rates, variable_vectors
+from spherekit.numeric.hermite import hermite
 from spherekit.sphere.rotation import Floats
 
 MOST_CORRECTIONS = 6
@@ -200,25 +201,16 @@ class Segments:
 
     def predict(self, which: NDArray[np.intp], along: Floats) -> Floats:
         """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""
-        h, e = self.chords[which, None], self.directions[which]
-        ends = []
-        for node in (which, which + 1):
+        e = self.directions[which]
+
+        def end(node: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
             tangent, bend = self.nodes.tangents[node], self.nodes.bends[node]
             speed = np.sum(tangent * e, axis=1, keepdims=True)
             swing = np.sum(bend * e, axis=1, keepdims=True)
-            rate = h / speed
-            ends += [rate * tangent, rate**2 * (bend - tangent * (swing / speed))]
-        slope, bend, last_slope, last_bend = ends
-        x = along[:, None]
-        x3, y = x**3, 1.0 - x
-        up = x3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        start, way = self.nodes.values[which], h * e
-        return np.asarray(
-            start
-            + up * way
-            + x * y**3 * ((1.0 + 3.0 * x) * slope + 0.5 * x * bend)
-            + x3 * y * (0.5 * y * last_bend - (4.0 - 3.0 * x) * last_slope)
-        )
+            slope = tangent / speed
+            return self.nodes.values[node], slope, (bend - slope * swing) / speed**2
+
+        return hermite(end(which), end(which + 1), self.chords[which], along)
 
     def at(self, u: Floats) -> CurvePoints:
         """Return the curve at u (n,), to closure precision."""
