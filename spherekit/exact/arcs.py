@@ -49,8 +49,7 @@ class ArcTable:
                 break
         else:
             raise EngineError(
-                "the arc length of a profile does not converge; give its points more "
-                "evenly"
+                "the arc length of a profile does not converge; give its points more evenly"
             )
         self.starts = np.concatenate([arithmetic.zeros(1), np.cumsum(whole)])
         self.length = self.starts[-1]
@@ -87,10 +86,10 @@ class ArcTable:
                 (size >= last / 2) & (size < np.sqrt(self._arithmetic.eps))
             )
             if np.all(ended):
-                return u
+                break
             last = size
-        u[~ended] = self._arithmetic.exact(np.full(np.sum(~ended), np.nan))
-        return u
+        nothing = self._arithmetic.exact(np.nan)
+        return np.where(ended, u, nothing)
 
     def _speed(self, u: Numbers) -> Numbers:
         """Return |dp/du| at parameters u (n,)."""
@@ -119,4 +118,4 @@ def _legendre(x: Numbers, count: int) -> tuple[Numbers, Numbers]:
     before, here = x * 0 + 1, x
     for degree in range(1, count):
         before, here = here, ((2 * degree + 1) * x * here - degree * before) / (degree + 1)
-    return here, count * (x * here - before) / (x * x - 1)
+    return np.asarray(here), np.asarray(count * (x * here - before) / (x * x - 1))

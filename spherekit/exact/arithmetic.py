@@ -80,18 +80,23 @@ class Hardware(Arithmetic):
         self._dtype = dtype
 
     def exact(self, values: ArrayLike) -> Numbers:
+        """See `Arithmetic`."""
         return np.asarray(values, dtype=float).astype(self._dtype)
 
     def floats(self, values: Numbers) -> Floats:
+        """See `Arithmetic`."""
         return np.asarray(values).astype(float)
 
     def root(self, values: Numbers) -> Numbers:
+        """See `Arithmetic`."""
         return np.asarray(np.sqrt(values))
 
     def cosine_sine(self, angles: Numbers) -> tuple[Numbers, Numbers]:
+        """See `Arithmetic`."""
         return np.cos(angles), np.sin(angles)
 
     def pi(self) -> Any:
+        """See `Arithmetic`."""
         return self._dtype(4.0) * np.arctan(self._dtype(1.0))
 
 
@@ -124,19 +129,24 @@ class Digits(Arithmetic):
         self._turn = np.frompyfunc(context.cos_sin, 1, 2)
 
     def exact(self, values: ArrayLike) -> Numbers:
+        """See `Arithmetic`."""
         return np.asarray(self._made(np.asarray(values, dtype=float)), dtype=object)
 
     def floats(self, values: Numbers) -> Floats:
+        """See `Arithmetic`."""
         return np.asarray(self._float(values), dtype=float)
 
     def root(self, values: Numbers) -> Numbers:
+        """See `Arithmetic`."""
         return np.asarray(self._root(values), dtype=object)
 
     def cosine_sine(self, angles: Numbers) -> tuple[Numbers, Numbers]:
+        """See `Arithmetic`."""
         cosine, sine = self._turn(angles)
         return np.asarray(cosine, dtype=object), np.asarray(sine, dtype=object)
 
     def pi(self) -> Any:
+        """See `Arithmetic`."""
         return +self._context.pi
 
 

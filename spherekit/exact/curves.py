@@ -71,8 +71,8 @@ class _Circle(ExactCurve):
     def frame(self, s: Numbers) -> Numbers:
         outward, along = _turned(self._arithmetic, self._axes, s / self._sine)
         centre = _constant(self._axes[:, 2], s)
-        point = self._cosine * centre + self._sine * outward
-        normal = self._sine * centre - self._cosine * outward
+        point = centre * self._cosine + outward * self._sine
+        normal = centre * self._sine - outward * self._cosine
         return np.stack([along, normal, point], axis=-1)
 
 
@@ -116,7 +116,7 @@ class _Backwards(ExactCurve):
     def frame(self, s: Numbers) -> Numbers:
         back = -s
         if not self._forward.closed:
-            back[0] = self._forward.length + back[0]
+            back[0] = back[0] + self._forward.length
         tangent, normal, point = np.moveaxis(self._forward.frame(back), -1, 0)
         return np.stack([-tangent, -normal, point], axis=-1)
 
@@ -143,7 +143,7 @@ class _Fourier:
         """Return the parameters of panels as long as a quarter of the shortest wave."""
         count = 4 * max(len(self._cosines), len(self._sines), 1)
         share = arithmetic.exact(np.arange(count + 1.0)) / count
-        return np.asarray(2 * arithmetic.pi() * share)
+        return np.asarray(share * (2 * arithmetic.pi()))
 
     def speed(self, arithmetic: Arithmetic, u: Numbers) -> Numbers:
         """Return |dp/du|, a series (k, n)."""
@@ -165,8 +165,8 @@ class _Fourier:
         for k in range(1, size):
             if k > 1:
                 c, s = product(c, c1) - product(s, s1), product(s, c1) + product(c, s1)
-            total = total + even[k] * c + odd[k] * s
-            slope = slope + k * (odd[k] * c - even[k] * s)
+            total = total + c * even[k] + s * odd[k]
+            slope = slope + k * (c * odd[k] - s * even[k])
         return total, slope
 
 

@@ -77,13 +77,19 @@ class ExactContact:
 
     def vectors(self, values: Numbers) -> Numbers:
         """Return the vectors (n, 1 or 2, 3) of the variables, values (n, 1 or 2)."""
-        found = []
-        for k in range(values.shape[1]):
-            seed = np.zeros(values.shape)
-            seed[:, k] = 1.0
-            turn = self.turn(np.stack([values, self.arithmetic.exact(seed)]))
-            found.append(skew_part(turn[1] @ transpose(turn[0])))
-        return np.stack(found, axis=1)
+        along = self.arithmetic.exact(np.ones(values.shape))
+        first, second = (
+            curve.frame(s)
+            for curve, s in zip(
+                (self.first, self.second),
+                self._arcs(np.stack([values, along])),
+                strict=True,
+            )
+        )
+        back = transpose(second)
+        one = skew_part(first[1] @ transpose(first[0]))
+        other = skew_part(first[0] @ back[1] @ second[0] @ transpose(first[0]))
+        return np.stack([one + other] if self.rolling else [one, other], axis=1)
 
     def axis(self, values: Numbers) -> Numbers:
         """Return the contact point (n, 3) in the first link's axes."""

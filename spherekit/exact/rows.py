@@ -18,6 +18,7 @@ from spherekit.exact.arithmetic import Arithmetic, Numbers, wide
 from spherekit.exact.chain import ExactChain
 from spherekit.exact.linear import left_inverse
 from spherekit.exact.series import matrix_product, skew_part, transpose
+from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
 
@@ -56,6 +57,7 @@ class ExactRows:
     """
 
     arithmetic: Arithmetic
+    mechanism: Mechanism
     driven: int
     values: Numbers
     rates: Numbers
@@ -160,6 +162,7 @@ class _Solver:
         more = [*w[1:], None, None]
         return ExactRows(
             arithmetic=arithmetic,
+            mechanism=motion.mechanism,
             driven=self.driven,
             values=values,
             rates=rates,
@@ -188,9 +191,8 @@ class _Solver:
         for column, variable in enumerate(self.held):
             given = self.motion.inputs[rows, column]
             turns = np.round((given - near[:, variable]) / (2.0 * np.pi))
-            start[:, variable] = self.arithmetic.exact(given) - turn * (
-                self.arithmetic.exact(turns)
-            )
+            whole = self.arithmetic.exact(turns) * turn
+            start[:, variable] = self.arithmetic.exact(given) - whole
         return start
 
     def _linear(self, values: Numbers) -> tuple[Numbers, Numbers, Floats]:

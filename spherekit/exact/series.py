@@ -68,10 +68,7 @@ def cross(a: Numbers, b: Numbers) -> Numbers:
     """Return a x b for vectors (..., 3)."""
     turns = ((1, 2), (2, 0), (0, 1))
     return np.stack(
-        [
-            product(a[..., p], b[..., q]) - product(a[..., q], b[..., p])
-            for p, q in turns
-        ],
+        [product(a[..., p], b[..., q]) - product(a[..., q], b[..., p]) for p, q in turns],
         axis=-1,
     )
 
