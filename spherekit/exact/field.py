@@ -39,7 +39,7 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Numbers:
 
     That is the axis or contact point of a pair of the two links, or else the direction of
     their relative angular velocity; of its derivative, where they are at rest. In ground
-    axes; NaN where `toward` or the rows are.
+    axes; NaN where `toward` or the rows are, or where that derivative vanishes as well.
 
     Raises
     ------
@@ -60,14 +60,19 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Numbers:
     else:
         i, j = pole
         along = exact.w[:, j] - exact.w[:, i]
+        change = exact.dw[:, j] - exact.dw[:, i]
         floor = ROUNDING * arithmetic.eps * exact.condition
-        size = np.max(arithmetic.floats(np.abs(exact.w[:, [i, j]])), axis=(1, 2))
-        speed = np.max(arithmetic.floats(np.abs(along)), axis=1)
-        rest = speed <= floor * np.maximum(size, 1.0)
-        along = np.where(rest[:, None], exact.dw[:, j] - exact.dw[:, i], along)
+        nothing = arithmetic.exact(np.full(along.shape, np.nan))
+        along = np.where(
+            _above(exact, along, exact.w[:, [i, j]], floor),
+            along,
+            np.where(
+                _above(exact, change, exact.dw[:, [i, j]], floor * exact.condition),
+                change,
+                nothing,
+            ),
+        )
     length = arithmetic.root(np.sum(along * along, axis=1))
-    nothing = arithmetic.exact(np.full(len(along), np.nan))
-    length = np.where(length == 0, nothing, length)
     over = np.sum(along * side, axis=1)
     sign = np.where(over < 0, -1, 1) + 0 * over
     return np.asarray(along * (sign / length)[:, None])
@@ -83,14 +88,13 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     wanted
         The request behind the field.
     field
-        What was found for the same rows: signs are taken from it, and what belongs to
-        its way of finding poles (`angle`, `error`, `planes`, `by_equations`) stays. NaN
-        stays NaN.
+        What was found for the same rows: signs are taken from it, and NaN stays NaN.
 
     Returns
     -------
     PoleField
-        NaN, with the status of the reference, where there is no reference.
+        NaN, with the status of the reference, where there is no reference; `angle`,
+        `error` and `planes` are NaN, as they belong to the way in which poles were found.
     """
     if exact.dw is None:
         raise ValueError("a field needs rows of order 2 or 3")
@@ -101,6 +105,9 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         direction={},
         rate={},
         rate_dq={},
+        angle={pole: np.full_like(x, np.nan) for pole, x in field.angle.items()},
+        error={pole: np.full_like(x, np.nan) for pole, x in field.error.items()},
+        planes={pole: np.full_like(x, np.nan) for pole, x in field.planes.items()},
         w={},
         dw={},
         status=np.where(none, exact.status, field.status).astype(np.int8),
@@ -129,8 +136,8 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     return made
 
 
-def field_rows(field: PoleField, rows: NDArray[np.bool_]) -> PoleField:
-    """Return some rows (n,) of a field."""
+def field_rows(field: PoleField, rows: NDArray[Any]) -> PoleField:
+    """Return some rows of a field, chosen by a mask or by numbers."""
     parts: dict[str, Any] = {
         name: {key: array[rows] for key, array in value.items()}
         if isinstance(value, dict)
@@ -138,6 +145,16 @@ def field_rows(field: PoleField, rows: NDArray[np.bool_]) -> PoleField:
         for name, value in vars(field).items()
     }
     return PoleField(**parts)
+
+
+def _above(
+    exact: ExactRows, vectors: Numbers, parts: Numbers, floor: Floats
+) -> NDArray[np.bool_]:
+    """Return (n, 1) whether differences (n, 3) of parts (n, 2, 3) are no rounding."""
+    floats = exact.arithmetic.floats
+    size = np.max(np.abs(floats(parts)), axis=(1, 2))
+    largest = np.max(np.abs(floats(vectors)), axis=1)
+    return np.asarray(largest > floor * np.maximum(size, 1.0))[:, None]
 
 
 def _length(exact: ExactRows, vectors: Numbers) -> Numbers:
