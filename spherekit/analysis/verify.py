@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table, TableData
+from spherekit.analysis.tables import BRANCH, RESIDUAL, SAMPLE, Column, Table, TableData
 from spherekit.conventions import EPS, Status, listing
 from spherekit.exact.arithmetic import DIGITS, Digits
 from spherekit.exact.field import (
@@ -26,7 +26,7 @@ from spherekit.exact.field import (
     exact_motion,
     field_rows,
 )
-from spherekit.exact.rows import ExactRows, exact_rows
+from spherekit.exact.rows import ExactRows, exact_rows_by_input
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.motion.timing import Timing
@@ -162,7 +162,7 @@ class Verifier:
         every = np.ones(len(motion), dtype=bool)
         driven = [item.plan.input for item in self._wanted] or motion.assembly.inputs[:1]
         arithmetic = Digits(DIGITS)
-        exact = [exact_rows(motion, every, pair, arithmetic) for pair in driven]
+        exact = exact_rows_by_input(motion, every, driven, arithmetic)
         status = np.max([each.status for each in exact], axis=0)
         found = list(zip(exact, self._wanted, fields, strict=False))
         nearest = tuple(exact_field(*each) for each in found)
@@ -331,7 +331,7 @@ def _compared(
     known = rows.known[row]
     subjects = [c.name for c in table.columns if c.kind == "text"]
     for column in table.columns:
-        if column.kind != "number":
+        if column.kind != "number" or column == RESIDUAL:
             continue
         one, other = (
             np.where(known, np.asarray(each[column.name], dtype=float), np.nan)

@@ -130,11 +130,13 @@ class Digits(Arithmetic):
 
     def exact(self, values: ArrayLike) -> Numbers:
         """See `Arithmetic`."""
-        return np.asarray(self._made(np.asarray(values, dtype=float)), dtype=object)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self._made(np.asarray(values, dtype=float)), dtype=object)
 
     def floats(self, values: Numbers) -> Floats:
         """See `Arithmetic`."""
-        return np.asarray(self._float(values), dtype=float)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self._float(values), dtype=float)
 
     def root(self, values: Numbers) -> Numbers:
         """See `Arithmetic`."""

@@ -6,13 +6,14 @@ give all derivatives: the coefficient of each order solves linear equations with
 matrix. Nothing of the solvers that made the motion is used.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, Status, listing
 from spherekit.errors import SolveError
 from spherekit.exact.arithmetic import Arithmetic, Numbers, wide
 from spherekit.exact.chain import ExactChain
@@ -30,6 +31,9 @@ CONTRACTION = 0.125
 
 ROUNDING = 1e3
 """Steps below this many roundings times the conditioning are rounding."""
+
+FAST = 1e-6
+"""Steps that shrink by less than this get the inverse of a Jacobian of their own."""
 
 STEPS = 40
 
@@ -102,68 +106,83 @@ def exact_rows(
     SolveError
         If the pair is no input, or the order is not 1, 2 or 3.
     """
+    (found,) = exact_rows_by_input(motion, rows, (driven,), arithmetic, order)
+    return found
+
+
+def exact_rows_by_input(
+    motion: Motion,
+    rows: NDArray[np.bool_],
+    driven: Sequence[int],
+    arithmetic: Arithmetic | None = None,
+    order: int = 2,
+) -> tuple[ExactRows, ...]:
+    """Return `exact_rows` for each of some inputs that move alone, the others held.
+
+    The configurations are found once.
+    """
     mechanism = motion.mechanism
-    if driven not in motion.assembly.inputs:
-        names = ", ".join(mechanism.pairs[pair].name for pair in motion.assembly.inputs)
-        raise SolveError(
-            f"{mechanism.name}: pair number {driven} is no input; inputs: {names}"
-        )
+    for pair in driven:
+        if pair not in motion.assembly.inputs:
+            names = listing(mechanism.pairs[p].name for p in motion.assembly.inputs)
+            raise SolveError(
+                f"{mechanism.name}: pair number {pair} is no input; inputs: {names}"
+            )
     if order not in (1, 2, 3):
         raise SolveError(f"order {order} was asked for; give 1, 2 or 3")
     chosen = motion.rows(np.asarray(rows, dtype=bool))
-    numbers = arithmetic or wide()
     with np.errstate(all="ignore"):
-        return _Solver(chosen, driven, numbers).rows(order)
+        solver = _Solver(chosen, arithmetic or wide())
+        return tuple(solver.rows(pair, order) for pair in driven)
 
 
 @final
 class _Solver:
     """Rows of a motion on their way to the solution."""
 
-    def __init__(self, motion: Motion, driven: int, arithmetic: Arithmetic) -> None:
-        self.motion, self.driven, self.arithmetic = motion, driven, arithmetic
+    def __init__(self, motion: Motion, arithmetic: Arithmetic) -> None:
+        self.motion, self.arithmetic = motion, arithmetic
         mechanism = motion.mechanism
         self.chain = ExactChain(arithmetic, mechanism)
         self.held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
         count = len(mechanism.variable_owners)
         self.free = [v for v in range(count) if v not in self.held]
+        finite = np.all(np.isfinite(motion.values), axis=1)
+        self.known = np.flatnonzero(~motion.failed & finite)
+        self.closed = self._closed(self.known)
 
-    def rows(self, order: int) -> ExactRows:
-        motion, arithmetic = self.motion, self.arithmetic
+    def rows(self, driven: int, order: int) -> ExactRows:
+        motion, closed, known = self.motion, self.closed, self.known
         n, count = motion.values.shape
-        status = motion.status.copy()
-        lost = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
-        status[lost & (status == Status.OK)] = Status.NOT_CONVERGED
-        known = np.flatnonzero(~lost)
-        status[known] = Status.OK
-        distance, residual, condition = (np.full(n, np.nan) for _ in range(3))
         links = len(motion.mechanism.links)
-        values = self._nothing(n, count)
-        rates = self._nothing(n, count)
+        status = motion.status.copy()
+        status[status == Status.OK] = Status.NOT_CONVERGED
+        status[known] = closed.status
+        distance, residual, condition = (np.full(n, np.nan) for _ in range(3))
+        distance[known], residual[known] = closed.distance, closed.residual
+        condition[known] = closed.condition
+        values, rates = self._nothing(n, count), self._nothing(n, count)
         rotations = self._nothing(n, links, 3, 3)
         axes = self._nothing(n, len(motion.mechanism.pairs), 3)
         w = [self._nothing(n, links, 3) for _ in range(order)]
-        if len(known):
-            found = self._closed(known)
-            distance[known], residual[known] = found.distance, found.residual
-            condition[known], status[known] = found.condition, found.status
-            good = found.status == Status.OK
+        good = closed.status == Status.OK
+        if np.any(good):
             kept = known[good]
-            if len(kept):
-                series = self._series(found.values[good], found.inverse[good], order)
-                placed, _ = self.chain.place(series)
-                values[kept], rates[kept] = series[0], series[1]
-                rotations[kept] = placed[0]
-                axes[kept] = self.chain.axes(series[0], placed[0])
-                slope = np.stack([(k + 1) * placed[k + 1] for k in range(order)])
-                spin = skew_part(matrix_product(slope, transpose(placed[:-1])))
-                for k, factor in enumerate((1, 1, 2)[:order]):
-                    w[k][kept] = factor * spin[k]
+            inverse = closed.inverse[good]
+            series = self._series(closed.values[good], inverse, driven, order)
+            placed, _ = self.chain.place(series)
+            values[kept], rates[kept] = series[0], series[1]
+            rotations[kept] = placed[0]
+            axes[kept] = self.chain.axes(series[0], placed[0])
+            slope = np.stack([(k + 1) * placed[k + 1] for k in range(order)])
+            spin = skew_part(matrix_product(slope, transpose(placed[:-1])))
+            for k, factor in enumerate((1, 1, 2)[:order]):
+                w[k][kept] = factor * spin[k]
         more = [*w[1:], None, None]
         return ExactRows(
-            arithmetic=arithmetic,
+            arithmetic=self.arithmetic,
             mechanism=motion.mechanism,
-            driven=self.driven,
+            driven=driven,
             values=values,
             rates=rates,
             rotations=rotations,
@@ -195,61 +214,79 @@ class _Solver:
             start[:, variable] = self.arithmetic.exact(given) - whole
         return start
 
-    def _linear(self, values: Numbers) -> tuple[Numbers, Numbers, Floats]:
-        """Return gaps (k, 3 loops), the inverse of their Jacobian, and its condition."""
-        placed, turns = self.chain.place(values[None])
-        gaps = self.chain.gaps(placed, turns)[0]
+    def _gaps(self, values: Numbers) -> Numbers:
+        """Return by how much the loops stay open, (k, 3 loops)."""
+        return self.chain.gaps(*self.chain.place(values[None]))[0]
+
+    def _inverse(self, values: Numbers) -> tuple[Numbers, Floats]:
+        """Return the inverse of the Jacobian without the inputs, and its condition."""
+        placed, _ = self.chain.place(values[None])
         jacobian = self.chain.jacobian(self.chain.vectors(values, placed[0]))
         own = jacobian[:, :, self.free]
         inverse = left_inverse(self.arithmetic, own)
-        return gaps, inverse, self._norm(own) * self._norm(inverse)
+        sizes = (
+            np.linalg.norm(self.arithmetic.floats(each), axis=(1, 2))
+            for each in (own, inverse)
+        )
+        return inverse, np.asarray(np.prod(list(sizes), axis=0))
 
-    def _norm(self, matrices: Numbers) -> Floats:
-        floats = self.arithmetic.floats(matrices)
-        return np.asarray(np.linalg.norm(floats, axis=(1, 2)))
+    def _largest(self, values: Numbers) -> Floats:
+        """Return the largest size (k,) in each row of values (k, m)."""
+        sizes = self.arithmetic.floats(np.abs(values))
+        return np.asarray(np.max(sizes, axis=1, initial=0.0))
 
     def _closed(self, rows: NDArray[np.intp]) -> "_Closed":
-        """Return the solutions nearest to some rows, by Newton's method."""
-        eps = self.arithmetic.eps
+        """Return the solutions nearest to some rows, by Newton's method.
+
+        The inverse of the first step serves for those after it too, while they shrink
+        fast. A step ends the iteration when it is rounding: no longer shrinking, and
+        small against the conditioning.
+        """
+        eps, k = self.arithmetic.eps, len(rows)
         start = self._start(rows)
         values = start.copy()
-        k = len(rows)
-        steps = np.full((STEPS, k), np.nan)
-        residual, condition = np.full(k, np.nan), np.full(k, np.nan)
+        first, second, last = np.zeros(k), np.zeros(k), np.full(k, np.inf)
+        condition = np.full(k, np.nan)
         inverse = self._nothing(k, len(self.free), 3 * len(self.chain.chords))
-        going = np.arange(k)
         status = np.full(k, Status.NOT_CONVERGED, dtype=np.int8)
+        going, slow = np.arange(k), np.ones(k, dtype=bool)
         for step in range(STEPS):
-            gaps, inverse[going], condition[going] = self._linear(values[going])
-            change = -(inverse[going] @ gaps[..., None])[..., 0]
-            size = np.max(self.arithmetic.floats(np.abs(change)), axis=1, initial=0.0)
-            steps[step, going] = size
-            residual[going] = np.max(
-                self.arithmetic.floats(np.abs(gaps)), axis=1, initial=0.0
-            )
-            flat = ~np.isfinite(size)
-            status[going[flat]] = Status.AT_SINGULARITY
-            floor = ROUNDING * eps * condition[going]
-            ended = (size <= floor) & (
-                (size <= 4 * eps) | (size >= steps[step - 1, going] / 2) & (step > 1)
-            )
-            status[going[ended]] = Status.OK
-            moved = ~flat & ~ended & (size <= 1.0)
-            values[going[moved, None], self.free] += change[moved]
-            going = going[moved]
             if not len(going):
                 break
-        distance = np.max(self.arithmetic.floats(np.abs(values - start)), axis=1)
-        floor = np.maximum(ROUNDING * eps * condition, 0.0)
-        wild = (steps[1] > floor) & (steps[1] > CONTRACTION * steps[0])
+            anew = going[slow[going]]
+            if len(anew):
+                inverse[anew], condition[anew] = self._inverse(values[anew])
+            gaps = self._gaps(values[going])
+            change = -(inverse[going] @ gaps[..., None])[..., 0]
+            size = self._largest(change)
+            if step < 2:
+                (first, second)[step][going] = size
+            flat = ~np.isfinite(size)
+            status[going[flat]] = Status.AT_SINGULARITY
+            rounding = size <= ROUNDING * eps * condition[going]
+            ended = rounding & ((size <= 4 * eps) | (size >= last[going] / 2))
+            status[going[ended]] = Status.OK
+            slow[going] = size > FAST * last[going]
+            last[going] = size
+            moved = ~flat & ~ended & (size <= 1.0)
+            going = going[moved]
+            values[going[:, None], self.free] += change[moved]
         closed = status == Status.OK
+        residual = np.full(k, np.nan)
+        if np.any(closed):
+            inverse[closed], condition[closed] = self._inverse(values[closed])
+            residual[closed] = self._largest(self._gaps(values[closed]))
+        distance = self._largest(values - start)
+        wild = (second > ROUNDING * eps * condition) & (second > CONTRACTION * first)
         status[closed & (residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
         status[closed & (wild | (distance > RADIUS))] = Status.BRANCH_LOST
         return _Closed(values, inverse, distance, residual, condition, status)
 
-    def _series(self, values: Numbers, inverse: Numbers, order: int) -> Numbers:
+    def _series(
+        self, values: Numbers, inverse: Numbers, driven: int, order: int
+    ) -> Numbers:
         """Return series (order + 1, k, variables) of all variables in the moved input."""
-        (moved,) = self.motion.mechanism.variables_of(self.driven)
+        (moved,) = self.motion.mechanism.variables_of(driven)
         k, count = values.shape
         rest = np.zeros((order, k, count))
         rest[0, :, moved] = 1.0
