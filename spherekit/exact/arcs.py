@@ -34,7 +34,7 @@ class ArcTable:
 
     def __init__(self, arithmetic: Arithmetic, curve: Measurable) -> None:
         self._arithmetic, self._curve = arithmetic, curve
-        self._nodes, self._weights = gauss_legendre(arithmetic, 8 + arithmetic.digits // 2)
+        self._nodes, self._weights = gauss_legendre(arithmetic, 8 + arithmetic.digits // 4)
         self._edges = curve.edges(arithmetic)
         whole = self._covered(self._edges[:-1], self._edges[1:])
         for _ in range(HALVINGS):
@@ -76,18 +76,16 @@ class ArcTable:
             u = low + share * (high - low)
         else:
             u = self._arithmetic.exact(self._guess.parameters(places))
-        last = np.full(len(arcs), np.inf)
         for _ in range(STEPS):
             miss = arcs - self.starts[panel] - self._covered(low, u)
             step = miss / self._speed(u)
             u = u + step
-            size = self._arithmetic.floats(np.abs(step))
-            ended = (size <= 4 * self._arithmetic.eps) | (
-                (size >= last / 2) & (size < np.sqrt(self._arithmetic.eps))
+            # the error left over is about the square of the step
+            ended = self._arithmetic.floats(np.abs(step)) <= 1e-3 * np.sqrt(
+                self._arithmetic.eps
             )
             if np.all(ended):
                 break
-            last = size
         nothing = self._arithmetic.exact(np.nan)
         return np.where(ended, u, nothing)
 

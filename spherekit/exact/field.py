@@ -119,7 +119,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         unit = exact_direction(exact, pole, given)
         v, dv = exact.w[:, j] - exact.w[:, i], exact.dw[:, j] - exact.dw[:, i]
         rate, rate_dq = (floats(np.sum(x * unit, axis=1)) for x in (v, dv))
-        blind = ~np.all(np.isfinite(given), axis=1)
+        blind = ~np.all(np.isfinite(floats(unit)), axis=1)
         rate = np.where(blind, floats(_length(exact, v)), rate)
         rate_dq = np.where(blind, floats(_length(exact, dv)), rate_dq)
         made.direction[pole] = floats(unit)

@@ -216,7 +216,7 @@ class _Solver:
 
     def _gaps(self, values: Numbers) -> Numbers:
         """Return by how much the loops stay open, (k, 3 loops)."""
-        return self.chain.gaps(*self.chain.place(values[None]))[0]
+        return np.asarray(self.chain.gaps(*self.chain.place(values[None]))[0])
 
     def _inverse(self, values: Numbers) -> tuple[Numbers, Floats]:
         """Return the inverse of the Jacobian without the inputs, and its condition."""
