@@ -223,7 +223,12 @@ def told(verdict: Mapping[str, Any]) -> list[str]:
         f"{verdict['largest_distance_rad']:.1e} rad, conditioning up to "
         f"{verdict['largest_condition']:.1e}"
     ]
-    for item in verdict["columns"]:
+    variables = [item for item in verdict["columns"] if item["table"] == MOTION]
+    shown = sorted(variables, key=lambda item: float(item["deviation"]))[-1:]
+    shown += [item for item in verdict["columns"] if item["table"] != MOTION]
+    for item in shown:
+        if item["deviation"] == 0.0:
+            continue
         lines.append(
             f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e} "
             f"{item['unit']}".rstrip()
