@@ -105,7 +105,7 @@ def test_a_wrong_rate_is_found(monkeypatch, capsys):
     assert main(arguments) == 0
     printed = capsys.readouterr().out
     assert "poles.rate: off by 1.0e-09 at sample" in printed
-    assert "worst row: " in printed and "link 4, relative_to 1" in printed
+    assert "worst row: " in printed and "link 4, relative_to 1, moved 21: poles" in printed
     assert "warning: verify: poles.rate deviate by more than rounding" in printed
     assert main([*arguments, "--strict"]) == 3
 
@@ -175,11 +175,29 @@ def test_several_inputs_times_and_analyses_of_whole_motions():
     moved = {item["subject"].get("moved") for item in verdict["columns"]} - {None}
     assert moved <= set(sk.load("five_bar").pair_number) and moved
     mixed = verified(analyses=["eksergian", "poles"], samples=9, verify=3, duration=1.0)
-    assert mixed["not_rowwise"] == ["eksergian"]
-    assert {item["table"] for item in mixed["columns"]} == {"motion", "poles"}
-    alone = verified(analyses="eksergian", samples=9, verify=3)
+    assert mixed["not_verified"] == [] and mixed["beyond"] == []
+    tables = {item["table"] for item in mixed["columns"]}
+    assert tables == {"motion", "poles", "eksergian", "inertia", "loads"}
+    assert 0.0 < column(mixed, "eksergian", "tau")["deviation"] < 1e-13
+    alone = verified(analyses="singularities", samples=9, verify=3)
     assert {item["table"] for item in alone["columns"]} == {"motion"}
-    assert "eksergian" in told(alone)[-1]
+    assert "singularities" in told(alone)[-1]
+
+
+def test_a_wrong_inertia_is_found(monkeypatch):
+    """The torque of the source's four-bar is that of the Batch, so its errors show."""
+
+    def perturbed(motion, wanted, memory=None):
+        field = evaluate(motion, wanted, memory)
+        field.w[3][:] *= 1.0 + 1e-8
+        return field
+
+    monkeypatch.setattr(runner, "evaluate", perturbed)
+    verdict = verified(analyses="eksergian", samples=9, verify=3)
+    assert {"eksergian.B", "inertia.B"} <= set(verdict["beyond"])
+    item = column(verdict, "inertia", "B")
+    assert item["subject"] == {"link": "4"}
+    assert item["deviation"] == pytest.approx(2e-8 * item["reference"], rel=1e-6)
 
 
 def test_the_command_prints_and_writes_it(tmp_path, capsys):

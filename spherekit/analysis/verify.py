@@ -3,8 +3,9 @@
 Rows are chosen while the run goes on: those with the largest closure residual, the largest
 error bound of a pole direction and the worst conditioning, the others spread evenly over
 branches and samples. Their configurations, rates and derivatives come from
-`spherekit.exact`, which shares no solver with the run, and every analysis whose rows stand
-alone is computed from both.
+`spherekit.exact`, which shares no solver with the run, and every analysis that reads them
+is computed from both: where its rows do not stand alone, from the whole motion with these
+rows replaced.
 """
 
 import time
@@ -121,9 +122,15 @@ class Verifier:
         self._analyses = list(zip(analyses, needs, strict=True))
         self._samples, self._count = samples, count
         self._kept: _Kept | None = None
+        self._whole: tuple[Motion, tuple[PoleField, ...]] | None = None
 
     def see(self, motion: Motion, fields: tuple[PoleField, ...]) -> None:
-        """Take a block of the run, and keep the rows of it that may be verified."""
+        """Take a block of the run, and keep the rows of it that may be verified.
+
+        The whole motion is kept where an analysis had it, as a single block.
+        """
+        if not all(analysis.rowwise for analysis, _ in self._analyses):
+            self._whole = motion, fields
         good = motion.status == Status.OK
         for field in fields:
             good &= field.status == Status.OK
@@ -146,15 +153,20 @@ class Verifier:
         """Return what is to be said of the rows, ready for JSON.
 
         `columns` has the largest deviation of each table column from its value in many
-        digits, wrapped into one turn for angles; `in_roundings` is a deviation over the
-        rounding of the value (of 1, where that is smaller) times the conditioning of the
-        row. `beyond` lists the columns where that is too much to be rounding.
+        digits, wrapped into one turn for angles, and where that is; `in_roundings` is the
+        largest deviation over the rounding of the value (of 1, where that is smaller)
+        times the conditioning of the row, at the place `worst`. `beyond` lists the columns
+        where that is too much to be rounding.
         """
         started = time.perf_counter()
         verdict: dict[str, Any] = {
             "digits": DIGITS,
             "rows": 0,
-            "not_rowwise": [item.name for item, _ in self._analyses if not item.rowwise],
+            "not_verified": [
+                analysis.name
+                for analysis, needs in self._analyses
+                if not _reads_rows(needs)
+            ],
         }
         if self._kept is None:
             return verdict
@@ -169,20 +181,25 @@ class Verifier:
         better = exact_motion(motion, every, exact[0])
         rows = _Rows(motion, status == Status.OK, exact[0].condition)
         pairs = [(MOTION, *tables) for tables in _configurations(motion, better)]
+        alone = (motion, fields), (better, nearest)
         for analysis, needs in self._analyses:
-            if analysis.rowwise:
-                first, second = (
-                    analysis.compute(
-                        Batch(motion.mechanism, self._plans, needs, *each, self._timed)
-                    )
-                    for each in ((motion, fields), (better, nearest))
+            if not _reads_rows(needs):
+                continue
+            both = alone
+            if not analysis.rowwise and self._whole is not None:
+                both = self._whole, _replaced(self._whole, rows, *alone[1])
+            first, second = (
+                analysis.compute(
+                    Batch(motion.mechanism, self._plans, needs, *each, self._timed)
                 )
-                for declared in analysis.tables:
-                    table, name = declared.of(motion.mechanism), declared.name
-                    pairs.append((analysis.name, table, first[name], second[name]))
+                for each in both
+            )
+            for declared in analysis.tables:
+                table, name = declared.of(motion.mechanism), declared.name
+                pairs.append((analysis.name, table, first[name], second[name]))
         columns = [item for each in pairs for item in _compared(rows, *each)]
         told = [item for item in columns if item["compared"]]
-        worst = max(told, key=lambda item: float(item["in_roundings"]), default=None)
+        worst = max(told, key=lambda item: float(item["in_roundings"]))
         return verdict | {
             "rows": len(motion),
             "without_reference": [
@@ -203,7 +220,11 @@ class Verifier:
                 if not item["compared"]
             ],
             "directions": _directions(rows, found),
-            "worst": worst,
+            "worst": {
+                "column": f"{worst['table']}.{worst['column']}",
+                "in_roundings": worst["in_roundings"],
+                **worst["worst"],
+            },
             "beyond": [
                 f"{item['table']}.{item['column']}"
                 for item in told
@@ -244,15 +265,14 @@ def told(verdict: Mapping[str, Any]) -> list[str]:
         )
     for row in verdict["without_reference"]:
         lines.append(f"  no reference at {_place(row)}: {row['status']}")
-    if verdict["worst"] is not None:
-        worst = verdict["worst"]
-        lines.append(
-            f"  worst row: {_place(worst)}, {worst['table']}.{worst['column']} = "
-            f"{worst['value']!r}, in {verdict['digits']} digits {worst['reference']!r}"
-        )
-    if verdict["not_rowwise"]:
-        names = ", ".join(verdict["not_rowwise"])
-        lines.append(f"  not verified, as their rows do not stand alone: {names}")
+    worst = verdict["worst"]
+    lines.append(
+        f"  worst row: {_place(worst)}: {worst['column']} = {worst['value']!r}, "
+        f"in {verdict['digits']} digits {worst['reference']!r}"
+    )
+    if verdict["not_verified"]:
+        names = ", ".join(verdict["not_verified"])
+        lines.append(f"  not verified, as their tables are not of rows: {names}")
     return lines
 
 
@@ -295,7 +315,7 @@ class _Rows:
     condition: Floats
 
     def of(self, data: TableData) -> NDArray[np.intp]:
-        """Return the row that each row of a table belongs to."""
+        """Return the row that each row of a table belongs to, -1 if none."""
         number = {
             place: row
             for row, place in enumerate(
@@ -307,7 +327,42 @@ class _Rows:
             np.asarray(data["branch"]).tolist(),
             strict=True,
         )
-        return np.array([number[place] for place in places], dtype=np.intp)
+        return np.array([number.get(place, -1) for place in places], dtype=np.intp)
+
+
+def _reads_rows(needs: Needs) -> bool:
+    """Return whether an analysis reads rows of the motion, and no others."""
+    return not needs.tracer and needs != Needs(time=needs.time)
+
+
+def _replaced(
+    whole: tuple[Motion, tuple[PoleField, ...]],
+    rows: _Rows,
+    better: Motion,
+    nearest: tuple[PoleField, ...],
+) -> tuple[Motion, tuple[PoleField, ...]]:
+    """Return a whole motion and its fields with the rows that have a reference put in."""
+    motion, fields = whole
+    row = rows.of({"sample": motion.sample, "branch": motion.branch})
+    at = np.flatnonzero(row >= 0)
+    at = at[rows.known[row[at]]]
+    source = row[at]
+
+    def put(old: Any, new: Any) -> Any:
+        if isinstance(old, dict):
+            return {key: put(old[key], new[key]) for key in old}
+        changed = old.copy()
+        changed[at] = new[source]
+        return changed
+
+    names = ("values", "rotations", "residual")
+    parts = {name: put(getattr(motion, name), getattr(better, name)) for name in names}
+    return replace(motion, **parts), tuple(
+        PoleField(
+            **{name: put(value, getattr(new, name)) for name, value in vars(old).items()}
+        )
+        for old, new in zip(fields, nearest, strict=True)
+    )
 
 
 def _configurations(
@@ -330,9 +385,16 @@ def _compared(
     rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
 ) -> Iterator[dict[str, Any]]:
     """Yield for each column of numbers the place where it deviates most."""
-    if not {"sample", "branch"} <= set(given) or not len(given["sample"]):
+    if not {"sample", "branch"} <= set(given):
         return
     row = rows.of(given)
+    if not np.any(row >= 0):
+        return
+    given, reference = (
+        {name: np.asarray(values)[row >= 0] for name, values in each.items()}
+        for each in (given, reference)
+    )
+    row = row[row >= 0]
     known = rows.known[row]
     subjects = [c.name for c in table.columns if c.kind == "text"]
     for column in table.columns:
@@ -348,7 +410,17 @@ def _compared(
         rounding = EPS * np.maximum(1.0, np.abs(other)) * rows.condition[row]
         share = off / rounding
         compared = bool(np.any(np.isfinite(off)))
-        at = int(np.nanargmax(share)) if compared else 0
+        apart, rough = (int(np.nanargmax(each)) if compared else 0 for each in (off, share))
+
+        def place(at: int, one: Floats = one, other: Floats = other) -> dict[str, Any]:
+            return {
+                "sample": int(given["sample"][at]),
+                "branch": int(given["branch"][at]),
+                "subject": {name: str(given[name][at]) for name in subjects},
+                "value": _number(one[at]),
+                "reference": _number(other[at]),
+            }
+
         yield {
             "analysis": analysis,
             "table": table.name,
@@ -356,12 +428,9 @@ def _compared(
             "unit": column.unit,
             "compared": compared or not np.any(np.isfinite(one)),
             "deviation": _largest(off),
-            "in_roundings": _number(share[at]) or 0.0,
-            "sample": int(given["sample"][at]),
-            "branch": int(given["branch"][at]),
-            "subject": {name: str(given[name][at]) for name in subjects},
-            "value": _number(one[at]),
-            "reference": _number(other[at]),
+            **place(apart),
+            "in_roundings": _largest(share),
+            "worst": place(rough),
             "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
         }
 
