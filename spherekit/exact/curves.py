@@ -8,6 +8,7 @@ tangents only, and their derivatives are those of power series.
 """
 
 from abc import ABC, abstractmethod
+from functools import lru_cache
 from typing import final
 
 import numpy as np
@@ -42,6 +43,7 @@ def exact_curve(arithmetic: Arithmetic, profile: Profile, backwards: bool) -> Ex
     return _Backwards(curve) if backwards else curve
 
 
+@lru_cache(maxsize=32)
 def _forward(arithmetic: Arithmetic, profile: Profile) -> "_Circle | _Measured":
     if profile.kind == "points":
         path, _ = spline_through(np.array(profile.points), profile.closed)
