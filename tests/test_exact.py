@@ -19,6 +19,7 @@ from spherekit.exact.field import (
     exact_motion,
     field_rows,
 )
+from spherekit.exact.inertia import exact_inertia
 from spherekit.exact.linear import left_inverse
 from spherekit.exact.rows import exact_rows, exact_rows_by_input
 from spherekit.motion.motion import Tracer
@@ -473,3 +474,22 @@ def test_fields_and_motions_of_reference_values(name):
 def test_radius_and_contraction_are_those_told():
     assert rows.RADIUS == 1e-6
     assert rows.CONTRACTION == 0.125
+
+
+def test_inertia_and_its_derivative():
+    """Against float64, and the derivative against a difference of inputs 2^-50 apart."""
+    motion = traced("four_bar")
+    chosen = some(motion, 2)
+    B, dB = exact_inertia(exact_rows(motion, chosen, 0, FIFTY))
+    frame = sk.run(sk.load("four_bar"), "eksergian", samples=5).frame()
+    for numbers, name in ((B, "B"), (dB, "dB_dq")):
+        given = frame[name].to_numpy()[chosen]
+        assert np.max(np.abs(FIFTY.floats(numbers) - given)) < 1e-14
+    ahead, behind = (
+        exact_inertia(
+            exact_rows(replace(motion, inputs=motion.inputs + step), chosen, 0, FIFTY)
+        )
+        for step in (2.0**-48, -(2.0**-48))
+    )
+    slope = (ahead[0] - behind[0]) / (2 * mp.mpf(2) ** -48)
+    assert np.max(np.abs(slope - dB)) < 1e-25

@@ -10,7 +10,7 @@ from test_exact import arcs_of, closed_form
 
 import spherekit as sk
 from spherekit.analysis import run as runner
-from spherekit.analysis.verify import Verifier, conditioning, faults, told
+from spherekit.analysis.verify import Verifier, faults, told
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
 from spherekit.errors import FileError
@@ -87,7 +87,7 @@ def test_the_same_rows_whatever_the_blocks():
         worst = frame.loc[frame[name].idxmax()]
         assert (worst["sample"], worst["branch"]) in rows
     whole = sk.trace(sk.load("stephenson"), samples=21)
-    worst = int(np.argmax(conditioning(whole)))
+    worst = int(np.argmax(whole.conditioning))
     assert (whole.sample[worst], whole.branch[worst]) in rows
     assert len({branch for _, branch in rows}) > 2
     spread = sorted(sample for sample, _ in rows)

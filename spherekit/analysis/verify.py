@@ -28,7 +28,6 @@ from spherekit.exact.field import (
     field_rows,
 )
 from spherekit.exact.rows import ExactRows, exact_rows_by_input
-from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.motion.timing import Timing
 from spherekit.planning.poles import Plan
@@ -143,7 +142,7 @@ class Verifier:
         for field in found:
             for error in field.error.values():
                 bound = np.fmax(bound, error)
-        new = _Kept(own, found, (number + 1) * GOLDEN % 1.0, bound, conditioning(own))
+        new = _Kept(own, found, (number + 1) * GOLDEN % 1.0, bound, own.conditioning)
         new = new.take(new.chosen(self._count))
         if self._kept is not None:
             new = _together(self._kept, new)
@@ -290,19 +289,6 @@ def faults(verdict: Mapping[str, Any]) -> list[str]:
         )
         found.append(f"verify: no solution in many digits belongs to {places}")
     return found
-
-
-def conditioning(motion: Motion) -> Floats:
-    """Return (n,) the condition of the closure Jacobian without the inputs, 2-norm."""
-    mechanism = motion.mechanism
-    held = {mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs}
-    free = [v for v in range(motion.values.shape[1]) if v not in held]
-    jacobian = LoopTree.of(mechanism).jacobian(motion.vectors)[:, :, free]
-    sizes = np.linalg.svd(jacobian, compute_uv=False)
-    if sizes.shape[1] < len(free):
-        return np.full(len(motion), np.inf)
-    with np.errstate(divide="ignore"):
-        return np.asarray(sizes[:, 0] / sizes[:, -1])
 
 
 @final

@@ -34,7 +34,7 @@ class ArcTable:
 
     def __init__(self, arithmetic: Arithmetic, curve: Measurable) -> None:
         self._arithmetic, self._curve = arithmetic, curve
-        self._nodes, self._weights = gauss_legendre(arithmetic, 8 + arithmetic.digits // 4)
+        self._nodes, self._weights = gauss_legendre(arithmetic, 10 + arithmetic.digits // 3)
         self._edges = curve.edges(arithmetic)
         whole = self._covered(self._edges[:-1], self._edges[1:])
         for _ in range(HALVINGS):
