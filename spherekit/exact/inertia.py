@@ -8,7 +8,7 @@ def exact_inertia(exact: ExactRows) -> tuple[Numbers, Numbers]:
     """Return the equivalent inertia B (n,), kg m2, and its derivative by the input (n,).
 
     Twice the kinetic energy per squared rate of the input that moves (Di Gregorio 2024,
-    eq. (12)). Inertia tensors are taken as the float64 numbers they are given by.
+    eqs. (14), (15)). Inertia tensors are taken as the float64 numbers they are given by.
 
     Raises
     ------
