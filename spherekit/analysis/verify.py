@@ -35,9 +35,6 @@ from spherekit.rates.field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 
-ROWS = 16
-"""Rows verified unless another number is asked for."""
-
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Multiples of it, without their whole parts, are spread evenly over 0 to 1."""
 

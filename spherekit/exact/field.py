@@ -18,6 +18,9 @@ from spherekit.rates.field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 
+DIRECTED = 1e6
+"""A vector gives a direction above this many roundings times the conditioning."""
+
 
 def exact_motion(motion: Motion, rows: NDArray[np.bool_], exact: ExactRows) -> Motion:
     """Return some rows (n,) of a motion with the configurations that `exact` has of them.
@@ -39,7 +42,8 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Numbers:
 
     That is the axis or contact point of a pair of the two links, or else the direction of
     their relative angular velocity; of its derivative, where they are at rest. In ground
-    axes; NaN where `toward` or the rows are, or where that derivative vanishes as well.
+    axes; NaN where `toward` or the rows are, or where rounding could turn the direction by
+    1e-6 rad, as where the derivative vanishes as well.
 
     Raises
     ------
@@ -61,17 +65,14 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Numbers:
         i, j = pole
         along = exact.w[:, j] - exact.w[:, i]
         change = exact.dw[:, j] - exact.dw[:, i]
-        floor = ROUNDING * arithmetic.eps * exact.condition
+        floor = arithmetic.eps * exact.condition
         nothing = arithmetic.exact(np.full(along.shape, np.nan))
-        along = np.where(
-            _above(exact, along, exact.w[:, [i, j]], floor),
-            along,
-            np.where(
-                _above(exact, change, exact.dw[:, [i, j]], floor * exact.condition),
-                change,
-                nothing,
-            ),
+        moving = _above(exact, along, exact.w[:, [i, j]], DIRECTED * floor)
+        at_rest = ~_above(exact, along, exact.w[:, [i, j]], ROUNDING * floor)
+        leaving = _above(
+            exact, change, exact.dw[:, [i, j]], DIRECTED * floor * exact.condition
         )
+        along = np.where(moving, along, np.where(at_rest & leaving, change, nothing))
     length = arithmetic.root(np.sum(along * along, axis=1))
     over = np.sum(along * side, axis=1)
     sign = np.where(over < 0, -1, 1) + 0 * over
