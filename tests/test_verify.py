@@ -1,7 +1,7 @@
 """`run --verify`: what it says, against closed forms, and that it finds what is wrong."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mpmath as mp
 import numpy as np
@@ -10,10 +10,12 @@ from test_exact import arcs_of, closed_form
 
 import spherekit as sk
 from spherekit.analysis import run as runner
+from spherekit.analysis import verify
+from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.analysis.verify import Verifier, faults, told
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
-from spherekit.errors import FileError
+from spherekit.errors import EngineError, FileError
 from spherekit.motion.motion import Tracer
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
@@ -73,9 +75,9 @@ def test_the_same_rows_whatever_the_blocks():
     seen = []
 
     class Spy(Verifier):
-        def verdict(self):
+        def verdict(self, failed=()):
             seen.append(self._kept)
-            return super().verdict()
+            return super().verdict(failed)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "Verifier", Spy)
@@ -226,6 +228,36 @@ def test_a_study_may_ask_for_it(tmp_path):
     path.write_text(f"{text}verify = 0\n", encoding="utf-8")
     with pytest.raises(FileError, match="verify"):
         sk.load_study(path)
+
+
+def test_faults_of_a_plugin_or_a_profile_do_not_lose_the_run(monkeypatch):
+    class Failing(AbstractAnalysis):
+        name, version, summary, rowwise = "failing", "1", "fails when asked again", True
+        tables = ()
+        calls = 0
+
+        def needs(self, mechanism):
+            return Needs(rates=frozenset([(0, 3)]), derivatives=True)
+
+        def compute(self, batch):
+            Failing.calls += 1
+            if Failing.calls > 1:
+                raise RuntimeError("again")
+            return {}
+
+    Failing = dataclass(frozen=True)(Failing)
+    result = sk.run(sk.load("four_bar"), [Failing(), "poles"], samples=3, verify=2)
+    verdict = result.summary["verified"]
+    assert verdict["not_verified"] == ["failing"] and not result.failures
+    assert {item["table"] for item in verdict["columns"]} == {"motion", "poles"}
+
+    def refused(*words):
+        raise EngineError("the arc length of a profile does not converge")
+
+    monkeypatch.setattr(verify, "exact_rows_by_input", refused)
+    summary = sk.run(sk.load("four_bar"), samples=3, verify=2).summary
+    assert "does not converge" in told(summary["verified"])[0]
+    assert "no row was verified" in summary["warnings"][0]
 
 
 def test_a_run_without_it_says_nothing():

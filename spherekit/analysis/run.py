@@ -303,7 +303,7 @@ def run(
         "evaluate": finished - planned,
     }
     if verifier is not None:
-        summary["verified"] = verifier.verdict()
+        summary["verified"] = verifier.verdict(failures)
         summary["warnings"] += faults(summary["verified"])
     return RunResult(results, failures, summary)
 

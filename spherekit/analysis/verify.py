@@ -9,7 +9,7 @@ rows replaced.
 """
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
@@ -20,6 +20,7 @@ from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.tables import BRANCH, RESIDUAL, SAMPLE, Column, Table, TableData
 from spherekit.conventions import EPS, Status, listing
+from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import DIGITS, Digits
 from spherekit.exact.field import (
     exact_direction,
@@ -145,8 +146,10 @@ class Verifier:
             new = _together(self._kept, new)
         self._kept = new.take(new.chosen(self._count))
 
-    def verdict(self) -> dict[str, Any]:
+    def verdict(self, failed: Collection[str] = ()) -> dict[str, Any]:
         """Return what is to be said of the rows, ready for JSON.
+
+        Analyses that `failed` in the run, or now, are not verified.
 
         `columns` has the largest deviation of each table column from its value in many
         digits, wrapped into one turn for angles, and where that is; `in_roundings` is the
@@ -158,11 +161,7 @@ class Verifier:
         verdict: dict[str, Any] = {
             "digits": DIGITS,
             "rows": 0,
-            "not_verified": [
-                analysis.name
-                for analysis, needs in self._analyses
-                if not _reads_rows(needs)
-            ],
+            "not_verified": [],
         }
         if self._kept is None:
             return verdict
@@ -170,7 +169,10 @@ class Verifier:
         every = np.ones(len(motion), dtype=bool)
         driven = [item.plan.input for item in self._wanted] or motion.assembly.inputs[:1]
         arithmetic = Digits(DIGITS)
-        exact = exact_rows_by_input(motion, every, driven, arithmetic)
+        try:
+            exact = exact_rows_by_input(motion, every, driven, arithmetic)
+        except SpherekitError as problem:
+            return verdict | {"problem": str(problem)}
         status = np.max([each.status for each in exact], axis=0)
         found = list(zip(exact, self._wanted, fields, strict=False))
         nearest = tuple(exact_field(*each) for each in found)
@@ -179,17 +181,22 @@ class Verifier:
         pairs = [(MOTION, *tables) for tables in _configurations(motion, better)]
         alone = (motion, fields), (better, nearest)
         for analysis, needs in self._analyses:
-            if not _reads_rows(needs):
+            if analysis.name in failed or not _reads_rows(needs):
+                verdict["not_verified"].append(analysis.name)
                 continue
             both = alone
             if not analysis.rowwise and self._whole is not None:
                 both = self._whole, _replaced(self._whole, rows, *alone[1])
-            first, second = (
-                analysis.compute(
-                    Batch(motion.mechanism, self._plans, needs, *each, self._timed)
+            try:
+                first, second = (
+                    analysis.compute(
+                        Batch(motion.mechanism, self._plans, needs, *each, self._timed)
+                    )
+                    for each in both
                 )
-                for each in both
-            )
+            except Exception:  # a plugin's own fault must not lose the run's results
+                verdict["not_verified"].append(analysis.name)
+                continue
             for declared in analysis.tables:
                 table, name = declared.of(motion.mechanism), declared.name
                 pairs.append((analysis.name, table, first[name], second[name]))
@@ -232,6 +239,8 @@ class Verifier:
 
 def told(verdict: Mapping[str, Any]) -> list[str]:
     """Return a verdict in lines for people."""
+    if "problem" in verdict:
+        return [f"not verified: {verdict['problem']}"]
     if not verdict["rows"]:
         return ["verified: no row has a configuration and finite rates"]
     lines = [
@@ -268,13 +277,15 @@ def told(verdict: Mapping[str, Any]) -> list[str]:
     )
     if verdict["not_verified"]:
         names = ", ".join(verdict["not_verified"])
-        lines.append(f"  not verified, as their tables are not of rows: {names}")
+        lines.append(f"  not verified, as they failed or read no rows: {names}")
     return lines
 
 
 def faults(verdict: Mapping[str, Any]) -> list[str]:
     """Return what of a verdict is wrong beyond rounding, in sentences."""
     found = []
+    if "problem" in verdict:
+        found.append(f"verify: no row was verified: {verdict['problem']}")
     if verdict.get("beyond"):
         found.append(
             f"verify: {listing(verdict['beyond'])} deviate by more than rounding from "
