@@ -22,6 +22,7 @@ from spherekit.exact.field import (
 from spherekit.exact.inertia import exact_inertia
 from spherekit.exact.linear import left_inverse
 from spherekit.exact.rows import exact_rows, exact_rows_by_input
+from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
@@ -384,6 +385,28 @@ def test_inputs_of_several_turns_are_taken_exactly():
         shift = mp.mpf(1.0 + 2.0 * np.pi) - 2 * mp.pi
         assert found.values[0, 0] == 1
         assert abs(found.values[1, 0] - shift) < 1e-48
+
+
+def test_no_rows_and_no_loops():
+    motion = traced("four_bar")
+    none = exact_rows(motion, np.zeros(len(motion), dtype=bool), 0, order=3)
+    assert none.ddw.shape == (0, 4, 3)
+    hinge = Mechanism(
+        "hinge",
+        "a",
+        ("a", "b"),
+        (Pair("p", "R", ("a", "b")),),
+        PoseGeometry({"p": (0.0, 0.6, 0.8)}),
+        inputs=(Input("p", 0.0, 1.0),),
+    )
+    motion = sk.trace(hinge, samples=3, search=False)
+    found = exact_rows(motion, np.ones(3, dtype=bool), 0, FIFTY)
+    assert np.all(found.condition == 1.0) and np.all(motion.conditioning == 1.0)
+    with mp.workdps(50):
+        size = mp.sqrt(mp.mpf(0.6) ** 2 + mp.mpf(0.8) ** 2)
+        assert abs(found.w[2, 1, 2] - mp.mpf(0.8) / size) < 1e-49
+        assert abs(np.trace(found.rotations[2, 1]) - 1 - 2 * mp.cos(1)) < 1e-48
+    assert np.max(np.abs(found.dw)) < 1e-48
 
 
 def test_what_is_asked_for_wrongly():

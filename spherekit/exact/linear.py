@@ -16,7 +16,7 @@ def left_inverse(arithmetic: Arithmetic, matrices: Numbers) -> Numbers:
     """
     n, m, k = matrices.shape
     lost = arithmetic.exact(np.full((n, k, m), np.nan))
-    if m < k:
+    if m < k or k == 0:
         return lost
     upper = matrices.copy()
     across = np.broadcast_to(arithmetic.exact(np.eye(m)), (n, m, m)).copy()

@@ -228,7 +228,7 @@ class _Solver:
             np.linalg.norm(self.arithmetic.floats(each), axis=(1, 2))
             for each in (own, inverse)
         )
-        return inverse, np.asarray(np.prod(list(sizes), axis=0))
+        return inverse, np.maximum(np.prod(list(sizes), axis=0), 1.0)
 
     def _largest(self, values: Numbers) -> Floats:
         """Return the largest size (k,) in each row of values (k, m)."""
@@ -276,6 +276,8 @@ class _Solver:
         if np.any(closed):
             inverse[closed], condition[closed] = self._inverse(values[closed])
             residual[closed] = self._largest(self._gaps(values[closed]))
+            status[closed & ~np.isfinite(condition)] = Status.AT_SINGULARITY
+            closed &= status == Status.OK
         distance = self._largest(values - start)
         wild = (second > ROUNDING * eps * condition) & (second > CONTRACTION * first)
         status[closed & (residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED

@@ -128,15 +128,15 @@ class Motion:
         """(n,) condition of the closure Jacobian without the inputs, in the 2-norm.
 
         It grows without bound towards singularities of type II; infinite where loops do
-        not hold the links, NaN where the row failed.
+        not hold the links, 1 where there is no loop, NaN where the row failed.
         """
         held = {self.mechanism.variables_of(pair)[0] for pair in self.assembly.inputs}
         free = [v for v in range(self.values.shape[1]) if v not in held]
         jacobian = LoopTree.of(self.mechanism).jacobian(self.vectors)[:, :, free]
         known = np.all(np.isfinite(jacobian), axis=(1, 2))
-        found = np.where(known, np.inf, np.nan)
+        found = np.where(known, np.inf if free else 1.0, np.nan)
         sizes = np.linalg.svd(jacobian[known], compute_uv=False)
-        if sizes.shape[1] == len(free):
+        if 0 < sizes.shape[1] == len(free):
             with np.errstate(divide="ignore", invalid="ignore"):
                 found[known] = sizes[:, 0] / sizes[:, -1]
         return np.asarray(found)
