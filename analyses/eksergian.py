@@ -8,7 +8,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.scene import Portrait, Primitive, Scene, Series
 from spherekit.analysis.tables import (
     BRANCH,
@@ -178,6 +178,19 @@ class Eksergian(AbstractAnalysis):
             with np.errstate(divide="ignore", invalid="ignore"):
                 tau = tau / batch.pair_rate(self.at)
         return Torque(masses, forces, tau)
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return the closure reached and the conditioning behind the results."""
+        if not np.any(np.isfinite(batch.residual)):
+            return Findings()
+        worst = int(np.nanargmax(batch.closure_conditioning))
+        figures = {
+            "largest_closure_residual_rad": float(np.nanmax(batch.residual)),
+            "largest_conditioning": float(batch.closure_conditioning[worst]),
+            "at_q_rad": float(batch.q[worst]),
+            "at_branch": int(batch.branch[worst]),
+        }
+        return Findings(figures)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of inertia, its derivative and torque, each with its parts.

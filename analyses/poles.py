@@ -61,7 +61,11 @@ class Poles(AbstractAnalysis):
                 Column("rate", "", "rate * u = angular velocity per unit rate of q"),
                 Column("rate_dq", "1/rad", "derivative of rate by q"),
                 Column("conditioning", "", "sine of the angle of the two planes used"),
-                Column("error_bound", "rad", "bound of the rounding error of u"),
+                Column(
+                    "error_bound",
+                    "rad",
+                    "bound of the rounding error of u, given the configuration",
+                ),
                 RESIDUAL,
                 STATUS,
                 Column("moved", "", "the driven pair that moves, others locked", "text"),

@@ -167,6 +167,11 @@ class Batch:
         return self._motion.residual
 
     @property
+    def closure_conditioning(self) -> Floats:
+        """(n,) condition of the closure Jacobian without the inputs, in the 2-norm."""
+        return self._motion.conditioning
+
+    @property
     def status(self) -> NDArray[np.int8]:
         """(n,) codes of `spherekit.conventions.Status`."""
         return run_status(self._motion, self._fields)

@@ -16,6 +16,7 @@ from spherekit.motion import lattice as lattices
 from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.lattice import Lattice, given_path
+from spherekit.motion.loops import LoopTree
 from spherekit.motion.modes import find_branches
 from spherekit.motion.pairs import (
     PairRates,
@@ -121,6 +122,24 @@ class Motion:
     def vectors(self) -> Floats:
         """Vectors of the variables (n, variables, 3) in ground axes."""
         return variable_vectors(self.joints, self.frames, self.states.curvatures)
+
+    @cached_property
+    def conditioning(self) -> Floats:
+        """(n,) condition of the closure Jacobian without the inputs, in the 2-norm.
+
+        It grows without bound towards singularities of type II; infinite where loops do
+        not hold the links, 1 where there is no loop, NaN where the row failed.
+        """
+        held = {self.mechanism.variables_of(pair)[0] for pair in self.assembly.inputs}
+        free = [v for v in range(self.values.shape[1]) if v not in held]
+        jacobian = LoopTree.of(self.mechanism).jacobian(self.vectors)[:, :, free]
+        known = np.all(np.isfinite(jacobian), axis=(1, 2))
+        found = np.where(known, np.inf if free else 1.0, np.nan)
+        sizes = np.linalg.svd(jacobian[known], compute_uv=False)
+        if 0 < sizes.shape[1] == len(free):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                found[known] = sizes[:, 0] / sizes[:, -1]
+        return np.asarray(found)
 
     def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
         """Return how vectors and axes change, see `spherekit.motion.pairs.pair_rates`."""

@@ -1,0 +1,518 @@
+"""Reference values against closed forms and equations in 50 digits, written here."""
+
+from dataclasses import replace
+from functools import cache
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.conventions import EPS, Status
+from spherekit.errors import EngineError, SolveError
+from spherekit.exact import arithmetic, rows
+from spherekit.exact.arcs import gauss_legendre
+from spherekit.exact.arithmetic import Digits, Hardware, wide
+from spherekit.exact.field import (
+    exact_direction,
+    exact_field,
+    exact_motion,
+    field_rows,
+)
+from spherekit.exact.inertia import exact_inertia
+from spherekit.exact.linear import left_inverse
+from spherekit.exact.rows import exact_rows, exact_rows_by_input
+from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
+from spherekit.motion.motion import Tracer
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import request
+
+FIFTY = Digits(50)
+WIDE = np.finfo(np.longdouble).eps < 1e-18
+
+
+def some(motion, count):
+    """Some rows of a motion that are OK, spread evenly."""
+    good = np.flatnonzero(motion.status == Status.OK)
+    chosen = np.zeros(len(motion), dtype=bool)
+    chosen[good[np.linspace(0, len(good) - 1, count).astype(int)]] = True
+    return chosen
+
+
+@cache
+def traced(name, samples=5):
+    return sk.trace(sk.load(name), samples=samples)
+
+
+def arcs_of(made):
+    """The arcs (1, 2, 3, 4) of a four-bar's links, as the float64 numbers they are."""
+    sizes = made.geometry.links
+    return [mp.mpf(sizes[link].arcs[0]) for link in "1234"]
+
+
+def closed_form(arcs, q, mode):
+    """Return theta41 by eq. (25) of Di Gregorio 2024 in mpmath."""
+    (s1, s2, _, s4), (c1, c2, c3, c4) = map(mp.sin, arcs), map(mp.cos, arcs)
+    a0 = c4 * (mp.cos(q) * s2 * s1 + c1 * c2) - c3
+    a1 = mp.sin(q) * s2 * s4
+    a2 = s4 * (mp.cos(q) * s2 * c1 - s1 * c2)
+    root = mp.sqrt(a1**2 + a2**2 - a0**2)
+    return 2 * mp.atan2(-a1 + (-1) ** mode * root, a0 - a2)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "universal_joint"])
+def test_four_bars_against_the_closed_form(name):
+    """Angle, rate and two derivatives: the angle up to the constant of its zero."""
+    motion = traced(name, 6)
+    made = motion.mechanism
+    chosen = motion.sample > 0
+    chosen[motion.sample == 5] = False
+    found = exact_rows(motion, chosen, made.pair_number["21"], FIFTY, order=3)
+    (out,) = made.variables_of(made.pair_number["41"])
+    (moved,) = made.variables_of(made.pair_number["21"])
+    axis = made.pair_number["41"]
+    with mp.workdps(60):
+        arcs = arcs_of(made)
+        for branch in (0, 1):
+            own = np.flatnonzero(motion.branch[chosen] == branch)
+            offsets = []
+            for row in own:
+                q = mp.mpf(float(motion.inputs[chosen][row, 0]))
+                turns = (q - found.values[row, moved]) / (2 * mp.pi)
+                assert abs(turns - mp.nint(turns)) < 1e-50
+                rates = [found.w[row, 3], found.dw[row, 3], found.ddw[row, 3]]
+                along = [np.sum(x * found.axes[row, axis]) for x in rates]
+                series = [
+                    mp.taylor(lambda x, m=mode: closed_form(arcs, x, m), q, 3)
+                    for mode in (0, 1)
+                ]
+                given = min(series, key=lambda each: abs(along[0] - each[1]))
+                assert abs(along[0] - given[1]) < 1e-45
+                assert abs(along[1] - 2 * given[2]) < 1e-30
+                assert abs(along[2] - 6 * given[3]) < 1e-20
+                assert abs(found.rates[row, out] - given[1]) < 1e-45
+                offsets.append(found.values[row, out] - given[0])
+            for offset in offsets[1:]:
+                apart = (offset - offsets[0]) / (2 * mp.pi)
+                assert abs(apart - mp.nint(apart)) < 1e-46
+
+
+def test_the_zero_of_an_angle_is_the_number_given():
+    """A zero of 180 deg is float64's pi: the angle is off the closed form by the rest."""
+    motion = traced("four_bar", 5)
+    chosen = motion.sample == 1
+    found = exact_rows(motion, chosen, 0, FIFTY)
+    with mp.workdps(60):
+        q = mp.mpf(float(motion.inputs[chosen][0, 0]))
+        expected = [
+            closed_form(arcs_of(motion.mechanism), q, mode) + mp.pi - mp.mpf(np.pi)
+            for mode in (0, 1)
+        ]
+        for row in range(2):
+            value = found.values[row, 3]
+            assert min(abs(mp.expj(value) - mp.expj(x)) for x in expected) < 1e-46
+
+
+CHAINS = ("stephenson", "double_butterfly", "two_dof_spm", "five_bar", "planetary_bevel")
+
+
+def check_arcs(made, found):
+    """The geometry in the test's own words: arcs between axes are those declared."""
+    links = getattr(made.geometry, "links", {})
+    with mp.workdps(50):
+        for sizes in links.values():
+            first = made.pair_number[sizes.axes[0]]
+            for other, arc in zip(sizes.axes[1:], sizes.arcs, strict=True):
+                cosine = np.sum(
+                    found.axes[:, first] * found.axes[:, made.pair_number[other]], axis=1
+                )
+                assert all(abs(c - mp.cos(mp.mpf(arc))) < 1e-46 for c in cosine)
+        for axis, given in getattr(made.geometry, "axes", {}).items():
+            for other, direction in made.geometry.axes.items():
+                ends = (made.ends[made.pair_number[name]] for name in (axis, other))
+                if not set.intersection(*map(set, ends)):
+                    continue
+                u, v = (mp.matrix(list(map(mp.mpf, x))) for x in (given, direction))
+                cosine = mp.fdot(u, v) / mp.norm(u) / mp.norm(v)
+                one, two = (found.axes[:, made.pair_number[n]] for n in (axis, other))
+                closed = 1e-14 if made.name == "planetary_bevel" else 1e-46
+                assert np.max(np.abs(np.sum(one * two, axis=1) - cosine)) < closed
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_equations_of_every_pair(name):
+    """Arcs are those declared, relative rates lie along axes, differences are derivatives.
+
+    None of these is how the values are found. The differences are of solutions at
+    inputs 1e-15 apart.
+    """
+    motion = traced(name, 5)
+    chosen = some(motion, 1)
+    made = motion.mechanism
+    over_constrained = name == "planetary_bevel"
+    closed = 1e-14 if over_constrained else 1e-45
+    step = 2.0**-50
+    held = len(motion.assembly.inputs)
+    for column, driven in enumerate(motion.assembly.inputs[:2]):
+        found = exact_rows(motion, chosen, driven, FIFTY)
+        assert np.all(found.status == Status.OK)
+        check_arcs(made, found)
+        for k, (pair, (a, b)) in enumerate(zip(made.pairs, made.ends, strict=True)):
+            if pair.type != "R":
+                continue
+            relative = found.w[:, b] - found.w[:, a]
+            across = np.cross(relative, found.axes[:, k])
+            assert np.max(np.abs(across)) < closed
+            along = np.sum(relative * found.axes[:, k], axis=1)
+            if k in motion.assembly.inputs:
+                assert np.max(np.abs(along - (1 if k == driven else 0))) < closed
+        shifted = []
+        for sense in (1.0, -1.0):
+            inputs = motion.inputs.copy()
+            inputs[:, column] += (
+                sense * step * 2.0 ** np.ceil(np.log2(np.abs(inputs).max()))
+            )
+            moved = exact_rows(replace(motion, inputs=inputs), chosen, driven, FIFTY)
+            shifted.append((inputs[chosen][:, column], moved))
+        (high, ahead), (low, behind) = shifted
+        width = FIFTY.exact(high) - FIFTY.exact(low)
+        slope = (ahead.w - behind.w) / width[:, None, None]
+        scale = found.condition.max() ** 4
+        assert np.max(np.abs(slope - found.dw)) < (
+            1e-12 if over_constrained else 1e-24 * scale
+        )
+        turn = (ahead.rotations - behind.rotations) / width[:, None, None, None]
+        spin = turn @ np.swapaxes(found.rotations, -1, -2)
+        assert np.max(np.abs(spin[..., 2, 1] - found.w[..., 0])) < (
+            1e-12 if over_constrained else 1e-24 * scale
+        )
+    assert held == len(made.inputs)
+
+
+def test_a_shaped_cam_touches_its_roller():
+    """The roller's centre is its radius from the cam along the cam's normal.
+
+    The colatitude's series and the arc length are written anew, in mpmath.
+    """
+    motion = traced("shaped_cam", 5)
+    chosen = some(motion, 1)
+    made = motion.mechanism
+    found = exact_rows(motion, chosen, made.pair_number["cam_shaft"], FIFTY)
+    cam, roller = made.pair("contact").profiles
+    number = made.link_number
+    variable = made.variable_names.index("s_contact_cam")
+    with mp.workdps(50):
+        series = [mp.mpf(x) for x in cam.cosines], [mp.mpf(x) for x in cam.sines]
+        size = max(map(len, series))
+        even, odd = (x + [mp.mpf(0)] * (size - len(x)) for x in series)
+
+        def colatitude(a):
+            waves = (even[k] * mp.cos(k * a) + odd[k] * mp.sin(k * a) for k in range(size))
+            return mp.fsum(waves)
+
+        def slope(a):
+            return mp.fsum(
+                k * (odd[k] * mp.cos(k * a) - even[k] * mp.sin(k * a)) for k in range(size)
+            )
+
+        def speed(a):
+            return mp.sqrt(slope(a) ** 2 + mp.sin(colatitude(a)) ** 2)
+
+        for row in range(1):
+            given = np.array([mp.mpf(x) for x in roller.centre])
+            given = given / mp.sqrt(np.sum(given * given))
+            across = found.rotations[row, number["cam"]].T
+            centre = across @ found.rotations[row, number["follower"]] @ given
+
+            def cosine(a, centre=centre):
+                c = colatitude(a)
+                place = np.array([mp.sin(c) * mp.cos(a), mp.sin(c) * mp.sin(a), mp.cos(c)])
+                return np.sum(place * centre)
+
+            def rate(a, centre=centre):
+                (c, d), (ca, sa) = (colatitude(a), slope(a)), (mp.cos(a), mp.sin(a))
+                away = np.array([mp.cos(c) * ca, mp.cos(c) * sa, -mp.sin(c)])
+                along = np.array([-mp.sin(c) * sa, mp.sin(c) * ca, mp.mpf(0)])
+                return np.sum((d * away + along) * centre)
+
+            whole = 2 * mp.pi
+            grid = [whole * k / 36 for k in range(36)]
+            near = max(grid, key=cosine)
+            foot = mp.findroot(rate, (near, near + 0.01), tol=1e-80)
+            assert abs(cosine(foot) - mp.cos(mp.mpf(roller.radius))) < 1e-40
+            arc = mp.quad(speed, mp.linspace(0, foot % whole, 5))
+            length = mp.quad(speed, mp.linspace(0, whole, 9))
+            laps = (found.values[row, variable] - arc) / length
+            assert abs(laps - mp.nint(laps)) < 1e-20
+
+
+MANY = (
+    "stephenson",
+    "double_butterfly",
+    "two_dof_spm",
+    "five_bar",
+    "shaped_cam",
+    "shaped_flat_cam",
+    "rolling_cones",
+)
+
+
+@pytest.mark.skipif(not WIDE, reason="longdouble is no wider than float64 here")
+@pytest.mark.parametrize("name", MANY)
+def test_longdouble_against_50_digits(name):
+    motion = traced(name, 5)
+    chosen = some(motion, 1 if "cam" in name else 2)
+    driven = motion.assembly.inputs[0]
+    wide_ones, exact = (
+        exact_rows(motion, chosen, driven, numbers) for numbers in (Hardware(), FIFTY)
+    )
+    assert np.all(wide_ones.status == Status.OK)
+    for field in ("values", "rotations", "w", "dw"):
+        one, other = getattr(wide_ones, field), getattr(exact, field)
+        high = one.astype(float)
+        rest = FIFTY.exact((one - high).astype(float)) + FIFTY.exact(high) - other
+        error = np.abs(FIFTY.floats(rest)).reshape(len(rest), -1)
+        scale = np.maximum(1.0, np.abs(FIFTY.floats(other))).reshape(len(rest), -1)
+        bound = 1e3 * 1.1e-19 * exact.condition[:, None]
+        assert np.all(error / scale <= bound), field
+
+
+def profile_through_points():
+    """The cam given by points, of 25 deg about z with one wave of 3 deg."""
+    made = sk.load("shaped_cam")
+    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    tilt = np.radians(25.0 + 3.0 * np.cos(angles))
+    points = np.stack(
+        [np.sin(tilt) * np.cos(angles), np.sin(tilt) * np.sin(angles), np.cos(tilt)], axis=1
+    )
+    contact = made.pair("contact")
+    cam = replace(
+        contact.profiles[0],
+        kind="points",
+        centre=None,
+        cosines=(),
+        sines=(),
+        points=tuple(map(tuple, points.tolist())),
+    )
+    other = replace(contact, profiles=(cam, contact.profiles[1]))
+    pairs = tuple(other if pair is contact else pair for pair in made.pairs)
+    return replace(made, pairs=pairs)
+
+
+def test_a_profile_through_points():
+    """Contact of the spline itself: SciPy evaluates it, the roller is as far as it is."""
+    motion = sk.trace(profile_through_points(), samples=4)
+    chosen = some(motion, 1)
+    made = motion.mechanism
+    found = exact_rows(motion, chosen, 0, FIFTY)
+    assert np.all(found.status == Status.OK)
+    assert np.all(found.distance < 1e-14)
+    rotations = FIFTY.floats(found.rotations)
+    curve = motion.joints[made.pair_number["contact"]].first
+    places = curve.at(np.linspace(0.0, curve.length, 20001)).frame[:, :, 2]
+    cam, follower = made.link_number["cam"], made.link_number["follower"]
+    roller = made.pair("contact").profiles[1]
+    for row in range(1):
+        centre = rotations[row, cam].T @ rotations[row, follower] @ np.array(roller.centre)
+        apart = np.arccos(np.max(places @ centre))
+        assert abs(apart - roller.radius) < 1e-7
+    wide_ones = exact_rows(motion, chosen, 0)
+    assert np.max(np.abs(FIFTY.floats(found.dw) - wide_ones.dw.astype(float))) < 1e-15
+
+
+def test_what_has_failed_or_is_not_near_has_no_reference():
+    motion = traced("four_bar", 5)
+    driven = motion.assembly.inputs[0]
+    chosen = np.ones(len(motion), dtype=bool)
+    status = motion.status.copy()
+    status[0] = Status.OUT_OF_REACH
+    values = motion.values.copy()
+    values[0] = np.nan
+    values[1, 1:] += 1e-4
+    values[2, 1] += 1e-9
+    found = exact_rows(replace(motion, values=values, status=status), chosen, driven)
+    assert found.status[0] == Status.OUT_OF_REACH
+    assert found.status[1] == Status.BRANCH_LOST
+    assert found.distance[1] == pytest.approx(1e-4, rel=1e-3)
+    assert np.all(found.status[2:] == Status.OK)
+    assert found.distance[2] == pytest.approx(1e-9, rel=1e-3)
+    assert np.all(np.isnan(found.w[:2].astype(float)))
+    swapped = replace(motion, values=np.roll(motion.values, motion.samples, axis=0))
+    assert np.all(exact_rows(swapped, chosen, driven).status == Status.OK)
+
+
+def no_crank():
+    """A four-bar whose input comes to a dead centre, and the input there."""
+    made = sk.load("four_bar").with_inputs("41")
+    limits = sk.trace(made, samples=361)
+    good = limits.inputs[limits.status == Status.OK, 0]
+    assert len(good) < len(limits)
+    low, high = float(np.max(good)), float(np.max(good)) + 0.02
+    tracer = Tracer(made)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        inside = tracer.at(np.array([middle])).status[0] == Status.OK
+        low, high = (middle, high) if inside else (low, middle)
+    return tracer, low
+
+
+def test_near_a_dead_centre_the_reference_is_right_or_missing():
+    """The two modes close up as the root of the distance: then no solution is the one."""
+    tracer, limit = no_crank()
+    distances = 10.0 ** -np.array([2.0, 5.0, 8.0, 10.0, 14.0])
+    motion = tracer.at(limit - distances)
+    chosen = motion.status == Status.OK
+    found = exact_rows(motion, chosen, motion.assembly.inputs[0], FIFTY)
+    good = found.status == Status.OK
+    assert np.sum(good) >= 8
+    assert np.all(np.diff(found.condition[good & (motion.branch[chosen] == 0)]) > 0.0)
+    gap = np.abs(motion.values[: motion.samples] - motion.values[motion.samples :])
+    gap = np.tile(np.max(gap, axis=1), 2)[chosen]
+    assert np.all(found.distance[good] < 0.2 * gap[good])
+    assert np.all(found.distance[good] < 100 * EPS * found.condition[good])
+    outside = replace(motion, inputs=motion.inputs + 2.0 * np.tile(distances, 2)[:, None])
+    near = chosen & (np.tile(distances, 2) > 1e-12)
+    lost = exact_rows(outside, near, motion.assembly.inputs[0], FIFTY)
+    assert not np.any(lost.status == Status.OK)
+
+
+def test_inputs_of_several_turns_are_taken_exactly():
+    made = sk.load("four_bar")
+    motion = sk.trace(made, path=np.array([[1.0], [1.0 + 2.0 * np.pi]]))
+    motion.values[:, 0] = 1.0
+    found = exact_rows(motion, np.ones(len(motion), dtype=bool), 0, FIFTY)
+    with mp.workdps(50):
+        shift = mp.mpf(1.0 + 2.0 * np.pi) - 2 * mp.pi
+        assert found.values[0, 0] == 1
+        assert abs(found.values[1, 0] - shift) < 1e-48
+
+
+def test_no_rows_and_no_loops():
+    motion = traced("four_bar")
+    none = exact_rows(motion, np.zeros(len(motion), dtype=bool), 0, order=3)
+    assert none.ddw.shape == (0, 4, 3)
+    hinge = Mechanism(
+        "hinge",
+        "a",
+        ("a", "b"),
+        (Pair("p", "R", ("a", "b")),),
+        PoseGeometry({"p": (0.0, 0.6, 0.8)}),
+        inputs=(Input("p", 0.0, 1.0),),
+    )
+    motion = sk.trace(hinge, samples=3, search=False)
+    found = exact_rows(motion, np.ones(3, dtype=bool), 0, FIFTY)
+    assert np.all(found.condition == 1.0) and np.all(motion.conditioning == 1.0)
+    with mp.workdps(50):
+        size = mp.sqrt(mp.mpf(0.6) ** 2 + mp.mpf(0.8) ** 2)
+        assert abs(found.w[2, 1, 2] - mp.mpf(0.8) / size) < 1e-49
+        assert abs(np.trace(found.rotations[2, 1]) - 1 - 2 * mp.cos(1)) < 1e-48
+    assert np.max(np.abs(found.dw)) < 1e-48
+
+
+def test_what_is_asked_for_wrongly():
+    motion = traced("four_bar", 5)
+    chosen = np.ones(len(motion), dtype=bool)
+    with pytest.raises(SolveError, match="is no input; inputs: 21"):
+        exact_rows(motion, chosen, 1)
+    with pytest.raises(SolveError, match="give 1, 2 or 3"):
+        exact_rows(motion, chosen, 0, order=4)
+    with pytest.raises(EngineError, match="between 20 and 300"):
+        Digits(5)
+    found = exact_rows(motion, chosen, 0, order=1)
+    assert found.dw is None
+    with pytest.raises(ValueError, match="order 2 or 3"):
+        exact_direction(found, (0, 1), np.zeros((len(motion), 3)))
+
+
+def test_narrow_hardware_is_refused_and_replaced(monkeypatch):
+    class Narrow:
+        eps = 2.2e-16
+
+    monkeypatch.setattr(arithmetic.np, "finfo", lambda dtype: Narrow)
+    with pytest.raises(EngineError, match="no wider than float64"):
+        Hardware()
+    monkeypatch.undo()
+
+    def refused():
+        raise EngineError("narrow")
+
+    monkeypatch.setattr(arithmetic, "Hardware", refused)
+    assert wide().digits == 20
+
+
+def test_inverse_and_quadrature():
+    random = np.random.default_rng(5)
+    matrices = FIFTY.exact(random.normal(size=(2, 5, 3)))
+    inverse = left_inverse(FIFTY, matrices)
+    unity = inverse @ matrices - FIFTY.exact(np.eye(3))
+    assert np.max(np.abs(unity)) < 1e-47
+    gap = np.swapaxes(inverse @ matrices @ inverse, 1, 2) - np.swapaxes(inverse, 1, 2)
+    assert np.max(np.abs(gap)) < 1e-47
+    assert np.allclose(FIFTY.floats(inverse), np.linalg.pinv(FIFTY.floats(matrices)))
+    flat = matrices.copy()
+    flat[0, :, 2] = flat[0, :, 0] + flat[0, :, 1]
+    lost = FIFTY.floats(left_inverse(FIFTY, flat))
+    assert np.all(np.isnan(lost[0])) and np.all(np.isfinite(lost[1]))
+    nodes, weights = gauss_legendre(FIFTY, 12)
+    assert abs(np.sum(weights * nodes**22) - mp.mpf(2) / 23) < 1e-16
+    with mp.workdps(50):
+        assert abs(np.sum(weights * nodes**22) - mp.mpf(2) / 23) < 1e-47
+
+
+@pytest.mark.parametrize("name", ["stephenson", "two_dof_spm", "roller_cam"])
+def test_fields_and_motions_of_reference_values(name):
+    """The nearest float64 numbers with the signs of the field, or NaN where it is."""
+    motion = traced(name, 5)
+    made = motion.mechanism
+    chosen = some(motion, 4)
+    count = len(made.links)
+    poles = [(i, j) for j in range(count) for i in range(j)]
+    driven = motion.assembly.inputs
+    pairs = exact_rows_by_input(motion, chosen, driven)
+    for exact, number in zip(pairs, driven, strict=True):
+        wanted = request(made, made.pairs[number].name, poles, poles)
+        given = field_rows(evaluate(motion, wanted), chosen)
+        found = exact_field(exact, wanted, given)
+        slack = 60 * EPS * exact.condition
+        for pole in poles:
+            known = np.isfinite(given.rate[pole])
+            assert np.array_equal(known, np.isfinite(found.rate[pole]))
+            apart = np.linalg.norm(given.direction[pole] - found.direction[pole], axis=1)
+            assert np.all(
+                (apart <= 4 * exact.condition * given.error[pole]) | np.isnan(apart)
+            )
+            assert np.all(np.abs(given.rate[pole] - found.rate[pole])[known] < slack[known])
+            along = found.rate[pole][:, None] * found.direction[pole]
+            moving = np.isfinite(along[:, 0])
+            v = exact.arithmetic.floats(exact.w[:, pole[1]] - exact.w[:, pole[0]])
+            assert np.allclose(along[moving], v[moving], rtol=0.0, atol=1e-15)
+            assert np.all(np.isnan(found.error[pole]))
+        better = exact_motion(motion, chosen, exact)
+        assert np.max(np.abs(better.values - motion.values[chosen])) < 1e-13
+        assert np.max(better.residual) < 1e-18 or name == "two_dof_spm"
+    lost = replace(pairs[-1], status=np.full(4, Status.BRANCH_LOST, dtype=np.int8))
+    assert np.all(exact_field(lost, wanted, given).status == Status.BRANCH_LOST)
+
+
+def test_radius_and_contraction_are_those_told():
+    assert rows.RADIUS == 1e-6
+    assert rows.CONTRACTION == 0.125
+
+
+def test_inertia_and_its_derivative():
+    """Against float64, and the derivative against a difference of inputs 2^-50 apart."""
+    motion = traced("four_bar")
+    chosen = some(motion, 2)
+    B, dB = exact_inertia(exact_rows(motion, chosen, 0, FIFTY))
+    frame = sk.run(sk.load("four_bar"), "eksergian", samples=5).frame()
+    for numbers, name in ((B, "B"), (dB, "dB_dq")):
+        given = frame[name].to_numpy()[chosen]
+        assert np.max(np.abs(FIFTY.floats(numbers) - given)) < 1e-14
+    ahead, behind = (
+        exact_inertia(
+            exact_rows(replace(motion, inputs=motion.inputs + step), chosen, 0, FIFTY)
+        )
+        for step in (2.0**-48, -(2.0**-48))
+    )
+    slope = (ahead[0] - behind[0]) / (2 * mp.mpf(2) ** -48)
+    assert np.max(np.abs(slope - dB)) < 1e-25

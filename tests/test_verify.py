@@ -1,0 +1,264 @@
+"""`run --verify`: what it says, against closed forms, and that it finds what is wrong."""
+
+import json
+from dataclasses import dataclass, replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+from test_exact import arcs_of, closed_form
+
+import spherekit as sk
+from spherekit.analysis import run as runner
+from spherekit.analysis import verify
+from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.verify import Verifier, faults, told
+from spherekit.cli.main import main
+from spherekit.conventions import EPS, Status
+from spherekit.errors import EngineError, FileError
+from spherekit.motion.motion import Tracer
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import request
+
+
+def verified(name="four_bar", analyses="poles", **words):
+    return sk.run(sk.load(name), analyses, **words).summary["verified"]
+
+
+def column(verdict, table, name):
+    (item,) = (
+        each
+        for each in verdict["columns"]
+        if (each["table"], each["column"]) == (table, name)
+    )
+    return item
+
+
+def test_columns_deviate_by_rounding_and_references_are_right():
+    verdict = verified(samples=31, verify=6)
+    assert verdict["rows"] == 6
+    assert verdict["beyond"] == [] and verdict["without_reference"] == []
+    assert 0.0 < verdict["largest_distance_rad"] < 1e-14
+    assert 1.0 < verdict["largest_condition"] < 100.0
+    assert set(verdict["not_recomputed"]) == {"poles.conditioning", "poles.error_bound"}
+    item = column(verdict, "poles", "rate_dq")
+    assert 0.0 < item["deviation"] < 1e-14
+    assert item["deviation"] == pytest.approx(
+        abs(item["value"] - item["reference"]), abs=1e-18
+    )
+    theta = column(verdict, "motion", "theta_41")
+    made = sk.load("four_bar")
+    with mp.workdps(50):
+        q = mp.mpf(float(np.linspace(0.0, made.inputs[0].stop, 31)[theta["sample"]]))
+        forms = [
+            closed_form(arcs_of(made), q, mode) + mp.pi - mp.mpf(np.pi) for mode in (0, 1)
+        ]
+        off = min(abs(mp.expj(theta["reference"]) - mp.expj(form)) for form in forms)
+        assert off < 2 * EPS
+    directions = verdict["directions"]
+    assert directions["count"] == 6 * 6
+    assert directions["within_bound_times_condition"] == 36
+    assert directions["within_bound"] <= 36
+    assert directions["error_rad"] == pytest.approx(
+        directions["over_bound"] * directions["bound_rad"]
+    )
+
+
+def test_the_same_rows_whatever_the_blocks():
+    """And among them those with the largest residual, error bound and conditioning."""
+    one, other = (
+        verified("stephenson", samples=21, verify=5, block=block) for block in (4, 512)
+    )
+    for verdict in (one, other):
+        del verdict["seconds"]
+    assert one == other
+    seen = []
+
+    class Spy(Verifier):
+        def verdict(self, failed=()):
+            seen.append(self._kept)
+            return super().verdict(failed)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner, "Verifier", Spy)
+        result = sk.run(sk.load("stephenson"), samples=21, verify=9)
+    motion, poles = result.frame("motion"), result.frame("poles")
+    rows = set(zip(seen[0].motion.sample, seen[0].motion.branch, strict=True))
+    assert len(rows) == 9
+    for frame, name in ((motion, "residual"), (poles, "error_bound")):
+        worst = frame.loc[frame[name].idxmax()]
+        assert (worst["sample"], worst["branch"]) in rows
+    whole = sk.trace(sk.load("stephenson"), samples=21)
+    worst = int(np.argmax(whole.conditioning))
+    assert (whole.sample[worst], whole.branch[worst]) in rows
+    assert len({branch for _, branch in rows}) > 2
+    spread = sorted(sample for sample, _ in rows)
+    assert spread[0] < 7 and spread[-1] > 13
+
+
+def test_a_wrong_rate_is_found(monkeypatch, capsys):
+    def perturbed(motion, wanted, memory=None):
+        field = evaluate(motion, wanted, memory)
+        field.rate[(0, 3)][:] += 1e-9
+        return field
+
+    monkeypatch.setattr(runner, "evaluate", perturbed)
+    arguments = ["run", "four_bar", "--samples", "9", "--verify", "4"]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "poles.rate: off by 1.0e-09 at sample" in printed
+    assert "worst row: " in printed and "link 4, relative_to 1, moved 21: poles" in printed
+    assert "warning: verify: poles.rate deviate by more than rounding" in printed
+    assert main([*arguments, "--strict"]) == 3
+
+
+def test_a_wrong_direction_is_outside_its_bound(monkeypatch):
+    def perturbed(motion, wanted, memory=None):
+        field = evaluate(motion, wanted, memory)
+        turned = field.direction[(1, 3)] + 1e-10 * np.array([0.0, 1.0, 0.0])
+        field.direction[(1, 3)][:] = turned
+        return field
+
+    monkeypatch.setattr(runner, "evaluate", perturbed)
+    directions = verified(samples=9, verify=4)["directions"]
+    assert directions["within_bound"] < directions["count"]
+    assert directions["within_bound_times_condition"] == directions["count"] - 4
+    assert directions["subject"]["link"] == "4"
+    assert directions["error_rad"] == pytest.approx(1e-10, rel=0.5)
+
+
+def verifier_of(tracer, count):
+    made = tracer.mechanism
+    wanted = request(made, "21", [(0, 3)], [(0, 3)])
+    return wanted, Verifier(
+        (wanted.plan,), [wanted], [], [], len(tracer.lattice), count, False
+    )
+
+
+def test_a_wrong_configuration_has_no_reference():
+    tracer = Tracer(sk.load("four_bar"), samples=7)
+    motion = tracer.motion()
+    wanted, verifier = verifier_of(tracer, 20)
+    values = motion.values.copy()
+    values[3, 1] += 1e-4
+    values[5, 1] += 1e-8
+    moved = replace(motion, values=values)
+    verifier.see(moved, (evaluate(moved, wanted),))
+    verdict = verifier.verdict()
+    assert verdict["rows"] == len(motion)
+    (lost,) = verdict["without_reference"]
+    assert (lost["sample"], lost["branch"]) == (motion.sample[3], motion.branch[3])
+    assert lost["status"] == "BRANCH_LOST"
+    assert lost["distance_rad"] == pytest.approx(1e-4, rel=0.5)
+    assert "motion.theta_32" in verdict["beyond"]
+    item = column(verdict, "motion", "theta_32")
+    assert item["sample"] == motion.sample[5]
+    assert item["deviation"] == pytest.approx(1e-8, rel=1e-6)
+    text = "\n".join(told(verdict))
+    assert f"no reference at sample {motion.sample[3]}, branch 0: BRANCH_LOST" in text
+    assert len(faults(verdict)) == 2
+
+
+def test_nothing_to_verify():
+    tracer = Tracer(sk.load("four_bar"), samples=3)
+    motion = tracer.motion()
+    wanted, verifier = verifier_of(tracer, 4)
+    failed = replace(
+        motion, status=np.full(len(motion), Status.OUT_OF_REACH, dtype=np.int8)
+    )
+    verifier.see(failed, (evaluate(failed, wanted),))
+    verdict = verifier.verdict()
+    assert verdict["rows"] == 0 and faults(verdict) == []
+    assert "no row" in told(verdict)[0]
+
+
+def test_several_inputs_times_and_analyses_of_whole_motions():
+    verdict = verified("five_bar", samples=9, verify=3)
+    moved = {item["subject"].get("moved") for item in verdict["columns"]} - {None}
+    assert moved <= set(sk.load("five_bar").pair_number) and moved
+    mixed = verified(analyses=["eksergian", "poles"], samples=9, verify=3, duration=1.0)
+    assert mixed["not_verified"] == [] and mixed["beyond"] == []
+    tables = {item["table"] for item in mixed["columns"]}
+    assert tables == {"motion", "poles", "eksergian", "inertia", "loads"}
+    assert 0.0 < column(mixed, "eksergian", "tau")["deviation"] < 1e-13
+    alone = verified(analyses="singularities", samples=9, verify=3)
+    assert {item["table"] for item in alone["columns"]} == {"motion"}
+    assert "singularities" in told(alone)[-1]
+
+
+def test_a_wrong_inertia_is_found(monkeypatch):
+    """The torque of the source's four-bar is that of the Batch, so its errors show."""
+
+    def perturbed(motion, wanted, memory=None):
+        field = evaluate(motion, wanted, memory)
+        field.w[3][:] *= 1.0 + 1e-8
+        return field
+
+    monkeypatch.setattr(runner, "evaluate", perturbed)
+    verdict = verified(analyses="eksergian", samples=9, verify=3)
+    assert {"eksergian.B", "inertia.B"} <= set(verdict["beyond"])
+    item = column(verdict, "inertia", "B")
+    assert item["subject"] == {"link": "4"}
+    assert item["deviation"] == pytest.approx(2e-8 * item["reference"], rel=1e-6)
+
+
+def test_the_command_prints_and_writes_it(tmp_path, capsys):
+    folder = tmp_path / "out"
+    assert main(["run", "four_bar", "--samples", "5", "-o", str(folder), "--verify"]) == 0
+    printed = capsys.readouterr().out
+    assert "verified 10 rows in 50 digits" in printed
+    assert "pole directions lie within their error bound" in printed
+    written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert written["verified"]["rows"] == 10
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "four_bar", "--verify", "0"])
+    assert ended.value.code == 2
+    with pytest.raises(SystemExit):
+        main(["run", "--verify", "four_bar"])
+    assert "write the file before --verify" in capsys.readouterr().err
+
+
+def test_a_study_may_ask_for_it(tmp_path):
+    path = tmp_path / "checked.study.toml"
+    text = 'format = 1\nmechanism = "four_bar"\nangle_unit = "deg"\nsamples = 5\n'
+    path.write_text(f"{text}verify = 3\n", encoding="utf-8")
+    study = sk.load_study(path)
+    assert study.verify == 3
+    assert sk.run_study(study).summary["verified"]["rows"] == 3
+    path.write_text(f"{text}verify = 0\n", encoding="utf-8")
+    with pytest.raises(FileError, match="verify"):
+        sk.load_study(path)
+
+
+def test_faults_of_a_plugin_or_a_profile_do_not_lose_the_run(monkeypatch):
+    class Failing(AbstractAnalysis):
+        name, version, summary, rowwise = "failing", "1", "fails when asked again", True
+        tables = ()
+        calls = 0
+
+        def needs(self, mechanism):
+            return Needs(rates=frozenset([(0, 3)]), derivatives=True)
+
+        def compute(self, batch):
+            Failing.calls += 1
+            if Failing.calls > 1:
+                raise RuntimeError("again")
+            return {}
+
+    Failing = dataclass(frozen=True)(Failing)
+    result = sk.run(sk.load("four_bar"), [Failing(), "poles"], samples=3, verify=2)
+    verdict = result.summary["verified"]
+    assert verdict["not_verified"] == ["failing"] and not result.failures
+    assert {item["table"] for item in verdict["columns"]} == {"motion", "poles"}
+
+    def refused(*words):
+        raise EngineError("the arc length of a profile does not converge")
+
+    monkeypatch.setattr(verify, "exact_rows_by_input", refused)
+    summary = sk.run(sk.load("four_bar"), samples=3, verify=2).summary
+    assert "does not converge" in told(summary["verified"])[0]
+    assert "no row was verified" in summary["warnings"][0]
+
+
+def test_a_run_without_it_says_nothing():
+    assert "verified" not in sk.run(sk.load("four_bar"), samples=3).summary
