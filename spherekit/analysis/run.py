@@ -65,8 +65,8 @@ from spherekit.version import __version__
 
 Progress = Callable[[int, int], None]
 
-FRAMES_HELD = 5
-"""Frames that are held at once for each link and pair of a row, as measured."""
+FRAMES_HELD = 8
+"""Frames held at once for each link and pair of a row: 5 to 7.6 were measured."""
 
 DEFAULT_TOLERANCE = 1e-9
 """Error tolerated in each step of a simulation, for pair variables (rad)."""
@@ -412,6 +412,10 @@ def _kept(
         if kept:
             total = len(job.course)
             error.add_note(f"{kept} of {total} samples are done and kept in {place.path}")
+        else:
+            whole = [item.name for item in job.analyses if not item.rowwise]
+            why = f", since {listing(whole)} looks at all samples at once" if whole else ""
+            error.add_note(f"nothing was kept{why}")
         raise
     place.discard()
 
@@ -545,6 +549,7 @@ def _summary(job: _Job, standing: Standing) -> dict[str, Any]:
         "sampling": "x".join(map(str, course.shape)),
         **course.summary(),
         "samples": standing.done,
+        "samples_in_a_block": job.block,
         "mobility": {"graph": graph_mobility(mechanism), "rank": tally.rank},
         "redundant_constraints": tally.redundant,
         "groups": [group.kind for group in tracer.assembly.groups],

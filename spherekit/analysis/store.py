@@ -120,6 +120,8 @@ class OnDisk(AbstractStore):
         if not (self._split and table.in_branches):
             self._append(analysis, table, 0, rows)
             return
+        if not len(rows):
+            return
         rows = rows[_order(typed)]
         branches, starts = np.unique(rows[BRANCH.name], return_index=True)
         for branch, own in zip(branches, np.split(rows, starts[1:]), strict=True):

@@ -148,10 +148,13 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.analysis.registry import create
     from spherekit.analysis.study import analyses_of, run_study
     from spherekit.errors import OutputError
+    from spherekit.files.atomic import make_folder
     from spherekit.files.study import load_study
 
     study = overridden(load_study(options.file), options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    if study.folder is not None:
+        make_folder(study.folder)
     try:
         with _stoppable(), _recorder(options, study) as recorder:
             result = run_study(
@@ -174,7 +177,7 @@ def execute(options: argparse.Namespace) -> int:
         raise
     except KeyboardInterrupt as stop:
         _add_hint(stop, study, options)
-        notes = getattr(stop, "__notes__", ()) or ["nothing was kept"]
+        notes = getattr(stop, "__notes__", ())
         print("; ".join(["spherekit: stopped", *notes]), file=sys.stderr)
         return STOPPED + (stop.args[0] if stop.args else signal.SIGINT)
     if study.recording is not None and not options.quiet:
