@@ -469,7 +469,7 @@ def test_a_new_run_replaces_the_files_of_the_older_one_only(tmp_path):
     assert outside.exists()
 
 
-def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch):
+def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch, capsys):
     whole = at_once()
     with pytest.raises(KeyboardInterrupt) as caught:
         sk.run(sk.load("four_bar"), whole(), folder=tmp_path, progress=interrupt(1, True))
@@ -480,7 +480,18 @@ def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "physical_memory", lambda: 10**8)
     with pytest.raises(AnalysisError, match=r"words looks at all samples at once.* 100 MB"):
         sk.run(sk.load("four_bar"), whole(), samples=50_000)
-    assert four_bar(tables=False, samples=1000).results["poles"].data == {}
+    assert main(["explain", "four_bar", "-a", "eksergian"]) == 0
+    assert "all samples at once" in capsys.readouterr().out
+
+
+def test_tables_that_were_not_kept_are_told(tmp_path):
+    bare = four_bar(tables=False)
+    assert bare.summary["status"] == {"OK": 120}
+    for use in (bare.frame, lambda: bare.write(tmp_path)):
+        with pytest.raises(AnalysisError, match="kept no tables"):
+            use()
+    with pytest.raises(AnalysisError, match="kept no tables"):
+        four_bar(tmp_path, formats=("csv",)).frame()
 
 
 def at_once():

@@ -160,10 +160,9 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Return in what two runs differ, in words; empty if in nothing."""
     found = []
     for key in dict.fromkeys([*before, *now]):
-        old, new = before.get(key), now.get(key)
-        if old != new:
-            words = f"{_short(old)} there, {_short(new)} now"
-            found.append(f"{key.replace('_', ' ')}: {words}")
+        old, new = (_short(each.get(key)) for each in (before, now))
+        if json.dumps(before.get(key)) != json.dumps(now.get(key)):
+            found.append(f"{key.replace('_', ' ')}: {old} there, {new} now")
     return listing(found, 4)
 
 

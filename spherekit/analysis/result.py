@@ -95,12 +95,16 @@ class RunResult:
                 f'{name} has no table "{wanted}"{nearest(wanted, declared) or ";"} '
                 f"Tables: {listing(declared)}"
             )
-        if wanted not in result.data:
+        return to_frame(declared[wanted], self._data(name, wanted), degrees)
+
+    def _data(self, analysis: str, table: str) -> TableData:
+        data = self.results[analysis].data
+        if table not in data:
             raise AnalysisError(
                 "this run kept no tables that can be read; let it keep them (tables=True), "
                 "or write Parquet files to a folder"
             )
-        return to_frame(declared[wanted], result.data[wanted], degrees)
+        return data[table]
 
     def write(
         self,
@@ -115,15 +119,16 @@ class RunResult:
 
         Raises
         ------
+        AnalysisError
+            If no tables were kept.
         OutputError
             If the folder cannot be made or written, another run writes there or has left
             unfinished work, or the disk is full.
         """
         rows = [
-            (name, table, RowsInMemory(table, result.data[table.name]))
+            (name, table, RowsInMemory(table, self._data(name, table.name)))
             for name, result in self.results.items()
             for table in result.tables
-            if table.name in result.data
         ]
         with RunFolder.opened(Path(folder)) as place:
             if place.unfinished:

@@ -1,6 +1,7 @@
 """How far a run is, and what it carries from block to block."""
 
 import hashlib
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self, final
@@ -72,6 +73,7 @@ def identity_of(
     return {
         "spherekit": __version__,
         "numpy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
         "mechanism": mechanism.name,
         "mechanism_hash": mechanism_hash(mechanism),
         "inputs": list(course.tracer.inputs),

@@ -1,7 +1,7 @@
 """The command `spherekit`: its subcommands, and how errors become one paragraph.
 
 stdout carries data, stderr talk. Exit status: 0 fine, 1 bad input, 2 usage, 3 some
-samples failed under --strict, 4 an analysis failed.
+samples failed under --strict, 4 an analysis failed, 128 and more stopped by a signal.
 """
 
 import argparse
