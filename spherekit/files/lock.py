@@ -1,5 +1,6 @@
 """A lock on a file: one program at a time, let go by the system when the program ends."""
 
+import errno
 import os
 import socket
 import sys
@@ -18,20 +19,31 @@ else:
 FAR = 1 << 30
 """Where the byte lies that is locked on Windows, beyond the words of the file."""
 
+HELD = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK)
+"""What systems answer where another program holds the lock."""
+
 TRIES = 20
 """How often a lock is asked for again when its file vanished in between."""
 
 
 def take(handle: int) -> bool:
-    """Lock an open file for this program; return whether no other one holds it."""
+    """Lock an open file for this program; return whether no other one holds it.
+
+    Raises
+    ------
+    OSError
+        If the disk knows no locks.
+    """
     try:
         if sys.platform == "win32":
             os.lseek(handle, FAR, os.SEEK_SET)
             msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
         else:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
+    except OSError as error:
+        if error.errno in HELD:
+            return False
+        raise
     return True
 
 
@@ -64,7 +76,12 @@ class LockFile:
                 continue
             except OSError as error:
                 raise refused(path.parent, "written", error) from None
-            if not take(handle):
+            try:
+                free = take(handle)
+            except OSError as error:
+                os.close(handle)
+                raise refused(path.parent, "locked", error) from None
+            if not free:
                 os.close(handle)
                 return _holder(path)
             if _still_there(path, handle):
