@@ -455,6 +455,13 @@ def test_one_command_gives_one_set_of_bytes(engine, tmp_path):
     assert found[0]["summary.json"]["simulation"]["engine"]["name"] == engine
 
 
+def test_the_engine_that_began_goes_on(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        swinging(tmp_path, engine="numpy", progress=interrupt(1))
+    result = swinging(tmp_path, engine="auto", unfinished="resume")
+    assert result.summary["simulation"]["engine"]["name"] == "numpy"
+
+
 def test_a_new_run_replaces_the_files_of_the_older_one_only(tmp_path):
     sk.run(sk.load("four_bar"), ["poles", "eksergian"], samples=5, folder=tmp_path)
     (tmp_path / "mine.csv").write_text("mine")

@@ -49,7 +49,7 @@ from spherekit.analysis.tables import (
     input_columns,
 )
 from spherekit.conventions import CLOSURE_TOLERANCE, listing
-from spherekit.engine.kernels import Engine
+from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import AnalysisError, OutputError, SpherekitError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.laws import Law, Start
@@ -200,7 +200,7 @@ def run(
             start=start,
             torque=torque,
             tolerance=tolerance,
-            engine=engine,
+            engine=_engine(place, unfinished, engine),
         )
         job = _job(course, chosen, block)
         planned = time.perf_counter()
@@ -343,6 +343,15 @@ def _opened(folder: str | os.PathLike[str] | None) -> Iterator[RunFolder | None]
         return
     with RunFolder.opened(Path(folder)) as place:
         yield place
+
+
+def _engine(place: RunFolder | None, unfinished: Unfinished, engine: Engine) -> Engine:
+    """Return the engine: to go on, the one that was chosen when the run began."""
+    if engine != "auto" or place is None or unfinished != "resume" or not place.unfinished:
+        return engine
+    identity = place.read().get("identity")
+    began = identity.get("engine") if isinstance(identity, dict) else None
+    return next((each for each in ENGINES if each == began), engine)
 
 
 def _begin(
