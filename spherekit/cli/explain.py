@@ -29,7 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.registry import create
-    from spherekit.analysis.run import needs_of, requests_for
+    from spherekit.analysis.room import size_text
+    from spherekit.analysis.run import memory_at_once, needs_of, requests_for
     from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
     from spherekit.planning.assembly import plan_assembly
@@ -80,6 +81,8 @@ def execute(options: argparse.Namespace) -> int:
             analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
         ],
     }
+    at_once = [analysis.name for analysis in analyses if not analysis.rowwise]
+    facts["at_once"] = {"analyses": at_once, "bytes_a_row": memory_at_once(mechanism, 1)}
     if options.json:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
         return 0
@@ -95,6 +98,12 @@ def execute(options: argparse.Namespace) -> int:
         print(f"  {item['group']} of pairs {', '.join(item['pairs'])}")
     if own:
         print(f"configurations beside the samples, looked for by: {', '.join(own)}")
+    if at_once:
+        print(
+            f"all samples at once, so that a run that is stopped keeps nothing: "
+            f"{', '.join(at_once)}; about {size_text(memory_at_once(mechanism, 1))} of "
+            "memory for each sample of each branch"
+        )
     if not facts["asked"]:
         print("asked of the samples: no poles")
         return 0

@@ -212,6 +212,8 @@ class Recorder:
         else:
             layout = Layout(self.root, SAMPLE, 1, None)
             words = ""
+        if properties and "logged" in properties:
+            words += f" This recording has {properties['logged']}."
         self._layout = layout
         self._row = row
         layout.focus = focus
