@@ -25,6 +25,7 @@ NAMES = (
     "stored",
     "peers",
     "region",
+    "fuzz",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
 
