@@ -1,5 +1,6 @@
 """Files that ask for more than they should get, by name: text, bytes, or what is made."""
 
+import math
 import os
 
 FOUR_BAR = """\
@@ -69,9 +70,9 @@ def texts():
     many = range(80000)
     load = '[loads.l]\npair = "a"\ntorque = '
     ring = "".join(f"[pairs.q{k}]\ntype='R'\nlinks=['1','2']\n" for k in many)
-    rows = ", ".join(
-        f"[{k}e-6,0,1]" for k in range(0, MILLION, 6)
-    )
+    rows = ", ".join(f"[{k}e-6,0,1]" for k in range(0, MILLION, 6))
+    circle = [(2 * math.pi * k / 10000, 1 + 0.1 * math.cos(k / 800)) for k in range(9900)]
+    points = ",".join(f"[{a:.9f},{b:.9f}]" for a, b in circle)
     return {
         "deep arrays": FOUR_BAR + "[user]\nx = " + "[" * MILLION,
         "deep closed arrays": FOUR_BAR + "[user]\nx = " + "[" * 90000 + "]" * 90000,
@@ -118,6 +119,8 @@ def texts():
         "nested functions": FOUR_BAR + load + "'" + "sin(" * 400 + "t" + ")" * 400 + "'",
         "many arguments": FOUR_BAR + load + "'max(" + "t," * 900 + "t)'",
         "profile of many points": CAM + "kind = 'points'\npoints_xyz = [" + rows + "]",
+        "profile of the most points": CAM
+        + f"kind = 'points'\nclosed = false\npoints = [{points}]",
         "profile of equal points": CAM
         + "kind = 'points'\npoints_xyz = ["
         + "[0,0,1]," * 400000
@@ -151,12 +154,11 @@ def texts():
 
 def make_files(folder):
     """Make the hostile files that are no texts, and return their paths by name."""
-    paths = {name: folder / name for name in ("loop", "pipe", "big", "sparse", "folder")}
+    paths = {name: folder / name for name in ("loop", "pipe", "sparse", "folder")}
     paths["loop"].symlink_to(folder / "loop")
     os.mkfifo(paths["pipe"])
     with paths["sparse"].open("wb") as stream:
         stream.truncate(100 * MILLION)
-    paths["big"].write_bytes(b"a = 1\n" * 17000000)
     paths["folder"].mkdir()
     paths["bytes"] = folder / "bytes"
     paths["bytes"].write_bytes(bytes(range(256)) * 1000)
@@ -169,4 +171,45 @@ def make_files(folder):
         "/dev/zero": "/dev/zero",
         "/dev/stdin": "/dev/stdin",
         "/proc/self/mem": "/proc/self/mem",
+    }
+
+
+STUDY = """\
+format = 1
+mechanism = "four_bar"
+angle_unit = "rad"
+"""
+
+
+def studies():
+    """Return the hostile texts of study files, by name."""
+    named = STUDY.replace("four_bar", "{}").format
+    return {
+        "mechanism outside": named("../../../../../../etc/passwd"),
+        "mechanism a device": named("/dev/zero"),
+        "mechanism a folder": named("."),
+        "mechanism itself": named("hostile.study.toml"),
+        "mechanism with NUL": named("a\\u0000b"),
+        "mechanism of a long name": named("a" * 4000),
+        "mechanism of nothing": named(""),
+        "folder with NUL": STUDY + '[output]\nfolder = "a\\u0000b"',
+        "folder with an escape": STUDY + '[output]\nfolder = "a\\u001b[2Jb"',
+        "many values": STUDY + "[inputs.21]\nvalues = [" + "1," * MILLION + "]",
+        "the most values": STUDY + "[inputs.21]\nvalues = [" + "1.5," * 190000 + "]",
+        "a grid of grids": STUDY + "samples = [" + "1," * MILLION + "]",
+        "negative samples": STUDY + "samples = -1",
+        "many analyses": STUDY + "".join(f"[analyses.q{k}]\n" for k in range(40000)),
+        "many parameters": STUDY
+        + "[analyses.poles]\n"
+        + "".join(f"q{k} = {k}\n" for k in range(40000)),
+        "long table of a law": STUDY
+        + "[inputs.21.law]\nkind='table'\ntimes=["
+        + ",".join(map(str, range(90000)))
+        + "]\nangles=["
+        + "1," * 90000
+        + "]",
+        "coefficients": STUDY
+        + "duration=1.0\n[inputs.21.law]\nkind='polynomial'\ncoefficients=["
+        + "1," * 200000
+        + "]",
     }

@@ -20,10 +20,10 @@ MAX_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 32
 """Deepest nesting of tables and arrays; the format itself needs 6."""
 
-MAX_KEYS = 50000
+MAX_KEYS = 30000
 """Most keys and tables of a file; a thousand links and pairs need some 10 000."""
 
-MAX_VALUES = 300000
+MAX_VALUES = 200000
 """Most values in the arrays of a file."""
 
 _HEADER = re.compile(r"^[ \t]*\[[^,=\n]*\][ \t]*(?:#.*)?$", re.M)
