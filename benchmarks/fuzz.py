@@ -1,4 +1,4 @@
-"""Random mechanisms against the velocity equations: is any wrong value given as right?
+"""Random mechanisms against the velocity equations: no wrong value without a status.
 
 `python -m benchmarks.fuzz 0 100000` judges the mechanisms of these seeds and prints every
 wrong one, so that a sweep can be divided, stopped and gone on with.
@@ -82,8 +82,8 @@ def run(quick: bool) -> list[Section]:
             "condition of the equations.",
             ("of", "are", "number"),
             rows,
-            f"{len(tally.wrong)} wrong values without a status, {1e3 * seconds / count:.0f} "
-            "ms a mechanism.",
+            f"{len(tally.wrong)} wrong values without a status, "
+            f"{1e3 * seconds / count:.0f} ms a mechanism.",
         )
     ]
 

@@ -86,8 +86,11 @@ def texts():
         "float of a million digits": FOUR_BAR + "from = 0." + "9" * MILLION,
         "small float of a million zeros": FOUR_BAR + "from = 0." + "0" * MILLION + "1",
         "huge exponent": FOUR_BAR + "from = 1e" + "9" * MILLION,
-        "huge exponent in degrees": FOUR_BAR.replace('"rad"', '"deg"') + "from = 1e-99999999",
-        "digits in degrees": FOUR_BAR.replace('"rad"', '"deg"') + "from = 0." + "9" * MILLION,
+        "huge exponent in degrees": FOUR_BAR.replace('"rad"', '"deg"')
+        + "from = 1e-99999999",
+        "digits in degrees": FOUR_BAR.replace('"rad"', '"deg"')
+        + "from = 0."
+        + "9" * MILLION,
         "many pairs": FOUR_BAR + ring,
         "many links": FOUR_BAR + "".join(f"[links.q{k}]\n" for k in range(100000)),
         "many inputs": FOUR_BAR + "".join(f"[inputs.q{k}]\n" for k in many),
@@ -109,7 +112,9 @@ def texts():
         "long array": FOUR_BAR + "[user]\nx = [" + "1," * MILLION + "]",
         "long wrong array": FOUR_BAR + "from = [" + "1," * MILLION + "]",
         "long links": FOUR_BAR.replace('["1", "2"]', "[" + '"1",' * MILLION + "]"),
-        "long arcs": FOUR_BAR.replace("[links.1]", "[links.1]\narcs=[" + "1," * MILLION + "]"),
+        "long arcs": FOUR_BAR.replace(
+            "[links.1]", "[links.1]\narcs=[" + "1," * MILLION + "]"
+        ),
         "parentheses": FOUR_BAR + load + "'" + "(" * 900 + "t" + ")" * 900 + "'",
         "many parentheses": FOUR_BAR + load + "'" + "(" * MILLION + "'",
         "signs": FOUR_BAR + load + "'" + "-" * 1900 + "t'",

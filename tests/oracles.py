@@ -206,7 +206,7 @@ def link_rates(mechanism, rotations, inputs, moved):
 
 
 def _line(kind, line):
-    """Return the unit vector of a pair: R and Cr an axis, Cs what it does not turn about."""
+    """Return the unit vector of a pair: an axis, of Cs what it does not turn about."""
     (s1, c1, _), second = line
     if second is None:
         return s1 * c1
