@@ -39,6 +39,7 @@ def test_no_wrong_value_in_thousands(part):
         1438,  # a velocity that no motion goes on with, found OK
         2425,
         5143,
+        7454,  # a link of 1e-14 rad was turned by rounding, and OK
     ],
 )
 def test_what_a_sweep_found_once(seed):

@@ -114,7 +114,10 @@ def _validator(kind: Kind) -> Any:
     changed = {
         name: unless_too_many(name) for name in ("propertyNames", "additionalProperties")
     }
-    return extend(Draft202012Validator, {"items": items, **changed})(whole)  # type: ignore[no-untyped-call]
+    validator = extend(  # type: ignore[no-untyped-call]
+        Draft202012Validator, {"items": items, **changed}
+    )
+    return validator(whole)
 
 
 def _check_format(document: Document) -> None:
