@@ -56,3 +56,10 @@ def test_many_command_lines(tmp_path_factory, words, text):
 
 def test_the_files_that_commands_damage_are_shipped():
     assert {"four_bar.toml", "stephenson_output.study.toml"} <= set(FILES)
+
+
+def test_what_is_no_recording_is_not_shown(tmp_path, capsys):
+    path = tmp_path / "four_bar.rrd"
+    path.write_text(FILES["four_bar.toml"])
+    assert main(["view", str(path)]) == 1
+    assert "is no recording; make one: run FILE --save X.rrd" in capsys.readouterr().err
