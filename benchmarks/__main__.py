@@ -26,6 +26,7 @@ NAMES = (
     "peers",
     "region",
     "long_run",
+    "fuzz",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
 

@@ -12,11 +12,12 @@ from spherekit.planning.assembly import plan_assembly
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from chains import EIGHT_BARS, mechanism, random_axes
-from oracles import null_space, off_axis
+from oracles import link_rates, null_space, off_axis
 
 __all__ = [
     "EIGHT_BARS",
     "grown",
+    "link_rates",
     "mechanism",
     "null_space",
     "off_axis",

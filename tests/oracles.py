@@ -128,3 +128,105 @@ def locked_rates(motion, row, moved):
     values = np.linalg.svd(matrix, compute_uv=False)
     found = np.linalg.lstsq(matrix, np.concatenate(right), rcond=None)[0]
     return np.vstack([np.zeros(3), found.reshape(-1, 3)]), values[-1] / values[0]
+
+
+def link_rates(mechanism, rotations, inputs, moved):
+    """Return w and dw (n, links, 3) of links in ground axes per unit rate of an input.
+
+    The velocity equations of all pairs and their derivative, solved by least squares for
+    all rows at once; the inputs other than `moved` stand still. `rotations` (n, links, 3,
+    3). Contacts are external ones of circles: their line and its change follow from the
+    two centres. Also returned: the singular values of the equations (n, 3 links - 3),
+    the largest entry that the equations leave over (n,), the equations without the
+    moved input's own (n, rows, 3 links - 3), and the largest miss (n,) of any pair.
+    """
+    n, count = len(rotations), len(mechanism.links)
+    joints = geometry_of(mechanism).joints
+    rows, right, pairs, missed = [], [], [], np.zeros(n)
+    for k, (pair, (a, b)) in enumerate(zip(mechanism.pairs, mechanism.ends, strict=True)):
+        if pair.type == "R":
+            line = (1.0, rotations[:, a] @ joints[k].first[:, 2], a), None
+            other = rotations[:, b] @ joints[k].second[:, 2]
+            missed = np.maximum(missed, np.linalg.norm(line[0][1] - other, axis=1))
+        else:
+            circles = pair.profiles
+            centres = [
+                rotations[:, link] @ np.array(circle.centre)
+                for link, circle in zip((a, b), circles, strict=True)
+            ]
+            r1, r2 = (circle.radius for circle in circles)
+            apart = np.linalg.norm(centres[0] - centres[1], axis=1)
+            missed = np.maximum(missed, np.abs(apart - 2 * np.sin((r1 + r2) / 2)))
+            line = (
+                (np.sin(r2) / np.sin(r1 + r2), centres[0], a),
+                (np.sin(r1) / np.sin(r1 + r2), centres[1], b),
+            )
+        pairs.append((pair.type, a, b, line))
+        u = _line(pair.type, line)
+        if pair.type == "Cs":
+            across = u[:, None]
+        elif k in inputs:
+            across = np.broadcast_to(np.eye(3), (n, 3, 3))
+        else:
+            across = np.eye(3) - u[:, :, None] * u[:, None, :]
+        block = np.zeros((n, across.shape[1], 3 * count))
+        block[:, :, 3 * b : 3 * b + 3] = across
+        block[:, :, 3 * a : 3 * a + 3] = -across
+        rows.append(block)
+        right.append(u if k == moved else np.zeros(across.shape[:2]))
+    matrix = np.concatenate(rows, axis=1)[:, :, 3:]
+    one, values, two = np.linalg.svd(matrix, full_matrices=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+
+        def solved(sides):
+            found = np.einsum("nij,ni->nj", one, sides) / values
+            flat = np.einsum("nij,ni->nj", two, found)
+            return np.concatenate([np.zeros((n, 3)), flat], axis=1).reshape(n, count, 3)
+
+        w = solved(np.concatenate(right, axis=1))
+        left = np.einsum("nij,nj->ni", matrix, w[:, 1:].reshape(n, -1))
+        over = np.max(np.abs(left - np.concatenate(right, axis=1)), axis=1)
+        bias = []
+        for k, (kind, a, b, line) in enumerate(pairs):
+            u, du = _line(kind, line), _line_change(kind, line, w)
+            relative = w[:, b] - w[:, a]
+            if kind == "Cs":
+                bias.append(-np.sum(du * relative, axis=1)[:, None])
+            elif k in inputs and k != moved:
+                bias.append(np.zeros((n, 3)))
+            else:
+                bias.append(np.sum(u * relative, axis=1)[:, None] * du)
+        dw = solved(np.concatenate(bias, axis=1))
+    free = matrix.copy()
+    at = sum(block.shape[1] for block in rows[:moved])
+    u = _line("R", pairs[moved][3])
+    keep = np.eye(3) - u[:, :, None] * u[:, None, :]
+    free[:, at : at + 3] = keep @ free[:, at : at + 3]
+    return w, dw, values, over, free, missed
+
+
+def _line(kind, line):
+    """Return the unit vector of a pair: an axis, of Cs what it does not turn about."""
+    (s1, c1, _), second = line
+    if second is None:
+        return s1 * c1
+    s2, c2, _ = second
+    if kind == "Cr":
+        return s1 * c1 + s2 * c2
+    normal = np.cross(c1, c2)
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+def _line_change(kind, line, w):
+    (s1, c1, a), second = line
+    d1 = np.cross(w[:, a], c1)
+    if second is None:
+        return s1 * d1
+    s2, c2, b = second
+    d2 = np.cross(w[:, b], c2)
+    if kind == "Cr":
+        return s1 * d1 + s2 * d2
+    normal, change = np.cross(c1, c2), np.cross(d1, c2) + np.cross(c1, d2)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    u = normal / length
+    return (change - u * np.sum(u * change, axis=1, keepdims=True)) / length

@@ -6,6 +6,9 @@ from pathlib import Path
 
 from spherekit.errors import OutputError
 
+MARK = b"RRF"
+"""What every recording of rerun starts with."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -66,4 +69,11 @@ def find_recording(name: str) -> Path:
         return max(found, key=lambda item: item.stat().st_mtime)
     if not path.is_file():
         raise OutputError(f"{name}: no such recording; make one: run FILE --save X.rrd")
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(len(MARK))
+    except OSError as error:
+        raise OutputError(f"{name}: cannot be read: {error.strerror}") from None
+    if start != MARK:
+        raise OutputError(f"{name}: is no recording; make one: run FILE --save X.rrd")
     return path

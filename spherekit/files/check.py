@@ -23,6 +23,7 @@ _SCHEMAS: Mapping[Kind, str] = {
 }
 
 _INTEGER_BITS = 200
+_PLAIN = frozenset({"title", "description", "type", "minimum", "maximum"})
 _Fault = tuple[KeyPath, str]
 _TYPES = {
     "object": "a table",
@@ -83,8 +84,40 @@ def mismatch(value: object, wanted: str) -> str:
 def _validator(kind: Kind) -> Any:
     # jsonschema takes longer to import than a mechanism file takes to read.
     from jsonschema import Draft202012Validator
+    from jsonschema.validators import extend
 
-    return Draft202012Validator(schema(kind))
+    whole, rules = schema(kind), Draft202012Validator.VALIDATORS
+
+    def items(validator: Any, each: Any, value: Any, part: Any) -> Iterator[Any]:
+        if not isinstance(value, list) or len(value) > part.get("maxItems", math.inf):
+            return
+        limits = whole["$defs"].get(each.get("$ref", "").removeprefix("#/$defs/"), each)
+        if limits.get("type") != "number" or not _PLAIN.issuperset(limits):
+            yield from rules["items"](validator, each, value, part)
+            return
+        low, high = limits.get("minimum", -math.inf), limits.get("maximum", math.inf)
+        for place, item in enumerate(value):
+            # A table of numbers is long, and a validator's call for each is slow.
+            if isinstance(item, bool) or not (
+                isinstance(item, int | float) and low <= item <= high
+            ):
+                yield from validator.descend(item, each, path=place)
+
+    def unless_too_many(rule: str) -> Any:
+        def judged(validator: Any, each: Any, value: Any, part: Any) -> Iterator[Any]:
+            most = part.get("maxProperties", math.inf)
+            if isinstance(value, dict) and len(value) <= most:
+                yield from rules[rule](validator, each, value, part)
+
+        return judged
+
+    changed = {
+        name: unless_too_many(name) for name in ("propertyNames", "additionalProperties")
+    }
+    validator = extend(  # type: ignore[no-untyped-call]
+        Draft202012Validator, {"items": items, **changed}
+    )
+    return validator(whole)
 
 
 def _check_format(document: Document) -> None:

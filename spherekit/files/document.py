@@ -20,6 +20,13 @@ MAX_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 32
 """Deepest nesting of tables and arrays; the format itself needs 6."""
 
+MAX_KEYS = 30000
+"""Most keys and tables of a file; a thousand links and pairs need some 10 000."""
+
+MAX_VALUES = 200000
+"""Most values in the arrays of a file."""
+
+_HEADER = re.compile(r"^[ \t]*\[[^,=\n]*\][ \t]*(?:#.*)?$", re.M)
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _MORE_PARTS = rf"(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_NESTING}}}"
 _LONG_KEY = re.compile(rf"(?<![\w-]){_PART}{_MORE_PARTS}")
@@ -133,7 +140,8 @@ def parse(text: str, name: str) -> Document:
     Raises
     ------
     FileError
-        If it is not TOML, is too large, or is nested too deeply.
+        If it is not TOML, is too large, has too many keys or
+        values, or is nested too deeply.
     """
     if len(text) > MAX_BYTES:
         raise FileError(f"{name}: has {len(text)} characters, at most {MAX_BYTES}")
@@ -142,6 +150,12 @@ def parse(text: str, name: str) -> Document:
     if long_key:
         line = text.count("\n", 0, long_key.start()) + 1
         raise FileError(f"{name}:{line}: a key has over {MAX_NESTING} dotted parts")
+    keys = text.count("=") + sum(1 for _ in _HEADER.finditer(text))
+    if keys > MAX_KEYS:
+        raise FileError(f"{name}: has {keys} keys and tables, at most {MAX_KEYS} are read")
+    values = text.count(",")
+    if values > MAX_VALUES:
+        raise FileError(f"{name}: has {values} values, at most {MAX_VALUES} are read")
     try:
         data = tomllib.loads(text, parse_float=Written)
     except tomllib.TOMLDecodeError as error:

@@ -1,6 +1,7 @@
 """Mechanism and study files by path or name; names come from installed packs."""
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
@@ -14,6 +15,7 @@ from spherekit.errors import FileError
 GROUP = "spherekit.mechanisms"
 """Entry-point group of packs; the value is the package that holds the files."""
 
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 _SUFFIX = ".toml"
 STUDY_SUFFIX = ".study.toml"
 """How the names of study files end; all other files are mechanisms."""
@@ -55,6 +57,8 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
         If there is none, or if two packs ship the name.
     """
     wanted = os.fspath(name_or_path)
+    if _CONTROL.search(wanted):
+        raise FileError(f"{ascii(wanted)[:200]}: not a usable path: control characters")
     path = Path(wanted)
     plain = isinstance(name_or_path, str) and _is_name(wanted)
     packs = shipped() if plain else ()
@@ -68,7 +72,8 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
         if path.exists():
             return path
     except (OSError, ValueError) as error:
-        raise FileError(f"{ascii(wanted)[:200]}: not a usable path: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise FileError(f"{ascii(wanted)[:200]}: not a usable path: {reason}") from None
     raise FileError(_not_found(path, shipped()))
 
 

@@ -29,6 +29,8 @@ FLAT_DYAD = 1e-6
 """A dyad straighter than this sine loses half its digits: its rates are not given."""
 FLAT_GROUP = 1e-9
 """The same for the smallest relative singular value of an irreducible group."""
+AGREEING = 1e-9
+"""Orientations from the groups and from the variables differ by less."""
 
 
 @final
@@ -147,7 +149,12 @@ class Solver:
         links = range(len(self.mechanism.links))
         ground = np.swapaxes(state.within[0], -1, -2)
         rotations = np.stack([ground @ state.within[link] for link in links], axis=1)
-        gap = self.closure.residual(*self.closure.place(values))
+        placed, states = self.closure.place(values)
+        # The links of a dyad without length have no orientation of their own; that which
+        # belongs to the variables is the one that closes.
+        apart = np.max(np.abs(placed - rotations), axis=(1, 2, 3)) > AGREEING
+        rotations[apart] = placed[apart]
+        gap = self.closure.residual(placed, states)
         residual = np.max(np.abs(gap), axis=1) if gap.size else np.zeros(len(values))
         _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
         failed = (status != Status.OK) & (status != Status.AT_SINGULARITY)

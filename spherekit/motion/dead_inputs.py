@@ -64,7 +64,9 @@ class DeadInputs:
             inside |= (middles > start) & (middles < stop)
             count = int(np.ceil((stop - start) / step)) if stop - start > POINTLIKE else 0
             parts.append(start + (np.arange(count) + 0.5) / max(count, 1) * (stop - start))
-        return np.sort(np.concatenate([middles[~inside], *parts]))
+        probes = np.sort(np.concatenate([middles[~inside], *parts]))
+        # A range that is one short doubtful part has no sides to look at.
+        return probes if len(probes) else np.array([0.5 * (self.low + self.high)])
 
     def claim(self, step: float) -> Claim:
         """Return what all modes at the inputs of `probes(step)` say of all others."""

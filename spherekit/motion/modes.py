@@ -190,6 +190,10 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
         outside = np.abs(reference[driven] - middle) > half
         values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
         add(values)
+        if freedoms and freedoms[0] < len(driven):
+            # Where the pose given cannot move, a search of other modes takes long and is
+            # not what was asked.
+            raise _other_rank(solver, freedoms[0])
     probes = 0
     methods: list[Method | None] = [None] * len(solver.assembly.groups)
     claim = REFERENCE_ONLY
@@ -241,13 +245,17 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
             if rolls or not complete:
                 claim = Claim(Guarantee.SAMPLED, f"modes found at {_inputs(probes)}")
     if freedoms and not branches and min(freedoms) != len(driven):
-        raise PlanError(
-            f"{solver.mechanism.name}: mobility {min(freedoms)} by rank with "
-            f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
-            f"{len(driven)}; {inputs_to_declare(min(freedoms))}"
-        )
+        raise _other_rank(solver, min(freedoms))
     claim = _limited(claim, len(branches))
     return Found(tuple(branches), probes, tuple(methods), claim)
+
+
+def _other_rank(solver: Solver, freedoms: int) -> PlanError:
+    return PlanError(
+        f"{solver.mechanism.name}: mobility {freedoms} by rank with "
+        f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
+        f"{len(solver.driven)}; {inputs_to_declare(freedoms)}"
+    )
 
 
 def _beyond_dead_centres(

@@ -145,7 +145,9 @@ def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
     for pole in _body_poles(wanted):
         doubt = np.maximum(doubt, np.nan_to_num(lines.error[pole], nan=1.0))
     status = motion.status.copy()
-    weak = (doubt > TRUSTED_ERROR) & ~motion.failed
+    # Only the equations say whether redundant constraints agree with each other.
+    redundant = any(group.redundant for group in motion.assembly.groups)
+    weak = ((doubt > TRUSTED_ERROR) | redundant) & ~motion.failed
     flat = np.zeros(len(motion), dtype=bool)
     if np.any(weak):
         exact = driven_rates(motion, weak, wanted.plan.input)

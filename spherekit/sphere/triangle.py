@@ -8,6 +8,9 @@ from spherekit.sphere.rotation import Floats, arc, cross, frame_from, transpose
 
 Bools = NDArray[np.bool_]
 
+SHORTEST = 1e-12
+"""Rounding alone turns a body whose arc (rad) is nearer to 0 or pi than this."""
+
 
 def vertex_angles(base: Floats, near: Floats, far: Floats) -> tuple[Floats, Floats, Bools]:
     """Return the angles at both ends of a triangle's base, and whether it closes.
@@ -66,7 +69,7 @@ def close_dyad(
         (n, 3, 3) from body axes to base axes.
     sine
         (n,) sine of the angle between the two bodies' arcs at the middle axis, 0 at the
-        dead centre of the dyad.
+        dead centre of the dyad and where an arc is too short to tell.
     closes
         (n,) whether the arcs can reach each other.
     """
@@ -92,5 +95,6 @@ def close_dyad(
     sides = np.sin(side_near) * np.sin(side_far)
     height = np.sin(base) * np.sin(at_first) * np.sin(side_near)
     sine = height / np.where(sides > 0.0, sides, np.inf)
+    sine[np.minimum(np.sin(side_near), np.sin(side_far)) < SHORTEST] = 0.0
     closes = closes & (sides > 0.0)
     return near_rotation, far_rotation, sine, closes

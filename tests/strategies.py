@@ -1,0 +1,232 @@
+"""What hypothesis makes: files, expressions and command lines, sound or not."""
+
+import tomllib
+from pathlib import Path
+
+import spherekit_mechanisms
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+
+settings.register_profile(
+    "repeatable",
+    derandomize=True,
+    deadline=None,
+    database=None,
+    print_blob=False,
+    phases=(Phase.generate, Phase.shrink),
+    suppress_health_check=list(HealthCheck),
+)
+settings.load_profile("repeatable")
+
+MECHANISMS = Path(spherekit_mechanisms.__path__[0])
+FILES = {
+    path.name: path.read_text(encoding="utf-8")
+    for path in sorted(MECHANISMS.glob("*.toml"))
+    if path.stat().st_size < 4000
+}
+"""The shipped mechanisms and studies, by the names of their files."""
+
+NUMBERS = (
+    *(
+        "nan",
+        "inf",
+        "-inf",
+        "1e400",
+        "-0.0",
+        "5e-324",
+        "1e308",
+        "-1e308",
+        "0",
+        "-1",
+        "1e-9",
+    ),
+    *("180", "180.0", "360.0", "3.141592653589793", "9" * 400, "0x" + "f" * 60, "1_000"),
+    *("+1", "1e-400", "1.", ".5", "01", "true", '"1"', "[]", "{}", "1979-05-27"),
+)
+WORDS = (
+    *(
+        "",
+        "1",
+        "R",
+        "Cr",
+        "Cs",
+        "deg",
+        "21",
+        "base",
+        "../x",
+        "a/b",
+        "a\\u0000b",
+        "CON",
+        "-rf",
+    ),
+    *("\\U0001F600", "\\u202e", "é", " ", "a" * 300, "nan", "__class__", "\\n"),
+)
+
+words = st.sampled_from(WORDS) | st.text(max_size=12)
+numbers = st.sampled_from(NUMBERS) | st.floats().map(repr) | st.integers().map(str)
+values = (
+    numbers
+    | words.map(lambda word: f'"{word}"')
+    | st.lists(numbers, max_size=4).map(lambda items: "[" + ", ".join(items) + "]")
+)
+
+
+@st.composite
+def damaged(draw, name):
+    """Return a shipped file's text with one to three things wrong, or perhaps not."""
+    lines = FILES[name].split("\n")
+    for _ in range(draw(st.integers(1, 3))):
+        at = draw(st.integers(0, len(lines) - 1))
+        key, equals, _ = lines[at].partition("=")
+        way = draw(
+            st.sampled_from(("value", "key", "drop", "double", "swap", "add", "cut"))
+        )
+        if way == "value" and equals:
+            lines[at] = f"{key}= {draw(values)}"
+        elif way == "key" and equals:
+            lines[at] = f"{draw(words)} {lines[at][len(key) :]}"
+        elif way == "drop":
+            lines[at] = ""
+        elif way == "double":
+            lines.insert(at, lines[at])
+        elif way == "swap":
+            other = draw(st.integers(0, len(lines) - 1))
+            lines[at], lines[other] = lines[other], lines[at]
+        elif way == "add":
+            lines.insert(at, f"{draw(words)} = {draw(values)}")
+        else:
+            where = draw(st.integers(0, len(lines[at])))
+            lines[at] = lines[at][:where] + draw(st.text(max_size=2)) + lines[at][where:]
+    return draw(st.sampled_from(("\n", "\n", "\n", "\r\n", "\r"))).join(lines)
+
+
+files = st.sampled_from(sorted(FILES)).flatmap(
+    lambda name: st.tuples(st.just(name), damaged(name))
+)
+
+ATOMS = (
+    *(
+        "t",
+        "theta_a",
+        "dtheta_a",
+        "theta_b",
+        "pi",
+        "1",
+        "0.5",
+        "1e400",
+        "1e308",
+        "2",
+        "9**9",
+    ),
+    *("__import__('os')", "t.real", "lambda: 1", "t < 1", "t if t else 1", "t[0]", "1j"),
+    *(
+        "True",
+        "None",
+        "'t'",
+        "f't'",
+        "t := 1",
+        "x",
+        "theta_é",
+        "0x10",
+        "1_0",
+        "t or 1",
+        "...",
+    ),
+)
+CALLS = ("sin", "cos", "tan", "asin", "sqrt", "exp", "log", "abs", "sign", "tanh", "eval")
+atoms = st.sampled_from(ATOMS) | st.text(alphabet="()+-*/t1.,e ^=", max_size=8)
+expressions = st.recursive(
+    atoms,
+    lambda inner: (
+        st.tuples(
+            inner, st.sampled_from(("+", "-", "*", "/", "**", "//", "%", " ")), inner
+        ).map("".join)
+        | st.tuples(st.sampled_from(CALLS), inner).map(lambda pair: f"{pair[0]}({pair[1]})")
+        | st.tuples(inner, inner).map(lambda pair: f"atan2({pair[0]}, {pair[1]})")
+        | inner.map(lambda part: f"({part})")
+        | inner.map(lambda part: f"-{part}")
+    ),
+    max_leaves=12,
+)
+
+SAFE = ("four_bar", "universal_joint", "bevel_pair", "five_bar", "nonsense", "", "/", ".")
+sources = st.sampled_from((*SAFE, "DAMAGED", "DAMAGED.study.toml", "/dev/zero", "x" * 300))
+small = st.sampled_from(
+    ("1", "2", "3", "5", "2x2", "0", "-1", "1x", "1e9", "9" * 30, "x", "")
+)
+floats = st.sampled_from(
+    ("nan", "inf", "-1", "0", "1e-3", "1e-300", "0.01", "x", "1e400", "")
+)
+pairs = st.sampled_from(("21", "32", "51", "41", "pinion_shaft", "nonsense", "", "-", "\0"))
+ANALYSES = ("poles", "eksergian", "nonsense", "poles:only=31", "poles:only=99", "poles:x=1")
+analyses = st.sampled_from(
+    (*ANALYSES, "poles:", ":", "poles:only", "poles:only=31,only=21")
+)
+laws = st.sampled_from(
+    (
+        *("constant_speed:speed=1", "constant_speed:speed=nan", "constant_speed:", "x:y=1"),
+        *("polynomial:coefficients=1+2", "cycloidal:from=0,to=1,duration=1", "=", ":", ""),
+        *(
+            "cycloidal:from=0,to=1,duration=0",
+            "table:times=0+1,angles=0+1",
+            "21=polynomial",
+        ),
+        *("table:times=0+1,angles=0+1,rest_at_ends=true", "polynomial:coefficients=1e300"),
+    )
+)
+starts = st.sampled_from(("q=0", "q=1,dq=0.1", "q=nan", "q=", "dq=1", "q=1e300", "x", ""))
+texts = st.sampled_from(("0", "t", "2*sin(t)", "1e400", "x", "", "9**9**9", "((", "1/0"))
+flags = st.one_of(
+    st.tuples(st.just("--samples"), small),
+    st.tuples(st.just("--input"), pairs),
+    st.tuples(st.just("-a"), analyses),
+    st.tuples(st.just("--law"), laws),
+    st.tuples(st.just("--duration"), floats),
+    st.tuples(st.just("--start"), starts),
+    st.tuples(st.just("--torque"), texts),
+    st.tuples(st.just("--tol"), floats),
+    st.tuples(st.just("--branch"), small),
+    st.sampled_from([("--no-search",), ("--deg",), ("--json",), ("--strict",), ("-q",)]),
+    st.tuples(st.just("-o"), st.sampled_from(("OUT", "/dev/null/x", "\0", "", "/proc/x"))),
+    st.tuples(st.just("--save"), st.sampled_from(("/dev/null/x.rrd", "/proc/x.rrd"))),
+    st.tuples(words),
+)
+
+
+@st.composite
+def commands(draw):
+    """Return the words of a command line; DAMAGED and OUT stand for paths."""
+    name = draw(
+        st.sampled_from(
+            ("run", "run", "run", "run", "validate", "plan", "explain", "export", "view")
+            + ("analyses", "analyses", "nonsense", "mechanisms")
+        )
+    )
+    given = [name]
+    if name in ("mechanisms", "nonsense"):
+        given += draw(st.lists(words, max_size=2))
+    elif name == "analyses":
+        given += draw(st.lists(analyses | words, max_size=2))
+    elif name == "view":
+        given += [
+            draw(st.sampled_from(("DAMAGED", "nonsense", "/dev/zero", "", "/", "\0")))
+        ]
+    elif name == "export":
+        given += [draw(sources), "--to", draw(st.sampled_from(("mjcf", "mjcf", "x")))]
+        given += ["-o", draw(st.sampled_from(("OUT", "/dev/null/x", "\0", "/proc/x")))]
+        at = st.tuples(st.just("--at"), floats)
+        given += [w for flag in draw(st.lists(flags | at, max_size=1)) for w in flag]
+    else:
+        given += [draw(sources)]
+        few = ["--samples", "3"] if name == "run" else []
+        given += few + [w for flag in draw(st.lists(flags, max_size=3)) for w in flag]
+    return given
+
+
+def is_toml(text):
+    """Return whether Python's own reader takes a text."""
+    try:
+        tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError):
+        return False
+    return True

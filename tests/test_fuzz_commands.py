@@ -1,0 +1,65 @@
+"""Command lines made by hypothesis end in a documented status, without a trace."""
+
+import contextlib
+import io
+import warnings
+
+import pytest
+from hypothesis import given, settings
+from strategies import FILES, commands, damaged
+
+from spherekit.cli.main import main
+
+STATUSES = {0, 1, 2, 3, 4}
+
+
+def check_command(folder, words, text):
+    """Run a command in this process; only what the grammar refuses leaves by SystemExit."""
+    for name in ("damaged.toml", "damaged.study.toml"):
+        (folder / name).write_text(text, encoding="utf-8", errors="replace", newline="")
+    paths = {
+        "DAMAGED": str(folder / "damaged.toml"),
+        "DAMAGED.study.toml": str(folder / "damaged.study.toml"),
+        "OUT": str(folder / "out"),
+    }
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            status = main([paths.get(word, word) for word in words])
+        except SystemExit as left:
+            status = left.code
+            assert status in (0, 2)
+    assert status in STATUSES, words
+    assert "Traceback" not in err.getvalue()
+    assert "Warning" not in err.getvalue()
+    if status == 1:
+        assert err.getvalue().startswith("spherekit: ")
+
+
+@settings(max_examples=60)
+@given(words=commands(), text=damaged("four_bar.toml"))
+def test_command_lines(tmp_path_factory, words, text):
+    check_command(tmp_path_factory.getbasetemp(), words, text)
+
+
+@pytest.mark.long
+@settings(max_examples=3000)
+@given(words=commands(), text=damaged("stephenson_output.study.toml"))
+def test_many_command_lines(tmp_path_factory, words, text):
+    check_command(tmp_path_factory.getbasetemp(), words, text)
+
+
+def test_the_files_that_commands_damage_are_shipped():
+    assert {"four_bar.toml", "stephenson_output.study.toml"} <= set(FILES)
+
+
+def test_what_is_no_recording_is_not_shown(tmp_path, capsys):
+    path = tmp_path / "four_bar.rrd"
+    path.write_text(FILES["four_bar.toml"])
+    assert main(["view", str(path)]) == 1
+    assert "is no recording; make one: run FILE --save X.rrd" in capsys.readouterr().err

@@ -1,0 +1,120 @@
+"""Files, expressions and bytes made by hypothesis: sound, or refused in words."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import FILES, expressions, files, is_toml
+
+from spherekit.errors import FileError, ModelError, SpherekitError
+from spherekit.files.read import load, loads
+from spherekit.files.study import load_study
+from spherekit.files.write import dumps
+from spherekit.model.expression import load_names, parse
+
+PLACED = re.compile(r"damaged\.toml(:\d+)?: \S")
+
+
+def check_file(text):
+    """Read a text; what is refused names file and line, what is read can be written."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            made = loads(text, "damaged.toml")
+        except FileError as error:
+            message = str(error)
+            assert all(PLACED.match(line) for line in message.split("\n")), message
+            assert len(message) < 4000
+            assert all(character.isprintable() for character in message.replace("\n", ""))
+            return
+        assert is_toml(text.replace("\r\n", "\n").removeprefix("\ufeff"))
+        assert loads(dumps(made)) == made
+
+
+@settings(max_examples=150)
+@given(files)
+def test_damaged_mechanism_files(case):
+    check_file(case[1])
+
+
+@pytest.mark.long
+@settings(max_examples=10000)
+@given(files)
+def test_many_damaged_mechanism_files(case):
+    check_file(case[1])
+
+
+@settings(max_examples=150)
+@given(st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40))
+def test_texts_of_any_kind(text):
+    check_file(text)
+
+
+@settings(max_examples=100)
+@given(data=st.binary(max_size=80), start=st.booleans())
+def test_bytes_of_any_kind(tmp_path_factory, data, start):
+    path = tmp_path_factory.getbasetemp() / "damaged.toml"
+    path.write_bytes(FILES["four_bar.toml"].encode() * start + data)
+    try:
+        made = load(path)
+    except FileError as error:
+        assert "damaged.toml" in str(error)
+        return
+    assert loads(dumps(made)) == made
+
+
+@settings(max_examples=60)
+@given(files)
+def test_damaged_study_files(tmp_path_factory, case):
+    path = tmp_path_factory.getbasetemp() / "damaged.study.toml"
+    path.write_text(case[1], encoding="utf-8", errors="surrogatepass", newline="")
+    try:
+        load_study(str(path))
+    except SpherekitError as error:
+        assert "damaged.study.toml" in str(error)
+
+
+def test_every_shipped_file_is_where_damage_starts():
+    assert len(FILES) > 20
+    assert "format = 1" in FILES["stephenson_output.study.toml"]
+
+
+def check_expression(text):
+    names = load_names(["a", "b"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            made = parse(text, names)
+        except ModelError as error:
+            assert re.match(r"column \d+: ", str(error)), str(error)
+            assert len(str(error)) < 1000
+            return
+        assert made.names <= set(names)
+        at = {name: 0.3 + 0.1 * k for k, name in enumerate(names)}
+        array = made.evaluate(at)
+        assert array.shape == () and array.dtype == np.float64
+        read = {name: lambda row, k=k: row[k] for k, name in enumerate(names)}
+        number = made.scalar(read)([at[name] for name in names])
+        assert np.isclose(number, float(array), rtol=1e-9, atol=1e-12, equal_nan=True)
+
+
+@settings(max_examples=300)
+@given(expressions)
+def test_expressions_of_loads(text):
+    check_expression(text)
+
+
+@settings(max_examples=300)
+@given(st.text(max_size=30))
+def test_texts_as_expressions(text):
+    check_expression(text)
+
+
+@pytest.mark.long
+@settings(max_examples=20000)
+@given(expressions)
+def test_many_expressions_of_loads(text):
+    check_expression(text)
