@@ -22,6 +22,7 @@ from spherekit.model.geometry import Joint, Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
+from spherekit.motion.pairs import turns_of
 from spherekit.sphere.mirror import mirror_of, reflections, upward
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
@@ -171,14 +172,8 @@ class MidPlaneForm:
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
         """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""
-        values, gaps = [], []
-        for (a, b), joint in zip(self.mechanism.ends, self.joints, strict=True):
-            assert isinstance(joint, Revolute)
-            one, other = placed[:, a] @ joint.first, placed[:, b] @ joint.second
-            between = transpose(one) @ other
-            values.append(np.arctan2(between[:, 1, 0], between[:, 0, 0]))
-            gaps.append(arc(one[..., 2], other[..., 2]))
-        return np.stack(values, axis=1), np.stack(gaps, axis=1)
+        joints = [joint for joint in self.joints if isinstance(joint, Revolute)]
+        return turns_of(self.mechanism.ends, joints, placed)
 
     def rates_of_links(self, normals: Floats, slopes: Floats, modes: ArrayLike) -> Floats:
         """Return angular velocities (n, links, 3) relative to the base, in its axes.
