@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from spherekit_analyses.pose_lists import Given
 from test_inverse import serial
 
 import spherekit as sk
@@ -131,6 +132,7 @@ def test_all_ways_to_say_an_orientation(tmp_path):
     matrix = turn.as_matrix()
     x, y, z, w = turn.as_quat()
     torsion = Rotation.from_matrix(matrix).as_euler("ZYZ")
+    solver = pose_solver(sk.load("three_rrr"))
     said = {
         "qx+qy+qz+qw": [x, y, z, w],
         "qz+qy+qx+qw": [z, y, x, w],
@@ -143,8 +145,8 @@ def test_all_ways_to_say_an_orientation(tmp_path):
         path = tmp_path / "poses.csv"
         line = ",".join(repr(float(v)) for v in numbers)
         path.write_text(names.replace("+", ",") + f",note\n{line},7\n")
-        result, _ = found_in("three_rrr", file=path, unit="rad", nearest=0)
-        rows.append(result.frame()[["q_a1", "q_a2", "q_a3"]].to_numpy())
+        given = Given((), (), str(path), (), "rad").read(solver, "test")
+        rows.append(solver.inverse(given.poses, solver.modes).inputs)
     assert np.isfinite(rows[0]).all() and len(rows[0]) == 8
     for row in rows[1:]:
         assert np.max(wrapped(row - rows[0])) < 1e-14
