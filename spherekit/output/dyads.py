@@ -357,8 +357,8 @@ class Placed:
             level = total * ((np.cos(cones.near) + np.cos(cones.far)) / u)
             if cones.near != cones.far:
                 level += difference * ((np.cos(cones.near) - np.cos(cones.far)) / v)
-            across = cross(a, c)
-            across *= 4.0 * root / (u * v)
+            across = cross(difference, total)  # 2 a x c, to rounding of its own size
+            across *= 2.0 * root / (u * v)
             self.known[key] = level, across, root
             self.known[key, "squares"] = u, v
             self.known[key, "sound"] = root >= FLAT_DYAD * stand.flat

@@ -337,6 +337,9 @@ class _MidPlaneRows:
         self.form, self.signs, self.points = owner.form, signs, points
         self.driven = list(owner.form.plane.driven)
         way = points - owner.home
+        # lengths that differ by a rounding would turn the normal by that over the distance
+        longer = np.sum(way * (points + owner.home), axis=1, keepdims=True)
+        way = way - 0.5 * longer * points
         self.distance = np.linalg.norm(way, axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             self.normals = way / self.distance[:, None]
