@@ -133,7 +133,13 @@ class MidPlaneForm:
         """
         return mirror_of(transpose(self.frame) @ orientations @ transpose(self.image))
 
-    def place(self, normals: Floats, modes: ArrayLike, side: float = 1.0) -> Floats:
+    def place(
+        self,
+        normals: Floats,
+        modes: ArrayLike,
+        side: float = 1.0,
+        links: Sequence[int] | None = None,
+    ) -> Floats:
         """Return orientations (n, links, 3, 3) of all links relative to the base.
 
         Parameters
@@ -144,11 +150,14 @@ class MidPlaneForm:
             A sign for each leg.
         side
             1, or -1 for carriers turned over: their normals are -n.
+        links
+            Numbers of the links wanted, all by default; the others are left NaN.
         """
+        wanted = range(len(self.mechanism.links)) if links is None else links
         elbows, _ = self.plane.elbows(normals, modes)
         tips = np.einsum("nij,lj->nli", reflections(normals), self.plane.axes)
         n = len(normals)
-        placed = np.empty((n, len(self.mechanism.links), 3, 3))
+        placed = np.full((n, len(self.mechanism.links), 3, 3), np.nan)
         placed[:, 0] = np.eye(3)
         placed[:, self.effector] = self.orientations(normals)
         bases = np.broadcast_to(self.plane.axes, elbows.shape)
@@ -157,10 +166,14 @@ class MidPlaneForm:
                 (leg.near, leg.base, bases),
                 (leg.far, leg.tip, tips),
             ):
+                if link not in wanted:
+                    continue
                 inner = frame_toward(self._axis(pair, link), self._axis(leg.elbow, link))
                 outer = frame_toward(axes[:, k], elbows[:, k])
                 placed[:, link] = self.frame @ outer @ inner.T
         for carrier in self.carriers:
+            if carrier.link not in wanted:
+                continue
             inner = frame_toward(carrier.hinge, carrier.normal)
             hinge = carrier.sense * elbows[:, carrier.leg]
             outer = frame_toward(hinge, side * normals)

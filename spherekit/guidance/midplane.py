@@ -73,15 +73,29 @@ class MidPlane:
         NaN where a leg does not reach the mid-plane; the second is 0 at the limit of its
         reach.
         """
-        sine = normals @ self.axes.T
-        flat = self.axes - sine[..., None] * normals[:, None]
-        square = np.sum(flat * flat, axis=-1)
-        left = _left(self.arcs, sine, np.sqrt(square))
+        flat, square, left = self._flat(normals)
         aside = cross(np.broadcast_to(normals[:, None], flat.shape), flat)
         with np.errstate(invalid="ignore", divide="ignore"):
             root = np.sqrt(left) * np.asarray(modes, dtype=float)
             elbows = np.cos(self.arcs)[:, None] * flat + root[..., None] * aside
             return elbows / square[..., None], root
+
+    def nearest_elbows(self, normals: Floats) -> tuple[Floats, Floats]:
+        """Return points (n, legs, 3) that both elbows of a leg lie beside, and root^2.
+
+        The second (n, legs) is the square of n . (base axis x elbow), negative where the
+        leg does not reach the mid-plane.
+        """
+        flat, square, left = self._flat(normals)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.cos(self.arcs)[:, None] * flat / square[..., None], left
+
+    def _flat(self, normals: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the base axes in the mid-plane (n, legs, 3), their squares, root^2."""
+        sine = normals @ self.axes.T
+        flat = self.axes - sine[..., None] * normals[:, None]
+        square = np.sum(flat * flat, axis=-1)
+        return flat, square, _left(self.arcs, sine, np.sqrt(square))
 
     def readings(self, elbows: Floats) -> Floats:
         """Return the variables (n, legs) rad of the pairs at the base."""

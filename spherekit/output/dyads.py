@@ -378,6 +378,11 @@ class Placed:
             self.known[key] = reach - np.abs(base - centre)
         return np.asarray(self.known[key])
 
+    def square(self, group: int, signs: Signs) -> Floats:
+        """Return t^2 (n,) of a dyad, see `Cones`: negative where it does not reach."""
+        u, v = self._beside(group, signs, "squares")
+        return self.dyads.stands[group].cones.square(u, v)
+
     def sound(self, group: int, signs: Signs) -> NDArray[np.bool_]:
         """Return whether a dyad closes and is neither stretched nor folded (n,)."""
         return np.asarray(self._beside(group, signs, "sound"))

@@ -17,6 +17,7 @@ from spherekit.guidance.form import MidPlaneForm, axis_in
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.geometry import COLLINEAR, Revolute
 from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.pairs import turns_of
 from spherekit.output.dyads import Cones, Signs
 from spherekit.output.forward import ForwardKinematics
 from spherekit.output.inverse import InverseKinematics
@@ -45,6 +46,13 @@ class Rows(Protocol):
     @property
     def type_1(self) -> Floats:
         """(n, inputs) measures of type I, see `Inverse`."""
+
+    @property
+    def type_1_square(self) -> Floats:
+        """(n, inputs) its squares, continued smoothly where a leg does not reach.
+
+        There they are negative.
+        """
 
     @property
     def type_2(self) -> Floats:
@@ -235,6 +243,10 @@ class _DyadRows:
         return np.stack([self.posed.rate(pair).speed for pair in self.driven], axis=1)
 
     @property
+    def type_1_square(self) -> Floats:
+        return np.stack([self.posed.speed_square(pair) for pair in self.driven], axis=1)
+
+    @property
     def type_2(self) -> Floats:
         rates = [self.posed.rate(pair) for pair in self.driven]
         return self.posed.independence(rates, self.driven)
@@ -353,7 +365,10 @@ class _MidPlaneRows:
         for k, leg in enumerate(self.form.legs):
             if pair == leg.base:
                 return np.asarray(self.form.plane.readings(self._elbows[0])[:, k])
-        return np.asarray(self._values[:, pair])
+        ends, joint = self.form.mechanism.ends[pair], self.form.joints[pair]
+        assert isinstance(joint, Revolute)
+        placed = self.form.place(self.normals, self.signs, links=ends)
+        return turns_of([ends], [joint], placed)[0][:, 0]
 
     @property
     def inputs(self) -> Floats:
@@ -365,6 +380,15 @@ class _MidPlaneRows:
         across = cross(self.points[:, None], elbows[:, self.driven])
         size = np.linalg.norm(across, axis=2)
         return np.asarray(np.abs(root[:, self.driven]) * self.distance[:, None] / size)
+
+    @property
+    def type_1_square(self) -> Floats:
+        square = self.type_1**2
+        flat, left = self.form.plane.nearest_elbows(self.normals)
+        across = cross(self.points[:, None], flat[:, self.driven])
+        beyond = left[:, self.driven] / np.sum(across * across, axis=2)
+        beyond = np.fmin(beyond * (self.distance**2)[:, None], 0.0)
+        return np.where(np.isnan(square), beyond, square)
 
     @property
     def type_2(self) -> Floats:
@@ -392,11 +416,6 @@ class _MidPlaneRows:
     @cached_property
     def _placed(self) -> Floats:
         return self.form.place(self.normals, self.signs)
-
-    @cached_property
-    def _values(self) -> Floats:
-        values, _ = self.form.values(self._placed)
-        return values
 
     def _axis(self, pair: int) -> Floats:
         """Return the axis (n or 1, 3) of a pair in mirror axes."""
