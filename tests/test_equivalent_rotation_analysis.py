@@ -15,7 +15,6 @@ from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, SpherekitError
 from spherekit.guidance.form import MidPlaneRotation
-from spherekit.guidance.midplane import Clearance
 from spherekit.guidance.poses import AtInputs, AtMirror, AtOrientation, PoseFinder
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Output
@@ -321,9 +320,9 @@ def test_readings_in_blocks_are_those_of_the_elbows():
         held = np.abs(np.einsum("nlk,nk->nl", elbows, normals))
         assert np.nanmax(held) < 1e-14
         assert np.nanmax(arc_of(want - readings)) < 1e-12
-    margins = Clearance(0.17, 200.0, 8.0).margins(plane, normals)
+    folds = plane.folds(normals, plane.driven)
     base = np.arccos(np.clip(normals @ plane.axes[:2].T, -1.0, 1.0))
-    assert np.max(np.abs(margins[:, 0] + 0.17 - np.abs(np.pi - 2.0 * base))) < 1e-7
+    assert np.max(np.abs(folds - np.abs(np.pi - 2.0 * base))) < 1e-7
 
 
 def arc_of(angles):

@@ -312,3 +312,29 @@ def test_at_the_image_of_the_output_nothing_is_determined():
     rows = solver.inverse(solver.kinematics.home[None] @ solver.form.frame.T, ["+++"])
     assert rows.status[0] != Status.OK
     assert np.isnan(rows.inputs).all()
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
+def test_row_by_row_is_the_same(name):
+    """The position analysis of all links, and its velocity equations, as a second way."""
+    closed = pose_solver(sk.load(name))
+    graph = GraphPoses(closed.kinematics.kinematics)
+    poses = poses_for(closed, 6)
+    pairs = range(len(closed.mechanism.pairs))
+    one = closed.inverse(poses, closed.modes, pairs)
+    other = graph.inverse(poses, graph.modes, pairs)
+    key = {
+        (pose, mode): k
+        for k, (pose, mode) in enumerate(zip(one.pose, one.mode, strict=True))
+    }
+    found = np.array(
+        [key.get(each, -1) for each in zip(other.pose, other.mode, strict=True)]
+    )
+    held = np.flatnonzero(other.solved)
+    assert np.array_equal(np.sort(found[held]), np.flatnonzero(one.solved))
+    same = found[held]
+    assert np.max(wrapped(one.values[same] - other.values[held])) < 1e-12
+    assert np.max(np.abs(one.rates[same] - other.rates[held])) < 1e-11
+    assert np.max(np.abs(one.type_2[same] - other.type_2[held])) < 1e-12
+    empty = other.mode == ""
+    assert np.all(np.isnan(other.inputs[empty])) and np.all(~other.solved[empty])

@@ -283,37 +283,6 @@ class MidPlane:
         return upward(kept[int(np.argmax(np.abs(kept @ normal)))])
 
 
-@final
-@dataclass(frozen=True)
-class Clearance:
-    """When the links of a leg do not yet touch (Chen et al. 2021, section 3).
-
-    `least` (rad) is the angle allowed between the base and tip axes of a driven leg;
-    `radius` and `width` are those of the links, in one unit of length.
-    """
-
-    least: float
-    radius: float
-    width: float
-
-    def margins(self, plane: MidPlane, normals: Floats) -> Floats:
-        """Return (n, 2, driven legs): rad left to the least fold, and to full stretch.
-
-        Negative beyond the limit.
-        """
-        driven = list(plane.driven)
-        folds = plane.folds(normals, driven)
-        return np.stack([folds - self.least, 2.0 * plane.arcs[driven] - folds], axis=1)
-
-    def gaps(self, plane: MidPlane, normals: Floats) -> Floats:
-        """Return the lengths (n, driven legs) between the edges of links at both axes.
-
-        Measured along the sphere: radius times fold, less the width of a link.
-        """
-        folds = plane.folds(normals, plane.driven)
-        return np.asarray(self.radius * folds - self.width)
-
-
 def _left(arcs: ArrayLike, sine: Floats, cosine: Floats) -> Floats:
     """Return sin(arc + h) sin(arc - h), with sine and cosine of h: the square of the root.
 
