@@ -423,7 +423,7 @@ def _forward_table(mechanism: Mechanism, solver: PoseSolver, inputs: Floats) -> 
     if solver.points:
         assert found.directions is not None
         poses = found.directions
-    working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.modes))}")
+    working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.modes), default=1)}")
     type_2 = np.full(len(pose), np.nan)
     if isinstance(solver, ClosedPoses):
         rows = solver.inverse(poses, solver.modes)

@@ -74,11 +74,16 @@ class Given:
                 f"{where}: found {' and '.join(told) or 'no poses'}; give one of poses, "
                 "file and window"
             )
-        if self.file:
-            return self._from_file(solver, where)
-        if self.window:
-            return self._from_window(solver, where)
-        return self._from_text(solver, where)
+        try:
+            if self.file:
+                return self._from_file(solver, where)
+            if self.window:
+                return self._from_window(solver, where)
+            return self._from_text(solver, where)
+        except AnalysisError:
+            if not solver.modes:
+                solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
+            raise
 
     def _from_text(self, solver: PoseSolver, where: str) -> PoseList:
         rows = []
@@ -230,7 +235,9 @@ class Given:
 def _kinds(solver: PoseSolver) -> list[tuple[str, ...]]:
     """Return what columns make a pose of this output, and the inputs last."""
     kinds: list[tuple[str, ...]]
-    if solver.points:
+    if not solver.modes:
+        kinds = []
+    elif solver.points:
         kinds = [DIRECTION, AZIMUTH_TILT]
         if solver.form is not None:
             kinds.append(MIRROR)

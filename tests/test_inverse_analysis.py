@@ -217,6 +217,16 @@ def test_what_is_asked_wrongly_is_refused(parameters, said):
         found_in("five_bar", **parameters)
 
 
+def test_forward_of_one_freedom():
+    """Hooke's joint: tan(output) = tan(input) / cos(shaft angle), here 35 degrees."""
+    result, findings = found_in("universal_joint", window="21:5:355:36")
+    table = result.frame("inverse_kinematics", "forward")
+    assert findings["inputs"] == 36
+    assert len(table) == 72 and (table["tilt"] - np.radians(35.0)).abs().max() < 1e-14
+    turned = np.tan(table["torsion"] - 0.5 * np.pi) * np.cos(np.radians(35.0))
+    assert np.max(np.abs(turned - np.tan(table["q"]))) < 1e-12
+
+
 def test_one_freedom_is_told_another_way():
     with pytest.raises(PlanError, match="has 1 input; .* --input 41"):
         found_in("universal_joint", poses="1:2")
@@ -307,11 +317,11 @@ def test_pairs_asked_for():
 
 
 def test_at_the_image_of_the_output_nothing_is_determined():
-    """Where every mid-plane serves, a row says so and is not a number."""
+    """Where every mid-plane serves, a row is one of them and says that it is singular."""
     solver = pose_solver(sk.load("two_dof_spm"))
     rows = solver.inverse(solver.kinematics.home[None] @ solver.form.frame.T, ["+++"])
-    assert rows.status[0] != Status.OK
-    assert np.isnan(rows.inputs).all()
+    assert rows.status[0] == Status.AT_SINGULARITY
+    assert np.all(rows.type_1 < 1e-14)
 
 
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])

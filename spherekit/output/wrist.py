@@ -33,6 +33,8 @@ Vector = tuple[float, float, float]
 Z: Vector = (0.0, 0.0, 1.0)
 QUARTER = 0.5 * np.pi
 WHOLE = 2.0 * np.pi
+COORDINATES = (2, 3)
+"""Of a pointing output, and of an orientation."""
 
 
 @final
@@ -114,7 +116,7 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> Wrist:
     output = chosen_output(mechanism, name)
     where = f"{mechanism.name}: outputs.{output.name}"
     driven = driven_pairs(mechanism)
-    if len(driven) not in (2, 3):
+    if len(driven) not in COORDINATES:
         raise PlanError(
             f"{where}: an output has two coordinates (pointing) or three (orientation), "
             f"but the mechanism has {len(driven)} input{'s' * (len(driven) > 1)}; trace "

@@ -24,6 +24,7 @@ from spherekit.motion.motion import motion_of
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.solutions import Solutions
+from spherekit.output.wrist import COORDINATES, with_wrist
 from spherekit.sphere.rotation import Floats, cross
 from spherekit.workspace.constraints import Bound, Constraints, bounds_of
 from spherekit.workspace.kinematics import (
@@ -159,8 +160,10 @@ def pose_solver(
     Raises
     ------
     PlanError
-        If the output is unknown, or the inputs are not as many as its coordinates.
+        If the output is unknown, or cannot take every pose.
     """
+    if len(mechanism.inputs) not in COORDINATES:
+        return ForwardPoses(mechanism, output)
     inverse = InverseKinematics(mechanism, output)
     if inverse.has_closed_form or not graph:
         try:
@@ -168,6 +171,30 @@ def pose_solver(
         except AnalysisError:
             pass
     return GraphPoses(inverse)
+
+
+@final
+class ForwardPoses(PoseSolver):
+    """An output with another number of inputs than a pose has coordinates: one way only."""
+
+    points = False
+    modes = ()
+    legs = ()
+
+    def __init__(self, mechanism: Mechanism, output: str | None) -> None:
+        self._own = ForwardKinematics(mechanism, output)
+        self.mechanism, self.output = mechanism, self._own.output
+
+    def inverse(
+        self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
+    ) -> InverseRows:
+        """Raise the `PlanError` that says why there is none."""
+        with_wrist(self.mechanism, self.output.name)
+        raise AssertionError(self.mechanism.inputs)
+
+    def forward(self, inputs: Floats) -> Solutions:
+        """Return every pose found at inputs."""
+        return self._own.solutions(inputs)
 
 
 @final
