@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spherekit_analyses.pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
 
-from spherekit.analysis.frames import columns_of, read_numbers
+from spherekit.analysis.numbers import columns_of, read_numbers
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError
 from spherekit.sphere.mirror import normals_of
@@ -134,11 +134,13 @@ class Given:
                     f"{_ways(held or kinds)}" + ("; say columns=.." if held else "")
                 )
             names = held[0]
-        rows, units = read_numbers(path, [known[name] for name in names])
-        own = {name: units[known[name]] for name in names if known[name] in units}
-        first, word = (1, "row") if path.suffix == ".parquet" else (2, "line")
-        places = [f"{word} {k + first}" for k in range(len(rows))]
-        return self._made(solver, names, rows, own, places, f"{where}: {path}", None)
+        found = read_numbers(path, [known[name] for name in names])
+        own = {
+            name: found.units[known[name]] for name in names if known[name] in found.units
+        }
+        return self._made(
+            solver, names, found.values, own, found.places, f"{where}: {path}", None
+        )
 
     def _from_window(self, solver: PoseSolver, where: str) -> PoseList:
         axes: dict[str, Floats] = {}

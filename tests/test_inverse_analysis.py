@@ -11,7 +11,7 @@ from spherekit.analysis.scene import SphereMap
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, FileError, PlanError
 from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.motion.motion import motion_of
+from spherekit.motion.given import motion_of
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.workspace.constraints import Constraints, bounds_of
 from spherekit.workspace.inverse import GraphPoses, measures_of, pose_solver
@@ -348,3 +348,10 @@ def test_row_by_row_is_the_same(name):
     assert np.max(np.abs(one.type_2[same] - other.type_2[held])) < 1e-12
     empty = other.mode == ""
     assert np.all(np.isnan(other.inputs[empty])) and np.all(~other.solved[empty])
+
+
+def test_what_is_no_parquet_file_is_refused(tmp_path):
+    path = tmp_path / "poses.parquet"
+    path.write_bytes(b"no such thing")
+    with pytest.raises(FileError, match="is no Parquet file"):
+        found_in("five_bar", file=path)

@@ -1,7 +1,6 @@
 """Tables as pandas frames and files; the only module that imports pandas."""
 
 import io
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +9,9 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.tables import Table, TableData
 from spherekit.conventions import Status
-from spherekit.errors import FileError
 
 if TYPE_CHECKING:
     import pandas as pd
-
-MOST_SHOWN = 5
-"""Bad cells of a file that are named; of the others only the number."""
 
 
 def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFrame":
@@ -83,79 +78,3 @@ def read_parquet(path: Path) -> "pd.DataFrame":
     if raw:
         frame.attrs.update(json.loads(raw))
     return frame
-
-
-def columns_of(path: Path) -> tuple[str, ...]:
-    """Return the names of the columns of a CSV or Parquet file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or is no such file.
-    """
-    if path.suffix == ".parquet":
-        return tuple(map(str, _parquet(path).columns))
-    return tuple(map(str, _csv(path, nrows=0).columns))
-
-
-def read_numbers(path: Path, names: Sequence[str]) -> tuple[NDArray[Any], dict[str, str]]:
-    """Return columns (rows, names) of a CSV or Parquet file, and their units if it says.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or a cell is no finite number, with file and line.
-    """
-    if path.suffix == ".parquet":
-        frame = _parquet(path)
-        units = frame.attrs.get("units", {})
-        frame = frame[list(names)]
-        first = "row", 1
-    else:
-        try:
-            frame, units = _csv(path, usecols=list(names), dtype=float), {}
-        except FileError:
-            frame, units = _csv(path, usecols=list(names), dtype=str), {}
-        frame = frame[list(names)]
-        first = "line", 2
-    import pandas as pd
-
-    numbers = frame.apply(pd.to_numeric, errors="coerce").to_numpy(float)
-    bad = ~np.isfinite(numbers)
-    if np.any(bad):
-        rows, places = np.nonzero(bad)
-        shown = [
-            f"{first[0]} {row + first[1]}, column {names[k]}: {_cell(frame.iloc[row, k])}"
-            for row, k in zip(rows[:MOST_SHOWN], places[:MOST_SHOWN], strict=True)
-        ]
-        more = f" and {len(rows) - MOST_SHOWN} more" if len(rows) > MOST_SHOWN else ""
-        raise FileError(f"{path}: {'; '.join(shown)}{more}; every cell has to be a number")
-    return numbers, units
-
-
-def _cell(value: Any) -> str:
-    text = str(value)
-    return "empty" if text in ("nan", "") else f'"{text[:40]}" is no finite number'
-
-
-def _csv(path: Path, **options: Any) -> "pd.DataFrame":
-    import pandas as pd
-
-    try:
-        frame: pd.DataFrame = pd.read_csv(path, skip_blank_lines=False, **options)
-    except OSError as problem:
-        raise FileError(f"{path}: cannot be read: {problem.strerror or problem}") from None
-    except ValueError as problem:  # of pandas: no columns, ragged rows, no text
-        raise FileError(f"{path}: is no CSV file with a header: {problem}") from None
-    return frame
-
-
-def _parquet(path: Path) -> "pd.DataFrame":
-    import pyarrow as pa
-
-    try:
-        return read_parquet(path)
-    except OSError as problem:
-        raise FileError(f"{path}: cannot be read: {problem.strerror or problem}") from None
-    except pa.ArrowException as problem:
-        raise FileError(f"{path}: is no Parquet file: {problem}") from None

@@ -352,28 +352,3 @@ def status_counts(status: Sequence[int] | NDArray[np.int8]) -> dict[str, int]:
     return {
         code.name: int(np.sum(codes == code)) for code in Status if np.any(codes == code)
     }
-
-
-def motion_of(solver: Solver, values: Floats) -> Motion:
-    """Return closed configurations (n, V) as a motion of one nameless branch.
-
-    Singular ones are rows like others: their status is OK.
-    """
-    n = len(values)
-    placed, states = solver.closure.place(values)
-    gap = np.abs(solver.closure.residual(placed, states))
-    return Motion(
-        mechanism=solver.mechanism,
-        joints=solver.joints,
-        assembly=solver.assembly,
-        branches=(),
-        samples=n,
-        sample=np.arange(n),
-        branch=np.zeros(n, dtype=np.int64),
-        inputs=values[:, list(solver.driven)],
-        values=values,
-        rotations=placed,
-        status=np.full(n, Status.OK, dtype=np.int8),
-        residual=np.max(gap, axis=1, initial=0.0),
-        is_path=False,
-    )
