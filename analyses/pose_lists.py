@@ -24,7 +24,8 @@ ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
 """Columns that are angles."""
 NOT_ROTATION = 1e-6
 """A matrix whose R R^T differs from 1 by more is no rotation."""
-MOST_POSES = 2_000_000
+MOST_POSES = 500_000
+"""Of one run, whose tables are in memory: with eight modes 2 GB."""
 MOST_SHOWN = 5
 
 
@@ -160,11 +161,7 @@ class Given:
         kinds = _kinds(solver)
         names = _kind(kinds, tuple(axes), where)
         shape = tuple(len(axes[name]) for name in names)
-        if np.prod(shape, dtype=float) > MOST_POSES:
-            raise AnalysisError(
-                f"{where}: window: {'x'.join(map(str, shape))} poses are more than "
-                f"{MOST_POSES}; take fewer, or several windows"
-            )
+        _check_size(float(np.prod(shape, dtype=float)), f"{where}: window")
         mesh = np.meshgrid(*(axes[name] for name in names), indexing="ij")
         rows = np.stack([each.ravel() for each in mesh], axis=1)
         places = [f"number {k + 1}" for k in range(len(rows))]
@@ -182,6 +179,7 @@ class Given:
     ) -> PoseList:
         """Return the poses of rows (n, names), refusing those that are none."""
         driven = _kinds(solver)[-1]
+        _check_size(len(rows), where)
         rows = rows.copy()
         for k, name in enumerate(names):
             if name in ANGLES or names == driven:
@@ -232,6 +230,13 @@ class Given:
         turned = np.linalg.det(matrices) > 0.0
         _refuse(~((gap < NOT_ROTATION) & turned), places, where, "is no rotation matrix")
         return matrices
+
+
+def _check_size(count: float, where: str) -> None:
+    if count > MOST_POSES:
+        raise AnalysisError(
+            f"{where}: {count:.0f} poses are more than {MOST_POSES}; take them in parts"
+        )
 
 
 def _kinds(solver: PoseSolver) -> list[tuple[str, ...]]:
