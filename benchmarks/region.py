@@ -1,5 +1,6 @@
 """Areas of regions: time and evaluations against the error reached, and the feature."""
 
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -169,7 +170,7 @@ def _limited(quick: bool) -> Section:
             (found,) = direction_workspaces(kinematics, bounds, kinematics.modes[:1], 1e-4)
             return found.region
 
-        times = rounds({"workspace": job}, 3)
+        times = rounds({"workspace": job}, 3, now=time.process_time)
         region = job()
         what = f"pair {pair}" if pair else f"near {near:g} deg"
         stated = region.error / region.area
@@ -178,7 +179,7 @@ def _limited(quick: bool) -> Section:
         "Workspaces that end in cusps",
         "One working mode to 1e-4 with a pair limited to -40 to 100 deg, which touches the "
         "border of the reach, or kept from singularities by a small angle, where both "
-        "borders run side by side. Errors are relative.",
+        "borders run side by side. Processor time; errors are relative.",
         ("mechanism", "limit", "s", "evaluations", "error stated"),
         rows,
         "Each is to take 2 s at most.",
