@@ -83,7 +83,8 @@ class EquivalentRotation(AbstractAnalysis):
     `samples` divide the rotation evenly; `theta` (degrees) gives its angles instead.
     `speed` (deg/s) and `acceleration` (deg/s2) are limits of the inputs, one for all or one
     for each: with one of them there is a schedule of that many rows, its time law of the
-    `shape` cycloidal, cubic, quintic or septic.
+    `shape` cycloidal, cubic, quintic or septic. With the controller's `cycle` (s) it has a
+    row for each cycle instead, and takes a whole number of them.
     """
 
     name: ClassVar[str] = "equivalent_rotation"
@@ -140,6 +141,7 @@ class EquivalentRotation(AbstractAnalysis):
     speed: tuple[float, ...] = ()
     acceleration: tuple[float, ...] = ()
     shape: str = "cycloidal"
+    cycle: float = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the tracer, whose solver assembles the start; refuse bad parameters."""
@@ -170,6 +172,11 @@ class EquivalentRotation(AbstractAnalysis):
                     f"{self.name}: {name}: found {'+'.join(map(str, limits))}, needs one "
                     f"limit above 0 for all inputs, or one for each of {listing(inputs)}"
                 )
+        if not 0.0 <= self.cycle < np.inf:
+            raise AnalysisError(
+                f"{self.name}: cycle: found {self.cycle:g}, needs a time above 0 s, or 0 "
+                "for none"
+            )
         if self.shape not in SHAPES:
             raise AnalysisError(
                 f'{self.name}: shape: "{self.shape}" is none'
@@ -245,11 +252,13 @@ class EquivalentRotation(AbstractAnalysis):
         turn, at = found.rotation, found.samples
         departure, drift = _largest(at.departure), _largest(at.drift)
         followed = turn.end == Status.OK
+        failed = ~np.isin(at.status, (Status.OK, Status.AT_SINGULARITY))
         figures: dict[str, Any] = {
             "output": found.output.name,
             "axis": turn.axis.tolist(),
             "angle_rad": turn.angle,
-            "feasible": bool(followed and departure < FEASIBLE),
+            "feasible": bool(followed and departure < FEASIBLE and not np.any(failed)),
+            "failed_rows": int(np.sum(failed)),
             "reached_rad": turn.reached,
             "end": Status(turn.end).name,
             "closed_form": isinstance(turn, MidPlaneRotation),
@@ -276,6 +285,12 @@ class EquivalentRotation(AbstractAnalysis):
                 f"the rotation ends at {np.degrees(turn.reached):.6g} of "
                 f"{np.degrees(turn.angle):.6g} deg: {Status(turn.end).name}, "
                 f"{ENDS[Status(turn.end)]}"
+            )
+        elif np.any(failed):
+            first = int(np.argmax(failed))
+            warnings.append(
+                f"{int(np.sum(failed))} of {len(failed)} rows failed, the first at theta = "
+                f"{np.degrees(at.theta[first]):.6g} deg: {Status(at.status[first]).name}"
             )
         if not departure < FEASIBLE:
             worst = int(np.nanargmax(at.departure))
@@ -348,7 +363,9 @@ class EquivalentRotation(AbstractAnalysis):
                 for each in (self.speed, self.acceleration)
             )
             try:
-                schedule = quickest(turn, speed, acceleration, self.shape)
+                schedule = quickest(
+                    turn, speed, acceleration, self.shape, self.cycle or None
+                )
             except SolveError as problem:
                 unscheduled = str(problem)
         return Found(
@@ -444,6 +461,7 @@ def _schedule_figures(schedule: Schedule, shape: str) -> dict[str, Any]:
     return {
         "shape": shape,
         "duration_s": schedule.duration,
+        "cycle_s": schedule.cycle,
         "set_by": f"{most.quantity} of {most.input} at {most.t:.6g} s",
         "extremes": [
             {

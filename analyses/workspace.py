@@ -13,6 +13,7 @@ from spherekit.analysis.tables import INPUTS, Column, Table, TableData, input_co
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.region.region import Part, Region
+from spherekit.sphere.rotation import quaternion
 from spherekit.workspace.constraints import (
     AxesLimit,
     Bound,
@@ -413,7 +414,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"nor {inputs} inputs in degrees"
             )
         if len(given) == inputs:
-            return kinematics.places(np.radians(given))
+            found = kinematics.forward(np.radians(given)[None])
+            places = found.directions if kinematics.points else quaternion(found.rotations)
+            assert places is not None
+            _, first = np.unique(places, axis=0, return_index=True)
+            return np.asarray(places[np.sort(first)])
         length = np.linalg.norm(given)
         if length == 0.0:
             raise AnalysisError(f"workspace: pose: {what} may not be 0 throughout")

@@ -1,5 +1,6 @@
 """Areas of regions: time and evaluations against the error reached, and the feature."""
 
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -11,8 +12,14 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.region.orientations import find_orientations
 from spherekit.region.region import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
-from spherekit.workspace.constraints import AxesLimit, Constraints, bounds_of
-from spherekit.workspace.kinematics import kinematics_of
+from spherekit.workspace.constraints import (
+    AxesLimit,
+    Bound,
+    Constraints,
+    PairLimit,
+    bounds_of,
+)
+from spherekit.workspace.kinematics import OutputKinematics, kinematics_of
 from spherekit.workspace.workspace import (
     DirectionWorkspace,
     direction_workspaces,
@@ -32,12 +39,28 @@ RULES = {
     "two_dof_spm": (("21", "43"), ("61", "54")),
 }
 """Mechanisms, and the axes that the rule keeps apart."""
+LIMITED: tuple[tuple[str, str, float], ...] = (
+    ("five_bar", "21", 0.0),
+    ("five_bar", "43", 0.0),
+    ("five_bar", "", 2.0),
+    ("two_dof_spm", "21", 0.0),
+    ("two_dof_spm", "43", 0.0),
+    ("two_dof_spm", "", 2.0),
+)
+"""Mechanisms with a pair that keeps to -40 to 100 deg, or a least angle (deg) to
+singularities."""
 WIDTHS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 
 
 def run(quick: bool) -> list[Section]:
     """Return the sections."""
-    return [_accuracy(quick), _mechanisms(quick), _features(quick), _orientations(quick)]
+    return [
+        _accuracy(quick),
+        _mechanisms(quick),
+        _limited(quick),
+        _features(quick),
+        _orientations(quick),
+    ]
 
 
 def _five_bar() -> tuple[Margins, float]:
@@ -129,6 +152,37 @@ def _mechanisms(quick: bool) -> Section:
         ("mechanism", "asked for", "s", "modes", "evaluations", "error stated", "change"),
         rows,
         "Whole workspaces with the area to 1e-4 are to take 2 s at most.",
+    )
+
+
+def _limited(quick: bool) -> Section:
+    """Time one mode's workspace to 1e-4 where borders touch or run side by side."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, pair, near in LIMITED[:3] if quick else LIMITED:
+        kinematics = kinematics_of(load(name))
+        low, high = np.radians([-40.0, 100.0])
+        limits = (PairLimit(pair, float(low), float(high)),) if pair else ()
+        bounds = bounds_of(kinematics, Constraints(limits, near=float(np.radians(near))))
+
+        def job(
+            kinematics: OutputKinematics = kinematics, bounds: Sequence[Bound] = bounds
+        ) -> Region:
+            (found,) = direction_workspaces(kinematics, bounds, kinematics.modes[:1], 1e-4)
+            return found.region
+
+        times = rounds({"workspace": job}, 3, now=time.process_time)
+        region = job()
+        what = f"pair {pair}" if pair else f"near {near:g} deg"
+        stated = region.error / region.area
+        rows.append((name, what, median(times, "workspace"), region.evaluations, stated))
+    return Section(
+        "Workspaces that end in cusps",
+        "One working mode to 1e-4 with a pair limited to -40 to 100 deg, which touches the "
+        "border of the reach, or kept from singularities by a small angle, where both "
+        "borders run side by side. Processor time; errors are relative.",
+        ("mechanism", "limit", "s", "evaluations", "error stated"),
+        rows,
+        "Each is to take 2 s at most.",
     )
 
 

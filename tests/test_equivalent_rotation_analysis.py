@@ -12,8 +12,9 @@ from spherekit.analysis.contract import Batch, Findings, Needs
 from spherekit.analysis.frames import to_frame
 from spherekit.analysis.registry import create
 from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
+from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, SpherekitError
-from spherekit.guidance.midplane import Clearance
+from spherekit.guidance.form import MidPlaneRotation
 from spherekit.guidance.poses import AtInputs, AtMirror, AtOrientation, PoseFinder
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Output
@@ -175,6 +176,41 @@ def test_schedule_is_a_table_in_time(table_3):
         assert np.trapezoid(ddq, t) == pytest.approx(0.0, abs=3e-2)
 
 
+def test_schedule_in_cycles_of_a_controller():
+    """A row for each cycle, a whole number of them, no limit passed, no time wasted."""
+    way = "start=phi=75+gamma=-20,end=phi=70+gamma=20,speed=30,samples=5"
+    free = ran("two_dof_spm", way)
+    result = ran("two_dof_spm", f"{way},cycle=0.004")
+    own, least = findings(result)["schedule"], findings(free)["schedule"]["duration_s"]
+    table = result.tables["schedule"]
+    t = table["t"].to_numpy()
+    assert own["cycle_s"] == 0.004
+    assert np.max(np.abs(t - 0.004 * np.arange(len(t)))) < 1e-12
+    assert least <= t[-1] == own["duration_s"] < least + 0.004
+    assert table[["dq_21", "dq_61"]].abs().to_numpy().max() <= 30.0
+    assert np.abs(table[["dq_21", "dq_61"]].iloc[-1]).max() < 1e-9
+    assert ran("two_dof_spm", f"{way},cycle=1e-9").tables["schedule"].empty
+    whole = ran("two_dof_spm", f"{way},cycle={least / 7!r}").tables["schedule"]
+    assert len(whole) == 8
+
+
+def test_a_failed_row_is_not_feasible(monkeypatch):
+    """Whatever fails on the way is said, though the end is reached."""
+    whole = MidPlaneRotation.at
+
+    def partly(turn, theta):
+        found = whole(turn, theta)
+        status = found.status.copy()
+        status[2:3] = Status.NOT_CONVERGED
+        return replace(found, status=status)
+
+    monkeypatch.setattr(MidPlaneRotation, "at", partly)
+    result = ran("two_dof_spm", "start=phi=75+gamma=-20,end=phi=74+gamma=-20,samples=5")
+    own = findings(result)
+    assert own["failed_rows"] == 1 and not own["feasible"]
+    assert any("1 of 5 rows failed" in text for text in result.warnings)
+
+
 def test_passing_through_the_home_pose():
     result = ran("two_dof_spm", "start=phi=40+gamma=10,end=phi=-40+gamma=-10,samples=5")
     own = findings(result)
@@ -284,9 +320,9 @@ def test_readings_in_blocks_are_those_of_the_elbows():
         held = np.abs(np.einsum("nlk,nk->nl", elbows, normals))
         assert np.nanmax(held) < 1e-14
         assert np.nanmax(arc_of(want - readings)) < 1e-12
-    margins = Clearance(0.17, 200.0, 8.0).margins(plane, normals)
+    folds = plane.folds(normals, plane.driven)
     base = np.arccos(np.clip(normals @ plane.axes[:2].T, -1.0, 1.0))
-    assert np.max(np.abs(margins[:, 0] + 0.17 - np.abs(np.pi - 2.0 * base))) < 1e-7
+    assert np.max(np.abs(folds - np.abs(np.pi - 2.0 * base))) < 1e-7
 
 
 def arc_of(angles):
@@ -405,6 +441,7 @@ def test_singular_ends_come_last():
         ("start=21=5+61=5", "parameters missing: end"),
         ("start=21=5+61=5,end=21=6+61=6,samples=1", "samples: found 1, needs at least 2"),
         ("start=21=5+61=5,end=21=6+61=6,speed=-1", "speed: found -1.0, needs one limit"),
+        ("start=21=5+61=5,end=21=6+61=6,cycle=-1", "cycle: found -1, needs a time above 0"),
         ("start=21=5+61=5,end=21=6+61=6,acceleration=1+2+3", "one for each of 21, 61"),
         ("start=21=5+61=5,end=21=6+61=6,theta=-3", "theta: found -3.0, needs angles"),
         ("start=21=5+61=5,end=21=6+61=6,shape=cubix", 'did you mean "cubic"'),

@@ -509,7 +509,7 @@ def test_what_cannot_be_asked():
         InverseKinematics(three, "x")
     with pytest.raises(PlanError, match="say which one of link 3: axis ="):
         InverseKinematics(replace(five, outputs=(Output("o", "3", "1"),)))
-    with pytest.raises(PlanError, match="has 1 inputs"):
+    with pytest.raises(PlanError, match="has 1 input;"):
         InverseKinematics(replace(sk.load("four_bar"), outputs=(Output("o", "3", "1"),)))
     with pytest.raises(PlanError, match="relative to itself"):
         InverseKinematics(replace(three, outputs=(Output("o", "base", "base"),)))

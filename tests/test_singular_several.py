@@ -23,13 +23,13 @@ from spherekit.model.mechanism import (
     Pair,
     SizeGeometry,
 )
+from spherekit.motion.given import motion_of
 from spherekit.motion.locked import lock
 from spherekit.motion.motion import Tracer
 from spherekit.motion.pairs import pair_axes
 from spherekit.singular.aspects import aspects
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.locus import Locus
-from spherekit.singular.points import motion_of
 from spherekit.singular.rest import InputsRest, output_of
 from spherekit.singular.several import RowType, coefficients
 from spherekit.singular.slices import solver_of

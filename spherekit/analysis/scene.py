@@ -137,7 +137,10 @@ class SphereCurves:
 @final
 @dataclass(frozen=True)
 class SphereMap:
-    """A part of the unit sphere, in ground axes, coloured by a value; it does not move."""
+    """A part of the unit sphere, in ground axes, coloured by a value; it does not move.
+
+    Without triangles it is the vertices, seen as points.
+    """
 
     path: str
     label: str

@@ -22,6 +22,7 @@ from spherekit.model.geometry import Joint, Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
+from spherekit.motion.pairs import turns_of
 from spherekit.sphere.mirror import mirror_of, reflections, upward
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
@@ -132,7 +133,13 @@ class MidPlaneForm:
         """
         return mirror_of(transpose(self.frame) @ orientations @ transpose(self.image))
 
-    def place(self, normals: Floats, modes: ArrayLike, side: float = 1.0) -> Floats:
+    def place(
+        self,
+        normals: Floats,
+        modes: ArrayLike,
+        side: float = 1.0,
+        links: Sequence[int] | None = None,
+    ) -> Floats:
         """Return orientations (n, links, 3, 3) of all links relative to the base.
 
         Parameters
@@ -143,11 +150,14 @@ class MidPlaneForm:
             A sign for each leg.
         side
             1, or -1 for carriers turned over: their normals are -n.
+        links
+            Numbers of the links wanted, all by default; the others are left NaN.
         """
+        wanted = range(len(self.mechanism.links)) if links is None else links
         elbows, _ = self.plane.elbows(normals, modes)
         tips = np.einsum("nij,lj->nli", reflections(normals), self.plane.axes)
         n = len(normals)
-        placed = np.empty((n, len(self.mechanism.links), 3, 3))
+        placed = np.full((n, len(self.mechanism.links), 3, 3), np.nan)
         placed[:, 0] = np.eye(3)
         placed[:, self.effector] = self.orientations(normals)
         bases = np.broadcast_to(self.plane.axes, elbows.shape)
@@ -156,10 +166,14 @@ class MidPlaneForm:
                 (leg.near, leg.base, bases),
                 (leg.far, leg.tip, tips),
             ):
+                if link not in wanted:
+                    continue
                 inner = frame_toward(self._axis(pair, link), self._axis(leg.elbow, link))
                 outer = frame_toward(axes[:, k], elbows[:, k])
                 placed[:, link] = self.frame @ outer @ inner.T
         for carrier in self.carriers:
+            if carrier.link not in wanted:
+                continue
             inner = frame_toward(carrier.hinge, carrier.normal)
             hinge = carrier.sense * elbows[:, carrier.leg]
             outer = frame_toward(hinge, side * normals)
@@ -171,14 +185,8 @@ class MidPlaneForm:
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
         """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""
-        values, gaps = [], []
-        for (a, b), joint in zip(self.mechanism.ends, self.joints, strict=True):
-            assert isinstance(joint, Revolute)
-            one, other = placed[:, a] @ joint.first, placed[:, b] @ joint.second
-            between = transpose(one) @ other
-            values.append(np.arctan2(between[:, 1, 0], between[:, 0, 0]))
-            gaps.append(arc(one[..., 2], other[..., 2]))
-        return np.stack(values, axis=1), np.stack(gaps, axis=1)
+        joints = [joint for joint in self.joints if isinstance(joint, Revolute)]
+        return turns_of(self.mechanism.ends, joints, placed)
 
     def rates_of_links(self, normals: Floats, slopes: Floats, modes: ArrayLike) -> Floats:
         """Return angular velocities (n, links, 3) relative to the base, in its axes.

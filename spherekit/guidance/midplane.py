@@ -73,15 +73,29 @@ class MidPlane:
         NaN where a leg does not reach the mid-plane; the second is 0 at the limit of its
         reach.
         """
-        sine = normals @ self.axes.T
-        flat = self.axes - sine[..., None] * normals[:, None]
-        square = np.sum(flat * flat, axis=-1)
-        left = _left(self.arcs, sine, np.sqrt(square))
+        flat, square, left = self._flat(normals)
         aside = cross(np.broadcast_to(normals[:, None], flat.shape), flat)
         with np.errstate(invalid="ignore", divide="ignore"):
             root = np.sqrt(left) * np.asarray(modes, dtype=float)
             elbows = np.cos(self.arcs)[:, None] * flat + root[..., None] * aside
             return elbows / square[..., None], root
+
+    def nearest_elbows(self, normals: Floats) -> tuple[Floats, Floats]:
+        """Return points (n, legs, 3) that both elbows of a leg lie beside, and root^2.
+
+        The second (n, legs) is the square of n . (base axis x elbow), negative where the
+        leg does not reach the mid-plane.
+        """
+        flat, square, left = self._flat(normals)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.cos(self.arcs)[:, None] * flat / square[..., None], left
+
+    def _flat(self, normals: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the base axes in the mid-plane (n, legs, 3), their squares, root^2."""
+        sine = normals @ self.axes.T
+        flat = self.axes - sine[..., None] * normals[:, None]
+        square = np.sum(flat * flat, axis=-1)
+        return flat, square, _left(self.arcs, sine, np.sqrt(square))
 
     def readings(self, elbows: Floats) -> Floats:
         """Return the variables (n, legs) rad of the pairs at the base."""
@@ -267,37 +281,6 @@ class MidPlane:
             return np.full(3, np.nan)
         kept = every[inside]
         return upward(kept[int(np.argmax(np.abs(kept @ normal)))])
-
-
-@final
-@dataclass(frozen=True)
-class Clearance:
-    """When the links of a leg do not yet touch (Chen et al. 2021, section 3).
-
-    `least` (rad) is the angle allowed between the base and tip axes of a driven leg;
-    `radius` and `width` are those of the links, in one unit of length.
-    """
-
-    least: float
-    radius: float
-    width: float
-
-    def margins(self, plane: MidPlane, normals: Floats) -> Floats:
-        """Return (n, 2, driven legs): rad left to the least fold, and to full stretch.
-
-        Negative beyond the limit.
-        """
-        driven = list(plane.driven)
-        folds = plane.folds(normals, driven)
-        return np.stack([folds - self.least, 2.0 * plane.arcs[driven] - folds], axis=1)
-
-    def gaps(self, plane: MidPlane, normals: Floats) -> Floats:
-        """Return the lengths (n, driven legs) between the edges of links at both axes.
-
-        Measured along the sphere: radius times fold, less the width of a link.
-        """
-        folds = plane.folds(normals, plane.driven)
-        return np.asarray(self.radius * folds - self.width)
 
 
 def _left(arcs: ArrayLike, sine: Floats, cosine: Floats) -> Floats:

@@ -35,6 +35,9 @@ acceleration."""
 TOLERANCE = 1e-9
 """Relative error of the interpolants in which the largest values are looked for."""
 MOST_CELLS = 64
+MOST_ROWS = 1_000_000
+WHOLE = 1e-12
+"""Part of a duration by which it may miss a whole number of cycles: rounding."""
 
 
 @final
@@ -79,7 +82,8 @@ class Schedule:
     """A rotation in time.
 
     `duration` in s; `extremes` for each input, speeds first; `error` is that of the
-    interpolants from which these were found, relative to the largest.
+    interpolants from which these were found, relative to the largest. `cycle` (s) is the
+    controller's, of which the duration is a whole number; None for none.
     """
 
     rotation: FixedAxisRotation
@@ -87,10 +91,11 @@ class Schedule:
     duration: float
     extremes: tuple[Extreme, ...]
     error: float
+    cycle: float | None = None
 
     @property
     def binding(self) -> Extreme:
-        """The extreme that is at its limit and so sets the duration."""
+        """The extreme that sets the duration, at its limit but for whole cycles."""
         return max(
             self.extremes,
             key=lambda each: (
@@ -129,7 +134,13 @@ class Schedule:
         )
 
     def table(self, samples: int) -> Timetable:
-        """Return rows at equally spaced times, both ends included."""
+        """Return rows at equally spaced times, both ends included.
+
+        With a cycle there is a row for each, whatever number of samples is asked for.
+        """
+        if self.cycle is not None:
+            ticks = np.arange(round(self.duration / self.cycle) + 1)
+            return self.at(np.minimum(ticks * self.cycle, self.duration))
         if samples < 2:
             raise SolveError(f"samples: found {samples}, needs at least 2")
         return self.at(np.linspace(0.0, self.duration, samples))
@@ -140,6 +151,7 @@ def quickest(
     speed: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     shape: str | Law = "cycloidal",
+    cycle: float | None = None,
 ) -> Schedule:
     """Return the shortest schedule of a law shape that keeps to the limits of the drives.
 
@@ -151,14 +163,19 @@ def quickest(
         Limits (rad/s, rad/s2) of the inputs: one for all, or one for each; None for none.
     shape
         A name in `SHAPES`, or a law from 0 at t = 0 to 1 at t = 1.
+    cycle
+        That of the controller (s): the duration is the shortest whole number of cycles.
 
     Raises
     ------
     SolveError
-        If no limit is given or one is not positive, the shape is no such law, or the
-        mechanism does not follow all the way.
+        If no limit is given or one is not positive, the shape is no such law, the cycle
+        is not positive or makes more than `MOST_ROWS` rows, or the mechanism does not
+        follow all the way.
     """
     law = _shape(shape)
+    if cycle is not None and not 0.0 < cycle < np.inf:
+        raise SolveError(f"cycle: found {cycle:g}, needs a time above 0 s")
     count = len(rotation.inputs)
     limits = np.concatenate(
         [_limits("speed", speed, count), _limits("acceleration", acceleration, count)]
@@ -172,6 +189,13 @@ def quickest(
     values = np.diagonal(_moved(rotation, law, top.places)[1])
     powers = np.repeat([1.0, 0.5], count)
     duration = float(np.max((np.abs(values) / limits) ** powers))
+    if cycle is not None:
+        if duration / cycle > MOST_ROWS:
+            raise SolveError(
+                f"cycle: {duration:.6g} s in cycles of {cycle:g} s are more than "
+                f"{MOST_ROWS} rows; give a longer cycle"
+            )
+        duration = cycle * max(1.0, np.ceil(duration / cycle * (1.0 - WHOLE)))
     theta = rotation.angle * law.at(top.places)[0]
     extremes = tuple(
         Extreme(
@@ -184,7 +208,7 @@ def quickest(
         )
         for k in range(2 * count)
     )
-    return Schedule(rotation, law, duration, extremes, fitted.error)
+    return Schedule(rotation, law, duration, extremes, fitted.error, cycle)
 
 
 def _shape(shape: str | Law) -> Law:

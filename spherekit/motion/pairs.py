@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.model.geometry import Joint, Revolute
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, arc, cross, transpose
 
 
 @final
@@ -33,6 +33,23 @@ class PairStates:
     curvatures: Floats
     curvature_rates: Floats
     inside: NDArray[np.bool_]
+
+
+def turns_of(
+    ends: Sequence[tuple[int, int]], joints: Sequence[Revolute], placed: Floats
+) -> tuple[Floats, Floats]:
+    """Return the variables (n, pairs) rad of R pairs between placed links, and gaps.
+
+    `ends` are the numbers of each pair's links, `placed` (n, links, 3, 3) the orientations
+    of these; a gap (n, pairs) rad is the angle between the axes of a pair in its links.
+    """
+    values, gaps = [], []
+    for (a, b), joint in zip(ends, joints, strict=True):
+        one, other = placed[:, a] @ joint.first, placed[:, b] @ joint.second
+        between = transpose(one) @ other
+        values.append(np.arctan2(between[:, 1, 0], between[:, 0, 0]))
+        gaps.append(arc(one[..., 2], other[..., 2]))
+    return np.stack(values, axis=1), np.stack(gaps, axis=1)
 
 
 def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:

@@ -22,7 +22,7 @@ from spherekit.output.wrist import Wrist
 from spherekit.planning.assembly import Assembly, split
 from spherekit.planning.inputs import merged
 from spherekit.rates.vectors import cross, dot
-from spherekit.sphere.rotation import Floats, frame_from, perpendicular
+from spherekit.sphere.rotation import Floats, frame_from, frame_toward, perpendicular
 
 SAMPLES = 120
 """Turns at which the bar's equation is looked at for changes of its sign."""
@@ -32,6 +32,9 @@ LONGEST = 0.3
 """Longest step of Newton's method (rad)."""
 CONVERGED = 1e-11
 """A last step below this (rad) has converged: the next one is below rounding."""
+CLOSED = 1e-7
+"""f at a root is less: at the end of a dyad's reach its slope has no end, and a step from
+there none either."""
 SAME_TURN = 1e-7
 """Roots nearer to each other (rad) are one."""
 
@@ -41,13 +44,14 @@ SAME_TURN = 1e-7
 class Turned:
     """A pointing mechanism of dyads and one bar.
 
-    `pairs` are those of the bar, `links` the links that it joins, `cosine` that of its
-    arc. `across` (2, 3) with the output's direction are the rows of a rotation: the first
-    turn about the direction is measured from them.
+    `pairs` are those of the link `bar`, `links` the links that it joins, `cosine` that of
+    its arc. `across` (2, 3) with the output's direction are the rows of a rotation: the
+    first turn about the direction is measured from them.
     """
 
     dyads: Dyads
     assembly: Assembly
+    bar: int
     pairs: tuple[int, int]
     links: tuple[int, int]
     cosine: float
@@ -78,6 +82,26 @@ class Turned:
         x = dot(one, first) + dot(other, second)
         y = dot(other, first) - dot(one, second)
         return np.asarray(np.arctan2(y, x))
+
+    def links_of(self, placed: Placed, signs: Signs, count: int) -> Floats:
+        """Return the orientations (n, count, 3, 3) of all links but the virtual ones."""
+        assert placed.given_rotation is not None
+        n = placed.given_rotation.shape[-1]
+        found = np.empty((n, count, 3, 3))
+        for link in range(count):
+            if link == self.bar:
+                continue
+            for k, vector in enumerate(np.eye(3)):
+                seen = placed.vector(vector, link, signs, ("frame", k))
+                found[:, link, :, k] = seen.T
+        (first, second), (one, other) = self.pairs, self.links
+        outer = (
+            np.broadcast_to(placed.axis(pair, link, signs), (3, n)).T
+            for pair, link in ((first, one), (second, other))
+        )
+        inner = (self.dyads.axis_in(pair, self.bar) for pair in self.pairs)
+        found[:, self.bar] = frame_toward(*outer) @ frame_toward(*inner).T
+        return found
 
     def gap(self, placed: Placed, signs: Signs) -> Floats:
         """Return f (n,)."""
@@ -117,19 +141,19 @@ class Turned:
             placed = self.place(some, at)
             gap, rate = self.gap(placed, signs), self.rate(placed, signs)
             step = -gap * rate.bottom / dot(rate.top, some)
-            size = np.abs(step)
+            size, closed = np.abs(step), np.abs(gap) < CLOSED
             if bracket is None:
                 step *= LONGEST / np.maximum(size, LONGEST)
             else:
                 low[active] = np.where(gap <= 0.0, at, low[active])
                 high[active] = np.where(gap > 0.0, at, high[active])
                 way = at + step - low[active], at + step - high[active]
-                outside = ~(way[0] * way[1] <= 0.0)
+                outside = ~(way[0] * way[1] <= 0.0) | ((size < CONVERGED) & ~closed)
                 middle = 0.5 * (low[active] + high[active])
                 step = np.where(outside, middle - at, step)
                 size = np.abs(step)
             turn[active] = np.where(np.isfinite(step), at + step, at)
-            converged[active] = size < CONVERGED
+            converged[active] = (size < CONVERGED) & closed
             active = active[size >= CONVERGED]
             if not len(active):
                 break
@@ -271,6 +295,7 @@ def turned(wrist: Wrist, solver: Solver) -> Turned | None:
         found = Turned(
             dyads,
             assembly,
+            bar,
             (first, second),
             (sum(made.ends[first]) - bar, sum(made.ends[second]) - bar),
             float(dyads.axis_in(first, bar) @ dyads.axis_in(second, bar)),

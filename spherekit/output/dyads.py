@@ -357,8 +357,8 @@ class Placed:
             level = total * ((np.cos(cones.near) + np.cos(cones.far)) / u)
             if cones.near != cones.far:
                 level += difference * ((np.cos(cones.near) - np.cos(cones.far)) / v)
-            across = cross(a, c)
-            across *= 4.0 * root / (u * v)
+            across = cross(difference, total)  # 2 a x c, to rounding of its own size
+            across *= 2.0 * root / (u * v)
             self.known[key] = level, across, root
             self.known[key, "squares"] = u, v
             self.known[key, "sound"] = root >= FLAT_DYAD * stand.flat
@@ -377,6 +377,11 @@ class Placed:
             reach = 0.5 * (cones.longest - cones.shortest)
             self.known[key] = reach - np.abs(base - centre)
         return np.asarray(self.known[key])
+
+    def square(self, group: int, signs: Signs) -> Floats:
+        """Return t^2 (n,) of a dyad, see `Cones`: negative where it does not reach."""
+        u, v = self._beside(group, signs, "squares")
+        return self.dyads.stands[group].cones.square(u, v)
 
     def sound(self, group: int, signs: Signs) -> NDArray[np.bool_]:
         """Return whether a dyad closes and is neither stretched nor folded (n,)."""

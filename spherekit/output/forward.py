@@ -6,6 +6,7 @@ its topology, so that they are exact and independent of the inverse kinematics.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import final
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism, Output
-from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.branches import Branch, Evaluated, Solver, wrap
 from spherekit.motion.lattice import given_path
 from spherekit.motion.motion import Motion
 from spherekit.output.solutions import Solutions, pose_of, solved
@@ -73,10 +74,8 @@ class ForwardKinematics:
                 "by row, or trace the mechanism along a path"
             )
         q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
-        groups = len(self.solver.assembly.groups)
         if modes is None:
-            modes = list(np.ndindex((2,) * groups))
-            modes = [tuple(1 - 2 * k for k in mode) for mode in modes]
+            modes = _signs(len(self.solver.assembly.groups))
         rotations, status = [], []
         for number, signs in enumerate(modes):
             found = self.solver.evaluate(Branch(number, tuple(signs)), q)
@@ -100,7 +99,39 @@ class ForwardKinematics:
             If the inputs are not finite or not as many as the mechanism has.
         """
         q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
-        return solved(self.solver, self.output, q, self.solver.driven)
+        if self.solver.assembly.has_closed_form:
+            return self._dyads(q)
+        count = len(self.mechanism.variable_owners)
+        return solved(self.solver, self.output, q, self.solver.driven, count)
+
+    def _dyads(self, q: Floats) -> Solutions:
+        modes = _signs(len(self.solver.assembly.groups))
+        found = [self.solver.evaluate(Branch(0, signs), q) for signs in modes]
+        held = np.stack([_closed(each) for each in found], axis=1)
+        row, mode = np.nonzero(held)
+        values = np.stack([each.values for each in found], axis=1)[row, mode]
+        rotations = np.stack([each.rotations for each in found], axis=1)[row, mode]
+        turned = pose_of(self.mechanism, self.output, rotations)
+        direction = self.output.direction
+        return Solutions(
+            row,
+            wrap(values[:, list(self.solver.driven)]),
+            values,
+            turned,
+            None if direction is None else turned @ np.array(direction),
+            tuple(modes[k] for k in mode),
+            np.ones(len(q), dtype=bool),
+        )
+
+
+def _signs(groups: int) -> list[tuple[int, ...]]:
+    """Return the signs of all modes of so many dyads."""
+    return list(product((1, -1), repeat=groups))
+
+
+def _closed(found: Evaluated) -> NDArray[np.bool_]:
+    status = found.status
+    return np.asarray((status == Status.OK) | (status == Status.AT_SINGULARITY))
 
 
 def output_rates(motion: Motion, output: Output) -> Floats:

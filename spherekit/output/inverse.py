@@ -23,6 +23,7 @@ from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import FLAT_DYAD, Solver
+from spherekit.motion.pairs import turns_of
 from spherekit.output.bar import Turned, turned
 from spherekit.output.dyads import Dyads, Placed, Signs, Stand
 from spherekit.output.posed import Posed, reach_of
@@ -335,30 +336,36 @@ class InverseKinematics:
             with np.errstate(invalid="ignore", divide="ignore"):
                 return self._every_turn(self._turned, given)
         coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
-        return solved(self.solver, self.wrist.output, coordinates, self.driven)
+        count = len(self.own.variable_owners)
+        return solved(self.solver, self.wrist.output, coordinates, self.driven, count)
 
     def _every_turn(self, turned: Turned, given: Floats) -> Solutions:
         """Return the solutions of all modes at directions (n, 3), in order of rows."""
         self._check(given.T, 0)
-        rows, inputs, rotations, signs = [], [], [], []
+        rows, rotations, signs = [], [], []
+        values: list[Floats] = []
+        joints = [joint for joint in self.solver.joints if isinstance(joint, Revolute)]
+        ends, count = self.own.ends, len(self.own.links)
         for start in range(0, len(given), FEW):
             block = np.ascontiguousarray(given[start : start + FEW].T)
             for mode in dict.fromkeys(mode[:-1] for mode in self.modes):
                 row, turn, sense = turned.roots(block, mode)
                 placed = turned.place(block[:, row], turn)
                 rows.append(row + start)
-                inputs.append(
-                    np.stack([placed.angle(p, mode)[0] for p in self.wrist.driven], axis=1)
-                )
+                links = turned.links_of(placed, mode, count)
+                values.append(turns_of(ends, joints[: len(ends)], links)[0])
                 assert placed.given_rotation is not None
                 rotations.append(placed.given_rotation.T)
                 signs += [(*mode, int(sign)) for sign in sense]
         row = np.concatenate([np.empty(0, dtype=np.intp), *rows])
         order = np.argsort(row, kind="stable")
+        every = np.concatenate([np.empty((0, len(self.own.variable_owners))), *values])
+        every = every[order]
         turned_links = np.concatenate([np.empty((0, 3, 3)), *rotations])[order]
         return Solutions(
             row[order],
-            np.concatenate([np.empty((0, len(self.driven))), *inputs])[order],
+            every[:, self.driven],
+            every,
             turned_links,
             turned_links @ turned.direction,
             tuple(signs[k] for k in order),

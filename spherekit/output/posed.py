@@ -107,6 +107,18 @@ class Posed:
         found: Rate = placed.known[key]
         return found
 
+    def speed_square(self, pair: int) -> Floats:
+        """Return the square (n,) of the speed of `rate`, continued beyond the reach.
+
+        Smoothly, where the dyad of the pair stands on the base and the output alone.
+        """
+        dyads, signs = self.placed.dyads, self.signs
+        square = self.rate(pair).speed ** 2
+        stand = dyads.stands[dyads.group_of[pair]]
+        other = stand.cones.far if pair == stand.near else stand.cones.near
+        beyond = self.placed.square(dyads.group_of[pair], signs) / np.sin(other) ** 2
+        return np.where(np.isnan(square), np.fmin(beyond, 0.0), square)
+
     def independence(self, rates: Sequence[Rate], pairs: Sequence[int]) -> Floats:
         """Return the volume or area (n,) that the unit normals span."""
         placed = self.placed

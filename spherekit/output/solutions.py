@@ -19,14 +19,16 @@ class Solutions:
     """Every configuration found at some poses or inputs, a row for each.
 
     `row` (k,) is the number of the pose or of the inputs given; `inputs` (k, inputs) rad;
-    `rotations` (k, 3, 3) the orientations of the output link seen from its other link,
-    `directions` (k, 3) what it points at, None if it declares no direction; `signs` those
-    of the dyads, 0 for irreducible groups, in solving order; `complete` (rows,) whether
-    no solution can be missing.
+    `values` (k, variables) rad of all pairs of the mechanism; `rotations` (k, 3, 3) the
+    orientations of the output link seen from its other link, `directions` (k, 3) what it
+    points at, None if it declares no direction; `signs` those of the dyads, 0 for
+    irreducible groups, in solving order; `complete` (rows,) whether no solution can be
+    missing.
     """
 
     row: NDArray[np.intp]
     inputs: Floats
+    values: Floats
     rotations: Floats
     directions: Floats | None
     signs: tuple[tuple[int, ...], ...]
@@ -41,11 +43,12 @@ def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
 
 
 def solved(
-    solver: Solver, output: Output, inputs: Floats, told: Sequence[int]
+    solver: Solver, output: Output, inputs: Floats, told: Sequence[int], count: int
 ) -> Solutions:
     """Return every configuration of a mechanism at inputs (n, inputs), row by row.
 
-    `told` are the variables whose values are the solutions' inputs, in (-pi, pi].
+    `told` are the variables whose values are the solutions' inputs, in (-pi, pi]; the
+    first `count` variables are kept.
     """
     row, values, signs = [], [], []
     complete = np.ones(len(inputs), dtype=bool)
@@ -64,6 +67,7 @@ def solved(
     return Solutions(
         np.array(row, dtype=np.intp),
         wrap(every[:, list(told)]),
+        every[:, :count],
         turned,
         None if output.direction is None else turned @ np.array(output.direction),
         tuple(signs),

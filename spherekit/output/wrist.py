@@ -33,6 +33,8 @@ Vector = tuple[float, float, float]
 Z: Vector = (0.0, 0.0, 1.0)
 QUARTER = 0.5 * np.pi
 WHOLE = 2.0 * np.pi
+COORDINATES = (2, 3)
+"""Of a pointing output, and of an orientation."""
 
 
 @final
@@ -114,10 +116,11 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> Wrist:
     output = chosen_output(mechanism, name)
     where = f"{mechanism.name}: outputs.{output.name}"
     driven = driven_pairs(mechanism)
-    if len(driven) not in (2, 3):
+    if len(driven) not in COORDINATES:
         raise PlanError(
             f"{where}: an output has two coordinates (pointing) or three (orientation), "
-            f"but the mechanism has {len(driven)} inputs; trace its motion instead"
+            f"but the mechanism has {len(driven)} input{'s' * (len(driven) > 1)}; trace "
+            f"its motion instead{_other_way(mechanism, output, len(driven))}"
         )
     if output.link == output.relative_to:
         raise PlanError(
@@ -150,6 +153,17 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> Wrist:
     )
     count = len(mechanism.pairs)
     return Wrist(made, output, driven, (count, count + 1, count + 2))
+
+
+def _other_way(mechanism: Mechanism, output: Output, count: int) -> str:
+    """Return how the output of one freedom is driven itself, if a pair has its angle."""
+    ends = {output.link, output.relative_to}
+    for pair in mechanism.pairs:
+        if count == 1 and pair.type == "R" and set(pair.links) == ends:
+            return (
+                f", or drive its pair {pair.name} and read the input: --input {pair.name}"
+            )
+    return ""
 
 
 def _unused(

@@ -6,10 +6,8 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import Status
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Solver
-from spherekit.motion.motion import Motion
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.rest import InputsRest, OutputRest
 from spherekit.sphere.rotation import Floats
@@ -97,28 +95,3 @@ def loci_of(solver: Solver, output: OutputRest, kind: TypeName) -> tuple[Locus, 
     first = Locus(solver.closure, count, output)
     second = Locus(solver.closure, count, InputsRest(solver.driven))
     return (first, second) if kind == "I" else (second, first)
-
-
-def motion_of(solver: Solver, values: Floats) -> Motion:
-    """Return closed configurations (n, V) as a motion of one nameless branch.
-
-    Singular ones are rows like others: their status is OK.
-    """
-    n = len(values)
-    placed, states = solver.closure.place(values)
-    gap = np.abs(solver.closure.residual(placed, states))
-    return Motion(
-        mechanism=solver.mechanism,
-        joints=solver.joints,
-        assembly=solver.assembly,
-        branches=(),
-        samples=n,
-        sample=np.arange(n),
-        branch=np.zeros(n, dtype=np.int64),
-        inputs=values[:, list(solver.driven)],
-        values=values,
-        rotations=placed,
-        status=np.full(n, Status.OK, dtype=np.int8),
-        residual=np.max(gap, axis=1, initial=0.0),
-        is_path=False,
-    )

@@ -73,10 +73,12 @@ def close_dyad(
     closes
         (n,) whether the arcs can reach each other.
     """
-    across = cross(first, second)
+    # first x second, to rounding of its own size where the axes nearly coincide
+    across = 0.5 * cross(first + second, second - first)
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     normal = across / np.where(length > 0.0, length, 1.0)
-    base, side_near, side_far = arc(first, second), arc(*near), arc(*far)
+    base = np.arctan2(length[..., 0], np.sum(first * second, axis=-1))
+    side_near, side_far = arc(*near), arc(*far)
     at_first, at_second, closes = vertex_angles(base, side_near, side_far)
     closes = closes & (length[:, 0] > REACH_SLACK)
 

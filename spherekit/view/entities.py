@@ -270,18 +270,21 @@ def _still_curves(item: SphereCurves) -> Iterator[Still]:
 
 
 def _still_map(item: SphereMap) -> Iterator[Still]:
-    used = np.unique(item.triangles)
+    meshed = len(item.triangles) > 0
+    used = np.unique(item.triangles) if meshed else np.arange(len(item.vertices))
     low, high = float(np.min(item.values[used])), float(np.max(item.values[used]))
     parts = np.clip((item.values - low) / max(high - low, HIDDEN), 0.0, 1.0)
-    yield (
-        "",
-        rr.Mesh3D(
-            vertex_positions=MAP_LIFT * item.vertices,
+    places, tints = MAP_LIFT * item.vertices, colours.heat(parts)
+    if meshed:
+        seen: rr.AsComponents = rr.Mesh3D(
+            vertex_positions=places,
             triangle_indices=item.triangles,
             vertex_normals=item.vertices,
-            vertex_colors=colours.heat(parts),
-        ),
-    )
+            vertex_colors=tints,
+        )
+    else:
+        seen = rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(4.0))
+    yield "", seen
     scale = np.linspace(0.0, 1.0, SCALE_MARKS)
     places = np.outer(SCALE[0] + (SCALE[1] - SCALE[0]) * scale, [0.0, 0.0, 1.0])
     yield (

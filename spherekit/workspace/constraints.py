@@ -288,8 +288,7 @@ def _of_singularities(mechanism: Mechanism, near: float) -> tuple[Bound, ...]:
     for number, item in enumerate(mechanism.inputs):
 
         def first(rows: Rows, number: int = number) -> Floats:
-            measure = np.nan_to_num(rows.type_1[:, number], nan=0.0)  # it ends there as 0
-            return np.asarray(1.0 - 2.0 * measure**2)
+            return np.asarray(1.0 - 2.0 * rows.type_1_square[:, number])
 
         title = f"type I of {item.pair} at least {_deg(near)} away"
         bounds.append(Bound(title, 2.0 * near, True, first, 0.5))

@@ -10,18 +10,21 @@ from functools import cached_property
 from typing import Protocol, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.errors import AnalysisError, ModelError
 from spherekit.guidance.form import MidPlaneForm, axis_in
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.geometry import COLLINEAR, Revolute
 from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.pairs import turns_of
 from spherekit.output.dyads import Cones, Signs
 from spherekit.output.forward import ForwardKinematics
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.posed import Posed
+from spherekit.output.solutions import Solutions
 from spherekit.sphere.mirror import reflections
-from spherekit.sphere.rotation import Floats, cross, quaternion
+from spherekit.sphere.rotation import Floats, cross
 
 
 class Rows(Protocol):
@@ -45,8 +48,23 @@ class Rows(Protocol):
         """(n, inputs) measures of type I, see `Inverse`."""
 
     @property
+    def type_1_square(self) -> Floats:
+        """(n, inputs) its squares, continued smoothly where a leg does not reach.
+
+        There they are negative.
+        """
+
+    @property
     def type_2(self) -> Floats:
         """(n,) measure of type II, see `Inverse`."""
+
+    @property
+    def rates(self) -> Floats:
+        """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
+
+        In axes of the link that the output is seen from; for a pointing output of the part
+        at right angles to its direction.
+        """
 
 
 @final
@@ -94,8 +112,8 @@ class OutputKinematics(ABC):
         """Return one mode at poses."""
 
     @abstractmethod
-    def places(self, inputs: Floats) -> Floats:
-        """Return all poses at inputs (inputs,) rad, as directions or quaternions xyzw."""
+    def forward(self, inputs: Floats) -> Solutions:
+        """Return all poses at inputs (n, inputs) rad."""
 
     def name_of(self, pair: int) -> str:
         """Return the name of a pair, or that of the output for a pair made for it."""
@@ -104,8 +122,8 @@ class OutputKinematics(ABC):
 
 
 def label_of(signs: Signs) -> str:
-    """Return the signs of a mode as text, ``+-+``."""
-    return "".join("+" if sign > 0 else "-" for sign in signs)
+    """Return the signs of a mode as text, ``+-+``, with ``~`` for groups without one."""
+    return "".join("~+-"[sign] for sign in signs)
 
 
 def kinematics_of(mechanism: Mechanism, output: str | None = None) -> OutputKinematics:
@@ -118,7 +136,12 @@ def kinematics_of(mechanism: Mechanism, output: str | None = None) -> OutputKine
     AnalysisError
         If there is no closed form that needs no start.
     """
-    kinematics = InverseKinematics(mechanism, output)
+    return closed_form_of(InverseKinematics(mechanism, output))
+
+
+def closed_form_of(kinematics: InverseKinematics) -> OutputKinematics:
+    """Return the closed form of an output, see `kinematics_of`."""
+    mechanism, output = kinematics.own, kinematics.wrist.output.name
     if kinematics.has_closed_form:
         return DyadKinematics(kinematics)
     try:
@@ -193,14 +216,9 @@ class DyadKinematics(OutputKinematics):
             self.kinematics.posed(poses, signs), self.kinematics.wrist.driven, len(poses)
         )
 
-    def places(self, inputs: Floats) -> Floats:
-        """Return all poses at inputs (inputs,) rad, as directions or quaternions xyzw."""
-        forward = ForwardKinematics(self.mechanism, self.output.name)
-        found = forward.solutions(inputs[None])
-        if self.points:
-            assert found.directions is not None
-            return found.directions
-        return quaternion(found.rotations)
+    def forward(self, inputs: Floats) -> Solutions:
+        """Return all poses at inputs (n, inputs) rad."""
+        return ForwardKinematics(self.mechanism, self.output.name).solutions(inputs)
 
 
 @final
@@ -225,9 +243,18 @@ class _DyadRows:
         return np.stack([self.posed.rate(pair).speed for pair in self.driven], axis=1)
 
     @property
+    def type_1_square(self) -> Floats:
+        return np.stack([self.posed.speed_square(pair) for pair in self.driven], axis=1)
+
+    @property
     def type_2(self) -> Floats:
         rates = [self.posed.rate(pair) for pair in self.driven]
         return self.posed.independence(rates, self.driven)
+
+    @property
+    def rates(self) -> Floats:
+        rates = [self.posed.rate(pair) for pair in self.driven]
+        return np.stack([(rate.unit / rate.speed).T for rate in rates], axis=1)
 
 
 @final
@@ -283,11 +310,37 @@ class MidPlaneKinematics(OutputKinematics):
         """Return one mode at directions (n, 3)."""
         return _MidPlaneRows(self, poses @ self.form.frame, signs)
 
-    def places(self, inputs: Floats) -> Floats:
-        """Return the direction (0 or 1, 3) at driven readings (2,) rad."""
-        normals = self.form.plane.normals(inputs[None])
-        turned = self.form.orientations(normals) @ np.array(self.output.direction)
-        return np.asarray(turned[np.isfinite(turned[:, 0])])
+    def forward(self, inputs: Floats) -> Solutions:
+        """Return the pose at driven readings (n, 2) rad, the other legs in each mode.
+
+        None where the driven elbows lie on one line.
+        """
+        form, plane = self.form, self.form.plane
+        upward = plane.normals(inputs)
+        away = -np.sign(upward @ self.home)[:, None]  # from the image of the output
+        normals, own = away * upward, away * plane.modes(inputs)
+        parts: list[tuple[NDArray[np.intp], Floats, list[Signs]]] = []
+        for signs in self.modes:
+            same = np.all(own == np.array(signs)[list(plane.driven)], axis=1)
+            row = np.flatnonzero(same)
+            values, _ = form.values(form.place(normals[row], signs))
+            closed = np.isfinite(values).all(axis=1)
+            row, values = row[closed], values[closed]
+            parts.append((row, values, [signs] * len(row)))
+        rows = np.concatenate([row for row, _, _ in parts])
+        order = np.argsort(rows, kind="stable")
+        values = np.concatenate([values for _, values, _ in parts])[order]
+        labels = [signs for _, _, found in parts for signs in found]
+        turned = form.orientations(normals[rows[order]])
+        return Solutions(
+            rows[order],
+            inputs[rows[order]],
+            values,
+            turned,
+            turned @ np.array(self.output.direction),
+            tuple(labels[k] for k in order),
+            np.ones(len(inputs), dtype=bool),
+        )
 
 
 @final
@@ -296,6 +349,9 @@ class _MidPlaneRows:
         self.form, self.signs, self.points = owner.form, signs, points
         self.driven = list(owner.form.plane.driven)
         way = points - owner.home
+        # lengths that differ by a rounding would turn the normal by that over the distance
+        longer = np.sum(way * (points + owner.home), axis=1, keepdims=True)
+        way = way - 0.5 * longer * points
         self.distance = np.linalg.norm(way, axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             self.normals = way / self.distance[:, None]
@@ -309,7 +365,10 @@ class _MidPlaneRows:
         for k, leg in enumerate(self.form.legs):
             if pair == leg.base:
                 return np.asarray(self.form.plane.readings(self._elbows[0])[:, k])
-        return np.asarray(self._values[:, pair])
+        ends, joint = self.form.mechanism.ends[pair], self.form.joints[pair]
+        assert isinstance(joint, Revolute)
+        placed = self.form.place(self.normals, self.signs, links=ends)
+        return turns_of([ends], [joint], placed)[0][:, 0]
 
     @property
     def inputs(self) -> Floats:
@@ -323,6 +382,15 @@ class _MidPlaneRows:
         return np.asarray(np.abs(root[:, self.driven]) * self.distance[:, None] / size)
 
     @property
+    def type_1_square(self) -> Floats:
+        square = self.type_1**2
+        flat, left = self.form.plane.nearest_elbows(self.normals)
+        across = cross(self.points[:, None], flat[:, self.driven])
+        beyond = left[:, self.driven] / np.sum(across * across, axis=2)
+        beyond = np.fmin(beyond * (self.distance**2)[:, None], 0.0)
+        return np.where(np.isnan(square), beyond, square)
+
+    @property
     def type_2(self) -> Floats:
         elbows, _ = self._elbows
         across = cross(self.points[:, None], elbows[:, self.driven])
@@ -331,6 +399,16 @@ class _MidPlaneRows:
         )
         return np.asarray(np.linalg.norm(cross(first, second), axis=1))
 
+    @property
+    def rates(self) -> Floats:
+        elbows, root = self._elbows
+        own = self.driven
+        across = cross(elbows[:, own], self.points[:, None]) @ self.form.frame.T
+        senses = self.form.plane.senses[own]
+        return np.asarray(
+            across * (senses / (root[:, own] * self.distance[:, None]))[..., None]
+        )
+
     @cached_property
     def _elbows(self) -> tuple[Floats, Floats]:
         return self.form.plane.elbows(self.normals, self.signs)
@@ -338,11 +416,6 @@ class _MidPlaneRows:
     @cached_property
     def _placed(self) -> Floats:
         return self.form.place(self.normals, self.signs)
-
-    @cached_property
-    def _values(self) -> Floats:
-        values, _ = self.form.values(self._placed)
-        return values
 
     def _axis(self, pair: int) -> Floats:
         """Return the axis (n or 1, 3) of a pair in mirror axes."""

@@ -92,20 +92,21 @@ def judge(
     """Return what is left at places, directions (n, 3) or quaternions (n, 4) xyzw."""
     with np.errstate(invalid="ignore", divide="ignore"):
         rows = kinematics.at(_poses(kinematics, places), signs)
-        left = np.stack([bound.left(rows) for bound in bounds], axis=1)
-        columns = np.stack([bound.column(rows) for bound in bounds], axis=1)
-        missing = np.isnan(left)
-        filled = np.where(missing, np.inf, left)
-        limiting = np.argmin(filled, axis=1)
-        margin = np.min(filled, axis=1)
-        exact = np.min(np.where(np.isnan(columns), np.inf, columns), axis=1)
-        margin = np.where((margin < 0.0) & (exact >= 0.0), 0.0, margin)
-        unknown = missing.any(axis=1) & (margin >= 0.0)
-        return Judged(
-            np.where(unknown, np.nan, margin),
-            np.where(unknown, -1, limiting),
-            *_known(rows),
-        )
+        return Judged(*left_of(bounds, rows), *_known(rows))
+
+
+def left_of(bounds: Sequence[Bound], rows: Rows) -> tuple[Floats, NDArray[np.intp]]:
+    """Return what is left (n,) rad to the nearest bound, and its number, see `Judged`."""
+    left = np.stack([bound.left(rows) for bound in bounds], axis=1)
+    columns = np.stack([bound.column(rows) for bound in bounds], axis=1)
+    missing = np.isnan(left)
+    filled = np.where(missing, np.inf, left)
+    limiting = np.argmin(filled, axis=1)
+    margin = np.min(filled, axis=1)
+    exact = np.min(np.where(np.isnan(columns), np.inf, columns), axis=1)
+    margin = np.where((margin < 0.0) & (exact >= 0.0), 0.0, margin)
+    unknown = missing.any(axis=1) & (margin >= 0.0)
+    return np.where(unknown, np.nan, margin), np.where(unknown, -1, limiting)
 
 
 def _known(rows: Rows) -> tuple[Floats, Floats, Floats]:
@@ -259,19 +260,12 @@ def nearest_reachable(
     where the way to the nearest of `SAMPLES` orientations spread evenly, or to the best
     one known, enters the workspace for good. None if no pose is known to be inside.
     """
-
-    def inside(places: Floats) -> NDArray[np.bool_]:
-        return judge(kinematics, bounds, found.signs, places).inside
-
     if isinstance(found, OrientationWorkspace):
         samples = np.concatenate([orientation_samples(), found.orientations.place[None]])
-        held = samples[inside(samples)]
-        if not len(held):
-            return None
-        near = held[np.argmax(np.abs(held @ place))]
-        near = near if near @ place >= 0.0 else -near
-        there = _on_way(place, near, inside)
-        return there, 2.0 * _between(place, there)
+        (offer,) = nearest_orientations(
+            kinematics, bounds, found.signs, place[None], samples
+        )
+        return offer
     if not found.region.components:
         return None
     border = found.region.nearest(place)
@@ -279,9 +273,36 @@ def nearest_reachable(
     aims = [border, *(_beyond(border, 2.0 * border - place, step) for step in NUDGES)]
     aims += [_beyond(border, aim, step) for step in NUDGES for aim in deepest]
     candidates = np.stack(aims)
-    good = np.flatnonzero(inside(candidates))
+    good = np.flatnonzero(judge(kinematics, bounds, found.signs, candidates).inside)
     there = candidates[good[0]] if len(good) else border
     return there, _between(place, there)
+
+
+def nearest_orientations(
+    kinematics: OutputKinematics,
+    bounds: Sequence[Bound],
+    signs: Signs,
+    places: Floats,
+    samples: Floats,
+) -> list[tuple[Floats, float] | None]:
+    """Return reachable orientations near ones that are outside, and how far (rad).
+
+    Quaternions (n, 4); each is where the way to the nearest of the samples (k, 4) that are
+    inside enters the workspace for good; None if none of them is.
+    """
+
+    def inside(places: Floats) -> NDArray[np.bool_]:
+        return judge(kinematics, bounds, signs, places).inside
+
+    held = samples[inside(samples)]
+    if not len(held):
+        return [None] * len(places)
+    found: list[tuple[Floats, float] | None] = []
+    for place in places:
+        near = held[np.argmax(np.abs(held @ place))]
+        there = _on_way(place, near if near @ place >= 0.0 else -near, inside)
+        found.append((there, 2.0 * _between(place, there)))
+    return found
 
 
 def _between(one: Floats, other: Floats) -> float:

@@ -1,0 +1,493 @@
+"""Inverse kinematics of many poses of an output, and its poses at many inputs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+from spherekit_analyses.pose_lists import Given, PoseList
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
+from spherekit.analysis.scene import Scene, SphereMap, Text
+from spherekit.analysis.tables import (
+    INPUTS,
+    STATUS,
+    Column,
+    Table,
+    TableData,
+    input_columns,
+)
+from spherekit.conventions import Status, listing, nearest
+from spherekit.errors import AnalysisError
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats, quaternion
+from spherekit.sphere.tilt_torsion import azimuth_tilt, tilt_torsion
+from spherekit.workspace.inverse import (
+    ClosedPoses,
+    InverseRows,
+    PoseSolver,
+    pose_solver,
+    sense_of,
+)
+from spherekit.workspace.kinematics import label_of
+
+Row = dict[str, Any]
+
+POSE = Column("pose", "", "number of the pose or of the inputs given, from 0", "integer")
+PLACES = (
+    Column("x", "", "of the direction, or of the unit quaternion xyzw"),
+    Column("y", "", "of the direction or quaternion"),
+    Column("z", "", "of the direction or quaternion"),
+    Column("w", "", "of the quaternion; empty for directions"),
+    Column("azimuth", "rad", "of the direction, or in which the link is tilted"),
+    Column("tilt", "rad", "of the direction, or of the link's z axis"),
+    Column("torsion", "rad", "of the orientation; empty for directions"),
+)
+CHECKED = 200
+"""Poses whose configurations are put into the closure equations."""
+SAME_INPUTS = 1e-6
+"""Inputs (rad) of a working mode that differ by less are those given."""
+
+
+@final
+@dataclass(frozen=True)
+class Found:
+    """What was asked for, and what was found: one of `rows` and `forward` is None."""
+
+    solver: PoseSolver
+    given: PoseList
+    rows: InverseRows | None
+    forward: Row | None
+    near: Floats
+    away: Floats
+    offered: int
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class InverseKinematicsAnalysis(AbstractAnalysis):
+    """Inputs of poses of an output in every working mode, or all poses at given inputs.
+
+    Poses are `poses`, numbers ``a:b:c`` joined by +; or the rows of a CSV or Parquet
+    `file`; or the grid over a `window`, ``NAME:FROM:TO:COUNT`` joined by +. `columns`
+    names what the numbers are, where that is not clear: ``x``, ``y``, ``z`` or
+    ``azimuth``, ``tilt`` of a pointing output, also ``phi``, ``gamma`` of a mid-plane
+    form; ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``, ``qz``,
+    ``qw``, a rotation vector ``rx``, ``ry``, ``rz`` or a matrix ``r11`` .. ``r33`` of
+    an orientation. With the names of the driven pairs the numbers are inputs, and the
+    poses at these are found. `unit` of angles is deg or rad; a Parquet file may say its
+    own.
+
+    `output` is its name, if several are declared; `mode` the label of one working mode, by
+    default all. `graph` solves the graph of all links where there is a closed form too.
+    `pairs` are those whose variables are wanted, or ``all``. `nearest` is the number of
+    rows out of reach for which the nearest reachable pose is looked for.
+    """
+
+    name: ClassVar[str] = "inverse_kinematics"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "inputs of poses of an output in every mode, and back"
+    cites: ClassVar[tuple[str, ...]] = (
+        "C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",
+    )
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "inverse_kinematics",
+            "one row per pose and working mode, or configuration found",
+            (
+                POSE,
+                Column("mode", "", "signs of the working mode's legs", "text"),
+                *PLACES,
+                INPUTS,
+                *(
+                    Column(
+                        f"rate_{axis}",
+                        "",
+                        f"rate of q per unit angular velocity of the output about {axis}",
+                        per_input=True,
+                    )
+                    for axis in "xyz"
+                ),
+                Column("margin", "rad", "left to the nearest limit, negative outside"),
+                Column("limiting", "", "that limit", "text"),
+                Column("type_1", "", "0 at a type I singularity of q", per_input=True),
+                Column("type_2", "", "0 at a type II singularity"),
+                Column("sense", "", "sign of the determinant of the rates", "integer"),
+                STATUS,
+                *(
+                    Column(f"near_{axis}", "", "of a reachable pose near by")
+                    for axis in "xyzw"
+                ),
+                Column("away", "rad", "how far that is"),
+            ),
+        ),
+        Table(
+            "forward",
+            "one row per inputs given and pose found",
+            (
+                POSE,
+                Column("solution", "", "number of the pose at these inputs", "integer"),
+                Column("mode", "", "signs of the assembly mode's groups", "text"),
+                Column("working", "", "label of its working mode, if known", "text"),
+                INPUTS,
+                *PLACES,
+                Column("type_2", "", "0 at a type II singularity"),
+                STATUS,
+            ),
+        ),
+        Table(
+            "pairs",
+            "variables of pairs: one row per pose, mode and pair asked for",
+            (
+                POSE,
+                Column("mode", "", "signs of the working mode's legs", "text"),
+                Column("pair", "", "name of the pair", "text"),
+                Column("value", "rad", "its variable"),
+            ),
+        ),
+    )
+
+    poses: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
+    file: str = ""
+    window: tuple[str, ...] = ()
+    unit: Literal["deg", "rad"] = "deg"
+    output: str = ""
+    mode: str = ""
+    graph: bool = False
+    pairs: tuple[str, ...] = ()
+    nearest: int = 20
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return nothing: poses are given, not traced. Bad parameters are refused here."""
+        solver = self._solver(mechanism)
+        self._given.read(solver, self.name)
+        self._modes(solver)
+        self._pairs(mechanism)
+        if self.nearest < 0:
+            raise AnalysisError(
+                f"{self.name}: nearest: {self.nearest} is no number of rows"
+            )
+        return Needs()
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return the configurations of poses, or the poses at inputs."""
+        found, mechanism = self._found(batch), batch.mechanism
+        data: dict[str, TableData] = {
+            table.name: {column.name: np.zeros(0) for column in table.of(mechanism).columns}
+            for table in self.tables
+        }
+        if found.forward is not None:
+            data["forward"] = found.forward
+        if found.rows is not None:
+            data["inverse_kinematics"] = _inverse_table(mechanism, found, found.rows)
+            data["pairs"] = self._pair_table(mechanism, found.rows)
+        return data
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return how many poses have how many solutions, and how well they close."""
+        found = self._found(batch)
+        figures: dict[str, Any] = {
+            "output": found.solver.output.name,
+            "closed_form": isinstance(found.solver, ClosedPoses),
+            "legs": list(found.solver.legs),
+        }
+        if found.rows is None:
+            return self._of_forward(found, figures)
+        assert found.given.poses is not None
+        rows, count = found.rows, len(found.given.poses)
+        solutions = _solutions(rows, count)
+        figures |= {
+            "poses": count,
+            "limits": list(rows.limits),
+            "poses_by_number_of_solutions": {
+                str(number): int(np.sum(solutions == number))
+                for number in np.unique(solutions)
+            },
+            "modes": {
+                mode: {
+                    "solved": int(np.sum(rows.solved[rows.mode == mode])),
+                    "least_type_1": _least(rows.type_1[rows.mode == mode]),
+                    "least_type_2": _least(rows.type_2[rows.mode == mode]),
+                }
+                for mode in self._modes(found.solver)
+            },
+            "largest_closure_residual_rad": self._closure(batch, found),
+        }
+        warnings = []
+        none = int(np.sum(solutions == 0))
+        if none:
+            warnings.append(
+                f"{none} of {count} poses have no configuration"
+                + ("" if rows.limits else "; not every search proves that")
+            )
+        singular = int(np.sum(rows.status == Status.AT_SINGULARITY))
+        if singular:
+            warnings.append(f"{singular} rows are at a singularity")
+        out = int(np.sum(~rows.solved))
+        if found.offered < out and isinstance(found.solver, ClosedPoses):
+            warnings.append(
+                f"the nearest reachable pose is given for {found.offered} of {out} rows "
+                f"out of reach; ask for more with nearest={out}"
+            )
+        solved = int(np.sum(rows.solved))
+        remarks = (
+            f"{solved} configurations of {count} poses, at most "
+            f"{int(np.max(solutions, initial=0))} of one",
+        )
+        return Findings(figures, tuple(warnings), remarks)
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return the poses on the sphere by number of solutions, and by worst measure."""
+        found = self._found(batch)
+        if found.rows is None or found.given.poses is None:
+            return ()
+        rows, poses = found.rows, found.given.poses
+        places = poses if found.solver.points else poses[:, :, 2]
+        solutions = _solutions(rows, len(poses))
+        least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
+        best = np.zeros(len(poses))
+        np.maximum.at(best, rows.pose, np.nan_to_num(least))
+        angle = np.degrees(np.arcsin(np.clip(best, 0.0, 1.0)))
+        triangles = _triangles(found.given.shape)
+        words = Text("legend", "Poses", self._words(found, solutions))
+
+        def painted(name: str, values: Floats) -> SphereMap:
+            return SphereMap("poses/map", name, places, triangles, values)
+
+        return (
+            Scene("Inverse", (painted("solutions", solutions.astype(float)), words)),
+            Scene("Measure", (painted("angle to a singularity, deg", angle), words)),
+        )
+
+    @property
+    def _given(self) -> Given:
+        return Given(self.poses, self.columns, self.file, self.window, self.unit)
+
+    def _solver(self, mechanism: Mechanism) -> PoseSolver:
+        return pose_solver(mechanism, self.output or None, self.graph)
+
+    def _modes(self, solver: PoseSolver) -> tuple[str, ...]:
+        """Return the labels of the modes wanted."""
+        if not self.mode:
+            return solver.modes
+        if self.mode in solver.modes:
+            return (self.mode,)
+        if self.mode.isdecimal() and int(self.mode) < len(solver.modes):
+            return (solver.modes[int(self.mode)],)
+        raise AnalysisError(
+            f'{self.name}: mode "{self.mode}" is none of {listing(solver.modes, 64)}, nor '
+            f"a number below {len(solver.modes)}; the signs are those of: "
+            f"{'; '.join(solver.legs)}"
+        )
+
+    def _pairs(self, mechanism: Mechanism) -> list[int]:
+        """Return the numbers of the pairs wanted."""
+        if self.pairs == ("all",):
+            return list(range(len(mechanism.pairs)))
+        for name in self.pairs:
+            if name not in mechanism.pair_number:
+                raise AnalysisError(
+                    f'{self.name}: pairs: no pair is named "{name}"'
+                    f"{nearest(name, mechanism.pair_number) or ';'} Pairs: "
+                    f"{listing(mechanism.pair_number)}; or say all"
+                )
+        return [mechanism.pair_number[name] for name in self.pairs]
+
+    def _found(self, batch: Batch) -> Found:
+        return batch.once("found", lambda: self._find(batch.mechanism))
+
+    def _find(self, mechanism: Mechanism) -> Found:
+        solver = self._solver(mechanism)
+        given = self._given.read(solver, self.name)
+        nothing = np.zeros((0, 4)), np.zeros(0), 0
+        if given.inputs is not None:
+            forward = _forward_table(mechanism, solver, given.inputs)
+            return Found(solver, given, None, forward, *nothing)
+        assert given.poses is not None
+        rows = solver.inverse(given.poses, self._modes(solver), self._pairs(mechanism))
+        return Found(solver, given, rows, None, *self._offers(solver, given.poses, rows))
+
+    def _offers(
+        self, solver: PoseSolver, poses: Floats, rows: InverseRows
+    ) -> tuple[Floats, Floats, int]:
+        """Return reachable poses (k, 4) near rows out of reach, how far, and how many."""
+        near, away = np.full((len(rows), 4), np.nan), np.full(len(rows), np.nan)
+        wanted = np.flatnonzero(~rows.solved)[: self.nearest]
+        if not isinstance(solver, ClosedPoses):
+            return near, away, 0
+        for mode in np.unique(rows.mode[wanted]):
+            own = wanted[rows.mode[wanted] == mode]
+            given = poses[rows.pose[own]]
+            places = given if solver.points else quaternion(given)
+            found, away[own] = solver.nearest(places, str(mode))
+            near[own, : found.shape[1]] = found
+        return near, away, len(wanted)
+
+    def _closure(self, batch: Batch, found: Found) -> float | None:
+        """Return the largest rotation (rad) by which a loop of some rows is open."""
+        poses = found.given.poses
+        assert poses is not None
+        if not len(poses):
+            return None
+        some = poses[np.unique(np.linspace(0, len(poses) - 1, CHECKED).astype(int))]
+        every = range(len(batch.mechanism.pairs))
+        rows = found.solver.inverse(some, self._modes(found.solver), every)
+        gap = found.solver.residual(rows.values[rows.status == Status.OK])
+        return float(np.max(gap)) if len(gap) else None
+
+    def _of_forward(self, found: Found, figures: dict[str, Any]) -> Findings:
+        table = found.forward
+        assert table is not None and found.given.inputs is not None
+        count = len(found.given.inputs)
+        solved = table["status"] != Status.OUT_OF_REACH
+        number = np.bincount(table["pose"][solved].astype(int), minlength=count)
+        figures |= {
+            "inputs": count,
+            "inputs_by_number_of_poses": {
+                str(each): int(np.sum(number == each)) for each in np.unique(number)
+            },
+        }
+        none = int(np.sum(number == 0))
+        warnings = [f"at {none} of {count} inputs no pose was found"] if none else []
+        return Findings(
+            figures, tuple(warnings), (f"{int(np.sum(solved))} poses of {count} inputs",)
+        )
+
+    def _pair_table(self, mechanism: Mechanism, rows: InverseRows) -> Row:
+        numbers = self._pairs(mechanism)
+        names = np.array([mechanism.pairs[pair].name for pair in numbers], dtype=str)
+        return {
+            "pose": np.repeat(rows.pose, len(numbers)),
+            "mode": np.repeat(rows.mode, len(numbers)),
+            "pair": np.tile(names, len(rows)),
+            "value": rows.values.ravel(),
+        }
+
+    def _words(self, found: Found, solutions: NDArray[np.int64]) -> str:
+        lines = [
+            f"# Poses of {found.solver.output.name}",
+            "",
+            f"Signs of a mode: {'; '.join(found.solver.legs)}.",
+            "",
+            "| solutions | poses |",
+            "|---|---|",
+            *(
+                f"| {number} | {int(np.sum(solutions == number))} |"
+                for number in np.unique(solutions)
+            ),
+            "",
+            "Measure: the best mode's least angle to a singularity of type I or II.",
+        ]
+        return "\n".join(lines)
+
+
+def _inverse_table(mechanism: Mechanism, found: Found, rows: InverseRows) -> Row:
+    poses = found.given.poses
+    assert poses is not None
+    directions = poses[rows.pose] if found.solver.points else None
+    names = np.array([*rows.limits, ""])
+    axes = {f"rate_{axis}": rows.rates[:, :, k] for k, axis in enumerate("xyz")}
+    return {
+        "pose": rows.pose,
+        "mode": rows.mode,
+        **{name: each[rows.pose] for name, each in _places(found.solver, poses).items()},
+        **input_columns(mechanism, rows.inputs),
+        **{
+            f"{name}_{item.pair}": values[:, k]
+            for name, values in axes.items()
+            for k, item in enumerate(mechanism.inputs)
+        },
+        "margin": rows.margin,
+        "limiting": names[rows.limiting],
+        **{
+            f"type_1_{item.pair}": rows.type_1[:, k]
+            for k, item in enumerate(mechanism.inputs)
+        },
+        "type_2": rows.type_2,
+        "sense": sense_of(rows.rates, directions),
+        "status": rows.status,
+        **{f"near_{axis}": found.near[:, k] for k, axis in enumerate("xyzw")},
+        "away": found.away,
+    }
+
+
+def _forward_table(mechanism: Mechanism, solver: PoseSolver, inputs: Floats) -> Row:
+    """Return the poses at inputs (n, inputs), each with the working mode that has them."""
+    found = solver.forward(inputs)
+    none = np.setdiff1d(np.arange(len(inputs)), found.row)
+    order = np.argsort(np.concatenate([found.row, none]), kind="stable")
+    pose = np.concatenate([found.row, none])[order]
+    poses = found.rotations
+    if solver.points:
+        assert found.directions is not None
+        poses = found.directions
+    working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.modes), default=1)}")
+    type_2 = np.full(len(pose), np.nan)
+    if isinstance(solver, ClosedPoses):
+        rows = solver.inverse(poses, solver.modes)
+        off = rows.inputs - inputs[found.row[rows.pose]]
+        off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi).max(axis=1)
+        same = np.flatnonzero(off < SAME_INPUTS)
+        working[rows.pose[same]] = rows.mode[same]
+        type_2[rows.pose[same]] = rows.type_2[same]
+    places = _places(
+        solver, np.concatenate([poses, np.full((len(none), *poses.shape[1:]), np.nan)])
+    )
+    first = np.searchsorted(pose, pose)
+    status = np.full(len(pose), Status.OK, dtype=np.int8)
+    status[len(found.row) :] = Status.OUT_OF_REACH
+    modes = np.array([*map(label_of, found.signs), *("" for _ in none)], dtype=str)
+    return {
+        "pose": pose,
+        "solution": np.arange(len(pose)) - first,
+        "mode": modes[order],
+        "working": working[order],
+        **input_columns(mechanism, inputs[pose]),
+        **{name: each[order] for name, each in places.items()},
+        "type_2": type_2[order],
+        "status": status[order],
+    }
+
+
+def _places(solver: PoseSolver, poses: Floats) -> Row:
+    """Return the columns of poses."""
+    names = [column.name for column in PLACES]
+    empty = np.full((len(poses), 1), np.nan)
+    if solver.points:
+        parts = [poses, empty, azimuth_tilt(poses), empty]
+    else:
+        parts = [_quaternions(poses), tilt_torsion(poses)]
+    return dict(zip(names, np.concatenate(parts, axis=1).T, strict=True))
+
+
+def _quaternions(rotations: Floats) -> Floats:
+    """Return unit quaternions (n, 4) xyzw, NaN for NaN."""
+    found = np.full((len(rotations), 4), np.nan)
+    known = np.isfinite(rotations[:, 0, 0])
+    found[known] = quaternion(rotations[known])
+    return found
+
+
+def _solutions(rows: InverseRows, count: int) -> NDArray[np.int64]:
+    """Return the number of configurations (count,) of each pose."""
+    return np.bincount(rows.pose[rows.solved], minlength=count).astype(np.int64)
+
+
+def _least(values: Floats) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(np.min(finite)) if finite.size else None
+
+
+def _triangles(shape: tuple[int, ...] | None) -> NDArray[np.int64]:
+    """Return the triangles (t, 3) between neighbours of a grid with two directions."""
+    sides = [] if shape is None else [size for size in shape if size > 1]
+    if len(sides) != 2:
+        return np.zeros((0, 3), dtype=np.int64)
+    number = np.arange(np.prod(sides)).reshape(sides)
+    a, b, c, d = (
+        number[i : sides[0] - 1 + i, j : sides[1] - 1 + j].ravel()
+        for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
+    )
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])

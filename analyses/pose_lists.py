@@ -1,0 +1,276 @@
+"""Many poses of an output, or inputs, from numbers, a file, or a grid over a window."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+from spherekit_analyses.pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
+
+from spherekit.analysis.numbers import columns_of, read_numbers
+from spherekit.conventions import listing
+from spherekit.errors import AnalysisError
+from spherekit.sphere.mirror import normals_of
+from spherekit.sphere.rotation import Floats, from_quaternion
+from spherekit.sphere.tilt_torsion import from_tilt_torsion, pointing
+from spherekit.workspace.inverse import PoseSolver
+
+AZIMUTH_TILT = TILT_TORSION[:2]
+VECTOR = ("rx", "ry", "rz")
+MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
+"""Columns that are angles."""
+NOT_ROTATION = 1e-6
+"""A matrix whose R R^T differs from 1 by more is no rotation."""
+MOST_POSES = 500_000
+"""Of one run, whose tables are in memory: with eight modes 2 GB."""
+MOST_SHOWN = 5
+
+
+@final
+@dataclass(frozen=True)
+class PoseList:
+    """n poses: `poses` directions (n, 3) or rotations (n, 3, 3), or `inputs` (n, inputs).
+
+    The other of the two is None. `shape` is the grid of a window, else None.
+    """
+
+    poses: Floats | None
+    inputs: Floats | None
+    shape: tuple[int, ...] | None
+
+
+@final
+@dataclass(frozen=True)
+class Given:
+    """Where poses come from, as the analysis is told: one of the three is not empty."""
+
+    poses: tuple[str, ...]
+    columns: tuple[str, ...]
+    file: str
+    window: tuple[str, ...]
+    unit: str
+
+    def read(self, solver: PoseSolver, where: str) -> PoseList:
+        """Return the poses.
+
+        Raises
+        ------
+        AnalysisError, FileError
+            If they cannot be read, with the place in the list or the line of the file.
+        """
+        told = [
+            name
+            for name, value in (
+                ("poses", self.poses),
+                ("file", self.file),
+                ("window", self.window),
+            )
+            if value
+        ]
+        if len(told) != 1:
+            raise AnalysisError(
+                f"{where}: found {' and '.join(told) or 'no poses'}; give one of poses, "
+                "file and window"
+            )
+        try:
+            if self.file:
+                return self._from_file(solver, where)
+            if self.window:
+                return self._from_window(solver, where)
+            return self._from_text(solver, where)
+        except AnalysisError:
+            if not solver.modes:
+                solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
+            raise
+
+    def _from_text(self, solver: PoseSolver, where: str) -> PoseList:
+        rows = []
+        for text in self.poses:
+            try:
+                rows.append([float(part) for part in text.split(":")])
+            except ValueError:
+                rows.append([np.nan])
+            if not np.all(np.isfinite(rows[-1])) or len(rows[-1]) != len(rows[0]):
+                raise AnalysisError(
+                    f'{where}: poses: "{text}", number {len(rows)}, is not '
+                    f"{len(rows[0])} numbers a:b:.."
+                )
+        kinds = _kinds(solver)
+        size = len(rows[0])
+        names = self.columns or next((k for k in kinds if len(k) == size), None)
+        if names is None or len(names) != size:
+            raise AnalysisError(
+                f"{where}: poses: {size} numbers a pose"
+                + (f" for the columns {listing(self.columns)}" if self.columns else "")
+                + f" are none of {_ways(kinds)}"
+            )
+        kind = _kind(kinds, names, where)
+        numbers = np.array(rows)[:, [names.index(name) for name in kind]]
+        places = [f"number {k + 1}" for k in range(len(rows))]
+        return self._made(solver, kind, numbers, {}, places, f"{where}: poses", None)
+
+    def _from_file(self, solver: PoseSolver, where: str) -> PoseList:
+        path = Path(self.file)
+        header, kinds = columns_of(path), _kinds(solver)
+        prefixed = {f"q_{name}": name for name in kinds[-1]}
+        known = {prefixed.get(name, name): name for name in header}
+        if self.columns:
+            missing = [name for name in self.columns if name not in known]
+            if missing:
+                raise AnalysisError(
+                    f"{where}: {path}: it has no column {listing(missing)}; columns: "
+                    f"{listing(header)}"
+                )
+            names = _kind(kinds, self.columns, where)
+        else:
+            held = [kind for kind in kinds if set(kind) <= set(known)]
+            held = [k for k in held if not any(set(k) < set(other) for other in held)]
+            if len(held) != 1:
+                found = "more than one of" if held else "none of"
+                raise AnalysisError(
+                    f"{where}: {path}: its columns {listing(header)} hold {found} "
+                    f"{_ways(held or kinds)}" + ("; say columns=.." if held else "")
+                )
+            names = held[0]
+        found = read_numbers(path, [known[name] for name in names])
+        own = {
+            name: found.units[known[name]] for name in names if known[name] in found.units
+        }
+        return self._made(
+            solver, names, found.values, own, found.places, f"{where}: {path}", None
+        )
+
+    def _from_window(self, solver: PoseSolver, where: str) -> PoseList:
+        axes: dict[str, Floats] = {}
+        for text in self.window:
+            name, *ends = text.split(":")
+            try:
+                low, high, count = float(ends[0]), float(ends[1]), int(ends[2])
+                good = len(ends) == 3 and count > 0 and np.isfinite(low + high)
+            except (ValueError, IndexError):
+                good = False
+            if not good or name in axes:
+                raise AnalysisError(
+                    f'{where}: window: "{text}" is not NAME:FROM:TO:COUNT, each name once; '
+                    "say for example azimuth:0:360:37"
+                )
+            axes[name] = np.linspace(low, high, count)
+        kinds = _kinds(solver)
+        names = _kind(kinds, tuple(axes), where)
+        shape = tuple(len(axes[name]) for name in names)
+        _check_size(float(np.prod(shape, dtype=float)), f"{where}: window")
+        mesh = np.meshgrid(*(axes[name] for name in names), indexing="ij")
+        rows = np.stack([each.ravel() for each in mesh], axis=1)
+        places = [f"number {k + 1}" for k in range(len(rows))]
+        return self._made(solver, names, rows, {}, places, f"{where}: window", shape)
+
+    def _made(
+        self,
+        solver: PoseSolver,
+        names: tuple[str, ...],
+        rows: Floats,
+        units: dict[str, str],
+        places: Sequence[str],
+        where: str,
+        shape: tuple[int, ...] | None,
+    ) -> PoseList:
+        """Return the poses of rows (n, names), refusing those that are none."""
+        driven = _kinds(solver)[-1]
+        _check_size(len(rows), where)
+        rows = rows.copy()
+        for k, name in enumerate(names):
+            if name in ANGLES or names == driven:
+                unit = units.get(name, self.unit)
+                rows[:, k] = np.radians(rows[:, k]) if unit == "deg" else rows[:, k]
+        if names == driven:
+            return PoseList(None, rows, shape)
+        length = np.ones(len(rows))
+        if names in (DIRECTION, QUATERNION):
+            length = np.linalg.norm(rows, axis=1)
+            _refuse(~(length > 0.0), places, where, "has no direction: all numbers are 0")
+            rows = rows / length[:, None]
+        return PoseList(self._poses(solver, names, rows, places, where), None, shape)
+
+    def _poses(
+        self,
+        solver: PoseSolver,
+        names: tuple[str, ...],
+        rows: Floats,
+        places: Sequence[str],
+        where: str,
+    ) -> Floats:
+        match names:
+            case ("x", "y", "z"):
+                return rows
+            case ("azimuth", "tilt"):
+                return pointing(rows)
+            case ("azimuth", "tilt", "torsion"):
+                return from_tilt_torsion(rows)
+            case ("qx", "qy", "qz", "qw"):
+                return np.asarray(from_quaternion(rows))
+            case ("rx", "ry", "rz"):
+                half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
+                vector = 0.5 * np.sinc(half / np.pi) * rows
+                whole = np.concatenate([vector, np.cos(half)], axis=1)
+                return np.asarray(from_quaternion(whole))
+            case ("phi", "gamma"):
+                form = solver.form
+                assert form is not None and solver.output.direction is not None
+                normals = normals_of(rows[:, 0], rows[:, 1])
+                lost = ~np.isfinite(normals).all(axis=1)
+                _refuse(lost, places, where, "is no mid-plane: phi and gamma are too large")
+                return np.asarray(
+                    form.orientations(normals) @ np.array(solver.output.direction)
+                )
+        matrices = rows.reshape(-1, 3, 3)
+        gap = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        turned = np.linalg.det(matrices) > 0.0
+        _refuse(~((gap < NOT_ROTATION) & turned), places, where, "is no rotation matrix")
+        return matrices
+
+
+def _check_size(count: float, where: str) -> None:
+    if count > MOST_POSES:
+        raise AnalysisError(
+            f"{where}: {count:.0f} poses are more than {MOST_POSES}; take them in parts"
+        )
+
+
+def _kinds(solver: PoseSolver) -> list[tuple[str, ...]]:
+    """Return what columns make a pose of this output, and the inputs last."""
+    kinds: list[tuple[str, ...]]
+    if not solver.modes:
+        kinds = []
+    elif solver.points:
+        kinds = [DIRECTION, AZIMUTH_TILT]
+        if solver.form is not None:
+            kinds.append(MIRROR)
+    else:
+        kinds = [TILT_TORSION, QUATERNION, VECTOR, MATRIX]
+    return [*kinds, tuple(item.pair for item in solver.mechanism.inputs)]
+
+
+def _kind(
+    kinds: Sequence[tuple[str, ...]], names: tuple[str, ...], where: str
+) -> tuple[str, ...]:
+    """Return the kind with these names, whose order is then that of the kind."""
+    for kind in kinds:
+        if set(kind) == set(names) and len(kind) == len(names):
+            return kind
+    raise AnalysisError(f"{where}: {listing(names)} is no pose; say one of {_ways(kinds)}")
+
+
+def _ways(kinds: Sequence[tuple[str, ...]]) -> str:
+    return listing("+".join(kind) for kind in kinds)
+
+
+def _refuse(bad: NDArray[np.bool_], places: Sequence[str], where: str, why: str) -> None:
+    """Raise the error about rows that are no poses."""
+    wrong = np.flatnonzero(bad)
+    if len(wrong):
+        shown = ", ".join(places[k] for k in wrong[:MOST_SHOWN])
+        more = f" and {len(wrong) - MOST_SHOWN} more" if len(wrong) > MOST_SHOWN else ""
+        raise AnalysisError(f"{where}: {shown}{more} {why}")

@@ -1,0 +1,128 @@
+"""Numbers from the columns of CSV and Parquet files, bad cells named by their place."""
+
+import csv
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from spherekit.errors import FileError
+from spherekit.sphere.rotation import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PARQUET = ".parquet"
+MOST_SHOWN = 5
+"""Bad cells of a file that are named; of the others only the number."""
+
+
+@final
+@dataclass(frozen=True)
+class Numbers:
+    """Columns (n, names) of a file, the place of each row in it, and units if it says."""
+
+    values: Floats
+    places: Sequence[str]
+    units: dict[str, str]
+
+
+def columns_of(path: Path) -> tuple[str, ...]:
+    """Return the names of the columns of a CSV or Parquet file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, or is no such file.
+    """
+    if path.suffix == PARQUET:
+        return tuple(map(str, _parquet(path).columns))
+    with _rows(path) as rows:
+        return tuple(_header(path, rows))
+
+
+def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
+    """Return columns of a CSV or Parquet file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, or a cell is no finite number, with line or row.
+    """
+    values: list[list[float]] = []
+    places: list[str] = []
+    units: dict[str, str] = {}
+    bad: list[str] = []
+
+    def take(place: str, cells: Sequence[Any]) -> None:
+        row = [_number(cell) for cell in cells]
+        for name, cell, number in zip(names, cells, row, strict=True):
+            if not np.isfinite(number):
+                bad.append(f"{place}, column {name}: {_shown(cell)}")
+        values.append(row)
+        places.append(place)
+
+    if path.suffix == PARQUET:
+        frame = _parquet(path)
+        units = dict(frame.attrs.get("units", {}))
+        for number, cells in enumerate(frame[list(names)].itertuples(index=False), 1):
+            take(f"row {number}", cells)
+    else:
+        with _rows(path) as rows:
+            header = _header(path, rows)
+            order = [header.index(name) for name in names]
+            for cells in rows:
+                if cells:
+                    own = [cells[k] if k < len(cells) else "" for k in order]
+                    take(f"line {rows.line_num}", own)
+    if bad:
+        more = f" and {len(bad) - MOST_SHOWN} more" if len(bad) > MOST_SHOWN else ""
+        raise FileError(
+            f"{path}: {'; '.join(bad[:MOST_SHOWN])}{more}; every cell has to be a number"
+        )
+    return Numbers(np.array(values).reshape(-1, len(names)), places, units)
+
+
+def _number(cell: Any) -> float:
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return np.nan
+
+
+def _shown(cell: Any) -> str:
+    text = str(cell).strip()
+    return "empty" if text in ("nan", "") else f'"{text[:40]}" is no finite number'
+
+
+def _header(path: Path, rows: Iterator[list[str]]) -> list[str]:
+    header = [name.strip() for name in next(rows, [])]
+    if not any(header):
+        raise FileError(f"{path}: is no CSV file with a header: its first line is empty")
+    return header
+
+
+@contextmanager
+def _rows(path: Path) -> "Iterator[Any]":
+    """Yield the reader of a CSV file."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            yield csv.reader(file)
+    except OSError as problem:
+        raise FileError(f"{path}: cannot be read: {problem.strerror or problem}") from None
+    except (csv.Error, UnicodeDecodeError) as problem:
+        raise FileError(f"{path}: is no CSV file: {problem}") from None
+
+
+def _parquet(path: Path) -> "pd.DataFrame":
+    from spherekit.analysis.frames import read_parquet
+
+    try:
+        return read_parquet(path)
+    except OSError as problem:
+        raise FileError(f"{path}: cannot be read: {problem.strerror or problem}") from None
+    except ValueError as problem:  # of pyarrow, for what is no Parquet file
+        raise FileError(f"{path}: is no Parquet file: {problem}") from None

@@ -1,0 +1,357 @@
+"""The analysis `inverse_kinematics`: rates, both ways, files, windows, bad input."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from spherekit_analyses.pose_lists import Given
+from test_inverse import serial
+
+import spherekit as sk
+from spherekit.analysis.scene import SphereMap
+from spherekit.conventions import Status
+from spherekit.errors import AnalysisError, FileError, PlanError
+from spherekit.guidance.symmetry import mid_plane_form
+from spherekit.motion.given import motion_of
+from spherekit.output.forward import ForwardKinematics, output_rates
+from spherekit.workspace.constraints import Constraints, bounds_of
+from spherekit.workspace.inverse import GraphPoses, measures_of, pose_solver
+from spherekit.workspace.kinematics import kinematics_of
+from spherekit.workspace.workspace import judge, spread
+
+CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
+AWAY = 0.05
+"""Measures above this are not near a singularity."""
+
+
+def found_in(mechanism, **parameters):
+    """Run the analysis over few samples; its result and its findings."""
+    text = ",".join(f"{key}={value}" for key, value in parameters.items())
+    made = sk.load(mechanism) if isinstance(mechanism, str) else mechanism
+    asked = [f"inverse_kinematics:{text}"]
+    result = sk.run(made, asked, samples=2, search=False)
+    assert not result.failures
+    (own,) = result.summary["analyses"]
+    return result, own["findings"]
+
+
+def poses_for(solver, count, seed=1):
+    if solver.points:
+        return spread(count)
+    return Rotation.random(count, random_state=seed).as_matrix()
+
+
+def wrapped(angle):
+    return np.abs(np.angle(np.exp(1j * angle)))
+
+
+@pytest.fixture(params=CLOSED, scope="module")
+def solver(request):
+    return pose_solver(sk.load(request.param))
+
+
+def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
+    """Every pair's variable in the loops, and the Jacobian by a second formulation."""
+    pairs = range(len(solver.mechanism.pairs))
+    poses = poses_for(solver, 60)
+    rows = solver.inverse(poses, solver.modes, pairs)
+    good = np.asarray(rows.status == Status.OK) & (rows.type_1.min(axis=1) > AWAY)
+    good &= rows.type_2 > AWAY
+    assert np.sum(good) > 40
+    assert np.max(solver.residual(rows.values[good])) < 1e-13
+    own = ForwardKinematics(solver.mechanism).solver
+    turns = output_rates(motion_of(own, rows.values[good]), solver.output)
+    directions = poses[rows.pose[good]] if solver.points else None
+    found = measures_of(turns, directions)
+    known = np.isfinite(turns).all(axis=(1, 2))
+    assert np.mean(known) > 0.9
+    size = np.max(np.abs(rows.rates[good][known]), axis=(1, 2))
+    gap = np.max(np.abs(found.rates - rows.rates[good])[known], axis=(1, 2))
+    assert np.max(gap / size) < 1e-10
+    assert np.max(np.abs(found.type_1 - rows.type_1[good])[known]) < 1e-10
+    assert np.max(np.abs(found.type_2 - rows.type_2[good])[known]) < 1e-10
+
+
+@pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
+def test_forward_of_inverse_names_the_working_mode(name):
+    solver = pose_solver(sk.load(name))
+    rows = solver.inverse(spread(40), solver.modes)
+    good = np.flatnonzero((rows.status == Status.OK) & (rows.type_2 > AWAY))[:40]
+    text = "+".join(":".join(map(repr, map(float, q))) for q in rows.inputs[good])
+    names = "+".join(item.pair for item in solver.mechanism.inputs)
+    result, findings = found_in(name, poses=text, columns=names, unit="rad")
+    assert findings["inputs"] == len(good)
+    table = result.frame("inverse_kinematics", "forward")
+    places = spread(40)[rows.pose[good]]
+    legs = list(solver.form.plane.driven) if solver.form else [0, 1]
+    for number, at in enumerate(good):
+        own = table[table["pose"] == number]
+        gap = np.linalg.norm(own[["x", "y", "z"]].to_numpy() - places[number], axis=1)
+        best = own[gap < 1e-11]
+        assert len(best)
+        signs = {"".join(label[k] for k in legs) for label in best["working"]}
+        assert signs == {"".join(rows.mode[at][k] for k in legs)}
+
+
+def test_graph_and_mid_plane_give_the_same_rows():
+    """The 11 links of the 2-DOF mechanism against its closed form, rates included."""
+    mechanism = sk.load("two_dof_spm")
+    closed = pose_solver(mechanism)
+    graph = pose_solver(mechanism, graph=True)
+    assert isinstance(graph, GraphPoses) and closed.form is not None
+    poses = np.array([[0.9, 0.1, 0.4], [0.7, -0.2, 0.6]])
+    poses /= np.linalg.norm(poses, axis=1, keepdims=True)
+    one = closed.inverse(poses, closed.modes, range(14))
+    other = graph.inverse(poses, graph.modes, range(14))
+    assert np.max(graph.residual(other.values)) < 1e-12
+    for k in np.flatnonzero(one.status == Status.OK):
+        same = other.pose == one.pose[k]
+        gap = wrapped(other.values[same] - one.values[k]).max(axis=1)
+        best = np.argmin(gap)
+        assert gap[best] < 1e-11
+        scale = np.max(np.abs(one.rates[k]))
+        assert np.max(np.abs(other.rates[same][best] - one.rates[k])) < 1e-10 * scale
+        assert abs(other.type_2[same][best] - one.type_2[k]) < 1e-10
+
+
+def test_phi_and_gamma_of_the_paper():
+    """Table 3's first pose: the four sets of driving angles."""
+    result, findings = found_in("two_dof_spm", poses="75:-20", columns="phi+gamma")
+    table = result.frame()
+    inputs = np.degrees(table[["q_21", "q_61"]].to_numpy())
+    known = [[5.3391, 56.7404], [5.3391, 100.7573], [113.7956, 56.7404]]
+    known.append([113.7956, 100.7573])
+    for each in known:
+        assert np.min(np.abs(inputs - each).max(axis=1)) < 1e-4
+    assert findings["poses_by_number_of_solutions"] == {"8": 1}
+    assert findings["largest_closure_residual_rad"] < 1e-14
+
+
+def test_all_ways_to_say_an_orientation(tmp_path):
+    turn = Rotation.from_euler("ZYZ", [0.5, 0.7, -1.4])
+    vector = turn.as_rotvec()
+    matrix = turn.as_matrix()
+    x, y, z, w = turn.as_quat()
+    torsion = Rotation.from_matrix(matrix).as_euler("ZYZ")
+    solver = pose_solver(sk.load("three_rrr"))
+    said = {
+        "qx+qy+qz+qw": [x, y, z, w],
+        "qz+qy+qx+qw": [z, y, x, w],
+        "rx+ry+rz": vector,
+        "azimuth+tilt+torsion": [torsion[0], torsion[1], torsion[0] + torsion[2]],
+        "+".join(f"r{i}{k}" for i in "123" for k in "123"): matrix.ravel(),
+    }
+    rows = []
+    for names, numbers in said.items():
+        path = tmp_path / "poses.csv"
+        line = ",".join(repr(float(v)) for v in numbers)
+        path.write_text(names.replace("+", ",") + f",note\n{line},7\n")
+        given = Given((), (), str(path), (), "rad").read(solver, "test")
+        rows.append(solver.inverse(given.poses, solver.modes).inputs)
+    assert np.isfinite(rows[0]).all() and len(rows[0]) == 8
+    for row in rows[1:]:
+        assert np.max(wrapped(row - rows[0])) < 1e-14
+
+
+def test_own_tables_are_read_again(tmp_path):
+    """A Parquet table says its units; its inputs lead back to its poses."""
+    result, _ = found_in("five_bar", window="azimuth:10:50:3+tilt:60:70:2", mode="+-")
+    result.write(tmp_path)
+    path = tmp_path / "inverse_kinematics.parquet"
+    again, _ = found_in("five_bar", file=path, columns="azimuth+tilt", mode="+-")
+    one, other = (each.frame()[["q_21", "q_51"]].to_numpy() for each in (result, again))
+    assert np.max(np.abs(one - other)) < 1e-14
+    back, findings = found_in("five_bar", file=path, columns="21+51")
+    assert findings["inputs"] == len(one)
+    table = back.frame("inverse_kinematics", "forward")
+    own = table[table["working"] == "+-"][["x", "y", "z"]].to_numpy()
+    assert np.max(np.abs(own - result.frame()[["x", "y", "z"]].to_numpy())) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("x,y,z\n1,0,0\n0,nonsense,1\n", 'line 3, column y: "nonsense" is no finite'),
+        ("x,y,z\n1,0,0\n0,0,0\n", "line 3 has no direction"),
+        ("x,y,z\n1,0,\n", "line 2, column z: empty"),
+        ("x,y,z\n1,0,inf\n", 'line 2, column z: "inf" is no finite'),
+        ("x,y\n1,0\n", "hold none of"),
+        ("x,y,z,azimuth,tilt\n1,0,0,1,1\n", "hold more than one of"),
+        ("", "is no CSV file"),
+    ],
+)
+def test_bad_files_name_the_line(tmp_path, lines, said):
+    path = tmp_path / "bad.csv"
+    path.write_text(lines)
+    with pytest.raises((AnalysisError, FileError), match=said) as problem:
+        found_in("five_bar", file=path)
+    assert "bad.csv" in str(problem.value)
+
+
+def test_a_matrix_that_is_no_rotation_is_refused(tmp_path):
+    path = tmp_path / "bad.csv"
+    names = [f"r{i}{k}" for i in "123" for k in "123"]
+    path.write_text(",".join(names) + "\n1,0,0,0,1,0,0,0,1\n1,0,0,0,1,0,0,0,-1\n")
+    with pytest.raises(AnalysisError, match="line 3 is no rotation matrix"):
+        found_in("three_rrr", file=path)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({}, "give one of poses, file and window"),
+        ({"poses": "1:2", "window": "tilt:0:1:2"}, "found poses and window"),
+        ({"poses": "1:2+3"}, '"3", number 2'),
+        ({"poses": "1:2:3:4"}, "4 numbers a pose are none of"),
+        ({"poses": "1:2", "columns": "tilt+torsion"}, "is no pose"),
+        ({"poses": "0:0:0"}, "number 1 has no direction"),
+        ({"window": "tilt:0:1"}, "NAME:FROM:TO:COUNT"),
+        ({"window": "azimuth:0:1:3000+tilt:0:1:3000"}, "more than"),
+        ({"poses": "1:2", "mode": "+++"}, "signs are those of"),
+        ({"poses": "1:2", "pairs": "99"}, "no pair is named"),
+        ({"poses": "1:2", "nearest": -1}, "no number of rows"),
+        ({"file": "nowhere.csv"}, "nowhere.csv: cannot be read"),
+    ],
+)
+def test_what_is_asked_wrongly_is_refused(parameters, said):
+    with pytest.raises((AnalysisError, FileError), match=said):
+        found_in("five_bar", **parameters)
+
+
+def test_forward_of_one_freedom():
+    """Hooke's joint: tan(output) = tan(input) / cos(shaft angle), here 35 degrees."""
+    result, findings = found_in("universal_joint", window="21:5:355:36")
+    table = result.frame("inverse_kinematics", "forward")
+    assert findings["inputs"] == 36
+    assert len(table) == 72 and (table["tilt"] - np.radians(35.0)).abs().max() < 1e-14
+    turned = np.tan(table["torsion"] - 0.5 * np.pi) * np.cos(np.radians(35.0))
+    assert np.max(np.abs(turned - np.tan(table["q"]))) < 1e-12
+
+
+def test_one_freedom_is_told_another_way():
+    with pytest.raises(PlanError, match="has 1 input; .* --input 41"):
+        found_in("universal_joint", poses="1:2")
+
+
+def test_open_chains():
+    """Two and three links in series, against the product of their rotations."""
+    for count in (2, 3):
+        solver = pose_solver(serial(count))
+        poses = poses_for(solver, 30)
+        rows = solver.inverse(poses, solver.modes, range(count))
+        good = rows.status == Status.OK
+        found = solver.forward(rows.inputs[good])
+        assert np.array_equal(found.row, np.arange(np.sum(good)))
+        got = found.directions if solver.points else found.rotations
+        assert np.max(np.abs(got - poses[rows.pose[good]])) < 1e-13
+
+
+def test_rows_out_of_reach_offer_the_nearest_pose():
+    """The offer is inside, and no direction inside is nearer."""
+    mechanism = sk.load("five_bar")
+    result, findings = found_in(mechanism, poses="0:0:-1+1:0:0+0.3:1:0.2", mode="++")
+    table = result.frame()
+    assert (table["status"] == "OUT_OF_REACH").any()
+    kinematics = kinematics_of(mechanism)
+    bounds = bounds_of(kinematics, Constraints())
+    directions = spread(20_000)
+    inside = directions[judge(kinematics, bounds, (1, 1), directions).inside]
+    for _, row in table[table["status"] == "OUT_OF_REACH"].iterrows():
+        assert row[["q_21", "q_51", "rate_x_21", "type_2"]].isna().all()
+        assert row["margin"] < 0.0 and row["limiting"].startswith("axes")
+        near = row[["near_x", "near_y", "near_z"]].to_numpy(float)
+        place = row[["x", "y", "z"]].to_numpy(float)
+        assert abs(np.arccos(near @ place) - row["away"]) < 1e-7
+        assert judge(kinematics, bounds, (1, 1), near[None]).inside[0]
+        assert np.max(inside @ place) <= np.cos(row["away"]) + 1e-12
+    assert findings["limits"]
+
+
+def test_nearest_orientation_is_inside():
+    result, _ = found_in("three_rrr", poses="0:60:180+240:80:90", mode="+++")
+    table = result.frame()
+    out = table[table["status"] == "OUT_OF_REACH"]
+    assert len(out)
+    near = out[[f"near_{axis}" for axis in "xyzw"]].to_numpy(float)
+    solver = pose_solver(sk.load("three_rrr"))
+    rows = solver.inverse(Rotation.from_quat(near).as_matrix(), ["+++"])
+    assert np.all(rows.margin >= 0.0) and np.all(out["away"] > 0.0)
+
+
+class Watcher:
+    """A recorder that keeps the scenes it gets."""
+
+    def __init__(self):
+        self.pages = {}
+
+    def start(self, scenes, inputs, **options):
+        pass
+
+    def log(self, scene, samples, inputs=None, times=None):
+        self.pages.setdefault(scene.page, []).extend(scene.primitives)
+
+
+@pytest.mark.parametrize("how", ["window", "poses"])
+def test_scene(how):
+    """A window is a mesh, a list is points; values are the numbers of solutions."""
+    watcher = Watcher()
+    text = "azimuth:0:350:36+tilt:5:175:18" if how == "window" else "10:20+60:70+10:179"
+    asked = [f"inverse_kinematics:{how}={text},nearest=0"]
+    result = sk.run(sk.load("five_bar"), asked, samples=2, search=False, recorder=watcher)
+    assert not result.failures
+    shown = next(p for p in watcher.pages["Inverse"] if isinstance(p, SphereMap))
+    assert len(shown.triangles) == (2 * 35 * 17 if how == "window" else 0)
+    table = result.frame()
+    solved = table[table["status"] != "OUT_OF_REACH"].groupby("pose").size()
+    assert np.array_equal(np.flatnonzero(shown.values), solved.index)
+    assert np.array_equal(shown.values[shown.values > 0], solved)
+    assert set(watcher.pages) >= {"Inverse", "Measure"}
+
+
+def test_pairs_asked_for():
+    result, _ = found_in("five_bar", poses="10:20", pairs="32+51", mode="-+")
+    pairs = result.frame("inverse_kinematics", "pairs").set_index("pair")["value"]
+    assert abs(pairs["51"] - result.frame()["q_51"][0]) < 1e-15
+    form = mid_plane_form(sk.load("two_dof_spm"))
+    assert form.proof.gap < 1e-14
+    assert "32" in pairs
+
+
+def test_at_the_image_of_the_output_nothing_is_determined():
+    """Where every mid-plane serves, a row is one of them and says that it is singular."""
+    solver = pose_solver(sk.load("two_dof_spm"))
+    rows = solver.inverse(solver.kinematics.home[None] @ solver.form.frame.T, ["+++"])
+    assert rows.status[0] == Status.AT_SINGULARITY
+    assert np.all(rows.type_1 < 1e-14)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
+def test_row_by_row_is_the_same(name):
+    """The position analysis of all links, and its velocity equations, as a second way."""
+    closed = pose_solver(sk.load(name))
+    graph = GraphPoses(closed.kinematics.kinematics)
+    poses = poses_for(closed, 6)
+    pairs = range(len(closed.mechanism.pairs))
+    one = closed.inverse(poses, closed.modes, pairs)
+    other = graph.inverse(poses, graph.modes, pairs)
+    key = {
+        (pose, mode): k
+        for k, (pose, mode) in enumerate(zip(one.pose, one.mode, strict=True))
+    }
+    found = np.array(
+        [key.get(each, -1) for each in zip(other.pose, other.mode, strict=True)]
+    )
+    held = np.flatnonzero(other.solved)
+    assert np.array_equal(np.sort(found[held]), np.flatnonzero(one.solved))
+    same = found[held]
+    assert np.max(wrapped(one.values[same] - other.values[held])) < 1e-12
+    assert np.max(np.abs(one.rates[same] - other.rates[held])) < 1e-11
+    assert np.max(np.abs(one.type_2[same] - other.type_2[held])) < 1e-12
+    empty = other.mode == ""
+    assert np.all(np.isnan(other.inputs[empty])) and np.all(~other.solved[empty])
+
+
+def test_what_is_no_parquet_file_is_refused(tmp_path):
+    path = tmp_path / "poses.parquet"
+    path.write_bytes(b"no such thing")
+    with pytest.raises(FileError, match="is no Parquet file"):
+        found_in("five_bar", file=path)
