@@ -1,11 +1,13 @@
 """What a run returns, and how it is written to a folder."""
 
 import json
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
+from spherekit.analysis.cost import TABLES
 from spherekit.analysis.tables import Table, TableData
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
@@ -38,6 +40,17 @@ class RunResult:
     results: Mapping[str, AnalysisResult]
     failures: Mapping[str, str] = field(default_factory=dict)
     summary: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def sizes(self) -> dict[str, tuple[int, int]]:
+        """Rows and columns of every table, by the name its files have."""
+        found = {}
+        for name, result in self.results.items():
+            for position, table in enumerate(result.tables):
+                data = result.data[table.name]
+                rows = len(next(iter(data.values()), ()))
+                found[file_stem(name, position, table)] = (rows, len(data))
+        return found
 
     def frame(
         self,
@@ -96,10 +109,11 @@ class RunResult:
 
         target = make_folder(folder)
         written: list[Path] = []
+        cost, started = self.summary["cost"], time.perf_counter()
         for name, result in self.results.items():
             for position, table in enumerate(result.tables):
                 frame = self.frame(name, table.name, degrees)
-                stem = name if position == 0 else f"{name}_{table.name}"
+                stem = file_stem(name, position, table)
                 notes = {
                     "analysis": name,
                     "mechanism_hash": self.summary["mechanism_hash"],
@@ -111,7 +125,14 @@ class RunResult:
                     path = target / f"{stem}.{suffix}"
                     write_bytes(path, data)
                     written.append(path)
+                    cost["tables"][stem][f"{suffix}_bytes"] = len(data)
+        cost["seconds"][TABLES] = time.perf_counter() - started
         path = target / "summary.json"
         text = json.dumps(self.summary, indent=2, ensure_ascii=False)
         write_bytes(path, (text + "\n").encode())
         return [*written, path]
+
+
+def file_stem(analysis: str, position: int, table: Table) -> str:
+    """Return what the files of a table are called, without their ending."""
+    return analysis if position == 0 else f"{analysis}_{table.name}"

@@ -1,6 +1,5 @@
 """Running analyses: what they need is planned, evaluated in blocks, and handed over."""
 
-import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -15,7 +14,10 @@ from spherekit.analysis.contract import (
     Needs,
     run_status,
 )
+from spherekit.analysis.cost import AXES, RECORDING, Ledger, cost_of
 from spherekit.analysis.course import EVENTS, Course, course_of
+from spherekit.analysis.forecast import ENOUGH, forecast
+from spherekit.analysis.needed import needed_part
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
 from spherekit.analysis.scene import Scene
@@ -144,6 +146,7 @@ def run(
     start: Start | None = None,
     torque: str | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
+    only_needed: bool = False,
     recorder: Recorder | None = None,
     progress: Progress | None = None,
     block: int = BLOCK,
@@ -165,6 +168,9 @@ def run(
         State of the only input at t = 0: the motion over `duration` then follows from the
         loads and the `torque` at the input, as `spherekit.dynamics.forward.simulate` finds
         it from the `branch` (default 0) among all that there are.
+    only_needed
+        Whether to leave out the groups of links that no analysis needs. Branches are then
+        modes of the part that is left, and only that part has to close.
     recorder
         Receives the scenes block by block while the run goes on.
     progress
@@ -183,24 +189,28 @@ def run(
         Before any sample is computed, for unknown names, impossible mechanisms, or times
         that do not fit together.
     """
-    started = time.perf_counter()
+    ledger = Ledger()
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
     chosen = [create(item) if isinstance(item, str) else item for item in analyses]
-    course = course_of(
-        mechanism,
-        samples=samples,
-        input_pair=input_pair,
-        branch=branch,
-        search=search,
-        grid=grid,
-        path=path,
-        laws=laws or {},
-        duration=duration,
-        start=start,
-        torque=torque,
-        tolerance=tolerance,
-    )
+    whole = mechanism
+    if only_needed:
+        mechanism = _without_rest(mechanism, chosen, input_pair, start)
+    with ledger.stage("search"):
+        course = course_of(
+            mechanism,
+            samples=samples,
+            input_pair=input_pair,
+            branch=branch,
+            search=search,
+            grid=grid,
+            path=path,
+            laws=laws or {},
+            duration=duration,
+            start=start,
+            torque=torque,
+            tolerance=tolerance,
+        )
     tracer = course.tracer
     mechanism = tracer.mechanism
     own = [analysis.needs(mechanism) for analysis in chosen]
@@ -208,7 +218,6 @@ def run(
     needs = needs_of(mechanism, chosen)
     wanted = requests_for(mechanism, needs, tracer.by_rank)
     plans = tuple(item.plan for item in wanted)
-    planned = time.perf_counter()
     collected: dict[str, list[dict[str, TableData]]] = {a.name: [] for a in chosen}
     findings: dict[str, Findings] = {}
     failures: dict[str, str] = {}
@@ -220,19 +229,20 @@ def run(
     shapes: list[Shape] = []
     if recorder is not None:
         shapes = link_shapes(mechanism)
-        recorder.start(
-            [static_scene(plans, shapes)],
-            inputs[:, 0] if inputs.shape[1] == 1 and times is None else None,
-            branches=course.titles,
-            properties={
-                "spherekit": __version__,
-                "mechanism_hash": mechanism_hash(mechanism),
-                "analyses": ", ".join(analysis.name for analysis in chosen),
-            },
-            focus=course.middle,
-            row=course.shape[-1] if len(course.shape) > 1 else None,
-            times=times,
-        )
+        with ledger.stage(RECORDING):
+            recorder.start(
+                [static_scene(plans, shapes)],
+                inputs[:, 0] if inputs.shape[1] == 1 and times is None else None,
+                branches=course.titles,
+                properties={
+                    "spherekit": __version__,
+                    "mechanism_hash": mechanism_hash(mechanism),
+                    "analyses": ", ".join(analysis.name for analysis in chosen),
+                },
+                focus=course.middle,
+                row=course.shape[-1] if len(course.shape) > 1 else None,
+                times=times,
+            )
 
     def attempt(
         analysis: AbstractAnalysis,
@@ -244,14 +254,16 @@ def run(
             return
         batch = Batch(mechanism, plans, what, motion, found, course.timed, tracer)
         try:
-            tables = dict(analysis.compute(batch))
-            for table in analysis.tables:
-                table.of(mechanism).check(tables[table.name], analysis.name)
-            collected[analysis.name].append(tables)
-            if not analysis.rowwise:
-                findings[analysis.name] = analysis.findings(batch)
+            with ledger.stage(f"analysis {analysis.name}"):
+                tables = dict(analysis.compute(batch))
+                for table in analysis.tables:
+                    table.of(mechanism).check(tables[table.name], analysis.name)
+                collected[analysis.name].append(tables)
+                if not analysis.rowwise:
+                    findings[analysis.name] = analysis.findings(batch)
             if recorder is not None:
-                _log(recorder, analysis.scene(batch), motion, course.timed)
+                with ledger.stage(RECORDING):
+                    _log(recorder, analysis.scene(batch), motion, course.timed)
         except SpherekitError as problem:
             failures[analysis.name] = str(problem)
         except Exception:  # a plugin's own fault must not lose the others' results
@@ -260,16 +272,21 @@ def run(
     done = 0
     if not all(analysis.rowwise for analysis in chosen):
         block = total
-    for motion in course.blocks(block):
-        found = tuple(
-            evaluate(motion, item, memory)
-            for item, memory in zip(wanted, memories, strict=True)
-            if item.poles
-        )
-        if recorder is not None:
-            _log(
-                recorder, motion_scenes(motion, shapes, course.timed), motion, course.timed
+    expected = None
+    if total * len(tracer.branches) >= ENOUGH and course.simulation is None:
+        with ledger.stage("forecast"):
+            expected = forecast(course, chosen, own, wanted, total, block)
+    for motion in ledger.each("positions", course.blocks(block)):
+        with ledger.stage(AXES):
+            found = tuple(
+                evaluate(motion, item, memory)
+                for item, memory in zip(wanted, memories, strict=True)
+                if item.poles
             )
+        if recorder is not None:
+            with ledger.stage(RECORDING):
+                moved = motion_scenes(motion, shapes, course.timed)
+                _log(recorder, moved, motion, course.timed)
         for analysis, what in zip(chosen, own, strict=True):
             attempt(analysis, what, motion, found)
         motions.append(motion)
@@ -282,15 +299,41 @@ def run(
         if analysis.name not in failures and collected[analysis.name]:
             parts = collected[analysis.name]
             results[analysis.name] = _gather(analysis, mechanism, parts)
-    finished = time.perf_counter()
     summary = _summary(
         mechanism, course, plans, chosen, motions, fields, failures, findings
     )
-    summary["seconds"] = {
-        "plan_and_branches": planned - started,
-        "evaluate": finished - planned,
+    if only_needed:
+        summary["part_of"] = _left_out(whole, mechanism)
+    result = RunResult(results, failures, summary)
+    every = [field for found in fields for field in found]
+    summary["cost"] = cost_of(ledger, wanted, sum(map(len, motions)), every, result.sizes)
+    summary["cost"]["predicted"] = expected
+    return result
+
+
+def _without_rest(
+    mechanism: Mechanism,
+    chosen: Sequence[AbstractAnalysis],
+    input_pair: str | Sequence[str] | None,
+    start: Start | None,
+) -> Mechanism:
+    """Return the part that the analyses need."""
+    if start is not None:
+        raise AnalysisError(
+            f"{mechanism.name}: a motion that follows from loads needs all links; run it "
+            "without only_needed (--only-needed)"
+        )
+    names = [input_pair] if isinstance(input_pair, str) else list(input_pair or ())
+    return needed_part(mechanism, chosen, names)
+
+
+def _left_out(whole: Mechanism, part: Mechanism) -> dict[str, Any]:
+    names = {pair.name for pair in part.pairs}
+    return {
+        "mechanism_hash": mechanism_hash(whole),
+        "left_out_links": [link for link in whole.links if link not in part.links],
+        "left_out_pairs": [p.name for p in whole.pairs if p.name not in names],
     }
-    return RunResult(results, failures, summary)
 
 
 def _need_times(

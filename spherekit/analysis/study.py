@@ -36,6 +36,7 @@ def run_study(
     study: Study | str | os.PathLike[str],
     analyses: Sequence[str | AbstractAnalysis] = (),
     *,
+    only_needed: bool = False,
     recorder: Recorder | None = None,
     progress: Progress | None = None,
 ) -> RunResult:
@@ -49,7 +50,7 @@ def run_study(
         The study; a mechanism file is the study with all defaults.
     analyses
         Names or analysis objects that replace the study's own.
-    recorder, progress
+    only_needed, recorder, progress
         See `spherekit.run`.
 
     Raises
@@ -74,6 +75,7 @@ def run_study(
         start=study.start,
         torque=study.torque,
         tolerance=study.tolerance or DEFAULT_TOLERANCE,
+        only_needed=only_needed,
         recorder=recorder,
         progress=progress,
     )

@@ -81,6 +81,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
     )
+    parser.add_argument(
+        "--only-needed",
+        action="store_true",
+        help="leave out links and pairs that no analysis needs; branches are then those "
+        "of the part that is left",
+    )
     parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
@@ -113,11 +119,22 @@ def execute(options: argparse.Namespace) -> int:
 
         make_folder(study.folder)
     with _recorder(options, study) as recorder:
-        result = run_study(study, analyses, recorder=recorder, progress=_progress(options))
-        if study.folder is not None:
-            paths = result.write(study.folder, study.degrees)
-            if not options.quiet:
-                print(f"{len(paths)} files in {study.folder}", file=sys.stderr)
+        result = run_study(
+            study,
+            analyses,
+            only_needed=options.only_needed,
+            recorder=recorder,
+            progress=_progress(options),
+        )
+        try:
+            if recorder is not None:
+                recorder.finish()
+                result.summary["cost"]["recording"] = recorder.cost
+        finally:
+            if study.folder is not None:
+                paths = result.write(study.folder, study.degrees)
+                if not options.quiet:
+                    print(f"{len(paths)} files in {study.folder}", file=sys.stderr)
         if options.json:
             print(json.dumps(result.summary, indent=2, ensure_ascii=False))
         else:
@@ -274,9 +291,45 @@ def report(summary: Any) -> str:
             "largest error bound of a pole direction "
             f"{errors['largest_direction_error_bound_rad']:.1e} rad"
         )
+    lines += spent(summary["cost"])
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     return "\n".join(lines)
+
+
+def spent(cost: Any) -> list[str]:
+    """Return what a run has cost in lines for people, the prediction beside it."""
+    foreseen = cost["predicted"]
+    seconds = cost["seconds"]
+    guess = ""
+    if foreseen is not None:
+        shared = [name for name in foreseen["seconds"] if name in seconds]
+        both = [sum(of["seconds"][name] for name in shared) for of in (foreseen, cost)]
+        guess = f"; predicted {both[0]:.2g} s for what took {both[1]:.2g}"
+    stages = ", ".join(f"{name} {value:.2g}" for name, value in seconds.items())
+    lines = [
+        f"cost: {cost['configurations']} configurations, {cost['poles']} pole axes, "
+        f"{cost['axis_derivatives']} derivatives, {cost['link_rates']} link rates; "
+        f"{sum(seconds.values()):.2g} s ({stages}){guess}"
+    ]
+    tables = cost["tables"]
+    rows = sum(table["rows"] for table in tables.values())
+    line = f"  {rows} rows in {len(tables)} tables"
+    for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
+        if all(kind in table for table in tables.values()):
+            line += f", {megabytes(sum(table[kind] for table in tables.values()))} {name}"
+            if foreseen is not None and set(foreseen["tables"]) == set(tables):
+                guessed = sum(table[kind] for table in foreseen["tables"].values())
+                line += f" (predicted {megabytes(guessed)})"
+    if "recording" in cost:
+        own = cost["recording"]
+        line += f"; recording: {own['entities']} entities, {megabytes(own['bytes'])}"
+    return [*lines, line]
+
+
+def megabytes(count: int) -> str:
+    """Return a number of bytes as people read it."""
+    return f"{count / 1e6:.3g} MB" if count >= 1e5 else f"{count / 1e3:.3g} kB"
 
 
 def _recorder(options: argparse.Namespace, study: "Study") -> Any:
