@@ -20,7 +20,7 @@ from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism, SizeGeometry
-from spherekit.motion.motion import BLOCK, Tracer
+from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
@@ -28,6 +28,9 @@ from spherekit.rates.request import request
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 NAMES = ("four_bar", "stephenson", "double_butterfly", "roller_cam", "planetary_bevel")
+
+BLOCK = 512
+"""Configurations evaluated at once."""
 
 KERNEL_ENGINES: tuple[Engine, ...] = ("compiled", "numpy")
 

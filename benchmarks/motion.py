@@ -43,8 +43,8 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Motion",
-            f"All branches over the input's range, in blocks of {BLOCK} samples as a "
-            "run has them; a configuration is one sample of one branch. Variables, "
+            f"All branches over the input's range, in blocks of about {BLOCK} rows as "
+            "a run has them; a configuration is one sample of one branch. Variables, "
             "orientations, status and residual; the search for branches is not "
             "included.",
             columns,

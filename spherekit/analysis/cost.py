@@ -6,10 +6,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar, final
 
-import numpy as np
-
 from spherekit.planning.poles import BlockPoles, LinePole, Plan
-from spherekit.rates.field import PoleField
 from spherekit.rates.request import Request
 
 Item = TypeVar("Item")
@@ -115,13 +112,15 @@ def cost_of(
     ledger: Ledger,
     wanted: Sequence[Request],
     configurations: int,
-    fields: Iterable[PoleField],
+    solves: int,
     tables: Mapping[str, tuple[int, int]],
+    recording: Mapping[str, int] | None,
 ) -> dict[str, Any]:
     """Return the actual cost of a run, ready for JSON.
 
-    `tables` has rows and columns of every table by the name of its file. Bytes are added
-    when files are written.
+    `solves` are the rows that the velocity equations gave, `tables` rows and columns of
+    every table by the name of its file, `recording` what a recorder counted. Bytes of
+    tables are added when files are written; seconds are those of this process.
     """
     each = {_moved(item.plan): counts_of(item) for item in wanted}
     every = [asdict(counts) | {"poles": counts.poles} for counts in each.values()]
@@ -133,11 +132,12 @@ def cost_of(
         "configurations": configurations,
         "each_configuration": {moved: asdict(counts) for moved, counts in each.items()},
         **total,
-        "velocity_equation_solves": sum(int(np.sum(f.by_equations)) for f in fields),
+        "velocity_equation_solves": solves,
         "tables": {
             name: {"rows": rows, "columns": columns}
             for name, (rows, columns) in tables.items()
         },
+        **({} if recording is None else {"recording": dict(recording)}),
         "seconds": ledger.closed(),
     }
 

@@ -5,16 +5,18 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.analysis.tables import Column, Table, TableData
 from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.simulation import Simulation
+from spherekit.engine.kernels import Engine
 from spherekit.errors import AnalysisError
 from spherekit.model.laws import ConstantSpeed, Law, Start, time_fault
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import wrap
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import BLOCK, Motion, Tracer
 from spherekit.motion.timing import Timing, by_laws
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
@@ -41,8 +43,8 @@ class Course:
 
     `tracer` has the branches; `inputs` (k, inputs) rad are those of each sample and
     `shape` their number along each axis; `timing` (k rows) is None where nothing says how
-    the inputs move. `timed` says that samples are times. `motion` is the whole motion of
-    a `simulation`, otherwise both are None and the tracer evaluates it.
+    the inputs move. `timed` says that samples are times. The motion is that of the
+    `simulation`, if there is one, otherwise the tracer evaluates it.
     """
 
     tracer: Tracer
@@ -52,7 +54,6 @@ class Course:
     timed: bool
     laws: Mapping[str, Law]
     duration: float | None = None
-    motion: Motion | None = None
     simulation: Simulation | None = None
     tolerance: float | None = None
 
@@ -64,20 +65,23 @@ class Course:
         """(k,) times of the samples (s), if the samples are times."""
         return self.timing.t if self.timed and self.timing is not None else None
 
-    def blocks(self, size: int) -> Iterator[Motion]:
-        """Yield the motion in blocks of successive samples."""
-        if self.motion is not None:
-            number = np.arange(len(self))
-            for start in range(0, len(self), size):
-                yield self.motion.rows((number >= start) & (number < start + size))
+    def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
+        """Yield the motion from sample `first` on in blocks of successive samples."""
+        if self.simulation is not None:
+            for start in range(first, len(self), size):
+                yield self._simulated(np.arange(start, min(start + size, len(self))))
             return
-        done = 0
-        for motion in self.tracer.blocks(size):
-            rows, done = slice(done, done + motion.samples), done + motion.samples
+        for motion in self.tracer.blocks(size, first):
+            rows, first = slice(first, first + motion.samples), first + motion.samples
             timing = self.timing
             if timing is not None:
                 timing = timing.rows(rows).repeated(len(motion.branches))
             yield replace(motion, timing=timing)
+
+    def _simulated(self, sample: NDArray[np.int64]) -> Motion:
+        """Return the motion of the simulation at some samples (n,)."""
+        assert self.simulation is not None and self.timing is not None
+        return motion_of(self.simulation, self.tracer, self.timing.t[sample], sample)
 
     @property
     def titles(self) -> dict[int, str]:
@@ -94,9 +98,8 @@ class Course:
     @property
     def middle(self) -> Floats | None:
         """The mean direction (3,) of axes and contacts of the first branch, if any."""
-        if self.motion is not None:
-            number = np.arange(len(self))
-            coarse = self.motion.rows(number % max(1, len(self) // 24) == 0)
+        if self.simulation is not None:
+            coarse = self._simulated(np.arange(0, len(self), max(1, len(self) // 24)))
         else:
             coarse = self.tracer.sparse(24)
         own = ~coarse.failed & (coarse.branch == coarse.branch[0])
@@ -115,6 +118,12 @@ class Course:
             "q": np.array([event.q for event in events], dtype=float),
         }
 
+    def seconds(self) -> dict[str, Any]:
+        """Return what a simulation took, and the forecast that chose its engine."""
+        if self.simulation is None:
+            return {}
+        return {"simulate": asdict(self.simulation.engine)}
+
     def summary(self) -> dict[str, Any]:
         """Return what is to be said of time, and of a simulation's checks."""
         if not self.timed:
@@ -132,7 +141,7 @@ class Course:
             "energy_scale_J": done.checks.energy_scale,
             "power_imbalance_W": done.checks.power,
             "closure_drift_rad": done.checks.closure,
-            "engine": asdict(done.engine),
+            "engine": {"name": done.engine.name, "steps": done.engine.steps},
             "events": len(done.events),
         }
         return {"simulation": found}
@@ -152,6 +161,7 @@ def course_of(
     start: Start | None,
     torque: str | None,
     tolerance: float,
+    engine: Engine,
 ) -> Course:
     """Return the course behind the arguments of `spherekit.run`.
 
@@ -192,19 +202,11 @@ def course_of(
             branch=branch or 0,
             tolerance=tolerance,
             check=True,
+            engine=engine,
         )
-        motion = motion_of(simulation, tracer, t)
+        q, timing = _over_time(simulation, t)
         return Course(
-            tracer,
-            motion.inputs,
-            (len(motion),),
-            motion.timing,
-            True,
-            {},
-            duration,
-            motion,
-            simulation,
-            tolerance,
+            tracer, q, (len(q),), timing, True, {}, duration, simulation, tolerance
         )
     if not laws:
         driven = mechanism.inputs[0]
@@ -214,14 +216,26 @@ def course_of(
     return Course(tracer, q, (len(q),), timing, True, laws, duration)
 
 
-def motion_of(simulation: Simulation, tracer: Tracer, t: Floats) -> Motion:
-    """Return a simulation as a motion, at those of the times t (n,) before its end.
+def _over_time(simulation: Simulation, t: Floats) -> tuple[Floats, Timing]:
+    """Return the input (n, 1) rad and its timing at those of times t before the end.
 
-    Where it ended before the last of them, its end is the last row.
+    Where the simulation ended before the last of them, its end is the last row.
     """
     last = simulation.end.t
     if last < t[-1]:
         t = np.append(t[t < last], last)
+    q, dq, ddq = (np.empty((len(t), 1)) for _ in range(3))
+    for start in range(0, len(t), BLOCK):
+        rows = slice(start, start + BLOCK)
+        found = simulation.at(t[rows])
+        q[rows, 0], dq[rows, 0], ddq[rows, 0] = found.q, found.dq, found.ddq
+    return q, Timing(t, dq, ddq)
+
+
+def motion_of(
+    simulation: Simulation, tracer: Tracer, t: Floats, sample: NDArray[np.int64]
+) -> Motion:
+    """Return a simulation as a motion, at times t (n,) of these samples."""
     found = simulation.at(t)
     n = len(t)
     values = found.values.copy()
@@ -237,7 +251,7 @@ def motion_of(simulation: Simulation, tracer: Tracer, t: Floats) -> Motion:
         assembly=tracer.assembly,
         branches=tracer.branches,
         samples=n,
-        sample=np.arange(n),
+        sample=sample,
         branch=np.full(n, tracer.branches[0].number),
         inputs=found.q[:, None],
         values=values,
@@ -252,4 +266,4 @@ def motion_of(simulation: Simulation, tracer: Tracer, t: Floats) -> Motion:
 def _at_unit_speed(q: Floats) -> Timing:
     """Return the timing of an input (k, 1) that turns from its least value at 1 rad/s."""
     t = (q[:, 0] - np.min(q)) / UNIT_SPEED
-    return Timing(t, np.full_like(q, UNIT_SPEED), np.zeros_like(q))
+    return Timing(t, np.broadcast_to(UNIT_SPEED, q.shape), np.broadcast_to(0.0, q.shape))

@@ -11,6 +11,7 @@ from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.course import course_of
 from spherekit.analysis.forecast import LEAST, extrapolated, forecast
 from spherekit.analysis.made_up import made_up_motion
+from spherekit.analysis.recording import MOST_LOGGED
 from spherekit.analysis.run import DEFAULT_TOLERANCE, run
 from spherekit.files.study import Study
 from spherekit.motion.motion import BLOCK, DEFAULT_SAMPLES, Motion
@@ -64,9 +65,10 @@ def expected(
         start=None,
         torque=None,
         tolerance=DEFAULT_TOLERANCE,
+        engine="auto",
     )
     searched = time.process_time() - started
-    found = forecast(course, analyses, own, wanted, samples, BLOCK)
+    found = forecast(course, analyses, own, wanted, samples, course.tracer.block)
     return found | {"seconds": {"search": searched, **found["seconds"]}}
 
 
@@ -142,7 +144,6 @@ def extrapolated_recording(
                 recorder=recorder,
                 block=block,
             )
-            recorder.finish()
             found = recorder.cost
         return found["entities"], found["rows"], found["bytes"]
 
@@ -151,6 +152,7 @@ def extrapolated_recording(
     _, _, cut = recorded(2 * SHORT, SHORT)
     entities, many, two = recorded(2 * SHORT, 2 * SHORT)
     each_block, each = cut - two, (two - one) / SHORT
+    samples = -(-samples // -(-samples // MOST_LOGGED))
     blocks = -(-samples // BLOCK)
     return {
         "entities": entities,

@@ -16,7 +16,7 @@ import numpy as np
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs, run_status
 from spherekit.analysis.cost import AXES, TABLES, Ledger
 from spherekit.analysis.course import Course
-from spherekit.analysis.result import MOTION, file_stem
+from spherekit.analysis.result import MOTION, stem_of
 from spherekit.analysis.sizes import Growth, csv_row, parquet_row
 from spherekit.analysis.tables import TableData
 from spherekit.motion.motion import Motion
@@ -169,9 +169,9 @@ def _trial(
         except Exception:  # what a plugin cannot do here it reports in the run
             failed.append(analysis.name)
             continue
-        for position, table in enumerate(analysis.tables):
+        for table in analysis.tables:
             data = {name: np.asarray(values) for name, values in made[table.name].items()}
-            tables[file_stem(analysis.name, position, table)] = data
+            tables[stem_of(analysis.name, analysis.tables, table)] = data
     used = sum(int(np.sum(field.by_equations)) for field in found)
     return Trial(len(motion), ledger.seconds, tables, used, tuple(failed))
 

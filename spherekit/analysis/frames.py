@@ -1,21 +1,53 @@
 """Tables as pandas frames and files; the only module that imports pandas."""
 
+import csv
 import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.tables import Table, TableData
+from spherekit.analysis.tables import (
+    FILE_SIZE,
+    AbstractRows,
+    Format,
+    RowsInMemory,
+    Table,
+    TableData,
+)
 from spherekit.conventions import Status
+from spherekit.files.atomic import writing
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
+
+NOTES = b"spherekit"
+"""Where a Parquet file keeps the units of its columns and what it came from."""
+
+SPECIAL = set(',"\r\n')
 
 
 def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFrame":
     """Return a table as a frame; with `degrees`, columns in rad become deg, rates too."""
+    import pandas as pd
+
+    rows = RowsInMemory(table, data)
+    frames = [_frame(table, piece, rows.words, degrees) for piece in rows.chunks()]
+    if len(frames) == 1:
+        return frames[0]
+    whole = pd.concat(frames, ignore_index=True)
+    whole.attrs = frames[0].attrs
+    return whole
+
+
+def _frame(
+    table: Table, data: TableData, words: Mapping[str, Sequence[str]], degrees: bool
+) -> "pd.DataFrame":
+    """Return rows as a frame; texts are places in `words`."""
     import pandas as pd
 
     columns: dict[str, Any] = {}
@@ -27,8 +59,8 @@ def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFr
             names = [status.name for status in Status]
             values = pd.Categorical.from_codes(values, categories=pd.Index(names))
         elif column.kind == "text":
-            codes, words = _codes(np.asarray(values))
-            values = pd.Categorical.from_codes(codes, categories=pd.Index(words))
+            own = pd.Index(list(words[column.name]))
+            values = pd.Categorical.from_codes(values, categories=own)
         elif degrees and unit in ("rad", "rad/s", "rad/s2"):
             values, unit = np.degrees(values), unit.replace("rad", "deg")
         elif degrees and unit == "1/rad":
@@ -40,41 +72,139 @@ def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFr
     return frame
 
 
-def _codes(words: NDArray[Any]) -> tuple[NDArray[Any], list[str]]:
-    unique, codes = np.unique(words, return_inverse=True)
-    return codes, [str(word) for word in unique]
+def write_table(
+    folder: Path,
+    stem: str,
+    table: Table,
+    rows: AbstractRows,
+    notes: Mapping[str, str],
+    degrees: bool = False,
+    formats: Sequence[Format] = tuple(FILE_SIZE),
+) -> list[str]:
+    """Write a table in pieces, CSV and Parquet side by side; return the files' names.
 
+    CSV holds every number with the fewest digits that give it back, and empty cells for
+    NaN. Parquet carries units and `notes`. Memory does not grow with the rows.
 
-def csv_bytes(frame: "pd.DataFrame") -> bytes:
-    """Return a frame as CSV text: 17 significant digits, empty cells for NaN."""
-    return frame.to_csv(index=False, lineterminator="\n").encode()
-
-
-def parquet_bytes(frame: "pd.DataFrame", notes: dict[str, str]) -> bytes:
-    """Return a frame as a Parquet file that carries its units and lineage."""
+    Raises
+    ------
+    OutputError
+        If the disk is full; no file of this table is then left.
+    """
     import json
 
     import pyarrow as pa
+    import pyarrow.csv as pc
     import pyarrow.parquet as pq
 
-    units = dict(frame.attrs.get("units", {}))
-    table = pa.Table.from_pandas(frame, preserve_index=False)
-    metadata = dict(table.schema.metadata or {})
-    metadata[b"spherekit"] = json.dumps({"units": units, **notes}).encode()
-    stream = io.BytesIO()
-    pq.write_table(table.replace_schema_metadata(metadata), stream)
-    return stream.getvalue()
+    names = {kind: f"{stem}.{kind}" for kind in FILE_SIZE if kind in formats}
+    plain = not any(SPECIAL & set(word) for own in rows.words.values() for word in own)
+    options = pc.WriteOptions(
+        include_header=False, quoting_style="none" if plain else "needed"
+    )
+    with ExitStack() as stack:
+        streams = {
+            kind: stack.enter_context(writing(folder / name))
+            for kind, name in names.items()
+        }
+        schema, parquet, text = None, None, None
+        try:
+            for piece in rows.chunks():
+                frame = _frame(table, piece, rows.words, degrees)
+                whole = pa.Table.from_pandas(frame, preserve_index=False)
+                if schema is None:
+                    metadata = dict(whole.schema.metadata or {})
+                    kept = {"units": frame.attrs["units"], **notes}
+                    metadata[NOTES] = json.dumps(kept).encode()
+                    schema = whole.schema.with_metadata(metadata)
+                    if "parquet" in streams:
+                        floats = [f.name for f in schema if pa.types.is_floating(f.type)]
+                        texts = [f.name for f in schema if pa.types.is_dictionary(f.type)]
+                        parquet = pq.ParquetWriter(
+                            streams["parquet"],
+                            schema,
+                            compression="zstd",
+                            use_dictionary=texts,
+                            use_byte_stream_split=floats,
+                        )
+                    if "csv" in streams:
+                        streams["csv"].write(_header(whole.column_names))
+                        words = _with_words(whole).schema
+                        text = pc.CSVWriter(streams["csv"], words, write_options=options)
+                if parquet is not None:
+                    parquet.write_table(whole.cast(schema))
+                if text is not None:
+                    text.write(_with_words(whole))
+            for writer in (parquet, text):
+                if writer is not None:
+                    writer.close()
+        except BaseException:
+            if parquet is not None:
+                parquet.is_open = False  # it would write its end to a closed file later
+            raise
+    return list(names.values())
+
+
+def _with_words(rows: "pa.Table") -> "pa.Table":
+    """Return rows with words in place of their numbers."""
+    import pyarrow as pa
+
+    columns = [
+        column.cast(pa.string()) if pa.types.is_dictionary(column.type) else column
+        for column in rows.columns
+    ]
+    return pa.table(columns, names=rows.column_names)
+
+
+def _header(names: Sequence[str]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(names)
+    return text.getvalue().encode()
 
 
 def read_parquet(path: Path) -> "pd.DataFrame":
-    """Return a frame written by `parquet_bytes`, with its units in `attrs`."""
+    """Return a frame written by `write_table`, with its units in `attrs`."""
     import json
 
     import pyarrow.parquet as pq
 
     table = pq.read_table(path)
     frame: pd.DataFrame = table.to_pandas()
-    raw = (table.schema.metadata or {}).get(b"spherekit")
+    raw = (table.schema.metadata or {}).get(NOTES)
     if raw:
         frame.attrs.update(json.loads(raw))
     return frame
+
+
+@final
+class ParquetColumns(Mapping[str, NDArray[Any]]):
+    """The columns of a Parquet file that `write_table` wrote, read when asked for.
+
+    In rad, whatever the file has; status as codes, texts as such.
+    """
+
+    def __init__(self, path: Path, table: Table, degrees: bool) -> None:
+        self._path, self._degrees = path, degrees
+        self._columns = {column.name: column for column in table.columns}
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        import pyarrow.parquet as pq
+
+        column = self._columns[name]
+        found = pq.read_table(self._path, columns=[name]).to_pandas()[name]
+        if column.kind == "status":
+            return np.asarray(found.cat.codes)
+        if column.kind == "text":
+            return np.asarray(found, dtype=str)
+        values = np.asarray(found)
+        if self._degrees and column.unit in ("rad", "rad/s", "rad/s2"):
+            return np.asarray(np.radians(values))
+        if self._degrees and column.unit == "1/rad":
+            return np.asarray(np.degrees(values))
+        return values

@@ -2,15 +2,24 @@
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from spherekit.analysis.cost import TABLES
-from spherekit.analysis.tables import Table, TableData
+from spherekit.analysis.journal import SUMMARY, RunFolder
+from spherekit.analysis.tables import (
+    FILE_SIZE,
+    AbstractRows,
+    Format,
+    RowsInMemory,
+    Table,
+    TableData,
+)
 from spherekit.conventions import listing, nearest
-from spherekit.errors import AnalysisError
+from spherekit.errors import AnalysisError, OutputError
+from spherekit.files.atomic import make_folder, write_bytes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,7 +30,11 @@ MOTION = "motion"
 @final
 @dataclass(frozen=True)
 class AnalysisResult:
-    """The tables of one analysis, as declared arrays."""
+    """The tables of one analysis, as declared arrays.
+
+    Where the run wrote to a folder, columns are read from its Parquet files when asked
+    for; a run that kept no tables has no `data`.
+    """
 
     name: str
     tables: tuple[Table, ...]
@@ -34,23 +47,14 @@ class RunResult:
     """The tables of all analyses of a run, its failures and its summary.
 
     `summary` holds versions, hashes, tolerances, errors reached and times, ready for
-    JSON. `failures` maps the name of an analysis that failed to its traceback.
+    JSON. `failures` maps the name of an analysis that failed to its traceback. `files`
+    are those that a run with a folder has written.
     """
 
     results: Mapping[str, AnalysisResult]
     failures: Mapping[str, str] = field(default_factory=dict)
     summary: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def sizes(self) -> dict[str, tuple[int, int]]:
-        """Rows and columns of every table, by the name its files have."""
-        found = {}
-        for name, result in self.results.items():
-            for position, table in enumerate(result.tables):
-                data = result.data[table.name]
-                rows = len(next(iter(data.values()), ()))
-                found[file_stem(name, position, table)] = (rows, len(data))
-        return found
+    files: tuple[Path, ...] = ()
 
     def frame(
         self,
@@ -72,7 +76,7 @@ class RunResult:
         Raises
         ------
         AnalysisError
-            If there is no such result, or the analysis failed.
+            If there is no such result, the analysis failed, or no tables were kept.
         """
         from spherekit.analysis.frames import to_frame
 
@@ -92,47 +96,84 @@ class RunResult:
                 f'{name} has no table "{wanted}"{nearest(wanted, declared) or ";"} '
                 f"Tables: {listing(declared)}"
             )
+        if wanted not in result.data:
+            raise AnalysisError(
+                "this run kept no tables that can be read; let it keep them (tables=True), "
+                "or write Parquet files to a folder"
+            )
         return to_frame(declared[wanted], result.data[wanted], degrees)
 
-    def write(self, folder: str | Path, degrees: bool = False) -> list[Path]:
+    def write(
+        self,
+        folder: str | Path,
+        degrees: bool = False,
+        formats: Sequence[Format] = tuple(FILE_SIZE),
+    ) -> list[Path]:
         """Write every table as CSV and Parquet, and `summary.json`; return the paths.
 
-        Each file appears complete or not at all.
+        The files appear together when all are complete, in place of those of an older
+        run.
 
         Raises
         ------
         OutputError
-            If the folder cannot be made or written, or the disk is full.
+            If the folder cannot be made or written, another run writes there or has left
+            unfinished work, or the disk is full.
         """
-        from spherekit.analysis.frames import csv_bytes, parquet_bytes
-        from spherekit.files.atomic import make_folder, write_bytes
-
-        target = make_folder(folder)
-        written: list[Path] = []
-        cost, started = self.summary["cost"], time.perf_counter()
-        for name, result in self.results.items():
-            for position, table in enumerate(result.tables):
-                frame = self.frame(name, table.name, degrees)
-                stem = file_stem(name, position, table)
-                notes = {
-                    "analysis": name,
-                    "mechanism_hash": self.summary["mechanism_hash"],
-                }
-                for suffix, data in (
-                    ("csv", csv_bytes(frame)),
-                    ("parquet", parquet_bytes(frame, notes)),
-                ):
-                    path = target / f"{stem}.{suffix}"
-                    write_bytes(path, data)
-                    written.append(path)
-                    cost["tables"][stem][f"{suffix}_bytes"] = len(data)
-        cost["seconds"][TABLES] = time.perf_counter() - started
-        path = target / "summary.json"
-        text = json.dumps(self.summary, indent=2, ensure_ascii=False)
-        write_bytes(path, (text + "\n").encode())
-        return [*written, path]
+        rows = [
+            (name, table, RowsInMemory(table, result.data[table.name]))
+            for name, result in self.results.items()
+            for table in result.tables
+            if table.name in result.data
+        ]
+        with RunFolder.opened(Path(folder)) as place:
+            if place.unfinished:
+                raise OutputError(
+                    f"{str(folder)!r}: there is unfinished work of a run; finish it with "
+                    'unfinished="resume" first, or choose another folder'
+                )
+            paths, _ = write_results(place, rows, self.summary, degrees, formats)
+            return paths
 
 
-def file_stem(analysis: str, position: int, table: Table) -> str:
-    """Return what the files of a table are called, without their ending."""
-    return analysis if position == 0 else f"{analysis}_{table.name}"
+def stem_of(analysis: str, tables: Sequence[Table], table: Table) -> str:
+    """Return what the files of a table of an analysis are called, without their ending."""
+    return analysis if table is tables[0] else f"{analysis}_{table.name}"
+
+
+def write_results(
+    folder: RunFolder,
+    tables: Sequence[tuple[str, Table, AbstractRows]],
+    summary: Mapping[str, Any],
+    degrees: bool,
+    formats: Sequence[Format],
+) -> tuple[list[Path], dict[str, Any]]:
+    """Write the tables of analyses, and the summary with their names and the time.
+
+    Return the paths and that summary.
+
+    Raises
+    ------
+    OutputError
+        If the disk is full; the folder then has what it had.
+    """
+    from spherekit.analysis.frames import write_table
+
+    started = time.perf_counter()
+    made = make_folder(folder.work / "made")
+    names: list[str] = []
+    for analysis, table, rows in tables:
+        own = [each for name, each, _ in tables if name == analysis]
+        stem = stem_of(analysis, own, table)
+        notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
+        own_names = write_table(made, stem, table, rows, notes, degrees, formats)
+        for name in own_names:
+            key = f"{name.rpartition('.')[2]}_bytes"
+            summary["cost"]["tables"][stem][key] = (made / name).stat().st_size
+        names += own_names
+    seconds = {**summary["seconds"], "write": time.perf_counter() - started}
+    summary["cost"]["seconds"][TABLES] = seconds["write"]
+    written = {**summary, "files": names, "seconds": seconds}
+    text = json.dumps(written, indent=2, ensure_ascii=False)
+    write_bytes(made / SUMMARY, (text + "\n").encode())
+    return folder.publish(made, [*names, SUMMARY]), written

@@ -1,9 +1,14 @@
 """Running analyses: what they need is planned, evaluated in blocks, and handed over."""
 
+import os
+import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, final
 
 import numpy as np
 
@@ -17,42 +22,42 @@ from spherekit.analysis.contract import (
 from spherekit.analysis.cost import AXES, RECORDING, Ledger, cost_of
 from spherekit.analysis.course import EVENTS, Course, course_of
 from spherekit.analysis.forecast import ENOUGH, forecast
-from spherekit.analysis.needed import needed_part
+from spherekit.analysis.journal import RunFolder, Unfinished, differences
+from spherekit.analysis.needed import left_out, needed_part
+from spherekit.analysis.recording import CountingRecorder, Recorder, Stage, thinning_of
 from spherekit.analysis.registry import create
-from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
-from spherekit.analysis.scene import Scene
-from spherekit.analysis.stage import (
-    Shape,
-    link_shapes,
-    motion_scenes,
-    plan_notes,
-    static_scene,
+from spherekit.analysis.result import (
+    MOTION,
+    AnalysisResult,
+    RunResult,
+    stem_of,
+    write_results,
 )
+from spherekit.analysis.room import physical_memory, size_text
+from spherekit.analysis.stage import plan_notes
+from spherekit.analysis.standing import Standing, identity_of
+from spherekit.analysis.store import AbstractStore, InMemory, Nowhere, OnDisk
 from spherekit.analysis.tables import (
     BRANCH,
+    FILE_SIZE,
     INPUTS,
     RESIDUAL,
     SAMPLE,
     STATUS,
     TIME,
     Column,
+    Format,
     Table,
     TableData,
-    concatenate,
     input_columns,
 )
-from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
-from spherekit.errors import AnalysisError, SpherekitError
+from spherekit.conventions import CLOSURE_TOLERANCE, listing
+from spherekit.engine.kernels import Engine
+from spherekit.errors import AnalysisError, OutputError, SpherekitError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.loops import rank_mobility, redundancy
-from spherekit.motion.motion import (
-    BLOCK,
-    DEFAULT_SAMPLES,
-    Motion,
-    status_counts,
-)
+from spherekit.motion.motion import DEFAULT_SAMPLES, Motion
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import Plan, pole_of
 from spherekit.planning.rigidity import graph_mobility
@@ -61,39 +66,10 @@ from spherekit.rates.request import Request, request
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
 
-
-class Recorder(Protocol):
-    """What a run tells a viewer while it goes on; see `spherekit.view`."""
-
-    def start(
-        self,
-        scenes: Sequence[Scene],
-        inputs: Floats | None,
-        *,
-        branches: Mapping[int, str] | None = None,
-        properties: Mapping[str, str] | None = None,
-        focus: Floats | None = None,
-        row: int | None = None,
-        times: Floats | None = None,
-    ) -> None:
-        """Take what does not move, all inputs (samples,) rad, the branches' names.
-
-        `focus` (3,) is the unit vector to the middle of the mechanism. Samples of a grid
-        come in rows of `row` neighbours; `times` (samples,) s are given instead of inputs
-        where the samples are times.
-        """
-
-    def log(
-        self,
-        scene: Scene,
-        samples: Any,
-        inputs: Floats | None = None,
-        times: Floats | None = None,
-    ) -> None:
-        """Take one block of one branch: sample numbers (k,), inputs (k,) rad, times s."""
-
-
 Progress = Callable[[int, int], None]
+
+FRAMES_HELD = 8
+"""Frames held at once for each link and pair of a row: 5 to 7.6 were measured."""
 
 DEFAULT_TOLERANCE = 1e-9
 """Error tolerated in each step of a simulation, for pair variables (rad)."""
@@ -146,10 +122,17 @@ def run(
     start: Start | None = None,
     torque: str | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
+    engine: Engine = "auto",
     only_needed: bool = False,
+    folder: str | os.PathLike[str] | None = None,
+    unfinished: Unfinished = "refuse",
+    degrees: bool = False,
+    formats: Sequence[Format] = tuple(FILE_SIZE),
+    tables: bool = True,
     recorder: Recorder | None = None,
+    log_every: int | None = None,
     progress: Progress | None = None,
-    block: int = BLOCK,
+    block: int | None = None,
 ) -> RunResult:
     """Run analyses over the motion of a mechanism.
 
@@ -164,19 +147,33 @@ def run(
     laws, duration
         Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
         both ends included. With a duration alone the only input turns at 1 rad/s.
-    start, torque, tolerance
+    start, torque, tolerance, engine
         State of the only input at t = 0: the motion over `duration` then follows from the
         loads and the `torque` at the input, as `spherekit.dynamics.forward.simulate` finds
         it from the `branch` (default 0) among all that there are.
     only_needed
         Whether to leave out the groups of links that no analysis needs. Branches are then
         modes of the part that is left, and only that part has to close.
+    folder
+        Where tables go while the run goes on, so that memory does not grow with the
+        samples; the files are there at the end. Without it tables stay in memory.
+    unfinished
+        What to do with the work of a run that was stopped in that folder: ``"refuse"`` to
+        start, ``"resume"`` it (or start, if there is none), or ``"discard"`` it.
+    degrees, formats
+        Whether the files have angles in degrees, and which files are written.
+    tables
+        Whether tables are kept in memory where there is no folder.
     recorder
         Receives the scenes block by block while the run goes on.
+    log_every
+        Of how many successive samples one goes to the recorder; by default so many that
+        no branch has more than `MOST_LOGGED`.
     progress
         Called with samples done and samples in all after each block.
     block
-        Samples evaluated at once; all, if an analysis wants whole batches.
+        Samples evaluated at once, by default as `Tracer.blocks` has them; all, if an
+        analysis wants whole batches.
 
     Returns
     -------
@@ -186,154 +183,144 @@ def run(
     Raises
     ------
     AnalysisError, ModelError, PlanError, SolveError
-        Before any sample is computed, for unknown names, impossible mechanisms, or times
-        that do not fit together.
+        Before any sample is computed, for unknown names, impossible mechanisms, times
+        that do not fit together, or a run at once that this machine has no memory for.
+    OutputError
+        If the folder cannot be written, the disk is full, another run writes there, or
+        has left work that does not fit. What is done is kept, to be resumed.
     """
-    ledger = Ledger()
+    started = time.perf_counter()
+    ledger, whole = Ledger(), mechanism
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
     chosen = [create(item) if isinstance(item, str) else item for item in analyses]
-    whole = mechanism
     if only_needed:
-        mechanism = _without_rest(mechanism, chosen, input_pair, start)
-    with ledger.stage("search"):
-        course = course_of(
-            mechanism,
-            samples=samples,
-            input_pair=input_pair,
-            branch=branch,
-            search=search,
-            grid=grid,
-            path=path,
-            laws=laws or {},
-            duration=duration,
-            start=start,
-            torque=torque,
-            tolerance=tolerance,
-        )
-    tracer = course.tracer
-    mechanism = tracer.mechanism
-    own = [analysis.needs(mechanism) for analysis in chosen]
-    _need_times(course, chosen, own)
-    needs = needs_of(mechanism, chosen)
-    wanted = requests_for(mechanism, needs, tracer.by_rank)
-    plans = tuple(item.plan for item in wanted)
-    collected: dict[str, list[dict[str, TableData]]] = {a.name: [] for a in chosen}
-    findings: dict[str, Findings] = {}
-    failures: dict[str, str] = {}
-    motions: list[Motion] = []
-    fields: list[tuple[PoleField, ...]] = []
-    memories = [SignMemory() for _ in wanted]
-    inputs, times = course.inputs, course.t
-    total = len(course)
-    shapes: list[Shape] = []
-    if recorder is not None:
-        shapes = link_shapes(mechanism)
-        with ledger.stage(RECORDING):
-            recorder.start(
-                [static_scene(plans, shapes)],
-                inputs[:, 0] if inputs.shape[1] == 1 and times is None else None,
-                branches=course.titles,
-                properties={
-                    "spherekit": __version__,
-                    "mechanism_hash": mechanism_hash(mechanism),
-                    "analyses": ", ".join(analysis.name for analysis in chosen),
-                },
-                focus=course.middle,
-                row=course.shape[-1] if len(course.shape) > 1 else None,
-                times=times,
+        mechanism = needed_part(mechanism, chosen, input_pair, start)
+    with _opened(folder) as place:
+        with ledger.stage("search"):
+            course = course_of(
+                mechanism,
+                samples=samples,
+                input_pair=input_pair,
+                branch=branch,
+                search=search,
+                grid=grid,
+                path=path,
+                laws=laws or {},
+                duration=duration,
+                start=start,
+                torque=torque,
+                tolerance=tolerance,
+                engine=engine,
             )
-
-    def attempt(
-        analysis: AbstractAnalysis,
-        what: Needs,
-        motion: Motion,
-        found: tuple[PoleField, ...],
-    ) -> None:
-        if analysis.name in failures:
-            return
-        batch = Batch(mechanism, plans, what, motion, found, course.timed, tracer)
-        try:
-            with ledger.stage(f"analysis {analysis.name}"):
-                tables = dict(analysis.compute(batch))
-                for table in analysis.tables:
-                    table.of(mechanism).check(tables[table.name], analysis.name)
-                collected[analysis.name].append(tables)
-                if not analysis.rowwise:
-                    findings[analysis.name] = analysis.findings(batch)
-            if recorder is not None:
-                with ledger.stage(RECORDING):
-                    _log(recorder, analysis.scene(batch), motion, course.timed)
-        except SpherekitError as problem:
-            failures[analysis.name] = str(problem)
-        except Exception:  # a plugin's own fault must not lose the others' results
-            failures[analysis.name] = traceback.format_exc()
-
-    done = 0
-    if not all(analysis.rowwise for analysis in chosen):
-        block = total
-    expected = None
-    if total * len(tracer.branches) >= ENOUGH and course.simulation is None:
-        with ledger.stage("forecast"):
-            expected = forecast(course, chosen, own, wanted, total, block)
-    for motion in ledger.each("positions", course.blocks(block)):
-        with ledger.stage(AXES):
-            found = tuple(
-                evaluate(motion, item, memory)
-                for item, memory in zip(wanted, memories, strict=True)
-                if item.poles
-            )
+        job = _job(course, chosen, block)
+        planned = time.perf_counter()
+        standing, store = _begin(job, place, unfinished, tables)
+        expected = _expected(job, len(course) - standing.done, ledger)
+        stage = None
         if recorder is not None:
             with ledger.stage(RECORDING):
-                moved = motion_scenes(motion, shapes, course.timed)
-                _log(recorder, moved, motion, course.timed)
-        for analysis, what in zip(chosen, own, strict=True):
-            attempt(analysis, what, motion, found)
-        motions.append(motion)
-        fields.append(found)
-        done += motion.samples
-        if progress is not None:
-            progress(done, total)
-    results = {MOTION: _motion_result(course, motions, fields)}
-    for analysis in chosen:
-        if analysis.name not in failures and collected[analysis.name]:
-            parts = collected[analysis.name]
-            results[analysis.name] = _gather(analysis, mechanism, parts)
-    summary = _summary(
-        mechanism, course, plans, chosen, motions, fields, failures, findings
-    )
-    if only_needed:
-        summary["part_of"] = _left_out(whole, mechanism)
-    result = RunResult(results, failures, summary)
-    every = [field for found in fields for field in found]
-    summary["cost"] = cost_of(ledger, wanted, sum(map(len, motions)), every, result.sizes)
-    summary["cost"]["predicted"] = expected
-    return result
+                stage = Stage(
+                    course,
+                    job.plans,
+                    [analysis.name for analysis in chosen],
+                    recorder,
+                    thinning_of(course, log_every),
+                    standing.done,
+                )
+        before, resumed = standing.seconds, time.perf_counter()
+        with _kept(job, place, standing, store) as after_block:
+            blocks = course.blocks(job.block, standing.done)
+            for motion in ledger.each("positions", blocks):
+                _evaluate(job, motion, standing, store, stage, ledger)
+                standing.seconds = before + time.perf_counter() - resumed
+                after_block()
+                if isinstance(store, OnDisk):
+                    _check_room(job, store, standing.done, formats)
+                if progress is not None:
+                    progress(standing.done, len(course))
+            summary = _summary(job, standing)
+            if stage is not None:
+                summary["recording"] = stage.summary()
+            if only_needed:
+                summary["part_of"] = left_out(whole, course.tracer.mechanism)
+            summary["cost"] = _cost(job, standing, ledger, recorder)
+            summary["cost"]["predicted"] = expected
+            summary["seconds"] = {
+                "plan_and_branches": planned - started,
+                "evaluate": standing.seconds,
+                **course.seconds(),
+            }
+            return _result(job, standing, store, place, summary, degrees, formats)
 
 
-def _without_rest(
-    mechanism: Mechanism,
-    chosen: Sequence[AbstractAnalysis],
-    input_pair: str | Sequence[str] | None,
-    start: Start | None,
-) -> Mechanism:
-    """Return the part that the analyses need."""
-    if start is not None:
-        raise AnalysisError(
-            f"{mechanism.name}: a motion that follows from loads needs all links; run it "
-            "without only_needed (--only-needed)"
-        )
-    names = [input_pair] if isinstance(input_pair, str) else list(input_pair or ())
-    return needed_part(mechanism, chosen, names)
+@final
+@dataclass(frozen=True)
+class _Job:
+    """A run made ready: what is evaluated for whom, in blocks of how many samples."""
+
+    course: Course
+    analyses: tuple[AbstractAnalysis, ...]
+    needs: tuple[Needs, ...]
+    requests: tuple[Request, ...]
+    block: int
+
+    @property
+    def mechanism(self) -> Mechanism:
+        return self.course.tracer.mechanism
+
+    @property
+    def plans(self) -> tuple[Plan, ...]:
+        return tuple(item.plan for item in self.requests)
+
+    @property
+    def is_single_block(self) -> bool:
+        return self.block >= len(self.course)
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        return identity_of(self.course, self.analyses, self.block)
+
+    def tables(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
+        return tuple(table.of(self.mechanism) for table in analysis.tables)
+
+    @cached_property
+    def motion_tables(self) -> tuple[Table, ...]:
+        """The table of the motion, and of what happened in a simulation."""
+        course, mechanism = self.course, self.mechanism
+        variables = [
+            Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
+            for name, owner in zip(
+                mechanism.variable_names, mechanism.variable_owners, strict=True
+            )
+        ]
+        table = Table(
+            MOTION,
+            "the configurations: one row per sample and branch",
+            (
+                SAMPLE,
+                BRANCH,
+                *([TIME] if course.timed else []),
+                INPUTS,
+                *variables,
+                RESIDUAL,
+                STATUS,
+            ),
+        ).of(mechanism)
+        return (table,) if course.simulation is None else (table, EVENTS)
 
 
-def _left_out(whole: Mechanism, part: Mechanism) -> dict[str, Any]:
-    names = {pair.name for pair in part.pairs}
-    return {
-        "mechanism_hash": mechanism_hash(whole),
-        "left_out_links": [link for link in whole.links if link not in part.links],
-        "left_out_pairs": [p.name for p in whole.pairs if p.name not in names],
-    }
+def _job(course: Course, analyses: Sequence[AbstractAnalysis], block: int | None) -> _Job:
+    mechanism, tracer = course.tracer.mechanism, course.tracer
+    own = tuple(analysis.needs(mechanism) for analysis in analyses)
+    _need_times(course, analyses, own)
+    wanted = requests_for(mechanism, needs_of(mechanism, analyses), tracer.by_rank)
+    whole = [analysis.name for analysis in analyses if not analysis.rowwise]
+    if whole:
+        block = len(course)
+        _check_memory(mechanism, block * len(tracer.branches), whole)
+    block = min(block or tracer.block, len(course))
+    return _Job(course, tuple(analyses), own, wanted, block)
 
 
 def _need_times(
@@ -347,121 +334,266 @@ def _need_times(
             )
 
 
-def _log(recorder: Recorder, scenes: Sequence[Scene], motion: Motion, timed: bool) -> None:
-    k = motion.samples
-    single = motion.inputs.shape[1] == 1 and not timed
-    inputs = motion.q[:k] if single else None
-    times = motion.timing.t[:k] if motion.timing is not None and timed else None
-    for scene in scenes:
-        if scene.rows is None:
-            recorder.log(scene, motion.sample[:k], inputs, times)
-        else:
-            own = (
-                None
-                if line is None
-                else np.linspace(line[0], line[-1], scene.rows + 1)[:-1]
-                for line in (inputs, times)
-            )
-            recorder.log(scene, np.arange(scene.rows), *own)
+def memory_at_once(mechanism: Mechanism, rows: int) -> int:
+    """Return about how many bytes it takes to evaluate so many rows at once.
+
+    Frames (3, 3) of links and pairs are most of it.
+    """
+    return rows * FRAMES_HELD * 72 * (len(mechanism.links) + len(mechanism.pairs))
 
 
-def _gather(
-    analysis: AbstractAnalysis, mechanism: Mechanism, parts: list[dict[str, TableData]]
-) -> AnalysisResult:
-    data = {}
-    for table in analysis.tables:
-        whole = concatenate([part[table.name] for part in parts])
-        data[table.name] = _in_order(whole) if len(parts) > 1 else whole
-    tables = tuple(table.of(mechanism) for table in analysis.tables)
-    return AnalysisResult(analysis.name, tables, data)
-
-
-def _in_order(data: TableData) -> TableData:
-    """Rows by branch, then sample; rows of one sample keep their order."""
-    if "branch" not in data or "sample" not in data:
-        return data
-    order = np.lexsort((data["sample"], data["branch"]))
-    return {name: np.asarray(values)[order] for name, values in data.items()}
-
-
-def _motion_result(
-    course: Course, motions: list[Motion], fields: list[tuple[PoleField, ...]]
-) -> AnalysisResult:
-    mechanism = course.tracer.mechanism
-    variables = [
-        Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
-        for name, owner in zip(
-            mechanism.variable_names, mechanism.variable_owners, strict=True
+def _check_memory(mechanism: Mechanism, rows: int, whole: Sequence[str]) -> None:
+    """Raise `AnalysisError` if a run that cannot be cut into blocks needs too much."""
+    wanted, there = memory_at_once(mechanism, rows), physical_memory()
+    if there is not None and wanted > there:
+        raise AnalysisError(
+            f"{listing(whole)} looks at all samples at once: that takes about "
+            f"{size_text(wanted)} of memory for {rows} rows, and this machine has "
+            f"{size_text(there)}; ask for {max(1, int(rows * there / wanted / 2))} rows "
+            "(samples of all branches) or fewer, or for one branch"
         )
-    ]
-    table = Table(
-        MOTION,
-        "the configurations: one row per sample and branch",
-        (
-            SAMPLE,
-            BRANCH,
-            *([TIME] if course.timed else []),
-            INPUTS,
-            *variables,
-            RESIDUAL,
-            STATUS,
-        ),
-    ).of(mechanism)
-    parts: list[TableData] = []
-    for motion, found in zip(motions, fields, strict=True):
-        part: dict[str, Any] = {"sample": motion.sample, "branch": motion.branch}
-        if course.timed and motion.timing is not None:
-            part["t"] = motion.timing.t
-        part |= input_columns(mechanism, motion.inputs)
-        for number, column in enumerate(variables):
-            part[column.name] = motion.values[:, number]
-        part["residual"] = motion.residual
-        part["status"] = run_status(motion, found)
-        parts.append(part)
-    whole = _in_order(concatenate(parts))
-    if course.simulation is None:
-        return AnalysisResult(MOTION, (table,), {MOTION: whole})
-    data = {MOTION: whole, EVENTS.name: course.events()}
-    return AnalysisResult(MOTION, (table, EVENTS), data)
 
 
-def _summary(
-    mechanism: Mechanism,
-    course: Course,
-    plans: tuple[Plan, ...],
-    chosen: Sequence[AbstractAnalysis],
-    motions: list[Motion],
-    fields: list[tuple[PoleField, ...]],
-    failures: dict[str, str],
-    findings: dict[str, Findings],
+@contextmanager
+def _opened(folder: str | os.PathLike[str] | None) -> Iterator[RunFolder | None]:
+    if folder is None:
+        yield None
+        return
+    with RunFolder.opened(Path(folder)) as place:
+        yield place
+
+
+def _begin(
+    job: _Job, place: RunFolder | None, unfinished: Unfinished, tables: bool
+) -> tuple[Standing, AbstractStore]:
+    """Return where the run stands, at the start or as it was stopped, and its store."""
+    standing = Standing([SignMemory() for _ in job.requests])
+    if place is None:
+        return standing, InMemory() if tables else Nowhere()
+    if not place.unfinished or unfinished == "discard":
+        place.discard()
+        return standing, OnDisk(place.work, not job.is_single_block, {})
+    state = place.read()
+    try:
+        differs = differences(state["identity"], job.identity)
+        done = int(state["standing"]["done"])
+        if not differs and unfinished == "resume":
+            store = OnDisk(place.work, not job.is_single_block, state["store"])
+            every = [(a.name, table) for a in job.analyses for table in job.tables(a)]
+            store.check([*every, *((MOTION, table) for table in job.motion_tables)])
+            return Standing.restored(state["standing"]), store
+    except OutputError as problem:
+        raise place.damaged(str(problem)) from None
+    except (LookupError, TypeError, ValueError, AttributeError) as problem:
+        raise place.damaged(f"{type(problem).__name__}: {problem}") from None
+    if differs:
+        raise OutputError(
+            f"{str(place.path)!r}: unfinished work of a different run is there "
+            f"({differs}); choose another folder, or throw that work away with --restart "
+            '(unfinished="discard")'
+        )
+    raise OutputError(
+        f"{str(place.path)!r}: this run was stopped there when {done} of "
+        f"{len(job.course)} samples were done; go on with --resume "
+        '(unfinished="resume"), or begin again with --restart (unfinished="discard")'
+    )
+
+
+@contextmanager
+def _kept(
+    job: _Job, place: RunFolder | None, standing: Standing, store: AbstractStore
+) -> Iterator[Callable[[], None]]:
+    """Give what is called after each block; if the run is stopped, keep what was done."""
+    if place is None or not isinstance(store, OnDisk):
+        yield lambda: None
+        return
+    last: dict[str, Any] = {}
+    kept = standing.done
+
+    def write() -> None:
+        nonlocal kept
+        store.settle()
+        place.write(last)
+        kept = last["standing"]["done"]
+
+    def after_block() -> None:
+        last.update(identity=job.identity, standing=standing.state(), store=store.state())
+        if place.due:
+            write()
+
+    try:
+        yield after_block
+    except BaseException as error:
+        if last:
+            with suppress(OutputError):  # a full disk: then the journal before counts
+                write()
+        if kept:
+            total = len(job.course)
+            error.add_note(f"{kept} of {total} samples are done and kept in {place.path}")
+        else:
+            whole = [item.name for item in job.analyses if not item.rowwise]
+            why = f", since {listing(whole)} looks at all samples at once" if whole else ""
+            error.add_note(f"nothing was kept{why}")
+        raise
+    place.discard()
+
+
+def _evaluate(
+    job: _Job,
+    motion: Motion,
+    standing: Standing,
+    store: AbstractStore,
+    stage: Stage | None,
+    ledger: Ledger,
+) -> None:
+    """Evaluate a block for all analyses, and hand over what they make of it."""
+    course = job.course
+    with ledger.stage(AXES):
+        found = tuple(
+            evaluate(motion, item, memory)
+            for item, memory in zip(job.requests, standing.memories, strict=True)
+            if item.poles
+        )
+    if stage is not None:
+        with ledger.stage(RECORDING):
+            stage.motion(motion)
+    for analysis, what in zip(job.analyses, job.needs, strict=True):
+        if analysis.name in standing.failures:
+            continue
+        batch = Batch(
+            job.mechanism, job.plans, what, motion, found, course.timed, course.tracer
+        )
+        try:
+            with ledger.stage(f"analysis {analysis.name}"):
+                tables = dict(analysis.compute(batch))
+                for table in job.tables(analysis):
+                    table.check(tables[table.name], analysis.name)
+                if not analysis.rowwise:
+                    standing.findings[analysis.name] = analysis.findings(batch)
+            with ledger.stage(RECORDING):
+                scenes = analysis.scene(batch) if stage is not None else ()
+        except SpherekitError as problem:
+            standing.failures[analysis.name] = str(problem)
+            continue
+        except Exception:  # a plugin's own fault must not lose the others' results
+            standing.failures[analysis.name] = traceback.format_exc()
+            continue
+        for table in job.tables(analysis):
+            store.add(analysis.name, table, tables[table.name])
+            standing.count(analysis.name, table.name, tables[table.name])
+        if stage is not None:
+            with ledger.stage(RECORDING):
+                stage.scenes(scenes, motion)
+    store.add(MOTION, job.motion_tables[0], _motion_rows(job, motion, found))
+    if standing.done == 0 and course.simulation is not None:
+        store.add(MOTION, EVENTS, course.events())
+        standing.count(MOTION, EVENTS.name, course.events())
+    standing.count(MOTION, MOTION, {"sample": motion.sample})
+    standing.tally.add(course.tracer, motion, found)
+    standing.done += motion.samples
+
+
+def _expected(job: _Job, samples: int, ledger: Ledger) -> dict[str, Any] | None:
+    """Return the predicted cost of so many samples, if they are worth a prediction."""
+    course = job.course
+    if course.simulation is not None or samples * len(course.tracer.branches) < ENOUGH:
+        return None
+    with ledger.stage("forecast"):
+        return forecast(course, job.analyses, job.needs, job.requests, samples, job.block)
+
+
+def _cost(
+    job: _Job, standing: Standing, ledger: Ledger, recorder: Recorder | None
 ) -> dict[str, Any]:
-    tracer = course.tracer
-    status = np.concatenate(
-        [run_status(motion, found) for motion, found in zip(motions, fields, strict=True)]
+    """Return what was evaluated, made and logged; a recorder that counts is finished."""
+    declared = {MOTION: job.motion_tables}
+    declared |= {analysis.name: job.tables(analysis) for analysis in job.analyses}
+    tables = {
+        stem_of(name, own, table): (standing.rows[name, table.name], len(table.columns))
+        for name, own in declared.items()
+        if name not in standing.failures
+        for table in own
+    }
+    logged = None
+    if isinstance(recorder, CountingRecorder):
+        with ledger.stage(RECORDING):
+            recorder.finish()
+        logged = recorder.cost
+    tally = standing.tally
+    return cost_of(ledger, job.requests, tally.configurations, tally.solves, tables, logged)
+
+
+def _motion_rows(job: _Job, motion: Motion, found: Sequence[PoleField]) -> TableData:
+    rows: dict[str, Any] = {"sample": motion.sample, "branch": motion.branch}
+    if job.course.timed and motion.timing is not None:
+        rows["t"] = motion.timing.t
+    rows |= input_columns(job.mechanism, motion.inputs)
+    rows |= dict(zip(job.mechanism.variable_names, motion.values.T, strict=True))
+    return rows | {"residual": motion.residual, "status": run_status(motion, found)}
+
+
+def _check_room(job: _Job, store: OnDisk, done: int, formats: Sequence[Format]) -> None:
+    """Raise `OutputError` early if the disk has no room for the run and its files."""
+    total = len(job.course)
+    if done != job.block or done == total:
+        return
+    whole = store.size * total / done
+    wanted = whole * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
+    if wanted - store.size <= store.free:
+        return
+    less = whole * (1.0 + FILE_SIZE["parquet"])
+    hint = f"; Parquet alone (--format parquet) takes {size_text(less)}"
+    raise OutputError(
+        f"{str(store.folder.parent)!r}: the run will take about {size_text(wanted)}, work "
+        f"and files together, and the disk has {size_text(store.free)} left; choose "
+        f"another folder or fewer samples{hint if 'csv' in formats else ''}"
     )
-    every_field = [field for found in fields for field in found]
-    poles = np.concatenate(
-        [
-            codes[f.status == Status.OK]
-            for f in every_field
-            for codes in f.pole_status.values()
+
+
+def _result(
+    job: _Job,
+    standing: Standing,
+    store: AbstractStore,
+    place: RunFolder | None,
+    summary: dict[str, Any],
+    degrees: bool,
+    formats: Sequence[Format],
+) -> RunResult:
+    """Return the tables of all analyses that did not fail, written if there is a folder."""
+    declared = {MOTION: job.motion_tables} | {
+        analysis.name: job.tables(analysis)
+        for analysis in job.analyses
+        if analysis.name not in standing.failures
+    }
+    files: list[Path] = []
+    data: dict[str, dict[str, TableData]] = {name: {} for name in declared}
+    if isinstance(store, InMemory):
+        for name, tables in declared.items():
+            data[name] = {table.name: store.table(name, table) for table in tables}
+    elif isinstance(store, OnDisk):
+        from spherekit.analysis.frames import ParquetColumns
+
+        assert place is not None
+        rows = [
+            (name, table, store.table(name, table))
+            for name, tables in declared.items()
+            for table in tables
         ]
-        or [np.zeros(0, dtype=np.int8)]
-    )
-    residual = np.concatenate([motion.residual for motion in motions])
-    branch = np.concatenate([motion.branch for motion in motions])
-    closed = np.isfinite(residual)
-    error = _largest([e for f in every_field for e in f.error.values()])
-    by_equations = [float(np.mean(f.by_equations)) for f in every_field]
-    rank, repeated = None, None
-    for motion in motions:
-        if np.any(motion.status == Status.OK):
-            vectors = motion.vectors[int(np.argmax(motion.status == Status.OK))]
-            rank = int(rank_mobility(tracer.solver.closure.tree, vectors[None])[0])
-            found = redundancy(tracer.solver.closure.tree, vectors)
-            names = [mechanism.pairs[pair].name for pair in found.pairs]
-            repeated = {"count": found.count, "pairs": names}
-            break
+        files, summary = write_results(place, rows, summary, degrees, formats)
+        for name, tables in declared.items():
+            for table in tables:
+                path = place.path / f"{stem_of(name, tables, table)}.parquet"
+                if path in files:
+                    data[name][table.name] = ParquetColumns(path, table, degrees)
+    results = {
+        name: AnalysisResult(name, tables, data[name]) for name, tables in declared.items()
+    }
+    return RunResult(results, standing.failures, summary, tuple(files))
+
+
+def _summary(job: _Job, standing: Standing) -> dict[str, Any]:
+    course, mechanism, tally = job.course, job.mechanism, standing.tally
+    tracer, findings = course.tracer, standing.findings
     return {
         "spherekit": __version__,
         "numpy": np.__version__,
@@ -473,46 +605,34 @@ def _summary(
         },
         "sampling": "x".join(map(str, course.shape)),
         **course.summary(),
-        "samples": sum(motion.samples for motion in motions),
-        "mobility": {"graph": graph_mobility(mechanism), "rank": rank},
-        "redundant_constraints": repeated,
+        "samples": standing.done,
+        "samples_in_a_block": job.block,
+        "mobility": {"graph": graph_mobility(mechanism), "rank": tally.rank},
+        "redundant_constraints": tally.redundant,
         "groups": [group.kind for group in tracer.assembly.groups],
-        "plans": {mechanism.pairs[plan.input].name: plan_notes(plan) for plan in plans},
+        "plans": {mechanism.pairs[p.input].name: plan_notes(p) for p in job.plans},
         "branches": [
             {
                 "number": item.number,
                 "mode": item.label,
-                "status": status_counts(status[branch == item.number]),
+                "status": tally.of_branch(item.number),
             }
             for item in tracer.branches
         ],
         "search": tracer.search,
-        "status": status_counts(status),
-        "pole_status": status_counts(poles),
-        "status_meaning": {
-            Status(code).name: STATUS_MEANING[Status(code)]
-            for code in np.unique(np.concatenate([status, poles]))
-        },
+        **tally.statuses(),
         "closure_tolerance_rad": CLOSURE_TOLERANCE,
-        "errors_reached": {
-            "largest_closure_residual_rad": float(np.max(residual[closed]))
-            if np.any(closed)
-            else None,
-            "largest_direction_error_bound_rad": error,
-            "fraction_by_velocity_equations": float(np.mean(by_equations))
-            if by_equations
-            else None,
-        },
+        "errors_reached": tally.errors(),
         "analyses": [
             {
                 "name": analysis.name,
                 "version": analysis.version,
                 "parameters": asdict(analysis),  # type: ignore[call-overload]
-                "failed": analysis.name in failures,
+                "failed": analysis.name in standing.failures,
                 "cites": list(analysis.cites),
                 "findings": dict(findings.get(analysis.name, Findings()).figures),
             }
-            for analysis in chosen
+            for analysis in job.analyses
         ],
         "remarks": [
             f"{name}: {text}" for name, own in findings.items() for text in own.remarks
@@ -521,9 +641,3 @@ def _summary(
             f"{name}: {text}" for name, own in findings.items() for text in own.warnings
         ],
     }
-
-
-def _largest(arrays: Sequence[Floats]) -> float | None:
-    finite = [array[np.isfinite(array)] for array in arrays]
-    finite = [array for array in finite if len(array)]
-    return float(max(np.max(array) for array in finite)) if finite else None

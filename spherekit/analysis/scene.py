@@ -6,7 +6,7 @@ samples that failed: nothing is drawn there.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -217,3 +217,25 @@ class Scene:
     page: Page
     primitives: tuple[Primitive, ...]
     rows: int | None = None
+
+    def thinned(self, chosen: NDArray[np.bool_]) -> "Scene":
+        """Return the scene at some of its samples (n,), or itself if its rows are none."""
+        if self.rows is not None:
+            return self
+        return replace(self, primitives=tuple(_thinned(p, chosen) for p in self.primitives))
+
+
+def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
+    match primitive:
+        case Body(quaternions=rows) if rows is not None:
+            return replace(primitive, quaternions=rows[chosen])
+        case Arrow(directions=rows):
+            return replace(primitive, directions=rows[chosen])
+        case GreatCircle(normals=rows):
+            return replace(primitive, normals=rows[chosen])
+        case Series(values=rows):
+            return replace(primitive, values=rows[chosen])
+        case Portrait(x=x, y=y):
+            return replace(primitive, x=x[chosen], y=y[chosen])
+        case _:
+            return primitive

@@ -11,10 +11,14 @@ import numpy as np
 
 from spherekit.analysis.arguments import parameters
 from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.journal import Unfinished
+from spherekit.analysis.recording import Recorder
 from spherekit.analysis.registry import load
 from spherekit.analysis.result import RunResult
-from spherekit.analysis.run import DEFAULT_TOLERANCE, Progress, Recorder, run
+from spherekit.analysis.run import DEFAULT_TOLERANCE, Progress, run
+from spherekit.analysis.tables import FILE_SIZE, Format
 from spherekit.conventions import listing, nearest
+from spherekit.engine.kernels import Engine
 from spherekit.errors import ModelError, PluginError, SpherekitError
 from spherekit.files.check import mismatch, shown
 from spherekit.files.study import Study, load_study
@@ -36,13 +40,19 @@ def run_study(
     study: Study | str | os.PathLike[str],
     analyses: Sequence[str | AbstractAnalysis] = (),
     *,
+    folder: str | os.PathLike[str] | None = None,
+    unfinished: Unfinished = "refuse",
+    formats: Sequence[Format] = tuple(FILE_SIZE),
+    engine: Engine = "auto",
     only_needed: bool = False,
+    tables: bool = True,
     recorder: Recorder | None = None,
+    log_every: int | None = None,
     progress: Progress | None = None,
 ) -> RunResult:
     """Run a study, given as such, as the path of its file, or as a shipped name.
 
-    Nothing is written: see `RunResult.write` and the study's `folder`.
+    Nothing is written unless a `folder` is given, such as the study's own.
 
     Parameters
     ----------
@@ -50,7 +60,7 @@ def run_study(
         The study; a mechanism file is the study with all defaults.
     analyses
         Names or analysis objects that replace the study's own.
-    only_needed, recorder, progress
+    folder, unfinished, formats, engine, only_needed, tables, recorder, log_every, progress
         See `spherekit.run`.
 
     Raises
@@ -75,8 +85,15 @@ def run_study(
         start=study.start,
         torque=study.torque,
         tolerance=study.tolerance or DEFAULT_TOLERANCE,
+        engine=engine,
         only_needed=only_needed,
+        folder=folder,
+        unfinished=unfinished,
+        degrees=study.degrees,
+        formats=formats,
+        tables=tables,
         recorder=recorder,
+        log_every=log_every,
         progress=progress,
     )
 

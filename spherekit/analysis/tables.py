@@ -1,6 +1,7 @@
 """Declared tables: every column's name, unit and meaning, stated once."""
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, final
 
@@ -11,6 +12,17 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 
 Kind = Literal["number", "integer", "text", "status"]
+
+TYPES = {"number": np.float64, "integer": np.int64, "status": np.int8}
+"""Types of the columns of each kind but text."""
+
+Format = Literal["csv", "parquet"]
+
+FILE_SIZE: Mapping[Format, float] = {"csv": 2.2, "parquet": 0.6}
+"""About how large files are, over packed rows; measured on motions and poles."""
+
+CHUNK = 1 << 17
+"""Rows that are written and read at once."""
 
 
 @final
@@ -73,6 +85,18 @@ class Table:
                 f"{analysis}: table {self.name} has columns of unequal length: {lengths}"
             )
 
+    def typed(self, data: "TableData") -> dict[str, NDArray[Any]]:
+        """Return columns in the type of their kind; text stays as it is."""
+        return {
+            column.name: np.asarray(data[column.name], dtype=TYPES.get(column.kind))
+            for column in self.columns
+        }
+
+    @property
+    def in_branches(self) -> bool:
+        """Whether rows belong to samples of branches."""
+        return {SAMPLE.name, BRANCH.name} <= {column.name for column in self.columns}
+
 
 TableData = Mapping[str, NDArray[Any]]
 
@@ -83,14 +107,6 @@ def input_columns(mechanism: Mechanism, inputs: NDArray[np.float64]) -> dict[str
     return {c.name: inputs[:, k] for k, c in enumerate(own)}
 
 
-def concatenate(parts: "list[TableData]") -> TableData:
-    """Return the rows of several parts of one table, one after another."""
-    return {
-        name: np.concatenate([np.asarray(part[name]) for part in parts])
-        for name in parts[0]
-    }
-
-
 SAMPLE = Column("sample", "", "number of the input value, from 0", "integer")
 BRANCH = Column("branch", "", "number of the assembly mode", "integer")
 INPUT = Column("q", "rad", "variable of the driven pair")
@@ -98,3 +114,37 @@ INPUTS = Column("q", "rad", "variable of the driven pair", per_input=True)
 TIME = Column("t", "s", "time")
 RESIDUAL = Column("residual", "rad", "largest rotation by which a loop fails to close")
 STATUS = Column("status", "", "OK, or why the row is empty", "status")
+
+
+class AbstractRows(ABC):
+    """The rows of a table, wherever they are kept, in pieces of `CHUNK`.
+
+    In each piece a column of text holds places (n,) in its sorted `words`.
+    """
+
+    words: Mapping[str, Sequence[str]]
+
+    @abstractmethod
+    def chunks(self) -> Iterator[TableData]:
+        """Yield at least one piece; all but the last have `CHUNK` rows."""
+
+
+@final
+class RowsInMemory(AbstractRows):
+    """The rows of arrays."""
+
+    def __init__(self, table: Table, data: TableData) -> None:
+        self._columns = table.typed(data)
+        self.words = {}
+        for column in table.columns:
+            if column.kind == "text":
+                found = np.unique(self._columns[column.name], return_inverse=True)
+                self.words[column.name] = [str(word) for word in found[0]]
+                self._columns[column.name] = found[1]
+
+    def chunks(self) -> Iterator[TableData]:
+        """Yield pieces of the arrays."""
+        count = len(next(iter(self._columns.values())))
+        for start in range(0, max(count, 1), CHUNK):
+            rows = slice(start, start + CHUNK)
+            yield {name: values[rows] for name, values in self._columns.items()}

@@ -59,7 +59,9 @@ def _module(name: str):  # type: ignore[no-untyped-def]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    options = parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    options = parser().parse_args(words)
+    options.words = words
     try:
         status = int(_module(options.command).execute(options))
         sys.stdout.flush()
@@ -67,7 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SpherekitError as problem:
         if options.traceback:
             raise
-        print(f"spherekit: {problem}", file=sys.stderr)
+        notes = getattr(problem, "__notes__", ())
+        print("; ".join([f"spherekit: {problem}", *notes]), file=sys.stderr)
         return BAD_INPUT
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -2,11 +2,14 @@
 
 import argparse
 import json
+import shlex
+import signal
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,10 +17,21 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
+    from spherekit.analysis.journal import Unfinished
+    from spherekit.analysis.result import RunResult
+    from spherekit.analysis.tables import Format
     from spherekit.files.study import Study
     from spherekit.model.laws import Law, Start
 
 BAR = 30
+STOPPED = 128
+"""Added to the number of the signal that stopped a run, for the exit status."""
+
+FORMATS: dict[str, tuple["Format", ...]] = {
+    "both": ("csv", "parquet"),
+    "csv": ("csv",),
+    "parquet": ("parquet",),
+}
 LAW_WORDS = {"start": "from", "stop": "to"}
 """What fields of laws are called in files and flags."""
 
@@ -35,6 +49,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="analysis to run, may be repeated (default: the study's, or poles)",
     )
     parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
+    parser.add_argument(
+        "--format",
+        choices=FORMATS,
+        default="both",
+        help="which files, default both; CSV takes four times the room of Parquet",
+    )
+    stopped = parser.add_mutually_exclusive_group()
+    stopped.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with a run that was stopped in DIR; start, if there is none",
+    )
+    stopped.add_argument(
+        "--restart",
+        action="store_true",
+        help="throw away the work of a run that was stopped in DIR, and start",
+    )
     parser.add_argument(
         "--samples",
         type=sample_counts,
@@ -75,6 +106,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tol", type=float, metavar="T", help="tolerance of a simulation, default 1e-9"
     )
+    parser.add_argument(
+        "--engine",
+        choices=("auto", "numpy", "compiled"),
+        default="auto",
+        help="what solves a simulation, default auto: the quicker one",
+    )
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
         "--no-search",
@@ -93,6 +130,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--strict", action="store_true", help="exit with 3 if any sample failed"
     )
     parser.add_argument("--save", metavar="X.rrd", help="write a recording")
+    parser.add_argument(
+        "--log-every",
+        type=int,
+        metavar="K",
+        help="one of K samples goes to the recording; default 1, more in long runs",
+    )
     live = parser.add_mutually_exclusive_group()
     live.add_argument(
         "--serve",
@@ -110,47 +153,40 @@ def execute(options: argparse.Namespace) -> int:
     """Run, write, and print the summary."""
     from spherekit.analysis.registry import create
     from spherekit.analysis.study import analyses_of, run_study
+    from spherekit.errors import OutputError
+    from spherekit.files.atomic import make_folder
     from spherekit.files.study import load_study
 
     study = overridden(load_study(options.file), options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
     if study.folder is not None:
-        from spherekit.files.atomic import make_folder
-
         make_folder(study.folder)
-    with _recorder(options, study) as recorder:
-        result = run_study(
-            study,
-            analyses,
-            only_needed=options.only_needed,
-            recorder=recorder,
-            progress=_progress(options),
-        )
-        try:
-            if recorder is not None:
-                recorder.finish()
-                result.summary["cost"]["recording"] = recorder.cost
-        finally:
-            if study.folder is not None:
-                paths = result.write(study.folder, study.degrees)
-                if not options.quiet:
-                    print(f"{len(paths)} files in {study.folder}", file=sys.stderr)
-        if options.json:
-            print(json.dumps(result.summary, indent=2, ensure_ascii=False))
-        else:
-            print(report(result.summary))
-        sys.stdout.flush()
-        ended = result.summary.get("simulation", {}).get("end", {"kind": "time"})
-        if ended["kind"] != "time":
-            print(
-                f"spherekit: the simulation ended at {ended['t']:.9g} s: "
-                f"{ended['reason']}; what was found until then is kept",
-                file=sys.stderr,
+    try:
+        with _stoppable(), _recorder(options, study) as recorder:
+            result = run_study(
+                study,
+                analyses,
+                folder=study.folder,
+                unfinished=_unfinished(options),
+                formats=FORMATS[options.format],
+                engine=options.engine,
+                only_needed=options.only_needed,
+                tables=False,
+                recorder=recorder,
+                log_every=options.log_every,
+                progress=_progress(options),
             )
-        for name, why in result.failures.items():
-            print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
-        if options.serve is not None:
-            _keep_serving(options, recorder)
+            _tell(options, study, result)
+            if options.serve is not None:
+                _keep_serving(options, recorder)
+    except OutputError as problem:
+        _add_hint(problem, study, options)
+        raise
+    except KeyboardInterrupt as stop:
+        _add_hint(stop, study, options)
+        notes = getattr(stop, "__notes__", ())
+        print("; ".join(["spherekit: stopped", *notes]), file=sys.stderr)
+        return STOPPED + (stop.args[0] if stop.args else signal.SIGINT)
     if study.recording is not None and not options.quiet:
         print(f"recording in {study.recording}", file=sys.stderr)
     if options.view and study.recording is not None:
@@ -163,6 +199,68 @@ def execute(options: argparse.Namespace) -> int:
         return FAILED_ANALYSIS
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
     return FAILED_SAMPLES if options.strict and failed else 0
+
+
+def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
+    """Print the summary to stdout, and what else there is to say to stderr."""
+    summary = result.summary
+    if study.folder is not None and not options.quiet:
+        print(f"{len(result.files)} files in {study.folder}", file=sys.stderr)
+    if options.json:
+        print(json.dumps(summary, indent=2, ensure_ascii=False))
+    else:
+        print(report(summary))
+    sys.stdout.flush()
+    ended = summary.get("simulation", {}).get("end", {"kind": "time"})
+    if ended["kind"] != "time":
+        print(
+            f"spherekit: the simulation ended at {ended['t']:.9g} s: "
+            f"{ended['reason']}; what was found until then is kept",
+            file=sys.stderr,
+        )
+    for name, why in result.failures.items():
+        print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
+    logged = summary.get("recording", {"one_of": 1, "from_sample": 0})
+    if logged["one_of"] > 1 or logged["from_sample"] > 0:
+        print(
+            f"the recording has one of {logged['one_of']} samples of each branch, from "
+            f"sample {logged['from_sample']} on (--log-every K for another number)",
+            file=sys.stderr,
+        )
+
+
+def _unfinished(options: argparse.Namespace) -> "Unfinished":
+    if options.resume:
+        return "resume"
+    return "discard" if options.restart else "refuse"
+
+
+def _add_hint(error: BaseException, study: "Study", options: argparse.Namespace) -> None:
+    """Add the command by which a stopped run goes on, if there is one."""
+    from spherekit.analysis.journal import has_unfinished
+
+    kept = study.folder is not None and has_unfinished(study.folder)
+    if not kept or not getattr(error, "__notes__", ()):
+        return
+    words = [word for word in options.words if word not in ("--resume", "--restart")]
+    error.add_note(f"go on with: {shlex.join(['spherekit', *words, '--resume'])}")
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let the signal to terminate stop a run as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: object) -> None:
+        raise KeyboardInterrupt(number)
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def sample_counts(text: str) -> int | tuple[int, ...]:
@@ -273,11 +371,11 @@ def report(summary: Any) -> str:
         if name != "OK":
             lines.append(f"  {name}: {meaning}")
     if "simulation" in summary:
-        done = summary["simulation"]
+        done, took = summary["simulation"], summary["seconds"]["simulate"]
         lines.append(
             f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
             f"({done['end']['reason']}), {done['events']} events, "
-            f"engine {done['engine']['name']} ({done['engine']['reason']}); "
+            f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
             f"{done['tolerance']:.1e}, energy balanced to "
             f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"

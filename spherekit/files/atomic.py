@@ -2,12 +2,17 @@
 
 import errno
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from spherekit.errors import OutputError
 
 _REASONS = {
     errno.ENOSPC: "the disk is full; free some space or choose another folder",
+    errno.EFBIG: "the file would be larger than this user or this disk allows; choose "
+    "another folder, or fewer samples",
     errno.EDQUOT: "the disk quota is used up; free some space or choose another folder",
     errno.EACCES: "the folder is not writable; choose another one",
     errno.EPERM: "the folder is not writable; choose another one",
@@ -32,7 +37,7 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
         folder = Path(path)
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise _refused(path, "made", error) from None
+        raise refused(path, "made", error) from None
     return folder
 
 
@@ -59,6 +64,19 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     OutputError
         If it cannot be written; an older file is then unchanged.
     """
+    with writing(path) as stream:
+        stream.write(data)
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Give a stream whose bytes become the file when the block is left without a fault.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an older file is then unchanged.
+    """
     temporary: Path | None = None
     try:
         target = Path(path).resolve()
@@ -69,19 +87,20 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
         handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         temporary = unfinished
         with open(handle, "wb") as stream:  # noqa: PTH123 (an open descriptor)
-            stream.write(data)
+            yield stream
             stream.flush()
             os.fsync(handle)
         temporary.replace(target)
     except (OSError, ValueError) as error:
-        raise _refused(path, "written", error) from None
+        raise refused(path, "written", error) from None
     finally:
         # After success the name is gone; after a fault or Ctrl-C the rest goes too.
         if temporary is not None:
             temporary.unlink(missing_ok=True)
 
 
-def _refused(path: object, what: str, error: OSError | ValueError) -> OutputError:
+def refused(path: object, what: str, error: OSError | ValueError) -> OutputError:
+    """Return the error that says why a file or folder cannot be `what`."""
     reason = str(error)
     if isinstance(error, OSError):
         reason = _REASONS.get(error.errno or 0, error.strerror or reason)

@@ -5,8 +5,9 @@ the input. A pole's direction is a unit vector along its axis, and the coefficie
 signed component of w along it.
 """
 
-from dataclasses import dataclass
-from typing import final
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,31 @@ class SignMemory:
     def __init__(self) -> None:
         self.last: dict[tuple[int, Pole], _Last] = {}
         self.home: dict[int, Floats] = {}
+
+    def state(self) -> dict[str, Any]:
+        """Return what is remembered, ready for JSON, bit for bit."""
+        return {
+            "home": [[branch, side.tolist()] for branch, side in self.home.items()],
+            "last": [
+                [branch, *pole, *(np.ravel(part).tolist() for part in astuple(last))]
+                for (branch, pole), last in self.last.items()
+            ],
+        }
+
+    @classmethod
+    def restored(cls, state: Mapping[str, Any]) -> "SignMemory":
+        """Return the memory that `state` gave."""
+        memory = cls()
+        memory.home = {branch: np.array(side) for branch, side in state["home"]}
+        for branch, low, high, way, sense, w, dw, sign in state["last"]:
+            memory.last[branch, (low, high)] = _Last(
+                np.array(way),
+                np.array(sense),
+                np.array(w)[:, None],
+                np.array(dw)[:, None],
+                *sign,
+            )
+        return memory
 
 
 def evaluate(

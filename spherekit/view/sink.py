@@ -5,11 +5,13 @@ waiting for it may then last for ever. Here it writes to a pipe, which never fai
 a thread copies the pipe to the file and keeps the first error.
 """
 
+import errno
 import os
 import threading
 from pathlib import Path
 from typing import final
 
+from spherekit.files.lock import take
 from spherekit.view.sdk import rr
 
 PIECE = 1 << 16
@@ -20,8 +22,12 @@ class PipedFile:
     """The file behind one stream, from its opening to its last byte."""
 
     def __init__(self, stream: rr.RecordingStream, path: Path) -> None:
-        """Create the file and point the stream at it; raise OSError if it cannot be."""
+        """Create the file, locked, and point the stream at it; OSError if it cannot be."""
         self._stream = stream
+        self._lock = path.open("ab", buffering=0)
+        if not take(self._lock.fileno()):
+            self._lock.close()
+            raise OSError(errno.EAGAIN, "another run is recording there")
         self._file = path.open("wb", buffering=0)
         self._error: OSError | None = None
         self._read, write = os.pipe()
@@ -41,6 +47,7 @@ class PipedFile:
         """Write the rest and close the file; raise the OSError met, if any."""
         self._stream.disconnect()
         self._copier.join()
+        self._lock.close()
         self._complain()
 
     def _complain(self) -> None:

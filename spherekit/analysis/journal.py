@@ -1,0 +1,185 @@
+"""The folder of a run: locked while it is written, with a journal of unfinished work.
+
+What is unfinished lies in a hidden folder within it. The journal says what of that counts,
+so that a run that was stopped at any moment, by whatever, can go on. Results appear in
+the folder together at the end, the summary last.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Literal, final
+
+from spherekit.conventions import listing
+from spherekit.errors import OutputError
+from spherekit.files.atomic import make_folder, refused, write_bytes
+from spherekit.files.lock import LockFile
+
+WORK = ".spherekit-run"
+JOURNAL = "journal.json"
+SUMMARY = "summary.json"
+
+EVERY = 2.0
+"""Seconds of work that may be lost: a journal is written after a block when so many
+passed."""
+
+Unfinished = Literal["refuse", "resume", "discard"]
+"""What to do with the unfinished work in a folder."""
+
+
+@final
+class RunFolder:
+    """A folder for the results of one run, which holds its lock."""
+
+    def __init__(self, path: Path, lock: LockFile) -> None:
+        self.path = path
+        self.work = path / WORK
+        self.lock = lock
+        self._journal = self.work / JOURNAL
+        self._written = time.monotonic()
+
+    @classmethod
+    @contextmanager
+    def opened(cls, path: Path) -> "Iterator[RunFolder]":
+        """Make and lock a folder; leave in it no more than results, or work to go on with.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written, or another program writes there.
+        """
+        make_folder(path)
+        lock = LockFile.taken(path / WORK / "lock")
+        if isinstance(lock, str):
+            raise OutputError(
+                f"{str(path)!r}: {lock} is writing there; wait for its end, or choose "
+                "another folder"
+            )
+        folder = cls(path, lock)
+        try:
+            yield folder
+        finally:
+            folder._leave()
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether a run was stopped here."""
+        return has_unfinished(self.path)
+
+    def read(self) -> dict[str, Any]:
+        """Return what the journal says.
+
+        Raises
+        ------
+        OutputError
+            If it is damaged.
+        """
+        try:
+            content = json.loads(self._journal.read_bytes())
+            state = content["state"]
+            whole = content["sha256"] == _digest(state)
+        except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+            raise self.damaged(f"it does not read: {error}") from None
+        if not whole or not isinstance(state, dict):
+            raise self.damaged("its checksum is wrong")
+        return state
+
+    def damaged(self, why: str) -> OutputError:
+        """Return the error that says that the unfinished work cannot be used."""
+        return OutputError(
+            f"{str(self.path)!r}: the unfinished run there cannot go on, since its journal "
+            f'is damaged ({why}); begin again with --restart (unfinished="discard")'
+        )
+
+    def write(self, state: Mapping[str, Any]) -> None:
+        """Write the journal, whole or not at all."""
+        content = {"sha256": _digest(state), "state": state}
+        write_bytes(self._journal, json.dumps(content).encode())
+        self._written = time.monotonic()
+
+    @property
+    def due(self) -> bool:
+        """Whether a journal is due."""
+        return time.monotonic() - self._written >= EVERY
+
+    def discard(self) -> None:
+        """Remove unfinished work, the journal first; the lock stays."""
+        with suppress(OSError):
+            self._journal.unlink(missing_ok=True)
+        for path in self.work.iterdir():
+            if path != self.lock.path:
+                with suppress(OSError):
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    def publish(self, made: Path, names: Iterable[str]) -> list[Path]:
+        """Move finished files from a folder in the work folder to where they belong.
+
+        The summary of an older run goes first, with the files it lists; the new one comes
+        last. So a folder with a summary holds the files of one run.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be moved.
+        """
+        names = list(names)
+        target = self.path / SUMMARY
+        try:
+            older = _listed(target)
+            target.unlink(missing_ok=True)
+            for name in set(older) - set(names):
+                (self.path / name).unlink(missing_ok=True)
+            for name in [*(name for name in names if name != SUMMARY), SUMMARY]:
+                (made / name).replace(self.path / name)
+        except OSError as error:
+            raise refused(self.path, "written", error) from None
+        return [self.path / name for name in names]
+
+    def _leave(self) -> None:
+        """Let go of the folder; remove the work folder unless work is left in it."""
+        kept = self.unfinished
+        if not kept:
+            self.discard()
+        self.lock.release(remove=not kept)
+        if not kept:
+            with suppress(OSError):
+                self.work.rmdir()
+
+
+def has_unfinished(path: Path) -> bool:
+    """Return whether a run was stopped in a folder and can go on."""
+    return (path / WORK / JOURNAL).exists()
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """Return in what two runs differ, in words; empty if in nothing."""
+    found = []
+    for key in dict.fromkeys([*before, *now]):
+        old, new = before.get(key), now.get(key)
+        if old != new:
+            words = f"{_short(old)} there, {_short(new)} now"
+            found.append(f"{key.replace('_', ' ')}: {words}")
+    return listing(found, 4)
+
+
+def _short(value: object) -> str:
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _digest(state: object) -> str:
+    return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
+
+
+def _listed(summary: Path) -> list[str]:
+    """Return the files that the summary of a finished run lists, names only."""
+    try:
+        listed = json.loads(summary.read_bytes())["files"]
+        return [name for name in listed if os.path.basename(name) == name]  # noqa: PTH119
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return []

@@ -1,0 +1,181 @@
+"""What of a run goes to a recorder: the scenes of every sample, or of every k-th."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, final, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.course import Course
+from spherekit.analysis.scene import Scene
+from spherekit.analysis.stage import link_shapes, motion_scenes, static_scene
+from spherekit.errors import AnalysisError
+from spherekit.files.write import mechanism_hash
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import Plan
+from spherekit.sphere.rotation import Floats
+from spherekit.version import __version__
+
+MOST_LOGGED = 20_000
+"""Samples of a branch that go to a recording unless more are asked for.
+
+A four-bar then takes about 30 MB, and the viewer still opens it in a second or two.
+"""
+
+
+class Recorder(Protocol):
+    """What a run tells a viewer while it goes on; see `spherekit.view`."""
+
+    def start(
+        self,
+        scenes: Sequence[Scene],
+        inputs: Floats | None,
+        *,
+        branches: Mapping[int, str] | None = None,
+        properties: Mapping[str, str] | None = None,
+        focus: Floats | None = None,
+        row: int | None = None,
+        times: Floats | None = None,
+    ) -> None:
+        """Take what does not move, all inputs (samples,) rad, the branches' names.
+
+        `focus` (3,) is the unit vector to the middle of the mechanism. Samples of a grid
+        come in rows of `row` neighbours; `times` (samples,) s are given instead of inputs
+        where the samples are times.
+        """
+
+    def log(
+        self,
+        scene: Scene,
+        samples: Any,
+        inputs: Floats | None = None,
+        times: Floats | None = None,
+    ) -> None:
+        """Take one block of one branch: sample numbers (k,), inputs (k,) rad, times s."""
+
+
+@runtime_checkable
+class CountingRecorder(Recorder, Protocol):
+    """A recorder that can be finished, and then says what it holds."""
+
+    def finish(self) -> None:
+        """Make the recording whole."""
+
+    @property
+    def cost(self) -> dict[str, int]:
+        """Entities and rows logged, and bytes of the file."""
+
+
+@final
+@dataclass(frozen=True)
+class Thinning:
+    """Which samples are logged: every k-th along rows of neighbours, and a path's last."""
+
+    every: int
+    row: int
+    total: int
+
+    def chosen(self, sample: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return (n,) whether samples (n,) are logged."""
+        last = (sample == self.total - 1) & (self.row == self.total)
+        return np.asarray((sample % self.row % self.every == 0) | last)
+
+
+def thinning_of(course: Course, every: int | None) -> Thinning:
+    """Return which samples of a course are logged, if one of `every` so many is wanted.
+
+    Raises
+    ------
+    AnalysisError
+        If that is not at least 1.
+    """
+    total = len(course)
+    if every is None:
+        every = -(-total // MOST_LOGGED)
+    if every < 1:
+        raise AnalysisError(f"log_every must be at least 1, not {every}")
+    return Thinning(every, course.shape[-1] if len(course.shape) > 1 else total, total)
+
+
+@final
+class Stage:
+    """Tells a recorder of a run: what stands still at once, what moves block by block."""
+
+    def __init__(
+        self,
+        course: Course,
+        plans: Sequence[Plan],
+        analyses: Sequence[str],
+        recorder: Recorder,
+        thinning: Thinning,
+        first: int,
+    ) -> None:
+        """Start the recording of samples from `first` on."""
+        mechanism = course.tracer.mechanism
+        self._recorder, self._thinning = recorder, thinning
+        self._timed, self._first = course.timed, first
+        self._shapes = link_shapes(mechanism)
+        logged = np.flatnonzero(thinning.chosen(np.arange(len(course))))
+        inputs, times = course.inputs, course.t
+        single = inputs.shape[1] == 1 and times is None
+        properties = {
+            "spherekit": __version__,
+            "mechanism_hash": mechanism_hash(mechanism),
+            "analyses": ", ".join(analyses),
+        }
+        if thinning.every > 1:
+            properties["logged"] = f"one of {thinning.every} successive samples"
+        if first:
+            properties["resumed"] = f"samples before {first} are not in this recording"
+        recorder.start(
+            [static_scene(plans, self._shapes)],
+            inputs[logged, 0] if single else None,
+            branches=course.titles,
+            properties=properties,
+            focus=course.middle,
+            row=-(-thinning.row // thinning.every) if len(course.shape) > 1 else None,
+            times=None if times is None else times[logged],
+        )
+
+    def summary(self) -> dict[str, int]:
+        """Return what the recording leaves out."""
+        return {"one_of": self._thinning.every, "from_sample": self._first}
+
+    def motion(self, motion: Motion) -> None:
+        """Log the links of a block."""
+        chosen = self._thinning.chosen(motion.sample)
+        own = chosen[: motion.samples]
+        if not np.any(own):
+            return
+        if not np.all(own):
+            motion = replace(motion.rows(chosen), samples=int(np.sum(own)))
+        self._log(motion_scenes(motion, self._shapes, self._timed), motion)
+
+    def scenes(self, scenes: Sequence[Scene], motion: Motion) -> None:
+        """Log what an analysis shows of a block."""
+        chosen = self._thinning.chosen(motion.sample)
+        own = chosen[: motion.samples]
+        if not np.all(own):
+            motion = replace(motion.rows(chosen), samples=int(np.sum(own)))
+            scenes = [scene.thinned(own) for scene in scenes]
+        self._log(scenes, motion)
+
+    def _log(self, scenes: Sequence[Scene], motion: Motion) -> None:
+        k = motion.samples
+        single = motion.inputs.shape[1] == 1 and not self._timed
+        inputs = motion.q[:k] if single else None
+        timing = motion.timing
+        times = timing.t[:k] if timing is not None and self._timed else None
+        for scene in scenes:
+            if scene.rows is None:
+                if k:
+                    self._recorder.log(scene, motion.sample[:k], inputs, times)
+                continue
+            own = (
+                None
+                if line is None
+                else np.linspace(line[0], line[-1], scene.rows + 1)[:-1]
+                for line in (inputs, times)
+            )
+            self._recorder.log(scene, np.arange(scene.rows), *own)

@@ -1,0 +1,570 @@
+"""Runs of any length: bounded memory, stopping anywhere, going on bit for bit."""
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import tracemalloc
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar, final
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import spherekit as sk
+from spherekit.analysis import journal, run, store, tables
+from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.journal import WORK, RunFolder
+from spherekit.analysis.scene import Scene, Series
+from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
+from spherekit.cli.main import main
+from spherekit.engine.compiler import available
+from spherekit.errors import AnalysisError, OutputError
+from spherekit.files.lock import LockFile
+from spherekit.model.laws import Start
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None
+
+
+@pytest.fixture(autouse=True)
+def journal_after_every_block(monkeypatch):
+    monkeypatch.setattr(journal, "EVERY", 0.0)
+
+
+def four_bar(folder=None, **options):
+    options = {"samples": 60, "block": 10} | options
+    return sk.run(sk.load("four_bar"), "poles:only=31", folder=folder, **options)
+
+
+ENGINE = "compiled" if available() else "numpy"
+
+
+def swinging(folder=None, engine=ENGINE, **options):
+    """A rocker that drives, over dead centres of its input."""
+    made = replace(sk.load("four_bar"), loads=()).with_inputs("41")
+    options = {"samples": 60, "block": 10} | options
+    start = {"start": Start(2.0, 3.0), "duration": 1.5, "tolerance": 1e-8}
+    which = {"engine": engine, "folder": folder}
+    return sk.run(made, "poles:only=31", **which, **start, **options)
+
+
+def irreducible(folder=None, **options):
+    return sk.run(
+        sk.load("double_butterfly"),
+        "poles:only=31",
+        search=False,
+        samples=40,
+        block=7,
+        folder=folder,
+        **options,
+    )
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def contents(folder):
+    """The bytes of all files; of the summary what is no time."""
+    found = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+    summary = json.loads(found["summary.json"])
+    del summary["seconds"], summary["cost"]["seconds"], summary["cost"]["predicted"]
+    return found | {"summary.json": summary}
+
+
+def interrupt(number, is_last=False):
+    """Stop a run after so many blocks, if others follow, as Ctrl-C does."""
+    calls = []
+
+    def progress(done, total):
+        calls.append(done)
+        if len(calls) == number and (done < total or is_last):
+            raise KeyboardInterrupt
+
+    return progress
+
+
+@pytest.mark.parametrize("job", [four_bar, swinging, irreducible])
+def test_stopped_after_every_block_it_ends_as_if_never_stopped(job, tmp_path):
+    job(tmp_path / "whole")
+    stops = 0
+    while True:
+        try:
+            job(tmp_path / "again", unfinished="resume", progress=interrupt(1))
+        except KeyboardInterrupt as stop:
+            stops += 1
+            assert re.fullmatch(r"\d+ of \d+ samples are done and kept in .*", note(stop))
+            assert names_in(tmp_path / "again") == [WORK]
+            continue
+        break
+    assert stops == 5
+    assert contents(tmp_path / "again") == contents(tmp_path / "whole")
+
+
+def note(error):
+    (text,) = error.__notes__
+    return text
+
+
+KILLED = """
+import os, sys
+import spherekit as sk
+from spherekit.analysis import journal
+journal.EVERY = 0.0
+def stop(done, total):
+    if done >= int(sys.argv[2]):
+        os.kill(os.getpid(), int(sys.argv[3]))
+sk.run(
+    sk.load("four_bar"), "poles:only=31", samples=60, block=10, folder=sys.argv[1],
+    unfinished="resume", progress=stop,
+)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_killed_runs_go_on(tmp_path):
+    """SIGKILL twice; what was half written after the last journal is overwritten."""
+    folder = tmp_path / "killed"
+    for done in (20, 40):
+        words = [sys.executable, "-c", KILLED, str(folder), str(done), str(signal.SIGKILL)]
+        assert subprocess.run(words, check=False).returncode == -signal.SIGKILL
+        state = json.loads((folder / WORK / "journal.json").read_text())["state"]
+        assert state["standing"]["done"] == done
+        for part in (folder / WORK).glob("*.rows"):
+            with part.open("ab") as stream:
+                stream.write(b"half a row")
+    four_bar(folder, unfinished="resume")
+    four_bar(tmp_path / "whole")
+    assert contents(folder) == contents(tmp_path / "whole")
+
+
+STOPPED = """
+import os, sys
+from spherekit.analysis import journal
+from spherekit.cli import run
+from spherekit.cli.main import main
+journal.EVERY = 0.0
+def stop(done, total):
+    os.kill(os.getpid(), int(sys.argv[1]))
+run._progress = lambda options: stop
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_says_how_to_go_on(number, tmp_path, capsys):
+    folder = tmp_path / "with space"
+    words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "9000", "-o"]
+    done = subprocess.run(
+        [sys.executable, "-c", STOPPED, str(int(number)), *words, str(folder)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 128 + number
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("spherekit: stopped; 8192 of 9000 samples are done and kept")
+    command = shlex.split(line.partition("go on with: ")[2])
+    assert command == ["spherekit", *words, str(folder), "--resume"]
+    assert main([*words, str(folder)]) == 1
+    assert "go on with --resume" in capsys.readouterr().err
+    assert main(command[1:]) == 0
+    assert main([*words, str(tmp_path / "whole"), "-q"]) == 0
+    assert contents(folder) == contents(tmp_path / "whole")
+
+
+@pytest.mark.skipif(resource is None, reason="needs limits of files")
+def test_a_full_disk_keeps_what_is_done(tmp_path):
+    """Files may grow to 8 kB: parts of blocks fit, then one no more."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, hard))
+    try:
+        with pytest.raises(OutputError, match="larger than this user") as caught:
+            four_bar(tmp_path / "full", samples=200)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    done = int(note(caught.value).partition(" of ")[0])
+    assert 10 <= done < 200
+    four_bar(tmp_path / "full", samples=200, unfinished="resume")
+    four_bar(tmp_path / "whole", samples=200)
+    assert contents(tmp_path / "full") == contents(tmp_path / "whole")
+
+
+@pytest.mark.skipif(resource is None, reason="needs limits of files")
+def test_a_disk_that_fills_at_the_end_leaves_the_older_results(tmp_path):
+    four_bar(tmp_path, samples=5)
+    older = contents(tmp_path)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(OutputError, match="larger than this user"):
+            four_bar(tmp_path, samples=130, unfinished="discard")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    work = tmp_path / WORK
+    assert not list(work.rglob("*.part"))
+    parts = {path.name for path in work.iterdir()}
+    assert parts > {"journal.json", "lock"}
+    work.rename(tmp_path.parent / "aside")
+    assert contents(tmp_path) == older
+    (tmp_path.parent / "aside").rename(work)
+    four_bar(tmp_path, samples=130, unfinished="resume")
+    assert contents(tmp_path)["summary.json"]["samples"] == 130
+
+
+def test_a_disk_without_room_is_told_early(tmp_path, monkeypatch):
+    monkeypatch.setattr(store.OnDisk, "free", property(lambda self: 20_000))
+    with pytest.raises(OutputError, match=r"about .* kB.*20 kB left.*--format parquet"):
+        four_bar(tmp_path)
+
+
+def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
+    with RunFolder.opened(tmp_path):
+        with pytest.raises(OutputError, match=rf"process {os.getpid()} on .* is writing"):
+            four_bar(tmp_path)
+        with pytest.raises(OutputError, match="is writing there"):
+            four_bar().write(tmp_path)
+        assert main(["run", "four_bar", "--samples", "3", "-o", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "choose another folder" in said
+    assert list(tmp_path.iterdir()) == []
+    four_bar(tmp_path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_the_lock_of_a_killed_run_locks_nothing(tmp_path):
+    code = (
+        "import os, sys; from pathlib import Path; "
+        "from spherekit.files.lock import LockFile; "
+        "lock = LockFile.taken(Path(sys.argv[1])); print('ready', flush=True); "
+        "sys.stdin.read()"
+    )
+    path = tmp_path / "lock"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout.readline() == b"ready\n"
+    assert LockFile.taken(path).startswith(f"process {process.pid} on ")
+    process.kill()
+    process.communicate()
+    lock = LockFile.taken(path)
+    assert isinstance(lock, LockFile)
+    lock.release(remove=True)
+    assert not path.exists()
+
+
+def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        four_bar(tmp_path, progress=interrupt(2))
+    with pytest.raises(OutputError, match="when 20 of 60 samples were done; go on with"):
+        four_bar(tmp_path)
+    for options, words in [
+        ({"samples": 61}, "samples: 60 there, 61 now"),
+        ({"block": 5}, "samples in a block: 10 there, 5 now"),
+        ({"branch": 1}, "branches: "),
+        ({"path": np.linspace(0, 1, 60)}, "input values: "),
+        ({"duration": 1.0}, "over time: false there, true now"),
+    ]:
+        for unfinished in ("refuse", "resume"):
+            with pytest.raises(OutputError, match=f"different run is there.*{words}"):
+                four_bar(tmp_path, unfinished=unfinished, **options)
+    with pytest.raises(OutputError, match="mechanism: four_bar there, stephenson now"):
+        sk.run(sk.load("stephenson"), "poles", folder=tmp_path, unfinished="resume")
+    with pytest.raises(OutputError, match="unfinished work"):
+        four_bar().write(tmp_path)
+    four_bar(tmp_path, samples=61, unfinished="discard")
+    assert contents(tmp_path)["summary.json"]["samples"] == 61
+
+
+@pytest.mark.parametrize(
+    "damage, words",
+    [
+        (lambda work: (work / "journal.json").write_text(""), "does not read"),
+        (lambda work: (work / "journal.json").write_text("[" * 9999), "does not read"),
+        (lambda work: flip(work / "journal.json"), "checksum"),
+        (lambda work: next(work.glob("poles*")).unlink(), "lost rows"),
+        (lambda work: os.truncate(next(work.glob("motion*")), 100), "lost rows"),
+    ],
+)
+def test_a_damaged_journal_is_told(damage, words, tmp_path, capsys):
+    with pytest.raises(KeyboardInterrupt):
+        four_bar(tmp_path, progress=interrupt(2))
+    damage(tmp_path / WORK)
+    with pytest.raises(OutputError, match=f"cannot go on.*{words}.*--restart"):
+        four_bar(tmp_path, unfinished="resume")
+    options = ["-a", "poles:only=31", "--samples", "60", "-q", "-o", str(tmp_path)]
+    assert main(["run", "four_bar", *options, "--restart"]) == 0
+    assert "summary.json" in names_in(tmp_path)
+    assert WORK not in names_in(tmp_path)
+
+
+def flip(path):
+    text = path.read_text()
+    path.write_text(text.replace('"done": 20', '"done": 30'))
+
+
+@pytest.mark.parametrize("job", [four_bar, swinging])
+def test_memory_and_folder_give_the_same_bits(job, tmp_path):
+    kept = job()
+    streamed = job(tmp_path / "streamed")
+    kept.write(tmp_path / "written")
+    mine, theirs = (contents(tmp_path / name) for name in ("streamed", "written"))
+    assert mine == theirs
+    assert sorted(path.name for path in streamed.files) == sorted(mine)
+    for name, found in kept.results.items():
+        for table in found.tables:
+            for degrees in (False, True):
+                pd.testing.assert_frame_equal(
+                    kept.frame(name, table.name, degrees),
+                    streamed.frame(name, table.name, degrees),
+                    check_exact=True,
+                )
+
+
+def test_degrees_in_files_come_back_in_rad(tmp_path):
+    streamed = four_bar(tmp_path, degrees=True)
+    assert pd.read_csv(tmp_path / "poles.csv")["q"].max() == 360.0
+    pd.testing.assert_frame_equal(streamed.frame(), four_bar().frame(), rtol=1e-15)
+
+
+def test_csv_gives_every_number_back(tmp_path):
+    result = sk.run(sk.load("stephenson"), "poles", samples=200, folder=tmp_path)
+    frame, types = result.frame(), {"link": str, "relative_to": str, "moved": str}
+    read = pd.read_csv(tmp_path / "poles.csv", dtype=types)
+    for column in frame.select_dtypes(float):
+        assert np.array_equal(frame[column], read[column], equal_nan=True)
+    assert list(frame["link"]) == list(read["link"])
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Words(AbstractAnalysis):
+    """Texts that come up block by block, with all that CSV has to quote."""
+
+    name: ClassVar = "words"
+    version: ClassVar = "1"
+    summary: ClassVar = "texts"
+    rowwise: ClassVar = True
+    tables: ClassVar = (
+        Table("words", "texts", (SAMPLE, BRANCH, Column("word", "", "a text", "text"))),
+        Table("plain", "no branches", (Column("x", "", "a number"),)),
+        Table("empty", "no rows", (SAMPLE, BRANCH, Column("y", "", "no number"))),
+    )
+    plain: bool = False
+
+    def needs(self, mechanism):
+        return Needs()
+
+    def compute(self, batch):
+        odd = ["b", "a", "zz"] if self.plain else ['a "b"', "c,d", "é\nf", " a"]
+        words = [odd[k * k % len(odd)] for k in batch.sample.tolist()]
+        none = np.zeros(0)
+        return {
+            "words": {"sample": batch.sample, "branch": batch.branch, "word": words},
+            "plain": {"x": batch.sample},
+            "empty": {"sample": none, "branch": none, "y": none},
+        }
+
+    def scene(self, batch):
+        rows = batch.branch_rows().items()
+        return tuple(Scene(b, (Series("s", "s", "g", batch.q[own]),)) for b, own in rows)
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_any_text_survives(plain, tmp_path):
+    words, made = Words(plain=plain), sk.load("four_bar")
+    streamed = sk.run(made, words, samples=25, block=4, folder=tmp_path / "a")
+    kept = sk.run(made, words, samples=25, block=4)
+    kept.write(tmp_path / "b")
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+    frame = kept.frame("words")
+    read = pd.read_csv(tmp_path / "a" / "words.csv")
+    assert list(read["word"]) == list(frame["word"]) == list(streamed.frame()["word"])
+    assert list(frame["branch"]) == [0] * 25 + [1] * 25
+    assert len(pd.read_csv(tmp_path / "a" / "words_empty.csv")) == 0
+    assert kept.frame("words", "plain")["x"].dtype == float
+
+
+def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
+    """Pieces of 32 rows cut across blocks and branches."""
+    for module in (store, tables):
+        monkeypatch.setattr(module, "CHUNK", 32)
+    four_bar(tmp_path)
+    parquet = pq.ParquetFile(tmp_path / "motion.parquet")
+    rows = [parquet.metadata.row_group(k).num_rows for k in range(parquet.num_row_groups)]
+    assert rows == [32, 32, 32, 24]
+    monkeypatch.undo()
+    pd.testing.assert_frame_equal(
+        pd.read_csv(tmp_path / "motion.csv")[["branch", "q"]],
+        four_bar().frame("motion")[["branch", "q"]],
+        check_exact=True,
+    )
+
+
+def test_memory_does_not_grow_with_the_samples(tmp_path, monkeypatch):
+    """Four times as many rows: less than a tenth of their bytes beside the inputs."""
+    for module in (store, tables):
+        monkeypatch.setattr(module, "CHUNK", 1024)
+    monkeypatch.setattr(journal, "EVERY", 1e9)
+
+    def peak(samples):
+        pool = pa.default_memory_pool()
+        before = pool.bytes_allocated()
+        tracemalloc.start()
+        try:
+            result = four_bar(tmp_path / str(samples), samples=samples, block=2500)
+            found = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+        assert result.summary["samples"] == samples
+        return found, pool.bytes_allocated() - before
+
+    peak(1_000)
+    small, _ = peak(5_000)
+    large, held = peak(20_000)
+    rows = 2 * 15_000 * (11 * 8 + 12 * 8)
+    inputs = 5 * 8 * 15_000
+    assert large - small < inputs + 0.1 * rows
+    assert held < 1e6
+
+
+@pytest.mark.parametrize("engine", ["numpy", "compiled"])
+def test_one_command_gives_one_set_of_bytes(engine, tmp_path):
+    if engine == "compiled" and not available():
+        pytest.skip("needs heyoka")
+    found = []
+    for name in ("a", "b"):
+        swinging(tmp_path / name, engine=engine)
+        found.append(contents(tmp_path / name))
+    assert found[0] == found[1]
+    assert found[0]["summary.json"]["simulation"]["engine"]["name"] == engine
+
+
+def test_a_new_run_replaces_the_files_of_the_older_one_only(tmp_path):
+    sk.run(sk.load("four_bar"), ["poles", "eksergian"], samples=5, folder=tmp_path)
+    (tmp_path / "mine.csv").write_text("mine")
+    outside = tmp_path.parent / "outside.csv"
+    outside.write_text("mine")
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary["files"] += ["../outside.csv", str(outside)]
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    four_bar(tmp_path, formats=("parquet",))
+    names = ["mine.csv", "motion.parquet", "poles.parquet", "summary.json"]
+    assert names_in(tmp_path) == names
+    assert outside.exists()
+
+
+def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch):
+    whole = at_once()
+    with pytest.raises(KeyboardInterrupt) as caught:
+        sk.run(sk.load("four_bar"), whole(), folder=tmp_path, progress=interrupt(1, True))
+    assert "361 of 361 samples are done and kept" in note(caught.value)
+    result = sk.run(sk.load("four_bar"), whole(), folder=tmp_path, unfinished="resume")
+    assert result.summary["samples_in_a_block"] == 361
+    assert len(result.frame("words")) == 722
+    monkeypatch.setattr(run, "physical_memory", lambda: 10**8)
+    with pytest.raises(AnalysisError, match=r"words looks at all samples at once.* 100 MB"):
+        sk.run(sk.load("four_bar"), whole(), samples=50_000)
+    assert four_bar(tables=False, samples=1000).results["poles"].data == {}
+
+
+def at_once():
+    """The analysis of texts as one that wants all samples at once."""
+
+    @final
+    @dataclass(frozen=True, kw_only=True)
+    class Whole(AbstractAnalysis):
+        """See there."""
+
+        name: ClassVar = "words"
+        version: ClassVar = "1"
+        summary: ClassVar = "texts"
+        tables: ClassVar = Words.tables
+        needs = Words.needs
+        compute = Words.compute
+        plain: bool = False
+
+    return Whole
+
+
+class Listener:
+    """Keeps which samples a recorder is given."""
+
+    def __init__(self):
+        self.samples, self.inputs, self.properties = {}, None, {}
+
+    def start(self, scenes, inputs, **rest):
+        self.inputs, self.properties, self.row = inputs, rest["properties"], rest["row"]
+
+    def log(self, scene, samples, inputs=None, times=None):
+        for primitive in scene.primitives:
+            key = scene.page, primitive.path
+            self.samples.setdefault(key, []).extend(samples.tolist())
+            if isinstance(primitive, Series):
+                assert len(primitive.values) == len(samples)
+                assert inputs is None or len(inputs) == len(samples)
+
+
+def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
+    from spherekit.analysis import recording
+
+    monkeypatch.setattr(recording, "MOST_LOGGED", 10)
+    listener = Listener()
+    result = four_bar(samples=45, recorder=listener)
+    wanted = [0, 5, 10, 15, 20, 25, 30, 35, 40, 44]
+    assert all(samples == wanted for samples in listener.samples.values())
+    assert len(listener.inputs) == 10
+    assert listener.properties["logged"] == "one of 5 successive samples"
+    assert result.summary["recording"] == {"one_of": 5, "from_sample": 0}
+    assert len(result.frame("motion")) == 90
+    all_of_them = Listener()
+    four_bar(samples=45, recorder=all_of_them, log_every=1)
+    assert all(len(own) == 45 for own in all_of_them.samples.values())
+    grid = Listener()
+    sk.run(sk.load("five_bar"), samples=(3, 4), branch=0, recorder=grid, log_every=2)
+    assert all(own == [0, 2, 4, 6, 8, 10] for own in grid.samples.values())
+    assert grid.row == 2
+    with pytest.raises(AnalysisError, match="log_every must be at least 1"):
+        four_bar(recorder=Listener(), log_every=0)
+    words = ["run", "four_bar", "--samples", "50", "--save", str(tmp_path / "x.rrd")]
+    assert main(words) == 0
+    assert "one of 5 samples of each branch" in capsys.readouterr().err
+
+
+def test_a_resumed_recording_says_where_it_begins(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        four_bar(tmp_path, progress=interrupt(2))
+    listener = Listener()
+    result = four_bar(tmp_path, unfinished="resume", recorder=listener)
+    assert all(own == list(range(20, 60)) for own in listener.samples.values())
+    assert result.summary["recording"]["from_sample"] == 20
+    assert "before 20" in listener.properties["resumed"]
+
+
+def test_two_runs_do_not_record_into_one_file(tmp_path):
+    from spherekit.view.rerun_view import Recorder
+
+    path = tmp_path / "x.rrd"
+    with Recorder.to_file(path, "four_bar") as first:
+        with (
+            pytest.raises(OutputError, match="another run is recording there"),
+            Recorder.to_file(path, "four_bar"),
+        ):
+            pass
+        four_bar(recorder=first)
+    assert path.stat().st_size > 10_000
