@@ -37,6 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="samples of the run whose cost is predicted (default: the study's, or 361)",
     )
     parser.add_argument(
+        "--only-needed",
+        action="store_true",
+        help="as `run --only-needed`: without links and pairs that no analysis needs",
+    )
+    parser.add_argument(
         "--recording",
         action="store_true",
         help="predict the recording too, from three short ones (needs a second or two)",
@@ -48,6 +53,7 @@ def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.cost import counts_of
     from spherekit.analysis.expected import expected, with_samples
+    from spherekit.analysis.needed import needed_part
     from spherekit.analysis.registry import create
     from spherekit.analysis.run import needs_of, requests_for
     from spherekit.analysis.study import analyses_of
@@ -60,8 +66,11 @@ def execute(options: argparse.Namespace) -> int:
     if options.input:
         changed = study.mechanism.with_inputs(*options.input)
         study = replace(study, mechanism=changed, path=None)
-    mechanism = study.mechanism
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    if options.only_needed:
+        part = needed_part(study.mechanism, analyses, start=study.start)
+        study = replace(study, mechanism=part)
+    mechanism = study.mechanism
     needs = needs_of(mechanism, analyses)
     requests = requests_for(mechanism, needs)
     assembly = plan_assembly(mechanism)
