@@ -12,6 +12,9 @@ from spherekit.conventions import Status
 DICTIONARY = 1 << 17
 """Different numbers (8 bytes each) that fill the dictionary of a Parquet column: 1 MiB."""
 
+COMPRESSED = 0.8
+"""What compression leaves of numbers along smooth motions: 0.64 to 0.97 was measured."""
+
 LONG_RUN = 8
 """Equal values in a row from which Parquet counts them instead of listing them."""
 
@@ -95,7 +98,7 @@ def parquet_row(data: TableData, growth: Growth) -> float:
     """Return the mean bytes of a row as Parquet with dictionaries, without the frame.
 
     Different numbers are kept once, rows as places among them; equal neighbours cost
-    little. What other compression gains is left out.
+    little.
     """
     total = 0.0
     for name, values in data.items():
@@ -109,4 +112,4 @@ def parquet_row(data: TableData, growth: Growth) -> float:
         share = min(1.0, different / max(growth.rows, 1))
         plain = max(0.0, 1.0 - DICTIONARY / different) if different > DICTIONARY else 0.0
         total += (1.0 - plain) * place + width * share
-    return total
+    return COMPRESSED * total
