@@ -57,6 +57,7 @@ class Eksergian(AbstractAnalysis):
     cites: ClassVar[tuple[str, ...]] = (
         "R. Di Gregorio, Mechanism and Machine Theory 2024, 105720, eqs. (9) to (21)",
     )
+    proportional: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
             "eksergian",

@@ -44,6 +44,7 @@ def run(quick: bool) -> list[Section]:
         "poles, us per configuration",
         "poles, over the first row",
     )
+    ratios = ("motion, over the first row", "poles, over the first row")
     longer = {
         (links,): [
             _traced(lambda random, m=links: grown(random, m, False), seed)
@@ -69,6 +70,7 @@ def run(quick: bool) -> list[Section]:
             f"A four-bar grown by dyads added at random links. {about}",
             ("links", *columns),
             _growth(longer, repeats),
+            ratios=ratios,
         ),
         Section(
             "Cost per configuration: contact pairs",
@@ -77,6 +79,8 @@ def run(quick: bool) -> list[Section]:
             f"contact are no dyads and closed by Newton's method. {about}",
             ("Cr pairs", "Cs pairs", *columns),
             _growth(touching, repeats),
+            ratios=ratios,
+            keys=2,
         ),
     ]
 
@@ -139,6 +143,7 @@ def _shipped(quick: bool) -> Section:
             f"poles over {UNIT}",
         ),
         rows,
+        ratios=(f"motion over {UNIT}", f"poles over {UNIT}"),
     )
 
 

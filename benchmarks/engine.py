@@ -83,6 +83,8 @@ def _batch(quick: bool) -> Section:
         rows,
         "ns are of processor time, per configuration. heyoka keeps compiled code on disk, "
         "so a second process compiles in less.",
+        ratios=("arrays / compiled", "plan / arrays"),
+        keys=3,
     )
 
 

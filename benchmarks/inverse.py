@@ -73,6 +73,8 @@ def run(quick: bool) -> list[Section]:
                 "all links over inputs only",
             ),
             rows,
+            ratios=("all links over inputs only",),
+            keys=2,
         ),
         _with_bar(quick),
         _mid_plane(quick),

@@ -49,6 +49,8 @@ def run(quick: bool) -> list[Section]:
             "included.",
             columns,
             motion,
+            ratios=columns[5:],
+            keys=3,
         ),
         Section(
             "Poles, coefficients and their derivatives",
@@ -56,6 +58,8 @@ def run(quick: bool) -> list[Section]:
             "derivative of that by the input, and error bounds.",
             (*columns, "poles", "ns per pole"),
             poles,
+            ratios=columns[5:],
+            keys=3,
         ),
         _search(3 if quick else 5),
     ]
@@ -120,4 +124,5 @@ def _search(repeats: int) -> Section:
         "each mode found.",
         ("mechanism", "groups", "branches", "search, ms", "over four_bar"),
         rows,
+        ratios=("over four_bar",),
     )

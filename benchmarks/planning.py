@@ -74,6 +74,7 @@ def _table(quick: bool, triads: bool) -> Section:
         f"Fitted growth from {FIT_FROM} links on: plan of poles as links to the power "
         f"{_exponent(rows, 4):.2f}, plan of groups {_exponent(rows, 6):.2f}. The "
         "number of poles alone grows as the power 2.",
+        ratios=("poles / groups",),
     )
 
 

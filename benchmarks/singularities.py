@@ -79,6 +79,7 @@ def _shipped(quick: bool) -> Section:
         rows,
         "Singular configurations of the spherical 3-RRR at a million orientations: "
         "section Inverse kinematics.",
+        ratios=(f"over {UNIT}",),
     )
 
 

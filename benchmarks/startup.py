@@ -52,6 +52,7 @@ def _imports(repeats: int) -> Section:
         "Whole Python processes, files in the cache of the system.",
         ("process", "ms", "over import numpy", "loaded beside the standard library"),
         rows,
+        ratios=("over import numpy",),
     )
 
 
@@ -93,6 +94,7 @@ def _runs(repeats: int) -> Section:
         "pays that writes its tables with pandas.",
         ("process", "ms", "over numpy and pandas"),
         rows,
+        ratios=("over numpy and pandas",),
     )
 
 

@@ -61,6 +61,8 @@ def run(quick: bool) -> list[Section]:
                 "in sines",
             ),
             rows,
+            ratios=("in sines",),
+            keys=2,
         )
     ]
 

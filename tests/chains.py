@@ -96,3 +96,15 @@ def any_inputs(random, made, freedoms):
             continue
         return chosen
     return None
+
+
+def dyads_on(random, places):
+    """Return a four-bar of links 1 to 4 with a dyad on each two links of `places`.
+
+    The dyad at position k has links 2k + 5 and 2k + 6.
+    """
+    edges = joints(FOUR_BAR)
+    for k, (one, other) in enumerate(places):
+        a, b = 2 * k + 5, 2 * k + 6
+        edges += [(one, a), (a, b), (other, b)]
+    return mechanism(edges, random_axes(random, len(edges)))

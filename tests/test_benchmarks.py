@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks import configurations
+from benchmarks.history import comparison, entry_of, keep, kept
+from benchmarks.report import Section, markdown
 from benchmarks.samples import with_contacts
 from spherekit.model.graph import pieces
 from spherekit.planning.rigidity import graph_mobility
@@ -63,3 +65,40 @@ def test_an_unknown_benchmark_is_refused():
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 2
     assert "no benchmark is named planing; choose from" in done.stderr
+
+
+def ratios_of(value, quick=True, processor="one"):
+    section = Section(
+        "Times", "", ("job", "ms", "over a"), [("a", 2.0, 1.0), ("b", 5.0, value)],
+        ratios=("over a",),
+    )  # fmt: skip
+    machine = {"processor": processor, "cores": "2", "system": "x"}
+    return entry_of({"jobs": [section]}, machine, quick)
+
+
+def test_ratios_are_shown_first_and_kept(tmp_path):
+    path = tmp_path / "history.jsonl"
+    for value in (2.5, 2.6, 2.4):
+        keep(ratios_of(value), path)
+    entries = kept(path)
+    assert [one["ratios"]["jobs | Times | b | over a"] for one in entries] == [
+        2.5,
+        2.6,
+        2.4,
+    ]
+    assert set(entries[0]) == {"date", "commit", "quick", "machine", "ratios"}
+    same, near, far = (comparison(ratios_of(x), entries)[1] for x in (2.4, 2.6, 4.8))
+    assert same.startswith("     +0.0 %") and near.startswith("     +8.3 %")
+    assert far.startswith("!! +100.0 %")
+    nothing = ["no earlier run on a like machine was kept"]
+    assert comparison(ratios_of(2.4, quick=False), entries) == nothing
+    assert comparison(ratios_of(2.4, processor="two"), entries) == nothing
+
+
+def test_markdown_puts_ratios_before_other_figures():
+    section = Section(
+        "T", "x", ("a", "b", "ms", "ratio"), [("k", 1, 3.0, 0.5)], "", ("ratio",), 2
+    )  # fmt: skip
+    assert "| a | b | ratio | ms |" in markdown(section)
+    assert "| k | 1 | 0.5 | 3 |" in markdown(section)
+    assert section.figures() == {"k 1 | ratio": 0.5}

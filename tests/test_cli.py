@@ -88,7 +88,7 @@ def test_explain_says_what_will_be_computed(capsys):
     _, out, _ = run(capsys, "explain", "stephenson", "-a", "poles:only=31", "--json")
     facts = json.loads(out)
     (planned,) = facts["plans"]
-    assert planned["secondary_poles"] < 8
+    assert planned["counts"]["secondary"] < 8
     assert facts["positions"][0]["group"] == "dyad"
     _, beside, _ = run(capsys, "explain", "stephenson", "-a", "singularities")
     assert "beside the samples, looked for by: singularities" in beside

@@ -340,6 +340,8 @@ class AbstractAnalysis(ABC):
     tables: ClassVar[tuple[Table, ...]]
     rowwise: ClassVar[bool] = False
     """Whether rows depend on their own sample only: then blocks are given as they come."""
+    proportional: ClassVar[bool] = False
+    """Whether time and rows grow with the rows given, so that a few tell what many cost."""
 
     @abstractmethod
     def needs(self, mechanism: Mechanism) -> Needs:

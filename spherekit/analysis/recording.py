@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, final
+from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,18 @@ class Recorder(Protocol):
         times: Floats | None = None,
     ) -> None:
         """Take one block of one branch: sample numbers (k,), inputs (k,) rad, times s."""
+
+
+@runtime_checkable
+class CountingRecorder(Recorder, Protocol):
+    """A recorder that can be finished, and then says what it holds."""
+
+    def finish(self) -> None:
+        """Make the recording whole."""
+
+    @property
+    def cost(self) -> dict[str, int]:
+        """Entities and rows logged, and bytes of the file."""
 
 
 @final

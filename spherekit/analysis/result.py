@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
+from spherekit.analysis.cost import TABLES
 from spherekit.analysis.journal import SUMMARY, RunFolder
 from spherekit.analysis.tables import (
     FILE_SIZE,
@@ -170,8 +171,13 @@ def write_results(
         own = [each for name, each, _ in tables if name == analysis]
         stem = stem_of(analysis, own, table)
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
-        names += write_table(made, stem, table, rows, notes, degrees, formats)
+        own_names = write_table(made, stem, table, rows, notes, degrees, formats)
+        for name in own_names:
+            key = f"{name.rpartition('.')[2]}_bytes"
+            summary["cost"]["tables"][stem][key] = (made / name).stat().st_size
+        names += own_names
     seconds = {**summary["seconds"], "write": time.perf_counter() - started}
+    summary["cost"]["seconds"][TABLES] = seconds["write"]
     written = {**summary, "files": names, "seconds": seconds}
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())

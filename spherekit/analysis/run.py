@@ -19,9 +19,12 @@ from spherekit.analysis.contract import (
     Needs,
     run_status,
 )
+from spherekit.analysis.cost import AXES, RECORDING, Ledger, cost_of
 from spherekit.analysis.course import EVENTS, Course, course_of
+from spherekit.analysis.forecast import ENOUGH, forecast
 from spherekit.analysis.journal import RunFolder, Unfinished, differences
-from spherekit.analysis.recording import Recorder, Stage, thinning_of
+from spherekit.analysis.needed import left_out, needed_part
+from spherekit.analysis.recording import CountingRecorder, Recorder, Stage, thinning_of
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import (
     MOTION,
@@ -121,6 +124,7 @@ def run(
     torque: str | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
     engine: Engine = "auto",
+    only_needed: bool = False,
     folder: str | os.PathLike[str] | None = None,
     unfinished: Unfinished = "refuse",
     degrees: bool = False,
@@ -149,6 +153,9 @@ def run(
         State of the only input at t = 0: the motion over `duration` then follows from the
         loads and the `torque` at the input, as `spherekit.dynamics.forward.simulate` finds
         it from the `branch` (default 0) among all that there are.
+    only_needed
+        Whether to leave out the groups of links that no analysis needs. Branches are then
+        modes of the part that is left, and only that part has to close.
     folder
         Where tables go while the run goes on, so that memory does not grow with the
         samples; the files are there at the end. Without it tables stay in memory.
@@ -189,38 +196,44 @@ def run(
         has left work that does not fit. What is done is kept, to be resumed.
     """
     started = time.perf_counter()
+    ledger, whole = Ledger(), mechanism
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
     chosen = [create(item) if isinstance(item, str) else item for item in analyses]
+    if only_needed:
+        mechanism = needed_part(mechanism, chosen, input_pair, start)
     with _opened(folder) as place:
-        course = course_of(
-            mechanism,
-            samples=samples,
-            input_pair=input_pair,
-            branch=branch,
-            search=search,
-            grid=grid,
-            path=path,
-            laws=laws or {},
-            duration=duration,
-            start=start,
-            torque=torque,
-            tolerance=tolerance,
-            engine=_engine(place, unfinished, engine),
-        )
+        with ledger.stage("search"):
+            course = course_of(
+                mechanism,
+                samples=samples,
+                input_pair=input_pair,
+                branch=branch,
+                search=search,
+                grid=grid,
+                path=path,
+                laws=laws or {},
+                duration=duration,
+                start=start,
+                torque=torque,
+                tolerance=tolerance,
+                engine=_engine(place, unfinished, engine),
+            )
         job = _job(course, chosen, block)
         planned = time.perf_counter()
         standing, store = _begin(job, place, unfinished, tables)
+        expected = _expected(job, len(course) - standing.done, ledger)
         stage = None
         if recorder is not None:
-            stage = Stage(
-                course,
-                job.plans,
-                [analysis.name for analysis in chosen],
-                recorder,
-                thinning_of(course, log_every),
-                standing.done,
-            )
+            with ledger.stage(RECORDING):
+                stage = Stage(
+                    course,
+                    job.plans,
+                    [analysis.name for analysis in chosen],
+                    recorder,
+                    thinning_of(course, log_every),
+                    standing.done,
+                )
         verifier = None
         if verify:
             verifier = Verifier(
@@ -234,8 +247,9 @@ def run(
             )
         before, resumed = standing.seconds, time.perf_counter()
         with _kept(job, place, standing, store) as after_block:
-            for motion in course.blocks(job.block, standing.done):
-                _evaluate(job, motion, standing, store, stage, verifier)
+            blocks = course.blocks(job.block, standing.done)
+            for motion in ledger.each("positions", blocks):
+                _evaluate(job, motion, standing, store, stage, verifier, ledger)
                 standing.seconds = before + time.perf_counter() - resumed
                 after_block()
                 if isinstance(store, OnDisk):
@@ -245,6 +259,10 @@ def run(
             summary = _summary(job, standing)
             if stage is not None:
                 summary["recording"] = stage.summary()
+            if only_needed:
+                summary["part_of"] = left_out(whole, course.tracer.mechanism)
+            summary["cost"] = _cost(job, standing, ledger, recorder)
+            summary["cost"]["predicted"] = expected
             summary["seconds"] = {
                 "plan_and_branches": planned - started,
                 "evaluate": standing.seconds,
@@ -456,16 +474,19 @@ def _evaluate(
     store: AbstractStore,
     stage: Stage | None,
     verifier: Verifier | None,
+    ledger: Ledger,
 ) -> None:
     """Evaluate a block for all analyses, and hand over what they make of it."""
     course = job.course
-    found = tuple(
-        evaluate(motion, item, memory)
-        for item, memory in zip(job.requests, standing.memories, strict=True)
-        if item.poles
-    )
+    with ledger.stage(AXES):
+        found = tuple(
+            evaluate(motion, item, memory)
+            for item, memory in zip(job.requests, standing.memories, strict=True)
+            if item.poles
+        )
     if stage is not None:
-        stage.motion(motion)
+        with ledger.stage(RECORDING):
+            stage.motion(motion)
     for analysis, what in zip(job.analyses, job.needs, strict=True):
         if analysis.name in standing.failures:
             continue
@@ -473,12 +494,14 @@ def _evaluate(
             job.mechanism, job.plans, what, motion, found, course.timed, course.tracer
         )
         try:
-            tables = dict(analysis.compute(batch))
-            for table in job.tables(analysis):
-                table.check(tables[table.name], analysis.name)
-            if not analysis.rowwise:
-                standing.findings[analysis.name] = analysis.findings(batch)
-            scenes = analysis.scene(batch) if stage is not None else ()
+            with ledger.stage(f"analysis {analysis.name}"):
+                tables = dict(analysis.compute(batch))
+                for table in job.tables(analysis):
+                    table.check(tables[table.name], analysis.name)
+                if not analysis.rowwise:
+                    standing.findings[analysis.name] = analysis.findings(batch)
+            with ledger.stage(RECORDING):
+                scenes = analysis.scene(batch) if stage is not None else ()
         except SpherekitError as problem:
             standing.failures[analysis.name] = str(problem)
             continue
@@ -487,15 +510,49 @@ def _evaluate(
             continue
         for table in job.tables(analysis):
             store.add(analysis.name, table, tables[table.name])
+            standing.count(analysis.name, table.name, tables[table.name])
         if stage is not None:
-            stage.scenes(scenes, motion)
+            with ledger.stage(RECORDING):
+                stage.scenes(scenes, motion)
     store.add(MOTION, job.motion_tables[0], _motion_rows(job, motion, found))
     if standing.done == 0 and course.simulation is not None:
         store.add(MOTION, EVENTS, course.events())
     if verifier is not None:
         verifier.see(motion, found)
+        standing.count(MOTION, EVENTS.name, course.events())
+    standing.count(MOTION, MOTION, {"sample": motion.sample})
     standing.tally.add(course.tracer, motion, found)
     standing.done += motion.samples
+
+
+def _expected(job: _Job, samples: int, ledger: Ledger) -> dict[str, Any] | None:
+    """Return the predicted cost of so many samples, if they are worth a prediction."""
+    course = job.course
+    if course.simulation is not None or samples * len(course.tracer.branches) < ENOUGH:
+        return None
+    with ledger.stage("forecast"):
+        return forecast(course, job.analyses, job.needs, job.requests, samples, job.block)
+
+
+def _cost(
+    job: _Job, standing: Standing, ledger: Ledger, recorder: Recorder | None
+) -> dict[str, Any]:
+    """Return what was evaluated, made and logged; a recorder that counts is finished."""
+    declared = {MOTION: job.motion_tables}
+    declared |= {analysis.name: job.tables(analysis) for analysis in job.analyses}
+    tables = {
+        stem_of(name, own, table): (standing.rows[name, table.name], len(table.columns))
+        for name, own in declared.items()
+        if name not in standing.failures
+        for table in own
+    }
+    logged = None
+    if isinstance(recorder, CountingRecorder):
+        with ledger.stage(RECORDING):
+            recorder.finish()
+        logged = recorder.cost
+    tally = standing.tally
+    return cost_of(ledger, job.requests, tally.configurations, tally.solves, tables, logged)
 
 
 def _motion_rows(job: _Job, motion: Motion, found: Sequence[PoleField]) -> TableData:

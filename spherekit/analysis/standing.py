@@ -2,6 +2,7 @@
 
 import hashlib
 import platform
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self, final
@@ -10,6 +11,7 @@ import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.course import Course
+from spherekit.analysis.tables import TableData
 from spherekit.analysis.tally import Tally
 from spherekit.files.write import mechanism_hash
 from spherekit.rates.field import SignMemory
@@ -22,7 +24,8 @@ from spherekit.version import __version__
 class Standing:
     """What continues: samples done, memories of signs (one an input), counts, results.
 
-    `seconds` is what evaluating took. All of it goes to a journal and comes back bit for
+    `seconds` is what evaluating took, `rows` how many each table has, by the names of the
+    analysis and the table. All of it goes to a journal and comes back bit for
     bit.
     """
 
@@ -32,6 +35,11 @@ class Standing:
     failures: dict[str, str] = field(default_factory=dict)
     findings: dict[str, Findings] = field(default_factory=dict)
     seconds: float = 0.0
+    rows: Counter[tuple[str, str]] = field(default_factory=Counter)
+
+    def count(self, analysis: str, table: str, data: TableData) -> None:
+        """Count the rows of a block of a table."""
+        self.rows[analysis, table] += len(next(iter(data.values())))
 
     def state(self) -> dict[str, Any]:
         """Return it ready for JSON."""
@@ -42,6 +50,7 @@ class Standing:
             "failures": dict(self.failures),
             "findings": {name: asdict(own) for name, own in self.findings.items()},
             "seconds": self.seconds,
+            "rows": [[*names, rows] for names, rows in self.rows.items()],
         }
 
     @classmethod
@@ -58,6 +67,7 @@ class Standing:
             dict(state["failures"]),
             findings,
             float(state["seconds"]),
+            Counter({(name, table): rows for name, table, rows in state["rows"]}),
         )
 
 

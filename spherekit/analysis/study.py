@@ -44,6 +44,7 @@ def run_study(
     unfinished: Unfinished = "refuse",
     formats: Sequence[Format] = tuple(FILE_SIZE),
     engine: Engine = "auto",
+    only_needed: bool = False,
     tables: bool = True,
     recorder: Recorder | None = None,
     log_every: int | None = None,
@@ -59,7 +60,7 @@ def run_study(
         The study; a mechanism file is the study with all defaults.
     analyses
         Names or analysis objects that replace the study's own.
-    folder, unfinished, formats, engine, tables, recorder, log_every, progress
+    folder, unfinished, formats, engine, only_needed, tables, recorder, log_every, progress
         See `spherekit.run`.
 
     Raises
@@ -85,6 +86,7 @@ def run_study(
         torque=study.torque,
         tolerance=study.tolerance or DEFAULT_TOLERANCE,
         engine=engine,
+        only_needed=only_needed,
         folder=folder,
         unfinished=unfinished,
         degrees=study.degrees,

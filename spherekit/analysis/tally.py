@@ -76,6 +76,16 @@ class Tally:
             self._repeated = {"count": over.count, "pairs": names}
 
     @property
+    def configurations(self) -> int:
+        """Rows counted so far."""
+        return sum(int(np.sum(counts)) for counts in self._status.values())
+
+    @property
+    def solves(self) -> int:
+        """How many rows were solved by the velocity equations, for all inputs together."""
+        return self._by_equations[0]
+
+    @property
     def rank(self) -> int | None:
         """The mobility by rank at the first sample with a configuration."""
         return self._rank

@@ -2,7 +2,14 @@
 
 import argparse
 import json
-from typing import Any
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+from spherekit.cli.run import megabytes, sample_counts
+
+if TYPE_CHECKING:
+    from spherekit.analysis.contract import AbstractAnalysis
+    from spherekit.files.study import Study
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,11 +30,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PAIR",
         help="a driven pair, once for each freedom (default: the file's)",
     )
+    parser.add_argument(
+        "--samples",
+        type=sample_counts,
+        metavar="N[xM...]",
+        help="samples of the run whose cost is predicted (default: the study's, or 361)",
+    )
+    parser.add_argument(
+        "--only-needed",
+        action="store_true",
+        help="as `run --only-needed`: without links and pairs that no analysis needs",
+    )
+    parser.add_argument(
+        "--recording",
+        action="store_true",
+        help="predict the recording too, from three short ones (needs a second or two)",
+    )
     parser.add_argument("--json", action="store_true", help="as JSON")
 
 
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
+    from spherekit.analysis.cost import counts_of
+    from spherekit.analysis.expected import expected, with_samples
+    from spherekit.analysis.needed import needed_part
     from spherekit.analysis.registry import create
     from spherekit.analysis.room import size_text
     from spherekit.analysis.run import memory_at_once, needs_of, requests_for
@@ -35,14 +61,17 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.files.study import load_study
     from spherekit.planning.assembly import plan_assembly
     from spherekit.planning.inputs import driven_pairs
-    from spherekit.planning.poles import PrimaryPole
     from spherekit.planning.table import describe
 
-    study = load_study(options.file)
-    mechanism = study.mechanism
+    study = with_samples(load_study(options.file), options.samples)
     if options.input:
-        mechanism = mechanism.with_inputs(*options.input)
+        changed = study.mechanism.with_inputs(*options.input)
+        study = replace(study, mechanism=changed, path=None)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    if options.only_needed:
+        part = needed_part(study.mechanism, analyses, start=study.start)
+        study = replace(study, mechanism=part)
+    mechanism = study.mechanism
     needs = needs_of(mechanism, analyses)
     requests = requests_for(mechanism, needs)
     assembly = plan_assembly(mechanism)
@@ -66,11 +95,7 @@ def execute(options: argparse.Namespace) -> int:
             {
                 "moved": pairs[wanted.plan.input].name,
                 "locked": [pairs[pair].name for pair in wanted.plan.locked],
-                "primary_poles": sum(
-                    isinstance(step, PrimaryPole) for step in wanted.plan.steps
-                ),
-                "secondary_poles": len(wanted.plan.rounds)
-                - sum(isinstance(step, PrimaryPole) for step in wanted.plan.steps),
+                "counts": asdict(counts_of(wanted)),
                 "links_with_rates": [wanted.plan.name(body) for body in wanted.bodies],
                 "derivatives": wanted.derivatives,
                 "steps": [describe(wanted.plan, step) for step in wanted.plan.steps],
@@ -80,9 +105,12 @@ def execute(options: argparse.Namespace) -> int:
         "other_configurations": [
             analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
         ],
+        "predicted": expected(study, analyses, assembly, requests),
     }
     at_once = [analysis.name for analysis in analyses if not analysis.rowwise]
     facts["at_once"] = {"analyses": at_once, "bytes_a_row": memory_at_once(mechanism, 1)}
+    if options.recording and facts["predicted"].get("branches"):
+        facts["predicted"]["recording"] = _recording(study, analyses)
     if options.json:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
         return 0
@@ -104,19 +132,77 @@ def execute(options: argparse.Namespace) -> int:
             f"{', '.join(at_once)}; about {size_text(memory_at_once(mechanism, 1))} of "
             "memory for each sample of each branch"
         )
-    if not facts["asked"]:
+    if facts["asked"]:
+        _print_plans(facts, every)
+    else:
         print("asked of the samples: no poles")
-        return 0
+    print("\n".join(_predicted(facts["predicted"])))
+    return 0
+
+
+def _print_plans(facts: dict[str, Any], every: int) -> None:
     print(f"asked: {len(facts['asked'])} of {every} poles: {', '.join(facts['asked'])}")
     for each in facts["plans"]:
         if each["locked"]:
             print(f"while {each['moved']} moves, {', '.join(each['locked'])} locked:")
+        counts = each["counts"]
+        secondary = counts["secondary"] + counts["irreducible"]
         print(
-            f"evaluated: {each['primary_poles']} primary and {each['secondary_poles']} "
-            "secondary poles"
+            f"evaluated: {counts['primary']} primary and {secondary} secondary poles, "
+            f"{counts['great_circles']} great circles"
         )
         for step in each["steps"]:
             print(f"  {step}")
         orders = "first and second order" if each["derivatives"] else "first order"
         print(f"rates of links {', '.join(each['links_with_rates'])}, {orders}")
-    return 0
+
+
+def _predicted(found: dict[str, Any]) -> list[str]:
+    """Return the prediction in lines for people."""
+    if "reason" in found:
+        return [f"cost: not predicted; {found['reason']}"]
+    branches = found["branches"]
+    who = "for each branch" if branches is None else f"{branches} branches"
+    seconds = found["seconds"]
+    stages = ", ".join(f"{name} {value:.2g}" for name, value in seconds.items())
+    lines = [
+        f"predicted, {who}: {found['configurations']} configurations, "
+        f"{sum(seconds.values()):.2g} s ({stages}), within a factor of about two"
+    ]
+    lines += [
+        f"  table {name}: {table['rows']} rows of {table['columns']} columns, "
+        f"{megabytes(table['csv_bytes'])} as CSV, "
+        f"{megabytes(table['parquet_bytes'])} as Parquet"
+        for name, table in found["tables"].items()
+    ]
+    solves = found["velocity_equation_solves"]
+    if solves and branches is not None:
+        lines.append(f"  of them about {solves} by the velocity equations")
+    if "recording" in found:
+        own = found["recording"]
+        lines.append(
+            f"  recording: {own['entities']} entities, {own['rows']} rows, "
+            f"{megabytes(own['bytes'])}"
+        )
+    missing = [f"analysis {name}" for name in found["not_predicted"]]
+    if branches is None:
+        missing.insert(0, "the search for branches and their number")
+    if missing:
+        lines.append(f"  not predicted: {', '.join(missing)}")
+    return lines
+
+
+def _recording(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, int]:
+    """Return the entities, rows and bytes of a recording, from three short ones."""
+    import tempfile
+    from pathlib import Path
+
+    from spherekit.analysis.expected import extrapolated_recording
+    from spherekit.view.rerun_view import Recorder
+
+    with tempfile.TemporaryDirectory() as folder:
+
+        def made(number: int) -> Recorder:
+            return Recorder(study.name, path=Path(folder) / f"{number}.rrd")
+
+        return extrapolated_recording(study, analyses, made)

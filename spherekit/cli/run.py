@@ -127,6 +127,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="compute N rows (default 16) once more in 50 digits and print how far each "
         "table column is off",
     )
+    parser.add_argument(
+        "--only-needed",
+        action="store_true",
+        help="leave out links and pairs that no analysis needs; branches are then those "
+        "of the part that is left",
+    )
     parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
@@ -173,6 +179,7 @@ def execute(options: argparse.Namespace) -> int:
                 unfinished=_unfinished(options),
                 formats=FORMATS[options.format],
                 engine=options.engine,
+                only_needed=options.only_needed,
                 tables=False,
                 recorder=recorder,
                 log_every=options.log_every,
@@ -407,9 +414,45 @@ def report(summary: Any) -> str:
         from spherekit.analysis.verify import told
 
         lines += told(summary["verified"])
+    lines += spent(summary["cost"])
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     return "\n".join(lines)
+
+
+def spent(cost: Any) -> list[str]:
+    """Return what a run has cost in lines for people, the prediction beside it."""
+    foreseen = cost["predicted"]
+    seconds = cost["seconds"]
+    guess = ""
+    if foreseen is not None:
+        shared = [name for name in foreseen["seconds"] if name in seconds]
+        both = [sum(of["seconds"][name] for name in shared) for of in (foreseen, cost)]
+        guess = f"; predicted {both[0]:.2g} s for what took {both[1]:.2g}"
+    stages = ", ".join(f"{name} {value:.2g}" for name, value in seconds.items())
+    lines = [
+        f"cost: {cost['configurations']} configurations, {cost['poles']} pole axes, "
+        f"{cost['axis_derivatives']} derivatives, {cost['link_rates']} link rates; "
+        f"{sum(seconds.values()):.2g} s ({stages}){guess}"
+    ]
+    tables = cost["tables"]
+    rows = sum(table["rows"] for table in tables.values())
+    line = f"  {rows} rows in {len(tables)} tables"
+    for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
+        if all(kind in table for table in tables.values()):
+            line += f", {megabytes(sum(table[kind] for table in tables.values()))} {name}"
+            if foreseen is not None and set(foreseen["tables"]) == set(tables):
+                guessed = sum(table[kind] for table in foreseen["tables"].values())
+                line += f" (predicted {megabytes(guessed)})"
+    if "recording" in cost:
+        own = cost["recording"]
+        line += f"; recording: {own['entities']} entities, {megabytes(own['bytes'])}"
+    return [*lines, line]
+
+
+def megabytes(count: int) -> str:
+    """Return a number of bytes as people read it."""
+    return f"{count / 1e6:.3g} MB" if count >= 1e5 else f"{count / 1e3:.3g} kB"
 
 
 def _recorder(options: argparse.Namespace, study: "Study") -> Any:

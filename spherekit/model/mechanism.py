@@ -70,12 +70,14 @@ class LinkSizes:
     The first of `axes` is the z axis of the link's frame. `arcs[k]` is the arc from
     it to `axes[k + 1]`. The arc to `axes[1]` lies in the half-plane of positive y (the
     frame of Di Gregorio 2024, Fig. 3); `angles[k]` is the angle, counter-clockwise
-    about the first axis, from that arc to the arc to `axes[k + 2]`.
+    about the first axis, from that arc to the arc to `axes[k + 2]`. `unpaired` are those
+    of the axes that carry no pair: they stay because frames and zeros refer to them.
     """
 
     axes: tuple[str, ...]
     arcs: tuple[float, ...] = ()
     angles: tuple[float, ...] = ()
+    unpaired: tuple[str, ...] = ()
 
 
 @final
@@ -355,12 +357,13 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
     for link, expected in on_link.items():
         sizes = geometry.links.get(link, LinkSizes(()))
         key = f"{where}: links.{link}"
-        if sorted(sizes.axes) != sorted(expected):
+        if sorted(sizes.axes) != sorted([*expected, *sizes.unpaired]):
             raise ModelError(
                 f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
                 f"are [{listing(expected)}]; list each of them once"
             )
-        arcs, angles = max(len(expected) - 1, 0), max(len(expected) - 2, 0)
+        count = len(sizes.axes)
+        arcs, angles = max(count - 1, 0), max(count - 2, 0)
         if len(sizes.arcs) != arcs:
             raise ModelError(
                 f"{key}.arcs: has {len(sizes.arcs)} values, needs {arcs}: the arcs from "

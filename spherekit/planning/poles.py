@@ -361,9 +361,9 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
     steps: list[Step] = []
     for step in whole.steps:
         if isinstance(step, BlockPoles):
-            if kept & set(step.poles):
-                steps.append(step)
-                kept |= set(step.poles)
+            asked = tuple(pole for pole in step.poles if pole in kept)
+            if asked:
+                steps.append(replace(step, poles=asked))
         elif step.pole in kept:
             if isinstance(step, LinePole):
                 i, j = step.pole

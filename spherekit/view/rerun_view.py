@@ -113,6 +113,7 @@ class Recorder:
         self._row: int | None = None
         self._drawn: dict[str, list[Floats]] = {}
         self._rows = 0
+        self._entities: set[str] = set()
         self._finished = False
 
     @classmethod
@@ -135,6 +136,13 @@ class Recorder:
         """Address at which the recording is served, if it is."""
         served = (out for out in self._outputs if isinstance(out, ServedOutput))
         return next((out.url for out in served), None)
+
+    @property
+    def cost(self) -> dict[str, int]:
+        """Entities and rows logged so far; bytes of the file, 0 before it is whole."""
+        files = [out.path for out in self._outputs if isinstance(out, FileOutput)]
+        whole = sum(path.stat().st_size for path in files) if self._finished else 0
+        return {"entities": len(self._entities), "rows": self._rows, "bytes": whole}
 
     def __enter__(self) -> Self:
         """Open all places."""
@@ -386,6 +394,7 @@ class Recorder:
             self._each(lambda output: output.stream.send_blueprint(blueprint))
 
     def _still(self, path: str, archetype: rr.AsComponents) -> None:
+        self._entities.add(path)
         for output in self._outputs:
             output.stream.log(path, archetype, static=True)
 
@@ -401,6 +410,7 @@ class Recorder:
         columns = list(columns)
         for output in self._outputs:
             output.stream.send_columns(path, times, columns)
+        self._entities.add(path)
         self._rows += rows
 
     def _each(self, action: Callable[[AbstractOutput], None]) -> None:

@@ -1,0 +1,137 @@
+"""What a narrow request saves over all poles: time, sizes, and groups left out."""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.report import Cell, Section
+from benchmarks.samples import grown
+from benchmarks.timing import median, ratio, rounds
+from spherekit.analysis.cost import counts_of
+from spherekit.analysis.needed import needed_part
+from spherekit.analysis.registry import create
+from spherekit.analysis.run import needs_of, requests_for
+from spherekit.analysis.run import run as run_analyses
+from spherekit.files.read import load
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import Request
+
+SAMPLES = 361
+WIDE = "poles"
+NARROW = {"one of the four-bar": "poles:only=4/1", "one of a dyad": "poles:only=6/1"}
+
+
+def _sizes(mechanism: Mechanism, text: str, only_needed: bool) -> tuple[int, ...]:
+    """Return rows, bytes of CSV and of Parquet, entities and bytes of a recording."""
+    from spherekit.view.rerun_view import Recorder
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.rrd"
+        with Recorder(mechanism.name, path=path) as recorder:
+            cost = run_analyses(
+                mechanism,
+                text,
+                samples=SAMPLES,
+                branch=0,
+                only_needed=only_needed,
+                folder=Path(folder) / "out",
+                recorder=recorder,
+            ).summary["cost"]
+    tables = cost["tables"].values()
+    csv = sum(table["csv_bytes"] for table in tables)
+    parquet = sum(table["parquet_bytes"] for table in tables)
+    rows = sum(table["rows"] for table in tables)
+    logged = cost["recording"]
+    return rows, csv, parquet, logged["entities"], logged["bytes"]
+
+
+def _request(mechanism: Mechanism, text: str) -> Request:
+    """Return the request of an analysis of one input."""
+    (wanted,) = requests_for(mechanism, needs_of(mechanism, [create(text)]))
+    return wanted
+
+
+def _job(motion: Callable[[], Motion], wanted: Request) -> Callable[[], object]:
+    return lambda: evaluate(motion(), wanted)
+
+
+def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...]]:
+    """Return the rows of one mechanism, over all poles of it."""
+    whole = Tracer(mechanism, search=False, samples=SAMPLES)
+    jobs = {"all poles": _job(whole.motion, _request(mechanism, WIDE))}
+    about = {"all poles": (mechanism, WIDE, False)}
+    for what, text in NARROW.items():
+        jobs[what] = _job(whole.motion, _request(mechanism, text))
+        about[what] = (mechanism, text, False)
+        part = needed_part(mechanism, [create(text)])
+        tracer = Tracer(part, search=False, samples=SAMPLES)
+        jobs[f"{what}, only needed"] = _job(tracer.motion, _request(part, text))
+        about[f"{what}, only needed"] = (mechanism, text, True)
+    times = rounds(jobs, repeats)
+    sizes = {what: _sizes(*given) for what, given in about.items()}
+    base = sizes["all poles"]
+    rows: list[tuple[Cell, ...]] = []
+    for what, (made, text, only) in about.items():
+        solved = needed_part(made, [create(text)]) if only else made
+        counts = counts_of(_request(solved, text))
+        own = sizes[what]
+        rows.append(
+            (
+                name,
+                what,
+                ratio(times, what, "all poles"),
+                own[1] / base[1],
+                own[2] / base[2],
+                own[4] / base[4],
+                len(solved.links),
+                counts.poles,
+                counts.axis_derivatives,
+                1e6 * median(times, what) / SAMPLES,
+                own[0],
+                1e-6 * own[1],
+                own[3],
+                1e-6 * own[4],
+            )
+        )
+    return rows
+
+
+def run(quick: bool) -> list[Section]:
+    """Return the cost of narrow requests over that of all poles."""
+    repeats = 3 if quick else 7
+    long = grown(np.random.default_rng(1), 30, False)
+    rows = _case("twelve_bar", load("twelve_bar"), repeats)
+    rows += _case("30 links", long, repeats)
+    return [
+        Section(
+            "Pruning",
+            f"Positions, poles and coefficients with derivatives of branch 0 at {SAMPLES} "
+            "samples, for one coefficient and for all. Only needed: groups that nothing "
+            "asked depends on are left out too. Sizes are those of a run with its tables "
+            "and a recording. The chain of 30 links is a four-bar grown by dyads.",
+            (
+                "mechanism",
+                "asked",
+                "time",
+                "CSV",
+                "Parquet",
+                "recording",
+                "links",
+                "poles evaluated",
+                "derivatives",
+                "us per sample",
+                "rows",
+                "CSV, MB",
+                "entities",
+                "recording, MB",
+            ),
+            rows,
+            "The first four are over those of all poles.",
+            ratios=("time", "CSV", "Parquet", "recording"),
+            keys=2,
+        )
+    ]

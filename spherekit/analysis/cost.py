@@ -1,0 +1,146 @@
+"""What a run evaluates: counts of a request, and seconds by stage while it goes on."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from typing import Any, TypeVar, final
+
+from spherekit.planning.poles import BlockPoles, LinePole, Plan
+from spherekit.rates.request import Request
+
+Item = TypeVar("Item")
+
+AXES = "axes and rates"
+RECORDING = "recording"
+TABLES = "tables"
+REST = "rest"
+
+
+@final
+@dataclass(frozen=True)
+class Counts:
+    """What one configuration costs while one input moves.
+
+    `primary`, `secondary` and `irreducible` are pole axes taken from pairs, from two great
+    circles, and from irreducible parts; `great_circles` are all that are compared;
+    `link_rates` are the bodies whose angular velocity is found. `axis_derivatives` and
+    `rate_derivatives` count the axes and the angular velocities that are differentiated.
+    """
+
+    primary: int
+    secondary: int
+    irreducible: int
+    great_circles: int
+    link_rates: int
+    axis_derivatives: int
+    rate_derivatives: int
+
+    @property
+    def poles(self) -> int:
+        """All pole axes."""
+        return self.primary + self.secondary + self.irreducible
+
+
+def counts_of(wanted: Request) -> Counts:
+    """Return what a request evaluates at each configuration; nothing if it wants none."""
+    if not wanted.poles:
+        return Counts(0, 0, 0, 0, 0, 0, 0)
+    steps = wanted.plan.steps
+    lines = [step for step in steps if isinstance(step, LinePole)]
+    irreducible = sum(len(step.poles) for step in steps if isinstance(step, BlockPoles))
+    blocks = sum(isinstance(step, BlockPoles) for step in steps)
+    primary = len(steps) - len(lines) - blocks
+    rates = len(wanted.bodies)
+    return Counts(
+        primary,
+        len(lines),
+        irreducible,
+        sum(len(step.via) + len(step.contacts) for step in lines),
+        rates,
+        primary + len(lines) + irreducible if wanted.derivatives else 0,
+        rates if wanted.derivatives else 0,
+    )
+
+
+@final
+class Ledger:
+    """Seconds that each stage took by itself, by the clock on the wall or another one."""
+
+    def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
+        self.seconds: dict[str, float] = {}
+        self._now = now
+        self._open: list[str] = []
+        self._started = self._since = now()
+
+    def closed(self) -> dict[str, float]:
+        """Return the seconds of all stages until now, with those of none as the rest."""
+        whole = self._now() - self._started
+        return self.seconds | {REST: whole - sum(self.seconds.values())}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time of a block to a stage; a stage within it is not counted twice."""
+        self._turn()
+        self._open.append(name)
+        self.seconds.setdefault(name, 0.0)
+        try:
+            yield
+        finally:
+            self._turn()
+            self._open.pop()
+
+    def each(self, name: str, items: Iterable[Item]) -> Iterator[Item]:
+        """Yield items, and add the time that each takes to come to a stage."""
+        iterator = iter(items)
+        while True:
+            with self.stage(name):
+                try:
+                    item = next(iterator)
+                except StopIteration:
+                    return
+            yield item
+
+    def _turn(self) -> None:
+        now = self._now()
+        if self._open:
+            self.seconds[self._open[-1]] += now - self._since
+        self._since = now
+
+
+def cost_of(
+    ledger: Ledger,
+    wanted: Sequence[Request],
+    configurations: int,
+    solves: int,
+    tables: Mapping[str, tuple[int, int]],
+    recording: Mapping[str, int] | None,
+) -> dict[str, Any]:
+    """Return the actual cost of a run, ready for JSON.
+
+    `solves` are the rows that the velocity equations gave, `tables` rows and columns of
+    every table by the name of its file, `recording` what a recorder counted. Bytes of
+    tables are added when files are written; seconds are those of this process.
+    """
+    each = {_moved(item.plan): counts_of(item) for item in wanted}
+    every = [asdict(counts) | {"poles": counts.poles} for counts in each.values()]
+    total = {
+        name: configurations * sum(counts[name] for counts in every)
+        for name in ("poles", "axis_derivatives", "link_rates")
+    }
+    return {
+        "configurations": configurations,
+        "each_configuration": {moved: asdict(counts) for moved, counts in each.items()},
+        **total,
+        "velocity_equation_solves": solves,
+        "tables": {
+            name: {"rows": rows, "columns": columns}
+            for name, (rows, columns) in tables.items()
+        },
+        **({} if recording is None else {"recording": dict(recording)}),
+        "seconds": ledger.closed(),
+    }
+
+
+def _moved(plan: Plan) -> str:
+    return plan.mechanism.pairs[plan.input].name

@@ -1,0 +1,72 @@
+"""The part of a mechanism that analyses need, for runs that leave the rest out."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.errors import AnalysisError
+from spherekit.files.write import mechanism_hash
+from spherekit.model.laws import Start
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.part import part_for
+
+
+def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
+    """Return the numbers of the links whose placement something declared depends on."""
+    poles = needs.directions | needs.rates | needs.planes
+    pairs = needs.pair_values | needs.pair_rates
+    names = needs.rotations | needs.link_rates
+    names |= {link for pair in pairs for link in mechanism.pair(pair).links}
+    return frozenset(
+        {link for pole in poles for link in pole}
+        | {mechanism.link_number[name] for name in names}
+    )
+
+
+def needed_part(
+    mechanism: Mechanism,
+    analyses: Sequence[AbstractAnalysis],
+    input_pair: str | Sequence[str] | None = None,
+    start: Start | None = None,
+) -> Mechanism:
+    """Return the mechanism without what no analysis needs, driven at `input_pair`.
+
+    By default at the inputs that it declares; `start` is that of a simulation.
+
+    Raises
+    ------
+    AnalysisError
+        If an analysis does not declare what it reads, so that it may read anything, or
+        the motion follows from loads on all links.
+    PlanError
+        If there is not one freedom for each input.
+    """
+    if start is not None:
+        raise AnalysisError(
+            f"{mechanism.name}: a motion that follows from loads needs all links; run it "
+            "without only_needed (--only-needed)"
+        )
+    if input_pair is not None:
+        names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
+        mechanism = mechanism.with_inputs(*names)
+    wanted: frozenset[int] = frozenset()
+    for analysis in analyses:
+        needs = analysis.needs(mechanism)
+        links = links_of(mechanism, needs)
+        if needs.tracer or not links:
+            raise AnalysisError(
+                f"{analysis.name}: looks at the whole mechanism, so no part of it can be "
+                "left out; run it without only_needed (--only-needed)"
+            )
+        wanted |= links
+    return part_for(mechanism, wanted)
+
+
+def left_out(whole: Mechanism, part: Mechanism) -> dict[str, Any]:
+    """Return what a part lacks, with the fingerprint of the whole, ready for JSON."""
+    names = {pair.name for pair in part.pairs}
+    return {
+        "mechanism_hash": mechanism_hash(whole),
+        "left_out_links": [link for link in whole.links if link not in part.links],
+        "left_out_pairs": [p.name for p in whole.pairs if p.name not in names],
+    }

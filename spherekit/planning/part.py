@@ -1,0 +1,113 @@
+"""The part of a mechanism on which the relative positions of some links depend.
+
+Groups are solved in order, and a group asks for earlier ones only where two of its pairs
+sit on a body that they made. Going back from the links wanted gives the groups that are
+needed; the pairs of all others can be left out without a change of what is left.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from spherekit.errors import CountError
+from spherekit.model.actions import used_links, used_pairs
+from spherekit.model.dynamics import Load
+from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
+from spherekit.planning.assembly import Assembly, plan_assembly
+
+
+def needed_groups(
+    mechanism: Mechanism, assembly: Assembly, links: Iterable[int]
+) -> tuple[int, ...]:
+    """Return which groups place these links relative to each other and to the inputs.
+
+    The ground and the links of all inputs are wanted too. Positions in `assembly.groups`,
+    in order.
+    """
+    stages = [list(assembly.bodies)]
+    for group in assembly.groups:
+        inside = {link for body in group.bodies for link in body}
+        base = min(inside)
+        last = stages[-1]
+        stages.append([base if link in inside else last[link] for link in range(len(last))])
+    driven = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
+    waiting = [frozenset({0} | driven | set(links))]
+    seen: set[frozenset[int]] = set()
+    needed: set[int] = set()
+    while waiting:
+        wanted = waiting.pop()
+        if wanted in seen or _is_one_body(stages[0], wanted):
+            continue
+        seen.add(wanted)
+        number = next(
+            k for k, after in enumerate(stages[1:]) if _is_one_body(after, wanted)
+        )
+        needed.add(number)
+        group = assembly.groups[number]
+        joined = {link for pair in group.pairs for link in mechanism.ends[pair]}
+        waiting += [frozenset(set(body) & (joined | wanted)) for body in group.bodies]
+    return tuple(sorted(needed))
+
+
+def _is_one_body(body: list[int], links: frozenset[int]) -> bool:
+    return len({body[link] for link in links}) <= 1
+
+
+def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
+    """Return the mechanism without the pairs and links that the given links do not need.
+
+    Names, frames of links, zeros of variables and ranges of inputs stay as they are;
+    numbers of links and pairs change. Masses, loads, stops and outputs stay where all
+    that they refer to stays. The same object where nothing can be left out, as where
+    constraints are redundant and all pairs are solved together.
+
+    Raises
+    ------
+    PlanError
+        See `spherekit.planning.assembly.plan_assembly`.
+    """
+    wanted = frozenset(links)
+    try:
+        assembly = plan_assembly(mechanism)
+    except CountError:
+        return mechanism
+    numbers = set(assembly.inputs)
+    for group in needed_groups(mechanism, assembly, wanted):
+        numbers |= set(assembly.groups[group].pairs)
+    if len(numbers) == len(mechanism.pairs):
+        return mechanism
+    pairs = tuple(mechanism.pairs[number] for number in sorted(numbers))
+    on = {mechanism.links[0]} | {link for pair in pairs for link in pair.links}
+    names = {pair.name for pair in pairs}
+
+    def stays(load: Load) -> bool:
+        alone = replace(mechanism, loads=(load,))
+        return used_links(alone) <= on and used_pairs(alone) <= names
+
+    return replace(
+        mechanism,
+        links=tuple(link for link in mechanism.links if link in on),
+        pairs=pairs,
+        geometry=_geometry(mechanism.geometry, on, names),
+        outputs=tuple(o for o in mechanism.outputs if {o.link, o.relative_to} <= on),
+        masses=tuple(mass for mass in mechanism.masses if mass.link in on),
+        loads=tuple(load for load in mechanism.loads if stays(load)),
+        stops=tuple(stop for stop in mechanism.stops if stop.pair in names),
+    )
+
+
+def _geometry(
+    given: SizeGeometry | PoseGeometry, links: set[str], pairs: set[str]
+) -> SizeGeometry | PoseGeometry:
+    if isinstance(given, PoseGeometry):
+        return PoseGeometry(
+            {name: axis for name, axis in given.axes.items() if name in pairs},
+            {name: value for name, value in given.values.items() if name in pairs},
+        )
+    sizes: dict[str, LinkSizes] = {}
+    for link, own in given.links.items():
+        if link in links:
+            sizes[link] = replace(
+                own, unpaired=tuple(axis for axis in own.axes if axis not in pairs)
+            )
+    zeros = {name: zero for name, zero in given.zeros.items() if name in pairs}
+    return SizeGeometry(sizes, zeros)

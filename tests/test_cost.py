@@ -1,0 +1,333 @@
+"""What runs evaluate and log is the closure of what was asked, and costs what they say."""
+
+import json
+from collections import Counter
+from dataclasses import replace
+
+import networkx as nx
+import numpy as np
+import pytest
+from chains import dyads_on
+from rerun.chunk import RrdReader
+
+import spherekit as sk
+from spherekit.analysis.cost import Ledger, counts_of
+from spherekit.analysis.registry import create
+from spherekit.analysis.run import needs_of, requests_for
+from spherekit.analysis.sizes import csv_row
+from spherekit.cli.main import main
+from spherekit.errors import AnalysisError
+from spherekit.model.laws import Start
+from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.part import needed_groups, part_for
+from spherekit.planning.poles import (
+    CoaxialPole,
+    LinePole,
+    PrimaryPole,
+    pole_of,
+)
+from spherekit.rates import lines as line_module
+from spherekit.rates.field import evaluate
+from spherekit.view.rerun_view import Recorder
+
+NARROW, WIDE = "poles:only=6/1", "poles"
+PLACES = ((3, 1), (4, 1), (6, 8), (5, 1))
+"""The dyads of twelve_bar: 5-6, 7-8, 9-10, 11-12."""
+
+
+@pytest.fixture(scope="module")
+def twelve():
+    return sk.load("twelve_bar")
+
+
+def request_of(mechanism, text):
+    (wanted,) = requests_for(mechanism, needs_of(mechanism, [create(text)]))
+    return wanted
+
+
+def dependencies(plan):
+    """The poles that each pole of a plan is computed from, as a directed graph."""
+    graph = nx.DiGraph()
+    for step in plan.steps:
+        if isinstance(step, PrimaryPole | CoaxialPole):
+            graph.add_node(step.pole)
+        elif isinstance(step, LinePole):
+            for third in step.via:
+                for end in step.pole:
+                    graph.add_edge(pole_of(end, third), step.pole)
+        else:
+            for pair in step.pairs:
+                for pole in step.poles:
+                    graph.add_edge(pole_of(*plan.ends[pair]), pole)
+    return graph
+
+
+def roots(wanted, derivatives):
+    """The poles that a request has to give, from its bodies and poles alone."""
+    plan = wanted.plan
+    a, b = plan.ends[plan.input]
+    found = {plan.pole(*pole) for pole in wanted.poles} | {pole_of(a, b)}
+    moving = {body for pole in wanted.poles for body in pole} | {0}
+    if derivatives:  # the axes used move with the first link of their pair
+        used = {step.pair for step in plan.steps if isinstance(step, PrimaryPole)}
+        moving |= {plan.ends[pair][0] for pair in used}
+    for body in moving - {a, b}:
+        found |= {pole_of(a, body), pole_of(b, body)}
+    return found
+
+
+@pytest.mark.parametrize("text", [NARROW, "poles:only=10/1", "poles:only=12/2", WIDE])
+def test_evaluated_poles_are_the_ancestors_of_what_was_asked(twelve, text):
+    wanted = request_of(twelve, text)
+    graph = dependencies(wanted.plan)
+    asked = roots(wanted, wanted.derivatives)
+    ancestors = asked.union(*(nx.ancestors(graph, pole) for pole in asked))
+    assert set(wanted.plan.rounds) == ancestors == set(graph)
+    counts = counts_of(wanted)
+    assert counts.poles == counts.axis_derivatives == len(ancestors)
+    assert counts.link_rates == counts.rate_derivatives == len(wanted.bodies)
+    if text == WIDE:
+        assert counts.poles == 66
+
+
+def test_an_irreducible_part_gives_the_poles_that_are_needed():
+    wanted = request_of(sk.load("double_butterfly"), "poles:only=21")
+    assert not wanted.plan.blocks
+    wanted = request_of(sk.load("double_butterfly"), "poles:only=31")
+    (block,) = wanted.plan.blocks
+    assert set(block.poles) <= roots(wanted, True)
+    assert len(block.poles) < 18
+    field = sk.run(sk.load("double_butterfly"), "poles:only=31", samples=7, search=False)
+    whole = sk.run(sk.load("double_butterfly"), "poles", samples=7, search=False).frame()
+    part = whole[(whole["link"] == "3") & (whole["relative_to"] == "1")]
+    for name in ("ux", "rate", "rate_dq"):
+        assert np.allclose(field.frame()[name], part[name], rtol=0.0, atol=1e-12)
+
+
+def test_calls_are_those_that_the_plan_counts(twelve, monkeypatch):
+    """Counted where the work is done: every intersection and every derivative once."""
+    calls = Counter()
+    for name in ("_intersect", "_intersect_rate", "_solve_block"):
+        own = getattr(line_module, name)
+
+        def counted(*given, own=own, name=name):
+            calls[name] += 1
+            return own(*given)
+
+        monkeypatch.setattr(line_module, name, counted)
+    seen = {}
+    for text in (NARROW, WIDE):
+        calls.clear()
+        cost = sk.run(twelve, text, samples=5, branch=0).summary["cost"]
+        secondary = cost["each_configuration"]["1_2"]["secondary"]
+        assert calls == {"_intersect": secondary, "_intersect_rate": secondary}
+        assert cost["poles"] == 5 * (
+            secondary + cost["each_configuration"]["1_2"]["primary"]
+        )
+        seen[text] = secondary
+    assert seen[WIDE] == 50 and seen[NARROW] < 15
+
+
+def test_no_derivatives_where_none_were_asked(twelve, monkeypatch):
+    needs = needs_of(twelve, [create(NARROW)])
+    monkeypatch.setattr(line_module, "_intersect_rate", None)
+    (wanted,) = requests_for(twelve, replace(needs, derivatives=False))
+    counts = counts_of(wanted)
+    assert counts.axis_derivatives == counts.rate_derivatives == 0
+    assert counts.poles < counts_of(request_of(twelve, NARROW)).poles
+    motion = sk.trace(twelve, samples=3, branch=0)
+    rate = evaluate(motion, wanted).rate[0, 5]
+    monkeypatch.undo()
+    frame = sk.run(twelve, NARROW, samples=3, branch=0).frame()
+    assert np.allclose(np.abs(rate), np.abs(frame["rate"]), rtol=0.0, atol=1e-12)
+
+
+def logged(path):
+    """Entities of a recording with the rows that each has, read back."""
+    rows = Counter()
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path.startswith("/twelve_bar"):
+            rows[chunk.entity_path] += 0 if chunk.is_static else chunk.num_rows
+    return rows
+
+
+def test_recordings_hold_what_was_asked(twelve, tmp_path):
+    found, sizes = {}, {}
+    for name, text in (("narrow", NARROW), ("wide", WIDE)):
+        path = tmp_path / f"{name}.rrd"
+        with Recorder.to_file(path, "twelve_bar") as recorder:
+            result = sk.run(twelve, text, samples=9, branch=0, recorder=recorder)
+        found[name], sizes[name] = logged(path), path.stat().st_size
+        cost = result.summary["cost"]["recording"]
+        assert cost["entities"] == len(found[name])
+        assert cost["rows"] == sum(found[name].values())
+        assert cost["bytes"] == sizes[name]
+    narrow, wide = set(found["narrow"]), set(found["wide"])
+    arrows = {entity for entity in narrow if "/pole/" in entity}
+    assert {entity.split("/pole/")[1].split("/")[0] for entity in arrows} == {"6_1"}
+    plots = {entity for entity in narrow if "/plots/" in entity}
+    assert len(plots) == 2
+    turning = {entity for entity in narrow if "/link/" in entity}
+    assert turning == {entity for entity in wide if "/link/" in entity}
+    assert len({e.split("/pole/")[1].split("/")[0] for e in wide if "/pole/" in e}) == 66
+    assert len(wide) > 4 * len(narrow)
+    assert sizes["wide"] > 3 * sizes["narrow"]
+
+
+def test_tables_fall_with_the_request(twelve, tmp_path):
+    size = {}
+    for name, text in (("narrow", NARROW), ("wide", WIDE)):
+        result = sk.run(twelve, text, samples=40, branch=0, folder=tmp_path / name)
+        tables = result.summary["cost"]["tables"]
+        for stem, own in tables.items():
+            assert own["rows"] == len(result.frame(stem))
+            for kind in ("csv", "parquet"):
+                path = tmp_path / name / f"{stem}.{kind}"
+                assert own[f"{kind}_bytes"] == path.stat().st_size
+        size[name] = tables["poles"]["csv_bytes"], tables["poles"]["rows"]
+        kept = json.loads((tmp_path / name / "summary.json").read_text())["cost"]
+        assert kept["tables"] == tables
+    assert size["wide"][1] == 66 * size["narrow"][1]
+    assert 50 < size["wide"][0] / size["narrow"][0] < 80
+
+
+@pytest.mark.parametrize(
+    ("link", "left"), [("4", 4), ("6", 6), ("8", 6), ("10", 10), ("12", 8)]
+)
+def test_needed_groups_are_the_ancestors_in_the_order_of_assembly(twelve, link, left):
+    """Independent: a dyad needs those that hold its two ends, by the list of dyads."""
+    holds = nx.DiGraph()
+    for k, ends in enumerate(PLACES):
+        for end in ends:
+            if end > 4:
+                holds.add_edge((end - 5) // 2, k)
+        holds.add_node(k)
+    assembly = plan_assembly(twelve)
+    groups = needed_groups(twelve, assembly, [twelve.link_number[link]])
+    inner = {
+        link for g in groups for pair in assembly.groups[g].pairs
+        for link in twelve.ends[pair]
+    }  # fmt: skip
+    number = int(link)
+    wanted = set()
+    if number > 4:
+        own = (number - 5) // 2
+        wanted = {own} | nx.ancestors(holds, own)
+    links = {0, 1, 2, 3} | {2 * k + d for k in wanted for d in (4, 5)}
+    assert inner == links and len(links) == left
+    part = part_for(twelve, [twelve.link_number[link]])
+    assert {int(name) - 1 for name in part.links} == links
+
+
+def test_the_part_moves_as_the_whole(twelve):
+    """Each branch of the part is that of several of the whole, number for number."""
+    text = "poles:only=6/1"
+    whole = sk.run(twelve, text, samples=13)
+    part = sk.run(twelve, text, samples=13, only_needed=True)
+    assert len(whole.summary["branches"]) == 32 and len(part.summary["branches"]) == 4
+    assert part.summary["part_of"]["left_out_links"] == ["7", "8", "9", "10", "11", "12"]
+    assert part.summary["part_of"]["mechanism_hash"] == whole.summary["mechanism_hash"]
+    names = ["theta_1_4", "theta_1_6", "theta_3_5"]
+
+    def curves(result):
+        motion, poles = result.frame("motion"), result.frame("poles")
+        found = set()
+        for number, own in motion.groupby("branch"):
+            angles = own[names].to_numpy()
+            w = poles[poles["branch"] == number]
+            w = (w["rate"].to_numpy()[:, None]) * w[["ux", "uy", "uz"]].to_numpy()
+            key = np.column_stack([np.cos(angles), np.sin(angles), w])
+            found.add((np.round(key, 9) + 0.0).tobytes())
+        return found
+
+    assert curves(whole) == curves(part) and len(curves(part)) == 4
+
+
+def test_frames_and_zeros_stay_where_sizes_are_given():
+    """Watt gives sizes: axes without pairs still carry the frames of their links."""
+    watt = sk.load("watt")
+    whole = sk.run(watt, "poles:only=41", samples=9).frame()
+    part = sk.run(watt, "poles:only=41", samples=9, only_needed=True)
+    assert len(part.summary["part_of"]["left_out_pairs"]) == 3
+    for number, own in part.frame().groupby("branch"):
+        same = whole[whole["branch"] == 2 * number]
+        for name in ("ux", "uy", "uz", "rate", "rate_dq"):
+            assert np.array_equal(own[name].to_numpy(), same[name].to_numpy()), name
+
+
+def test_random_chains_of_dyads_lose_what_hangs_on_them():
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        places = []
+        for k in range(5):
+            one, other = random.choice(4 + 2 * k, 2, replace=False) + 1
+            places.append((int(one), int(other)))
+        made = dyads_on(random, places)
+        link = int(random.integers(5, 15))
+        need, waiting = set(), {link}
+        while waiting:
+            own = waiting.pop()
+            if own > 4 and (own - 5) // 2 not in need:
+                need.add((own - 5) // 2)
+                waiting |= set(places[(own - 5) // 2])
+        part = part_for(made, [made.link_number[str(link)]])
+        kept = {1, 2, 3, 4} | {2 * k + d for k in need for d in (5, 6)}
+        assert {int(name) for name in part.links} <= kept
+        assert {2 * k + d for k in need for d in (5, 6)} <= {int(n) for n in part.links}
+        assert plan_assembly(part).has_closed_form
+
+
+def test_only_needed_refuses_what_looks_at_the_whole(twelve):
+    with pytest.raises(AnalysisError, match="looks at the whole mechanism"):
+        sk.run(twelve, "singularities", only_needed=True)
+    with pytest.raises(AnalysisError, match="follows from loads"):
+        start = Start(0.3, 1.0)
+        sk.run(twelve, NARROW, only_needed=True, start=start, duration=1.0)
+
+
+def test_explain_predicts_rows_and_bytes(twelve, tmp_path, capsys):
+    path = tmp_path / "x.rrd"
+    words = ["explain", "four_bar", "--samples", "2000", "--json", "--recording"]
+    assert main(words) == 0
+    found = json.loads(capsys.readouterr().out)["predicted"]
+    words = ["run", "four_bar", "--samples", "2000", "-o", str(tmp_path), "--json"]
+    assert main([*words, "--save", str(path)]) == 0
+    cost = json.loads(capsys.readouterr().out)["cost"]
+    assert found["branches"] == 2 and found["configurations"] == cost["configurations"]
+    assert found["not_predicted"] == []
+    for stem, own in cost["tables"].items():
+        guess = found["tables"][stem]
+        assert (guess["rows"], guess["columns"]) == (own["rows"], own["columns"])
+        assert 0.97 < own["csv_bytes"] / guess["csv_bytes"] < 1.03
+        assert 0.6 < own["parquet_bytes"] / guess["parquet_bytes"] < 1.6
+    assert found["recording"]["entities"] == cost["recording"]["entities"]
+    assert abs(found["recording"]["rows"] / cost["recording"]["rows"] - 1.0) < 0.01
+    assert 0.7 < cost["recording"]["bytes"] / found["recording"]["bytes"] < 1.4
+
+
+def test_what_is_not_known_is_not_predicted(capsys):
+    assert main(["explain", "single_flier", "-a", "singularities", "-a", "poles"]) == 0
+    out = capsys.readouterr().out
+    assert "predicted, for each branch: 361 configurations" in out
+    assert "not predicted: the search for branches and their number, analysis sing" in out
+    assert main(["explain", "four_bar", "--samples", "2"]) == 0
+    assert "cost: not predicted; a run of 2 samples" in capsys.readouterr().out
+
+
+def test_a_stage_within_a_stage_counts_once():
+    ticks = iter(range(100))
+    ledger = Ledger(lambda: float(next(ticks)))
+    with ledger.stage("outer"), ledger.stage("inner"):
+        pass
+    list(ledger.each("items", [1, 2]))
+    assert ledger.seconds == {"outer": 2.0, "inner": 1.0, "items": 3.0}
+    assert sum(ledger.closed().values()) == 11.0
+
+
+def test_mean_row_of_csv():
+    data = {
+        "sample": np.array([0, 1]),
+        "x": np.array([0.5, np.nan]),
+        "status": np.array([0, 0], dtype=np.int8),
+    }
+    assert csv_row(data, 100) == pytest.approx(1.9 + 1.5 + 2.0 + 3.0)
