@@ -22,7 +22,7 @@ from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.singular.aspects import Aspects, aspects
 from spherekit.singular.curves import FoundCurve, SingularCurves, singular_curves
-from spherekit.singular.points import SingularPoints, TypeName, motion_of
+from spherekit.singular.points import SingularPoints, TypeName
 from spherekit.singular.rest import output_of
 from spherekit.singular.several import OutputCoefficients, RowType, coefficients
 from spherekit.singular.surface import SingularSurface, singular_surface
@@ -351,7 +351,7 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
     """
     if not len(points.values):
         return np.zeros(0, dtype=str)
-    motion = motion_of(batch.tracer.solver, points.values)
+    motion = batch.tracer.given(points.values)
     rest = output_of(batch.mechanism, output.name)
     at = coefficients(motion, rest, by_rank=batch.tracer.by_rank)
     words: list[list[str]] = [[] for _ in points.values]

@@ -11,7 +11,7 @@ from spherekit.analysis.scene import SphereMap
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, FileError, PlanError
 from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.motion.given import motion_of
+from spherekit.motion.motion import motion_of
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.workspace.constraints import Constraints, bounds_of
 from spherekit.workspace.inverse import GraphPoses, measures_of, pose_solver

@@ -23,9 +23,8 @@ from spherekit.model.mechanism import (
     Pair,
     SizeGeometry,
 )
-from spherekit.motion.given import motion_of
 from spherekit.motion.locked import lock
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import Tracer, motion_of
 from spherekit.motion.pairs import pair_axes
 from spherekit.singular.aspects import aspects
 from spherekit.singular.curves import singular_curves

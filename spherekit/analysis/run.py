@@ -517,9 +517,9 @@ def _evaluate(
     store.add(MOTION, job.motion_tables[0], _motion_rows(job, motion, found))
     if standing.done == 0 and course.simulation is not None:
         store.add(MOTION, EVENTS, course.events())
+        standing.count(MOTION, EVENTS.name, course.events())
     if verifier is not None:
         verifier.see(motion, found)
-        standing.count(MOTION, EVENTS.name, course.events())
     standing.count(MOTION, MOTION, {"sample": motion.sample})
     standing.tally.add(course.tracer, motion, found)
     standing.done += motion.samples

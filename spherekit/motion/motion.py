@@ -157,6 +157,31 @@ class Motion:
         return np.asarray(~held)
 
 
+def motion_of(solver: Solver, values: Floats) -> Motion:
+    """Return closed configurations (n, V) as a motion of one nameless branch.
+
+    Singular ones are rows like others: their status is OK.
+    """
+    n = len(values)
+    placed, states = solver.closure.place(values)
+    gap = np.abs(solver.closure.residual(placed, states))
+    return Motion(
+        mechanism=solver.mechanism,
+        joints=solver.joints,
+        assembly=solver.assembly,
+        branches=(),
+        samples=n,
+        sample=np.arange(n),
+        branch=np.zeros(n, dtype=np.int64),
+        inputs=values[:, list(solver.driven)],
+        values=values,
+        rotations=placed,
+        status=np.full(n, Status.OK, dtype=np.int8),
+        residual=np.max(gap, axis=1, initial=0.0),
+        is_path=False,
+    )
+
+
 @final
 class Tracer:
     """The branches of a mechanism over its inputs, evaluated as asked.
@@ -286,6 +311,10 @@ class Tracer:
                 "its path"
             )
         return self._at(wanted, None, first_sample)
+
+    def given(self, values: Floats) -> Motion:
+        """Return closed configurations (n, variables) as a motion; see `motion_of`."""
+        return motion_of(self.solver, values)
 
     def _at(self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int) -> Motion:
         parts = [self.solver.evaluate(branch, q, rows) for branch in self.branches]

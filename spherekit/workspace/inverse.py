@@ -20,7 +20,7 @@ from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.branches import FLAT_DYAD
 from spherekit.motion.closure import Closure
-from spherekit.motion.given import motion_of
+from spherekit.motion.motion import motion_of
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.solutions import Solutions
