@@ -39,6 +39,7 @@ from spherekit.analysis.tables import (
     concatenate,
     input_columns,
 )
+from spherekit.analysis.verify import Verifier, faults
 from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
 from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.files.write import mechanism_hash
@@ -147,6 +148,7 @@ def run(
     recorder: Recorder | None = None,
     progress: Progress | None = None,
     block: int = BLOCK,
+    verify: int | None = None,
 ) -> RunResult:
     """Run analyses over the motion of a mechanism.
 
@@ -171,6 +173,9 @@ def run(
         Called with samples done and samples in all after each block.
     block
         Samples evaluated at once; all, if an analysis wants whole batches.
+    verify
+        How many rows to compute once more in 50 digits; what that says is in the
+        summary under `verified`, see `spherekit.analysis.verify`.
 
     Returns
     -------
@@ -257,6 +262,11 @@ def run(
         except Exception:  # a plugin's own fault must not lose the others' results
             failures[analysis.name] = traceback.format_exc()
 
+    verifier = (
+        Verifier(plans, wanted, chosen, own, total, verify, course.timed)
+        if verify
+        else None
+    )
     done = 0
     if not all(analysis.rowwise for analysis in chosen):
         block = total
@@ -272,6 +282,8 @@ def run(
             )
         for analysis, what in zip(chosen, own, strict=True):
             attempt(analysis, what, motion, found)
+        if verifier is not None:
+            verifier.see(motion, found)
         motions.append(motion)
         fields.append(found)
         done += motion.samples
@@ -290,6 +302,9 @@ def run(
         "plan_and_branches": planned - started,
         "evaluate": finished - planned,
     }
+    if verifier is not None:
+        summary["verified"] = verifier.verdict()
+        summary["warnings"] += faults(summary["verified"])
     return RunResult(results, failures, summary)
 
 

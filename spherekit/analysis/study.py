@@ -76,6 +76,7 @@ def run_study(
         tolerance=study.tolerance or DEFAULT_TOLERANCE,
         recorder=recorder,
         progress=progress,
+        verify=study.verify,
     )
 
 

@@ -81,6 +81,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
     )
+    parser.add_argument(
+        "--verify",
+        nargs="?",
+        const=16,
+        type=row_count,
+        metavar="N",
+        help="compute N rows (default 16) once more in 50 digits and print how far each "
+        "table column is off",
+    )
     parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
@@ -145,6 +154,7 @@ def execute(options: argparse.Namespace) -> int:
     if result.failures:
         return FAILED_ANALYSIS
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
+    failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
@@ -157,6 +167,16 @@ def sample_counts(text: str) -> int | tuple[int, ...]:
         )
     counts = tuple(int(part) for part in parts)
     return counts[0] if len(counts) == 1 else counts
+
+
+def row_count(text: str) -> int:
+    """Return the number of rows that a text names."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(
+            f"needs a whole number of at least 1, such as 16, not {text!r}; write the "
+            "file before --verify"
+        )
+    return int(text)
 
 
 def overridden(study: "Study", options: argparse.Namespace) -> "Study":
@@ -173,6 +193,7 @@ def overridden(study: "Study", options: argparse.Namespace) -> "Study":
         "torque": options.torque,
         "duration": options.duration,
         "tolerance": options.tol,
+        "verify": options.verify,
         "samples": options.samples,
         "branch": options.branch,
         "folder": None if options.output is None else Path(options.output),
@@ -274,6 +295,10 @@ def report(summary: Any) -> str:
             "largest error bound of a pole direction "
             f"{errors['largest_direction_error_bound_rad']:.1e} rad"
         )
+    if "verified" in summary:
+        from spherekit.analysis.verify import told
+
+        lines += told(summary["verified"])
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     return "\n".join(lines)
