@@ -16,9 +16,11 @@ from spherekit.analysis.contract import (
     run_status,
 )
 from spherekit.analysis.course import EVENTS, Course, course_of
+from spherekit.analysis.evaluation import Evaluation
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
 from spherekit.analysis.scene import Scene
+from spherekit.analysis.setting import ORDINARY, Setting
 from spherekit.analysis.stage import (
     Shape,
     link_shapes,
@@ -55,7 +57,7 @@ from spherekit.motion.motion import (
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import Plan, pole_of
 from spherekit.planning.rigidity import graph_mobility
-from spherekit.rates.field import PoleField, SignMemory, evaluate
+from spherekit.rates.field import PoleField, SignMemory
 from spherekit.rates.request import Request, request
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
@@ -149,6 +151,8 @@ def run(
     progress: Progress | None = None,
     block: int = BLOCK,
     verify: int | None = None,
+    setting: Setting = ORDINARY,
+    accuracy: Mapping[str, Any] | None = None,
 ) -> RunResult:
     """Run analyses over the motion of a mechanism.
 
@@ -176,6 +180,8 @@ def run(
     verify
         How many rows to compute once more in 50 digits; what that says is in the
         summary under `verified`, see `spherekit.analysis.verify`.
+    setting, accuracy
+        How samples are computed, and what is known of the errors of that, for the summary.
 
     Returns
     -------
@@ -270,12 +276,9 @@ def run(
     done = 0
     if not all(analysis.rowwise for analysis in chosen):
         block = total
-    for motion in course.blocks(block):
-        found = tuple(
-            evaluate(motion, item, memory)
-            for item, memory in zip(wanted, memories, strict=True)
-            if item.poles
-        )
+    evaluation = Evaluation(setting, course, wanted, needs, all_links=True)
+    for motion in evaluation.blocks(block):
+        found = evaluation.fields(motion, memories)
         if recorder is not None:
             _log(
                 recorder, motion_scenes(motion, shapes, course.timed), motion, course.timed
@@ -305,6 +308,8 @@ def run(
     if verifier is not None:
         summary["verified"] = verifier.verdict()
         summary["warnings"] += faults(summary["verified"])
+    if accuracy is not None:
+        summary["accuracy"] = dict(accuracy)
     return RunResult(results, failures, summary)
 
 

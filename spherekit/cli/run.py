@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
+    from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.files.study import Study
     from spherekit.model.laws import Law, Start
 
@@ -73,7 +74,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the input turns at 1 rad/s",
     )
     parser.add_argument(
-        "--tol", type=float, metavar="T", help="tolerance of a simulation, default 1e-9"
+        "--tol",
+        type=float,
+        metavar="T",
+        help="tolerance of a simulation, default 1e-9; without one, the largest error of "
+        "any column, for which the cheapest way to compute is taken",
     )
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
@@ -122,7 +127,13 @@ def execute(options: argparse.Namespace) -> int:
 
         make_folder(study.folder)
     with _recorder(options, study) as recorder:
-        result = run_study(study, analyses, recorder=recorder, progress=_progress(options))
+        result = run_study(
+            study,
+            analyses,
+            recorder=recorder,
+            progress=_progress(options),
+            **_accuracy(study, analyses, options),
+        )
         if study.folder is not None:
             paths = result.write(study.folder, study.degrees)
             if not options.quiet:
@@ -156,6 +167,31 @@ def execute(options: argparse.Namespace) -> int:
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     return FAILED_SAMPLES if options.strict and failed else 0
+
+
+def _accuracy(
+    study: "Study", analyses: "Sequence[AbstractAnalysis]", options: argparse.Namespace
+) -> dict[str, Any]:
+    """Return the setting for the tolerance of samples, and what it reaches."""
+    if options.tol is None or study.start is not None:
+        return {}
+    import numpy as np
+
+    from spherekit.motion.motion import DEFAULT_SAMPLES
+    from spherekit.trade.choice import choose
+
+    choice = choose(
+        study.mechanism,
+        analyses,
+        options.tol,
+        samples=study.samples or DEFAULT_SAMPLES,
+        branch=study.branch,
+        search=study.search,
+        path=None if study.path is None else np.array(study.path),
+        laws=study.laws,
+        duration=study.duration,
+    )
+    return {"setting": choice.setting, "accuracy": choice.as_dict()}
 
 
 def sample_counts(text: str) -> int | tuple[int, ...]:
@@ -299,9 +335,27 @@ def report(summary: Any) -> str:
         from spherekit.analysis.verify import told
 
         lines += told(summary["verified"])
+    if "accuracy" in summary:
+        lines.append(accuracy_line(summary["accuracy"]))
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     return "\n".join(lines)
+
+
+def accuracy_line(found: Any) -> str:
+    """Return which setting was taken for a tolerance, and what it reached."""
+    known = found["predicted_error"]
+    predicted = "" if known is None else f", predicted error {known:.1e}"
+    line = (
+        f"tolerance {found['tolerance']:g}: {found['setting']} ({found['why']}){predicted}"
+    )
+    if found["achieved_error"] is None:
+        return f"{line}; nothing that depends on samples was asked for"
+    return (
+        f"{line}; {found['achieved_error']:.1e} reached at {found['check_rows']} check rows"
+        f" ({found['worst_column']})"
+        + ("" if found["met"] else ": THE TOLERANCE IS NOT MET")
+    )
 
 
 def _recorder(options: argparse.Namespace, study: "Study") -> Any:
