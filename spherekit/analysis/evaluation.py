@@ -87,13 +87,6 @@ class Evaluation:
             number=np.longdouble if extended else float,
         )
 
-    @property
-    def compile_seconds(self) -> float:
-        """What making the kernel took, s, when it was made."""
-        if self.setting.engine != "compiled" or self._represented is not None:
-            return 0.0
-        return float(self._kernel.function.seconds)
-
     def blocks(self, size: int) -> Iterator[Motion]:
         """Yield the motion in blocks of successive samples."""
         if self._represented is None:

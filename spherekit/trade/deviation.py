@@ -36,9 +36,9 @@ def is_absolute(column: Column) -> bool:
 
 def scale_words(column: Column) -> str:
     """Return how errors of a column are measured."""
-    if column.scale == "none":
-        return "not a result"
-    return f"absolute {column.unit}".strip() if is_absolute(column) else "over the largest"
+    if is_absolute(column):
+        return f"absolute {column.unit}".strip()
+    return f"over the largest {column.unit or 'number'} of the table"
 
 
 def deviations(
@@ -46,33 +46,46 @@ def deviations(
     given: Mapping[str, TableData],
     reference: Mapping[str, TableData],
 ) -> Iterator[Deviation]:
-    """Yield the deviation of every column of numbers in tables of equal rows."""
+    """Yield the deviation of every column of numbers in tables of equal rows.
+
+    Errors that are not absolute are over the largest reference of all such columns of the
+    table with the same unit: a torque that balances others may itself be rounding.
+    """
     for table in tables:
-        for column in table.columns:
-            if column.kind == "number" and column.scale != "none":
-                ours = np.asarray(given[table.name][column.name], dtype=float)
-                theirs = np.asarray(reference[table.name][column.name], dtype=float)
-                if len(ours) == len(theirs):
-                    yield _of_column(table.name, column, ours, theirs)
+        ours, theirs = given[table.name], reference[table.name]
+        results = [c for c in table.columns if c.kind == "number" and c.scale != "none"]
+        largest: dict[str, float] = {}
+        for column in results:
+            if is_absolute(column):
+                continue
+            values = np.abs(np.asarray(theirs[column.name], dtype=float))
+            size = float(np.max(values[np.isfinite(values)], initial=0.0))
+            largest[column.unit] = max(size, largest.get(column.unit, 0.0))
+        for column in results:
+            scale = 1.0 if is_absolute(column) else largest[column.unit] or 1.0
+            one = np.asarray(ours[column.name], dtype=float)
+            other = np.asarray(theirs[column.name], dtype=float)
+            yield _of_column(table.name, column, one, other, scale)
 
 
 def _of_column(
-    table: str, column: Column, ours: NDArray[Any], theirs: NDArray[Any]
+    table: str,
+    column: Column,
+    ours: NDArray[Any],
+    theirs: NDArray[Any],
+    scale: float,
 ) -> Deviation:
+    if len(ours) != len(theirs):
+        lost = int(np.sum(np.isfinite(theirs)))
+        return Deviation(table, column.name, np.inf, scale, lost, lost)
     known = np.isfinite(theirs)
     both = known & np.isfinite(ours)
     off = np.abs(ours[both] - theirs[both])
-    if is_absolute(column):
-        scale = 1.0
-        if column.unit == "rad":
-            off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
-    else:
-        scale = float(np.max(np.abs(theirs[known]), initial=0.0)) or 1.0
-    error = float(np.max(off, initial=0.0)) / scale
+    if column.unit == "rad":
+        off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
+    error = max(float(np.max(off, initial=0.0)) / scale, EPS)
     missing = int(np.sum(known & ~both))
-    return Deviation(
-        table, column.name, max(error, EPS), scale, int(np.sum(known)), missing
-    )
+    return Deviation(table, column.name, error, scale, int(np.sum(known)), missing)
 
 
 def worst(found: Sequence[Deviation]) -> Deviation | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.course import Course
@@ -39,8 +40,18 @@ class Way(Protocol):
     First the time before any sample, then that of everything.
     """
 
-    def __call__(self) -> tuple[Tables, float, float]:
-        """Run it once."""
+    def __call__(self, judged: bool) -> tuple[Tables, float, float]:
+        """Run it once; `judged` says that its tables count, otherwise its times do."""
+
+
+@final
+@dataclass(frozen=True)
+class Reference:
+    """Tables from reference values, the fields behind them, and rows without any."""
+
+    tables: Tables
+    fields: tuple[PoleField, ...]
+    lacking: int
 
 
 @final
@@ -70,8 +81,14 @@ class Bench:
             or needs.rotations
         )
 
-    def tables(self, setting: Setting) -> tuple[Tables, float, float]:
-        """Return the tables by a setting; see `Way`."""
+    def tables(
+        self, setting: Setting, toward: Reference | None = None
+    ) -> tuple[Tables, float, float]:
+        """Return the tables by a setting, see `Way`.
+
+        The signs of directions follow from the samples, not from a setting. To compare
+        errors they are those of a reference, `toward` which they are turned.
+        """
         started = time.process_time()
         course, analysis = self.course, self.analysis
         wanted = requests_for(course.tracer.mechanism, self.needs, course.tracer.by_rank)
@@ -82,12 +99,20 @@ class Bench:
         parts: list[Tables] = []
         for motion in evaluation.blocks(BLOCK if analysis.rowwise else len(course)):
             found = evaluation.fields(motion, memories)
+            if toward is not None:
+                rows = motion.sample + np.repeat(
+                    np.arange(len(motion.branches)) * len(course), motion.samples
+                )
+                found = tuple(
+                    _turned(field, other, rows)
+                    for field, other in zip(found, toward.fields, strict=True)
+                )
             parts.append(analysis.compute(self._batch(plans, motion, found)))
         whole = {name: concatenate([part[name] for part in parts]) for name in parts[0]}
         return whole, first, time.process_time() - started
 
-    def reference(self) -> tuple[Tables, int]:
-        """Return the tables from reference values, and the rows without any."""
+    def reference(self) -> Reference:
+        """Return the tables from reference values at all samples."""
         (motion,) = self.course.blocks(len(self.course))
         return self._from_reference(motion)
 
@@ -106,13 +131,19 @@ class Bench:
         wanted = requests_for(course.tracer.mechanism, needs, course.tracer.by_rank)
         evaluation = Evaluation(setting, course, wanted, needs)
         motion = evaluation.motion_at(rows)
+        plain = Evaluation(Setting(), course, wanted, needs).motion_at(rows)
+        reference = self._from_reference(plain)
         memories = [SignMemory() for _ in evaluation.requests]
-        fields = evaluation.fields(motion, memories)
+        every = np.arange(len(motion))
+        fields = tuple(
+            _turned(field, other, every)
+            for field, other in zip(
+                evaluation.fields(motion, memories), reference.fields, strict=True
+            )
+        )
         plans = tuple(item.plan for item in wanted)
         given = self.analysis.compute(self._batch(plans, motion, fields))
-        plain = Evaluation(Setting(), course, wanted, needs).motion_at(rows)
-        reference, _ = self._from_reference(plain)
-        return self.deviations(given, reference), len(motion)
+        return self.deviations(given, reference.tables), len(motion)
 
     def _batch(
         self, plans: tuple[Plan, ...], motion: Motion, fields: tuple[PoleField, ...]
@@ -121,8 +152,8 @@ class Bench:
         timed = self.course.timed
         return Batch(motion.mechanism, plans, self.needs, motion, fields, timed, tracer)
 
-    def _from_reference(self, motion: Motion) -> tuple[Tables, int]:
-        """Return the tables at the rows of a motion, and how many have no reference.
+    def _from_reference(self, motion: Motion) -> Reference:
+        """Return the tables at the rows of a motion.
 
         They hold the float64 numbers nearest to configurations and rates that the closure
         equations give in wider numbers; see `spherekit.exact`.
@@ -140,13 +171,27 @@ class Bench:
         plans = tuple(item.plan for item in wanted)
         lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
         tables = self.analysis.compute(self._batch(plans, better, fields))
-        return tables, int(np.sum(lacking))
+        return Reference(tables, fields, int(np.sum(lacking)))
 
     def deviations(self, given: Tables, reference: Tables) -> list[Deviation]:
         """Return how far tables are off, column by column."""
         mechanism = self.course.tracer.mechanism
         own = [table.of(mechanism) for table in self.analysis.tables]
         return list(deviations(own, given, reference))
+
+
+def _turned(field: PoleField, toward: PoleField, rows: NDArray[np.intp]) -> PoleField:
+    """Return a field with directions on the side of another's at these rows of it."""
+    signs = {
+        pole: np.where(np.sum(u * toward.direction[pole][rows], axis=1) < 0.0, -1.0, 1.0)
+        for pole, u in field.direction.items()
+    }
+    return replace(
+        field,
+        direction={pole: u * signs[pole][:, None] for pole, u in field.direction.items()},
+        rate={pole: x * signs[pole] for pole, x in field.rate.items()},
+        rate_dq={pole: x * signs[pole] for pole, x in field.rate_dq.items()},
+    )
 
 
 def race(
@@ -175,7 +220,7 @@ def race(
     times: dict[str, list[tuple[float, float]]] = {}
     for name, setting, way in ways:
         try:
-            tables, first, _ = way()
+            tables, first, _ = way(True)
             off = judge(tables)
         except SpherekitError as problem:
             found[name] = Measured(name, setting, reason=str(problem))
@@ -195,7 +240,7 @@ def race(
         if number >= LEAST_ROUNDS and time.monotonic() - began > budget:
             break
         for name, way in alive if number % 2 == 0 else alive[::-1]:
-            _, first, seconds = way()
+            _, first, seconds = way(False)
             times[name].append((first, seconds - first))
     for name, _ in alive:
         made = found[name].setting

@@ -12,10 +12,7 @@ HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling
 
 def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return the table for people, the columns' scales, and the recommendation."""
-    lines = [
-        f"{trade.mechanism}, {trade.analysis}: {trade.samples} samples; errors at "
-        f"{trade.rows} rows against {trade.reference}; {_orders(trade)}",
-    ]
+    lines = [_heading(trade)]
     front = {each.name for each in trade.pareto}
     rows: list[tuple[str, ...]] = [HEADINGS]
     for each in trade.settings:
@@ -26,8 +23,9 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         lines.append("  ".join(cells).rstrip())
     lines.append(
-        "*: no other is quicker and as accurate. Times are processor time of one run with "
-        f"{trade.samples} samples, scaled from {trade.checked}; compiling comes once."
+        "*: no other is quicker and as accurate. Times are processor times of a run"
+        + _scaled(trade)
+        + "; compiling comes once."
     )
     if any(np.isfinite(each.estimate) for each in trade.settings):
         lines += [
@@ -35,20 +33,28 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
             for each in trade.settings
             if np.isfinite(each.estimate)
         ]
-    lines += [
-        f"error of {name}: {how}" + ("" if how.startswith("abs") else f", {scale:.3g}")
-        for name, how, scale in trade.columns
-    ]
+    lines += _scales(trade)
     lines += _not_applying(trade)
     if tolerance is not None:
         lines.append(advice(trade, tolerance))
     return "\n".join(lines)
 
 
-def _orders(trade: Trade) -> str:
+def _scaled(trade: Trade) -> str:
+    if trade.derivatives is None or trade.samples == trade.checked:
+        return ""
+    return f" with {trade.samples} samples, scaled from {trade.checked}"
+
+
+def _heading(trade: Trade) -> str:
+    what = f"{trade.mechanism}, {trade.analysis}"
     if trade.derivatives is None:
-        return "parameters of its own"
-    return "rates and their derivatives" if trade.derivatives else "rates, no derivatives"
+        return f"{what}: parameters of its own, against {trade.reference}"
+    orders = "rates and derivatives" if trade.derivatives else "rates, no derivatives"
+    return (
+        f"{what}: {trade.samples} samples, {orders}; errors at {trade.rows} rows against "
+        f"{trade.reference}"
+    )
 
 
 def advice(trade: Trade, tolerance: float) -> str:
@@ -95,6 +101,15 @@ def _seconds(value: float) -> str:
     if value < 1e-3:
         return f"{1e6 * value:.0f} us"
     return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
+
+
+def _scales(trade: Trade) -> list[str]:
+    """Return how errors are measured, columns of one scale together."""
+    ways: dict[str, list[str]] = {}
+    for name, how, scale in trade.columns:
+        size = "" if how.startswith("absolute") else f", {scale:.3g}"
+        ways.setdefault(f"{how}{size}", []).append(name)
+    return [f"errors {how}: {', '.join(names)}" for how, names in ways.items()]
 
 
 def _not_applying(trade: Trade) -> list[str]:

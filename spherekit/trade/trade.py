@@ -1,7 +1,7 @@
 """Measuring the trade of speed for accuracy of one analysis of one mechanism."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,12 +12,12 @@ from spherekit.analysis.contract import AbstractAnalysis, Sweep
 from spherekit.analysis.course import Course, course_of, motion_of
 from spherekit.analysis.registry import create
 from spherekit.analysis.run import DEFAULT_TOLERANCE, run
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.setting import Integrator, Setting
 from spherekit.analysis.tables import TableData
 from spherekit.conventions import EPS
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.engine.compiler import available
-from spherekit.errors import AnalysisError, SpherekitError
+from spherekit.errors import AnalysisError, EngineError
 from spherekit.exact.arithmetic import wide
 from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Mechanism
@@ -114,10 +114,17 @@ def trade(
         )
     if start is not None:
         return _of_simulation(bench, asked, settings, rounds, budget, torque, start)
-    reference, lacking = bench.reference()
-    words = f"closure equations in {wide().name}, rows without reference: {lacking}"
+    right = bench.reference()
+    reference = right.tables
+    words = f"the closure equations in {wide().name}"
+    if right.lacking:
+        words += f", {right.lacking} rows without"
     every = of_samples() if settings is None else settings
-    ways = [(str(each), each, partial(bench.tables, each)) for each in every]
+
+    def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
+        return bench.tables(setting, right if judged else None)
+
+    ways = [(str(each), each, partial(way, each)) for each in every]
     found = race(
         ways,
         lambda tables: bench.deviations(tables, reference),
@@ -215,31 +222,26 @@ def _of_simulation(
             tolerance=setting.tolerance,
         )
 
-    def way(setting: Setting) -> tuple[Tables, float, float]:
+    def way(setting: Setting, _: bool = True) -> tuple[Tables, float, float]:
         started = time.process_time()
         own = solved(setting)
         solving = time.process_time() - started
         tables, _, seconds = replace(bench, course=own).tables(Setting())
         return tables, solving, solving + seconds
 
-    best: Setting
-    if available():
-        best = Setting(integrator="compiled", tolerance=LEAST["compiled"])
-        other = Setting(integrator="compiled", tolerance=10.0 * LEAST["compiled"])
-    else:
-        best = Setting(integrator="numpy", tolerance=LEAST["numpy"])
-        other = Setting(integrator="numpy", tolerance=10.0 * LEAST["numpy"])
+    integrator: Integrator = "compiled" if available() else "numpy"
     try:
-        reference = way(best)[0]
-    except SpherekitError:
-        best = Setting(integrator="numpy", tolerance=LEAST["numpy"])
-        other = Setting(integrator="numpy", tolerance=10.0 * LEAST["numpy"])
-        reference = way(best)[0]
+        reference, compiling = _tightest(way, integrator)
+    except EngineError:
+        integrator = "numpy"
+        reference, compiling = _tightest(way, integrator)
+    least = LEAST[integrator]
+    best = Setting(integrator=integrator, tolerance=least)
+    other = Setting(integrator=integrator, tolerance=10.0 * least)
     near = bench.deviations(way(other)[0], reference)
     floor = max((each.error for each in near), default=EPS)
     every = of_simulation() if settings is None else list(settings)
-    every = [each for each in every if each != best]
-    ways = [(str(each), each, partial(way, each)) for each in every]
+    ways = [(str(each), each, partial(way, each)) for each in every if each != best]
     found = race(
         ways,
         partial(_against, bench, reference, floor),
@@ -247,8 +249,24 @@ def _of_simulation(
         rounds,
         budget,
     )
+    found = [
+        replace(each, compile=compiling)
+        if each.setting and each.setting.integrator == "compiled" and not each.reason
+        else each
+        for each in found
+    ]
     words = f"simulation {best}, known to {floor:.1e} from {other}"
     return _trade(bench, asked, words, floor, reference, found)
+
+
+def _tightest(
+    way: Callable[[Setting], tuple[Tables, float, float]], integrator: Integrator
+) -> tuple[Tables, float]:
+    """Return the tables of the tightest tolerance, and what compiling took (s)."""
+    setting = Setting(integrator=integrator, tolerance=LEAST[integrator])
+    tables, _, fresh = way(setting)
+    again = way(setting)[2]
+    return tables, max(fresh - again, 0.0) if integrator == "compiled" else 0.0
 
 
 def _against(
@@ -271,26 +289,12 @@ def _of_parameters(
     columns: list[tuple[str, str, float]] = []
     for sweep in analysis.trades:
         estimates: dict[str, float] = {}
-
-        def way(
-            value: Any, name: str, sweep: Sweep = sweep, estimates: Any = estimates
-        ) -> tuple[Tables, float, float]:
-            started = time.process_time()
-            own = replace(analysis, **{sweep.parameter: value})  # type: ignore[type-var]
-            result = run(mechanism, own, samples=2, search=False)
-            if result.failures:
-                raise AnalysisError(result.failures[analysis.name])
-            data = result.results[analysis.name].data[sweep.table]
-            seconds = time.process_time() - started
-            if sweep.error:
-                estimates[name] = _estimate(data, sweep)
-            return {sweep.table: data}, seconds, seconds
-
+        way = partial(_swept, mechanism, analysis, sweep, estimates)
         names = [f"{sweep.parameter}={value:g}" for value in sweep.values]
-        reference, _, _ = way(sweep.values[-1], names[-1])
+        reference, _, _ = way(names[-1], sweep.values[-1])
         own = _Swept(sweep)
         ways = [
-            (name, None, partial(way, value, name))
+            (name, None, partial(way, name, value))
             for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
         ]
         found = race(ways, partial(own.deviations, reference), 1, rounds, budget)
@@ -313,6 +317,28 @@ def _of_parameters(
         tuple(columns),
         tuple(measured),
     )
+
+
+def _swept(
+    mechanism: Mechanism,
+    analysis: AbstractAnalysis,
+    sweep: Sweep,
+    estimates: dict[str, float],
+    name: str,
+    value: Any,
+    _: bool = True,
+) -> tuple[Tables, float, float]:
+    """Run an analysis with one value of a parameter, and note its own estimate."""
+    started = time.process_time()
+    own = replace(analysis, **{sweep.parameter: value})  # type: ignore[type-var]
+    result = run(mechanism, own, samples=2, search=False)
+    if result.failures:
+        raise AnalysisError(result.failures[analysis.name])
+    data = result.results[analysis.name].data[sweep.table]
+    seconds = time.process_time() - started
+    if sweep.error:
+        estimates[name] = _estimate(data, sweep)
+    return {sweep.table: data}, seconds, seconds
 
 
 def _estimate(data: TableData, sweep: Sweep) -> float:
