@@ -9,9 +9,9 @@ import numpy as np
 from spherekit.analysis.setting import Setting
 from spherekit.errors import AnalysisError
 
-MARGIN = 2.0
-"""A setting is recommended for a tolerance this many times its measured error: what is
-measured at some samples must hold at all of them, and on other days."""
+MARGIN = 4.0
+"""A setting is recommended for a tolerance this many times its measured error, for errors
+are measured at some of the samples, and rounding scatters from one to the next."""
 
 
 @final

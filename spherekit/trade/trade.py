@@ -11,7 +11,7 @@ import numpy as np
 from spherekit.analysis.contract import AbstractAnalysis, Sweep
 from spherekit.analysis.course import Course, course_of, motion_of
 from spherekit.analysis.registry import create
-from spherekit.analysis.run import DEFAULT_TOLERANCE, run
+from spherekit.analysis.run import DEFAULT_TOLERANCE, requests_for, run
 from spherekit.analysis.setting import Integrator, Setting
 from spherekit.analysis.tables import TableData
 from spherekit.conventions import EPS
@@ -26,6 +26,7 @@ from spherekit.sphere.rotation import Floats
 from spherekit.trade.candidates import of_samples, of_simulation
 from spherekit.trade.deviation import Deviation, scale_words
 from spherekit.trade.measure import ROUNDS, Bench, Tables, race
+from spherekit.trade.places import at_places, places
 from spherekit.trade.record import Measured, Trade, check_tolerance, gathered
 
 CHECKED = 361
@@ -100,11 +101,11 @@ def trade(
     }
     if chosen.trades:
         return _of_parameters(mechanism, chosen, asked, rounds, budget)
-    course = course_of(
-        mechanism, samples=FEWEST if asked > FEWEST else asked, path=None, **common
-    )
-    most = checked or min(CHECKED, max(FEWEST, CHECKED_ROWS // len(course.tracer.branches)))
-    course = course_of(mechanism, **_fewer(samples, path, most), **common)
+    if start is not None:
+        few = min(asked, checked or CHECKED)
+        course = course_of(mechanism, samples=few, path=None, **common)
+    else:
+        course = course_of(mechanism, samples=samples, path=path, **common)
     bench = Bench.of(course, chosen)
     if not bench.reads_poles:
         raise AnalysisError(
@@ -114,6 +115,9 @@ def trade(
         )
     if start is not None:
         return _of_simulation(bench, asked, settings, rounds, budget, torque, start)
+    most = checked or max(FEWEST, CHECKED_ROWS // len(course.tracer.branches))
+    bench = _at_fewer(bench, samples, min(most, CHECKED), search, common)
+    course = bench.course
     right = bench.reference()
     reference = right.tables
     words = f"the closure equations in {wide().name}"
@@ -135,15 +139,26 @@ def trade(
     return _trade(bench, asked, words, EPS, reference, found)
 
 
-def _fewer(samples: int | Sequence[int], path: Floats | None, most: int) -> dict[str, Any]:
-    """Return at most so many samples over the same range, or along the same path."""
-    if path is not None:
-        rows = np.unique(np.linspace(0, len(path) - 1, min(most, len(path))).astype(int))
-        return {"samples": DEFAULT_SAMPLES, "path": np.asarray(path)[rows]}
-    if isinstance(samples, int):
-        return {"samples": min(samples, most), "path": None}
-    side = max(2, int(most ** (1.0 / len(samples))))
-    return {"samples": tuple(min(count, side) for count in samples), "path": None}
+def _at_fewer(
+    bench: Bench,
+    samples: int | Sequence[int],
+    most: int,
+    search: bool,
+    common: Mapping[str, Any],
+) -> Bench:
+    """Return the bench at about so many samples of the same range, or all of them."""
+    course = bench.course
+    if len(course) <= most:
+        return bench
+    if len(course.shape) > 1 and not isinstance(samples, int):
+        side = max(2, int(most ** (1.0 / len(samples))))
+        fewer = tuple(min(count, side) for count in samples)
+        course = course_of(course.tracer.mechanism, samples=fewer, path=None, **common)
+        return replace(bench, course=course)
+    tracer = course.tracer
+    wanted = requests_for(tracer.mechanism, bench.needs, tracer.by_rank)
+    rows = places(course, most, wanted[0])
+    return replace(bench, course=at_places(course, rows, search))
 
 
 def _trade(
@@ -222,7 +237,8 @@ def _of_simulation(
             tolerance=setting.tolerance,
         )
 
-    def way(setting: Setting, _: bool = True) -> tuple[Tables, float, float]:
+    def way(setting: Setting, judged: bool = True) -> tuple[Tables, float, float]:
+        del judged
         started = time.process_time()
         own = solved(setting)
         solving = time.process_time() - started
@@ -291,7 +307,7 @@ def _of_parameters(
         estimates: dict[str, float] = {}
         way = partial(_swept, mechanism, analysis, sweep, estimates)
         names = [f"{sweep.parameter}={value:g}" for value in sweep.values]
-        reference, _, _ = way(names[-1], sweep.values[-1])
+        reference = way(names[-1], sweep.values[-1])[0]
         own = _Swept(sweep)
         ways = [
             (name, None, partial(way, name, value))
