@@ -108,7 +108,7 @@ class Bench:
                     for field, other in zip(found, toward.fields, strict=True)
                 )
             parts.append(analysis.compute(self._batch(plans, motion, found)))
-        whole = {name: concatenate([part[name] for part in parts]) for name in parts[0]}
+        whole = {name: _in_order([part[name] for part in parts]) for name in parts[0]}
         return whole, first, time.process_time() - started
 
     def reference(self) -> Reference:
@@ -178,6 +178,15 @@ class Bench:
         mechanism = self.course.tracer.mechanism
         own = [table.of(mechanism) for table in self.analysis.tables]
         return list(deviations(own, given, reference))
+
+
+def _in_order(parts: list[TableData]) -> TableData:
+    """Return the rows of blocks of samples as those of the whole, branch after branch."""
+    data = concatenate(parts)
+    if len(parts) == 1 or not {"branch", "sample"} <= set(data):
+        return data
+    order = np.lexsort((data["sample"], data["branch"]))
+    return {name: np.asarray(values)[order] for name, values in data.items()}
 
 
 def _turned(field: PoleField, toward: PoleField, rows: NDArray[np.intp]) -> PoleField:
