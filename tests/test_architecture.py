@@ -23,6 +23,7 @@ LAYERS = (
     ("exact", "singular", "output", "guidance", "engine"),
     ("dynamics", "workspace"),
     ("analysis",),
+    ("trade",),
     ("view",),
     ("cli",),
 )

@@ -69,7 +69,7 @@ class Course:
         """Yield the motion from sample `first` on in blocks of successive samples."""
         if self.simulation is not None:
             for start in range(first, len(self), size):
-                yield self._simulated(np.arange(start, min(start + size, len(self))))
+                yield self.simulated(np.arange(start, min(start + size, len(self))))
             return
         for motion in self.tracer.blocks(size, first):
             rows, first = slice(first, first + motion.samples), first + motion.samples
@@ -78,7 +78,7 @@ class Course:
                 timing = timing.rows(rows).repeated(len(motion.branches))
             yield replace(motion, timing=timing)
 
-    def _simulated(self, sample: NDArray[np.int64]) -> Motion:
+    def simulated(self, sample: NDArray[np.int64]) -> Motion:
         """Return the motion of the simulation at some samples (n,)."""
         assert self.simulation is not None and self.timing is not None
         return motion_of(self.simulation, self.tracer, self.timing.t[sample], sample)
@@ -99,7 +99,7 @@ class Course:
     def middle(self) -> Floats | None:
         """The mean direction (3,) of axes and contacts of the first branch, if any."""
         if self.simulation is not None:
-            coarse = self._simulated(np.arange(0, len(self), max(1, len(self) // 24)))
+            coarse = self.simulated(np.arange(0, len(self), max(1, len(self) // 24)))
         else:
             coarse = self.tracer.sparse(24)
         own = ~coarse.failed & (coarse.branch == coarse.branch[0])
@@ -204,16 +204,22 @@ def course_of(
             check=True,
             engine=engine,
         )
-        q, timing = _over_time(simulation, t)
-        return Course(
-            tracer, q, (len(q),), timing, True, {}, duration, simulation, tolerance
-        )
+        return simulated_course(tracer, simulation, t, tolerance)
     if not laws:
         driven = mechanism.inputs[0]
         laws = {driven.pair: ConstantSpeed(UNIT_SPEED, driven.start)}
     q, timing = by_laws(inputs, laws, t)
     tracer = Tracer(mechanism, None, branch, search, path=q)
     return Course(tracer, q, (len(q),), timing, True, laws, duration)
+
+
+def simulated_course(
+    tracer: Tracer, simulation: Simulation, t: Floats, tolerance: float
+) -> Course:
+    """Return a simulation at times t (n,) s, as far as it went, as a course."""
+    q, timing = _over_time(simulation, t)
+    duration = float(t[-1])
+    return Course(tracer, q, (len(q),), timing, True, {}, duration, simulation, tolerance)
 
 
 def _over_time(simulation: Simulation, t: Floats) -> tuple[Floats, Timing]:

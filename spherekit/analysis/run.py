@@ -21,6 +21,7 @@ from spherekit.analysis.contract import (
 )
 from spherekit.analysis.cost import AXES, RECORDING, Ledger, cost_of
 from spherekit.analysis.course import EVENTS, Course, course_of
+from spherekit.analysis.evaluation import Evaluation
 from spherekit.analysis.forecast import ENOUGH, forecast
 from spherekit.analysis.journal import RunFolder, Unfinished, differences
 from spherekit.analysis.needed import left_out, needed_part
@@ -34,6 +35,7 @@ from spherekit.analysis.result import (
     write_results,
 )
 from spherekit.analysis.room import physical_memory, size_text
+from spherekit.analysis.setting import ORDINARY, Setting
 from spherekit.analysis.stage import plan_notes
 from spherekit.analysis.standing import Standing, identity_of
 from spherekit.analysis.store import AbstractStore, InMemory, Nowhere, OnDisk
@@ -62,7 +64,7 @@ from spherekit.motion.motion import DEFAULT_SAMPLES, Motion
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import Plan, pole_of
 from spherekit.planning.rigidity import graph_mobility
-from spherekit.rates.field import PoleField, SignMemory, evaluate
+from spherekit.rates.field import PoleField, SignMemory
 from spherekit.rates.request import Request, request
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
@@ -135,6 +137,8 @@ def run(
     progress: Progress | None = None,
     block: int | None = None,
     verify: int | None = None,
+    setting: Setting = ORDINARY,
+    accuracy: Mapping[str, Any] | None = None,
 ) -> RunResult:
     """Run analyses over the motion of a mechanism.
 
@@ -180,6 +184,8 @@ def run(
         How many rows to compute once more in 50 digits; what that says is in the summary
         under `verified`, see `spherekit.analysis.verify`. Of a run that goes on after it
         was stopped, these are rows of the part that was left.
+    setting, accuracy
+        How samples are computed, and what is known of the errors of that, for the summary.
 
     Returns
     -------
@@ -219,7 +225,9 @@ def run(
                 tolerance=tolerance,
                 engine=_engine(place, unfinished, engine),
             )
-        job = _job(course, chosen, block)
+        if accuracy is not None:
+            setting = _setting(place, unfinished, setting)
+        job = _job(course, chosen, block, setting, recorder is not None)
         planned = time.perf_counter()
         standing, store = _begin(job, place, unfinished, tables)
         expected = _expected(job, len(course) - standing.done, ledger)
@@ -247,7 +255,7 @@ def run(
             )
         before, resumed = standing.seconds, time.perf_counter()
         with _kept(job, place, standing, store) as after_block:
-            blocks = course.blocks(job.block, standing.done)
+            blocks = job.evaluation.blocks(job.block, standing.done)
             for motion in ledger.each("positions", blocks):
                 _evaluate(job, motion, standing, store, stage, verifier, ledger)
                 standing.seconds = before + time.perf_counter() - resumed
@@ -271,6 +279,8 @@ def run(
             if verifier is not None:
                 summary["verified"] = verifier.verdict(standing.failures)
                 summary["warnings"] += faults(summary["verified"])
+            if accuracy is not None:
+                summary["accuracy"] = {**accuracy, "setting": str(job.evaluation.setting)}
             return _result(job, standing, store, place, summary, degrees, formats)
 
 
@@ -284,6 +294,7 @@ class _Job:
     needs: tuple[Needs, ...]
     requests: tuple[Request, ...]
     block: int
+    evaluation: Evaluation
 
     @property
     def mechanism(self) -> Mechanism:
@@ -299,7 +310,7 @@ class _Job:
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        return identity_of(self.course, self.analyses, self.block)
+        return identity_of(self.course, self.analyses, self.block, self.evaluation.setting)
 
     def tables(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
         return tuple(table.of(self.mechanism) for table in analysis.tables)
@@ -330,17 +341,25 @@ class _Job:
         return (table,) if course.simulation is None else (table, EVENTS)
 
 
-def _job(course: Course, analyses: Sequence[AbstractAnalysis], block: int | None) -> _Job:
+def _job(
+    course: Course,
+    analyses: Sequence[AbstractAnalysis],
+    block: int | None,
+    setting: Setting,
+    all_links: bool,
+) -> _Job:
     mechanism, tracer = course.tracer.mechanism, course.tracer
     own = tuple(analysis.needs(mechanism) for analysis in analyses)
     _need_times(course, analyses, own)
-    wanted = requests_for(mechanism, needs_of(mechanism, analyses), tracer.by_rank)
+    together = needs_of(mechanism, analyses)
+    wanted = requests_for(mechanism, together, tracer.by_rank)
+    evaluation = Evaluation(setting, course, wanted, together, all_links)
     whole = [analysis.name for analysis in analyses if not analysis.rowwise]
     if whole:
         block = len(course)
         _check_memory(mechanism, block * len(tracer.branches), whole)
     block = min(block or tracer.block, len(course))
-    return _Job(course, tuple(analyses), own, wanted, block)
+    return _Job(course, tuple(analyses), own, wanted, block, evaluation)
 
 
 def _need_times(
@@ -390,6 +409,18 @@ def _engine(place: RunFolder | None, unfinished: Unfinished, engine: Engine) -> 
     identity = place.read().get("identity")
     began = identity.get("engine") if isinstance(identity, dict) else None
     return next((each for each in ENGINES if each == began), engine)
+
+
+def _setting(place: RunFolder | None, unfinished: Unfinished, setting: Setting) -> Setting:
+    """Return the setting: to go on, the one that was chosen when the run began."""
+    if place is None or unfinished != "resume" or not place.unfinished:
+        return setting
+    identity = place.read().get("identity")
+    began = identity.get("setting") if isinstance(identity, dict) else None
+    try:
+        return Setting(**began) if isinstance(began, dict) else setting
+    except TypeError:
+        return setting
 
 
 def _begin(
@@ -479,11 +510,7 @@ def _evaluate(
     """Evaluate a block for all analyses, and hand over what they make of it."""
     course = job.course
     with ledger.stage(AXES):
-        found = tuple(
-            evaluate(motion, item, memory)
-            for item, memory in zip(job.requests, standing.memories, strict=True)
-            if item.poles
-        )
+        found = job.evaluation.fields(motion, standing.memories)
     if stage is not None:
         with ledger.stage(RECORDING):
             stage.motion(motion)

@@ -11,6 +11,7 @@ import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.course import Course
+from spherekit.analysis.setting import Setting
 from spherekit.analysis.tables import TableData
 from spherekit.analysis.tally import Tally
 from spherekit.files.write import mechanism_hash
@@ -72,7 +73,7 @@ class Standing:
 
 
 def identity_of(
-    course: Course, analyses: Sequence[AbstractAnalysis], block: int
+    course: Course, analyses: Sequence[AbstractAnalysis], block: int, setting: Setting
 ) -> dict[str, Any]:
     """Return what makes a run the one it is, ready for JSON.
 
@@ -95,6 +96,7 @@ def identity_of(
         ],
         "engine": None if simulation is None else simulation.engine.name,
         "tolerance": course.tolerance,
+        "setting": asdict(setting),
         "over_time": course.timed,
         "input_values": _digest(course.inputs),
         "times": None

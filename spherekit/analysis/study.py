@@ -16,6 +16,7 @@ from spherekit.analysis.recording import Recorder
 from spherekit.analysis.registry import load
 from spherekit.analysis.result import RunResult
 from spherekit.analysis.run import DEFAULT_TOLERANCE, Progress, run
+from spherekit.analysis.setting import ORDINARY, Setting
 from spherekit.analysis.tables import FILE_SIZE, Format
 from spherekit.conventions import listing, nearest
 from spherekit.engine.kernels import Engine
@@ -49,6 +50,8 @@ def run_study(
     recorder: Recorder | None = None,
     log_every: int | None = None,
     progress: Progress | None = None,
+    setting: Setting = ORDINARY,
+    accuracy: Mapping[str, Any] | None = None,
 ) -> RunResult:
     """Run a study, given as such, as the path of its file, or as a shipped name.
 
@@ -60,7 +63,8 @@ def run_study(
         The study; a mechanism file is the study with all defaults.
     analyses
         Names or analysis objects that replace the study's own.
-    folder, unfinished, formats, engine, only_needed, tables, recorder, log_every, progress
+    folder, unfinished, formats, engine, only_needed, tables, recorder, log_every, progress,
+    setting, accuracy
         See `spherekit.run`.
 
     Raises
@@ -95,6 +99,8 @@ def run_study(
         recorder=recorder,
         log_every=log_every,
         progress=progress,
+        setting=setting,
+        accuracy=accuracy,
         verify=study.verify,
     )
 

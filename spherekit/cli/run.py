@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
+    from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.analysis.journal import Unfinished
     from spherekit.analysis.result import RunResult
     from spherekit.analysis.tables import Format
@@ -104,7 +105,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the input turns at 1 rad/s",
     )
     parser.add_argument(
-        "--tol", type=float, metavar="T", help="tolerance of a simulation, default 1e-9"
+        "--tol",
+        type=float,
+        metavar="T",
+        help="tolerance of a simulation, default 1e-9; without one, the largest error of "
+        "any column, for which the cheapest way to compute is taken",
     )
     parser.add_argument(
         "--engine",
@@ -184,6 +189,7 @@ def execute(options: argparse.Namespace) -> int:
                 recorder=recorder,
                 log_every=options.log_every,
                 progress=_progress(options),
+                **_accuracy(study, analyses, options),
             )
             _tell(options, study, result)
             if options.serve is not None:
@@ -271,6 +277,31 @@ def _stoppable() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _accuracy(
+    study: "Study", analyses: "Sequence[AbstractAnalysis]", options: argparse.Namespace
+) -> dict[str, Any]:
+    """Return the setting for the tolerance of samples, and what it reaches."""
+    if options.tol is None or study.start is not None:
+        return {}
+    import numpy as np
+
+    from spherekit.motion.motion import DEFAULT_SAMPLES
+    from spherekit.trade.choice import choose
+
+    choice = choose(
+        study.mechanism,
+        analyses,
+        options.tol,
+        samples=study.samples or DEFAULT_SAMPLES,
+        branch=study.branch,
+        search=study.search,
+        path=None if study.path is None else np.array(study.path),
+        laws=study.laws,
+        duration=study.duration,
+    )
+    return {"setting": choice.setting, "accuracy": choice.as_dict()}
 
 
 def sample_counts(text: str) -> int | tuple[int, ...]:
@@ -415,6 +446,9 @@ def report(summary: Any) -> str:
 
         lines += told(summary["verified"])
     lines += spent(summary["cost"])
+
+    if "accuracy" in summary:
+        lines.append(accuracy_line(summary["accuracy"]))
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     return "\n".join(lines)
@@ -453,6 +487,22 @@ def spent(cost: Any) -> list[str]:
 def megabytes(count: int) -> str:
     """Return a number of bytes as people read it."""
     return f"{count / 1e6:.3g} MB" if count >= 1e5 else f"{count / 1e3:.3g} kB"
+
+
+def accuracy_line(found: Any) -> str:
+    """Return which setting was taken for a tolerance, and what it reached."""
+    known = found["predicted_error"]
+    predicted = "" if known is None else f", predicted error {known:.1e}"
+    line = (
+        f"tolerance {found['tolerance']:g}: {found['setting']} ({found['why']}){predicted}"
+    )
+    if found["achieved_error"] is None:
+        return f"{line}; nothing that depends on samples was asked for"
+    return (
+        f"{line}; {found['achieved_error']:.1e} reached at {found['check_rows']} check rows"
+        f" ({found['worst_column']})"
+        + ("" if found["met"] else ": THE TOLERANCE IS NOT MET")
+    )
 
 
 def _recorder(options: argparse.Namespace, study: "Study") -> Any:

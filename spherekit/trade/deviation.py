@@ -1,0 +1,94 @@
+"""How far tables are off: the largest scaled deviation of their columns."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.tables import Column, Table, TableData
+from spherekit.conventions import EPS
+
+
+@final
+@dataclass(frozen=True)
+class Deviation:
+    """The largest deviation of one column from its reference.
+
+    `error` is in units of `scale`: 1 for absolute errors, else the largest reference. It
+    is never given below the rounding of float64. `compared` numbers have a reference;
+    `missing` of these are not given.
+    """
+
+    table: str
+    column: str
+    error: float
+    scale: float
+    compared: int
+    missing: int
+
+
+def is_absolute(column: Column) -> bool:
+    """Whether errors of a column are absolute, not relative to its largest number."""
+    return column.scale == "absolute" or (column.scale == "unit" and column.unit == "rad")
+
+
+def scale_words(column: Column) -> str:
+    """Return how errors of a column are measured."""
+    if is_absolute(column):
+        return f"absolute {column.unit}".strip()
+    return f"over the largest {column.unit or 'number'} of the table"
+
+
+def deviations(
+    tables: Sequence[Table],
+    given: Mapping[str, TableData],
+    reference: Mapping[str, TableData],
+) -> Iterator[Deviation]:
+    """Yield the deviation of every column of numbers in tables of equal rows.
+
+    Errors that are not absolute are over the largest reference of all such columns of the
+    table with the same unit: a torque that balances others may itself be rounding.
+    """
+    for table in tables:
+        ours, theirs = given[table.name], reference[table.name]
+        results = [c for c in table.columns if c.kind == "number" and c.scale != "none"]
+        largest: dict[str, float] = {}
+        for column in results:
+            if is_absolute(column):
+                continue
+            values = np.abs(np.asarray(theirs[column.name], dtype=float))
+            size = float(np.max(values[np.isfinite(values)], initial=0.0))
+            largest[column.unit] = max(size, largest.get(column.unit, 0.0))
+        for column in results:
+            scale = 1.0 if is_absolute(column) else largest[column.unit] or 1.0
+            one = np.asarray(ours[column.name], dtype=float)
+            other = np.asarray(theirs[column.name], dtype=float)
+            yield _of_column(table.name, column, one, other, scale)
+
+
+def _of_column(
+    table: str,
+    column: Column,
+    ours: NDArray[Any],
+    theirs: NDArray[Any],
+    scale: float,
+) -> Deviation:
+    if len(ours) != len(theirs):
+        lost = int(np.sum(np.isfinite(theirs)))
+        return Deviation(table, column.name, np.inf, scale, lost, lost)
+    known = np.isfinite(theirs)
+    both = known & np.isfinite(ours)
+    off = np.abs(ours[both] - theirs[both])
+    if column.unit == "rad":
+        off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
+    error = max(float(np.max(off, initial=0.0)) / scale, EPS)
+    missing = int(np.sum(known & ~both))
+    return Deviation(table, column.name, error, scale, int(np.sum(known)), missing)
+
+
+def worst(found: Sequence[Deviation]) -> Deviation | None:
+    """Return the deviation with the largest error, None if nothing was compared."""
+    told = [each for each in found if each.compared > each.missing]
+    return max(told, key=lambda each: each.error, default=None)

@@ -1,0 +1,330 @@
+"""Speed against accuracy: reported errors against 50 digits, and what is recommended."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.course import course_of
+from spherekit.analysis.registry import create
+from spherekit.analysis.run import requests_for
+from spherekit.analysis.setting import Setting
+from spherekit.cli.main import main
+from spherekit.conventions import EPS, Status
+from spherekit.engine.compiler import available
+from spherekit.errors import AnalysisError
+from spherekit.exact.arithmetic import Digits
+from spherekit.exact.field import exact_direction
+from spherekit.exact.rows import exact_rows
+from spherekit.model.mechanism import LinkSizes, PoseGeometry
+from spherekit.motion.motion import BLOCK
+from spherekit.trade.choice import WORTH, choose
+from spherekit.trade.measure import Bench
+from spherekit.trade.record import MARGIN
+from spherekit.trade.trade import trade
+
+FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
+FEW = (
+    Setting(),
+    Setting(route="conditioned"),
+    Setting(representation="cubic", nodes=256),
+    *(Setting(representation="spectral", nodes=nodes) for nodes in (64, 128, 256)),
+)
+
+
+def course(mechanism, samples, **given):
+    return course_of(
+        mechanism,
+        **{
+            "samples": samples,
+            "input_pair": None,
+            "branch": None,
+            "search": True,
+            "grid": False,
+            "path": None,
+            "laws": {},
+            "duration": None,
+            "start": None,
+            "torque": None,
+            "tolerance": 1e-9,
+        }
+        | given,
+    )
+
+
+def in_fifty_digits(bench):
+    """Return the requests of a bench, with reference rows of its course in 50 digits."""
+    (motion,) = bench.course.blocks(len(bench.course))
+    wanted = requests_for(motion.mechanism, bench.needs, bench.course.tracer.by_rank)
+    every = np.ones(len(motion), dtype=bool)
+    return [
+        (item, exact_rows(motion, every, item.plan.input, Digits(50))) for item in wanted
+    ]
+
+
+def true_error(bench, setting, reference):
+    """Return the largest scaled error of the table `poles`, everything in 50 digits."""
+    tables, _, _ = bench.tables(setting)
+    data = tables["poles"]
+    order = np.lexsort((data["sample"], data["branch"]))
+    first = {name: np.asarray(values)[order] for name, values in data.items()}
+    count = sum(len(item.poles) for item, _ in reference)
+    worst = {"rate": 0.0, "rate_dq": 0.0}
+    scale = dict.fromkeys(worst, 0.0)
+    largest = 0.0
+    column = 0
+    for item, exact in reference:
+        arithmetic = exact.arithmetic
+        for pole in item.poles:
+            own = {name: values[column::count] for name, values in first.items()}
+            column += 1
+            u = np.stack([own[f"u{c}"] for c in "xyz"], axis=1)
+            right = exact_direction(exact, pole, u)
+            i, j = pole
+            known = (exact.status == Status.OK) & np.all(np.isfinite(u), axis=1)
+            off = arithmetic.floats(right - arithmetic.exact(u))[known]
+            largest = max(largest, np.max(np.abs(off), initial=0.0))
+            for name, w in (("rate", exact.w), ("rate_dq", exact.dw)):
+                along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
+                off = arithmetic.floats(along - arithmetic.exact(own[name]))[known]
+                worst[name] = max(worst[name], np.max(np.abs(off), initial=0.0))
+                size = np.abs(arithmetic.floats(along)[known])
+                scale[name] = max(scale[name], np.max(size, initial=0.0))
+    return max(largest, *(worst[name] / scale[name] for name in worst), EPS)
+
+
+CASES = {
+    "four_bar": {"samples": 9},
+    "stephenson": {"samples": 7, "branch": 0},
+    "double_butterfly": {"samples": 5, "branch": 0},
+    "shaped_cam": {"samples": 7, "branch": 0},
+    "two_dof_spm": {"samples": 3, "branch": 0},
+}
+
+
+HEAVY = [
+    pytest.param(name, marks=pytest.mark.long) if name in FIVE[2:] else name
+    for name in FIVE
+]
+
+
+@pytest.mark.parametrize("name", HEAVY)
+def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
+    made = sk.load(name)
+    found = trade(made, "poles", rounds=1, settings=settings(name), **CASES[name])
+    bench = Bench.of(course(made, **CASES[name]), create("poles"))
+    reference = in_fifty_digits(bench)
+    judged = 0
+    for each in found.settings:
+        if each.counts:
+            true = true_error(bench, each.setting, reference)
+            assert 0.5 * true <= each.error <= 2.0 * true, (each.name, each.error, true)
+            judged += 1
+    assert judged >= 2
+
+
+def settings(name):
+    own = [*FEW, Setting(route="equations"), Setting(route="gnomonic")]
+    own += [Setting(engine="extended"), Setting(representation="linear", nodes=64)]
+    return own if name != "double_butterfly" else own[:2]
+
+
+def varied(made, random, size=0.02):
+    """Return a mechanism with all arcs, or all axes, changed at random a little."""
+    geometry = made.geometry
+
+    def arc(x):
+        return float(x * (1.0 + size * random.normal()))
+
+    if isinstance(geometry, PoseGeometry):
+        axes = {
+            pair: np.array(axis) + size * random.normal(size=3)
+            for pair, axis in geometry.axes.items()
+        }
+        axes = {pair: tuple(map(float, u / np.linalg.norm(u))) for pair, u in axes.items()}
+        return replace(made, geometry=replace(geometry, axes=axes))
+    links = {
+        name: LinkSizes(own.axes, tuple(map(arc, own.arcs)), own.angles)
+        for name, own in geometry.links.items()
+    }
+    return replace(made, geometry=replace(geometry, links=links))
+
+
+def holds_in_random_geometries(name, count, samples=181):
+    random = np.random.default_rng(FIVE.index(name))
+    for _ in range(count):
+        made = varied(sk.load(name), random)
+        tolerance = 10.0 ** random.uniform(-12.0, -3.0)
+        given = {"branch": 0, "search": True}
+        found = trade(
+            made,
+            "poles",
+            samples=samples,
+            settings=FEW,
+            checked=samples // 3,
+            rounds=1,
+            **given,
+        )
+        chosen = found.cheapest(tolerance)
+        if chosen is None:
+            assert all(MARGIN * each.error > tolerance for each in found.pareto)
+            continue
+        bench = Bench.of(course(made, samples, **given), create("poles"))
+        reference = bench.reference()
+        tables, _, _ = bench.tables(chosen.setting, reference)
+        for each in bench.deviations(tables, reference.tables):
+            assert each.error <= tolerance and not each.missing, (chosen.name, each)
+
+
+@pytest.mark.parametrize(("name", "count"), [("four_bar", 16), ("stephenson", 4)])
+def test_recommended_settings_meet_the_tolerance(name, count):
+    holds_in_random_geometries(name, count, samples=91)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FIVE)
+def test_recommended_settings_meet_the_tolerance_in_200_geometries(name):
+    holds_in_random_geometries(name, 200, 61 if name == "two_dof_spm" else 181)
+
+
+def test_what_is_dominated_is_not_on_the_front():
+    found = trade(sk.load("four_bar"), samples=37, settings=FEW, rounds=1)
+    for each in found.pareto:
+        for other in found.settings:
+            if other.counts and other.error <= each.error:
+                assert other.total(37) >= each.total(37)
+    errors = [each.error for each in found.pareto]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_many_samples_are_read_from_nodes():
+    """Nodes are evaluated once, so their price falls with the number of samples."""
+    made = sk.load("four_bar")
+    found = trade(made, samples=1_000_000, settings=FEW, checked=361, rounds=1)
+    chosen = found.cheapest(1e-6)
+    assert chosen is not None and chosen.setting.representation != "every"
+    assert BLOCK < found.checked < 700
+
+
+def test_settings_that_do_not_apply_say_why():
+    found = trade(
+        sk.load("two_dof_spm"),
+        "poles:only=10/1",
+        samples=3,
+        branch=0,
+        rounds=1,
+        settings=[Setting(engine="extended"), Setting(representation="cubic", nodes=64)],
+    )
+    assert all(each.reason for each in found.settings)
+    assert "one input" in found.settings[1].reason
+    assert found.cheapest(1.0) is None and found.most_accurate is None
+
+
+def test_missing_numbers_are_not_chosen():
+    """The first great circles of the Stephenson fail where two of its poles meet."""
+    made = sk.load("stephenson")
+    found = trade(made, samples=361, settings=[Setting(), Setting(route="first")], rounds=1)
+    best, first = found.settings
+    assert best.counts and first.missing > 0 and not first.counts
+
+
+@pytest.mark.parametrize("kind", ["linear", "cubic", "spectral"])
+def test_representations_converge_at_their_order(kind):
+    """Derivatives: second order by lines, third from cubics, faster by series."""
+    nodes = (32, 64) if kind == "spectral" else (128, 256)
+    own = [Setting(representation=kind, nodes=count) for count in nodes]
+    found = trade(sk.load("four_bar"), samples=101, settings=own, rounds=1)
+    coarse, fine = (each.error for each in found.settings)
+    least = {"linear": 3.4, "cubic": 6.5, "spectral": 1e3}[kind]
+    most = {"linear": 4.6, "cubic": 9.5, "spectral": np.inf}[kind]
+    assert least < coarse / fine < most
+
+
+@pytest.mark.skipif(not available(), reason="heyoka is not installed")
+def test_a_compiled_run_gives_the_tables_of_an_ordinary_one():
+    made = sk.load("four_bar")
+    plain = sk.run(made, "poles", samples=61).frame()
+    fast = sk.run(made, "poles", samples=61, setting=Setting(engine="compiled")).frame()
+    for name in ("ux", "uy", "uz", "rate", "rate_dq"):
+        np.testing.assert_allclose(fast[name], plain[name], atol=1e-13)
+    assert list(fast["status"]) == list(plain["status"])
+
+
+def test_a_simulation_trades_tolerances():
+    from spherekit.model.laws import Start
+
+    own = [Setting(integrator="numpy", tolerance=t) for t in (1e-4, 1e-8)]
+    found = trade(
+        sk.load("four_bar"),
+        "eksergian",
+        samples=21,
+        start=Start(0.5, 3.0),
+        duration=0.5,
+        settings=own,
+        rounds=1,
+    )
+    coarse, fine = found.settings
+    assert fine.error < 1e-3 * coarse.error
+    assert found.floor < 1e-11
+
+
+def test_an_analysis_trades_its_own_parameters():
+    found = trade(sk.load("five_bar"), "workspace", rounds=1)
+    assert next(each.name for each in found.settings) == "tolerance=0.01"
+    assert all(np.isfinite(each.estimate) for each in found.settings)
+    assert found.derivatives is None
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1e-9, np.nan, np.inf])
+def test_no_tolerance(tolerance):
+    with pytest.raises(AnalysisError, match="give a positive number"):
+        trade(sk.load("four_bar"), tolerance=tolerance)
+    with pytest.raises(AnalysisError, match="give a positive number"):
+        choose(sk.load("four_bar"), [create("poles")], tolerance, samples=9)
+
+
+def test_nothing_to_trade():
+    with pytest.raises(AnalysisError, match="nothing to measure"):
+        trade(sk.load("four_bar"), "singularities")
+
+
+def test_the_command_says_what_is_reached(capsys, tmp_path):
+    given = ["four_bar", "--samples", "13", "--rounds", "1"]
+    assert main(["trade", *given, "--tol", "1e-30", "-o", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "for 1e-30: no setting meets it with a margin of 4; the best reached is" in text
+    rows = json.loads((tmp_path / "trade.json").read_text())["settings"]
+    lines = (tmp_path / "trade.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(rows)
+    assert (tmp_path / "trade.svg").read_text().startswith("<svg")
+    assert main(["trade", "four_bar", "-a", "pols"]) == 1
+    assert 'did you mean "poles"?' in capsys.readouterr().err
+    assert main(["trade", "four_bar", "--tol", "0"]) == 1
+
+
+def test_a_short_run_makes_no_trade_and_says_what_it_reached(capsys):
+    assert main(["run", "four_bar", "--samples", "31", "--tol", "1e-9", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["accuracy"]
+    assert found["met"] and found["setting"] == "numpy best"
+    assert found["achieved_error"] < 1e-13 and found["check_rows"] == 62
+    assert f"fewer than {WORTH}" in found["why"]
+
+
+def test_a_long_run_takes_the_cheapest_setting(capsys):
+    text = [
+        "run",
+        "four_bar",
+        "-a",
+        "poles:only=31",
+        "--samples",
+        str(WORTH),
+        "--branch",
+        "0",
+    ]
+    assert main([*text, "--tol", "1e-6"]) == 0
+    line = next(
+        x for x in capsys.readouterr().out.splitlines() if x.startswith("tolerance")
+    )
+    assert "the cheapest of a short trade of poles" in line and "NOT MET" not in line
