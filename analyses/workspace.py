@@ -7,7 +7,13 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
+from spherekit.analysis.contract import (
+    AbstractAnalysis,
+    Batch,
+    Findings,
+    Needs,
+    Sweep,
+)
 from spherekit.analysis.scene import Mark, Primitive, Scene, SphereCurves, SphereMap, Text
 from spherekit.analysis.tables import INPUTS, Column, Table, TableData, input_columns
 from spherekit.errors import AnalysisError
@@ -120,6 +126,17 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column("w", "", "of the quaternion; empty for directions"),
                 Column("margin", "rad", "at this sample, well within the part"),
             ),
+        ),
+    )
+
+    trades: ClassVar[tuple[Sweep, ...]] = (
+        Sweep(
+            "tolerance",
+            (1e-2, 1e-3, 1e-4, 1e-5),
+            "areas",
+            "size",
+            ("mode", "part"),
+            "error",
         ),
     )
 

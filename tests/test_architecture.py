@@ -20,9 +20,10 @@ LAYERS = (
     ("files", "planning"),
     ("motion",),
     ("rates",),
-    ("singular", "output", "guidance", "engine"),
+    ("exact", "singular", "output", "guidance", "engine"),
     ("dynamics", "workspace"),
     ("analysis",),
+    ("trade",),
     ("view",),
     ("cli",),
 )
@@ -33,8 +34,11 @@ SIBLINGS = {
     "region": {"model"},
     "files": {"planning"},
     "planning": {"files"},
-    "singular": {"engine"},
-    "engine": {"singular"},
+    "exact": {"singular", "output", "guidance", "engine"},
+    "singular": {"engine", "exact"},
+    "output": {"exact"},
+    "guidance": {"exact"},
+    "engine": {"singular", "exact"},
     "dynamics": {"singular", "workspace"},
     "workspace": {"dynamics", "engine", "singular"},
 }
@@ -59,6 +63,7 @@ HOME_OF = {
     "networkx": {"model/graph.py"},
     "jsonschema": {"files/check.py"},
     "heyoka": {"engine/compiler.py"},
+    "mpmath": {"exact/arithmetic.py"},
 }
 
 
@@ -90,6 +95,14 @@ def part_of(module):
     return parts[1] if len(parts) > 1 else "top"
 
 
+EXACT_MAY_IMPORT = {
+    "motion": {"Motion"},
+    "rates": {"PoleField", "Request"},
+    "planning": {"Pole"},
+    "sphere": {"Floats", "SplinePath", "spline_through"},
+}
+"""What reference values share with the solvers that they check: data, no numbers."""
+
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -109,6 +122,15 @@ def test_dependencies_point_one_way():
             if level.get(other, 99) > level[own] or other in SIBLINGS.get(own, ()):
                 wrong.append(f"{path.relative_to(ROOT)} imports {module}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_reference_values_share_data_only_with_what_they_check():
+    for path in sorted((PACKAGE / "exact").glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("spherekit."):
+                allowed = EXACT_MAY_IMPORT.get(part_of(node.module))
+                names = {alias.name for alias in node.names}
+                assert allowed is None or names <= allowed, f"{path.name}: {names}"
 
 
 def test_plugins_use_the_public_contract_only():

@@ -75,6 +75,24 @@ class Needs:
 
 @final
 @dataclass(frozen=True)
+class Sweep:
+    """A parameter of an analysis that trades speed for accuracy, for `spherekit trade`.
+
+    `values` of the `parameter`, the most accurate last: what the others give is compared
+    with that. The numbers compared are those of `column` in `table`, row by row where the
+    columns `match` agree; `error` is the column with the analysis's own estimate.
+    """
+
+    parameter: str
+    values: tuple[Any, ...]
+    table: str
+    column: str
+    match: tuple[str, ...]
+    error: str = ""
+
+
+@final
+@dataclass(frozen=True)
 class Findings:
     """What an analysis has to say beside its tables.
 
@@ -335,6 +353,8 @@ class AbstractAnalysis(ABC):
     tables: ClassVar[tuple[Table, ...]]
     rowwise: ClassVar[bool] = False
     """Whether rows depend on their own sample only: then blocks are given as they come."""
+    trades: ClassVar[tuple[Sweep, ...]] = ()
+    """Own parameters that trade speed for accuracy, where samples are not what costs."""
 
     @abstractmethod
     def needs(self, mechanism: Mechanism) -> Needs:

@@ -16,9 +16,11 @@ from spherekit.analysis.contract import (
     run_status,
 )
 from spherekit.analysis.course import EVENTS, Course, course_of
+from spherekit.analysis.evaluation import Evaluation
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import MOTION, AnalysisResult, RunResult
 from spherekit.analysis.scene import Scene
+from spherekit.analysis.setting import ORDINARY, Setting
 from spherekit.analysis.stage import (
     Shape,
     link_shapes,
@@ -39,6 +41,7 @@ from spherekit.analysis.tables import (
     concatenate,
     input_columns,
 )
+from spherekit.analysis.verify import Verifier, faults
 from spherekit.conventions import CLOSURE_TOLERANCE, STATUS_MEANING, Status
 from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.files.write import mechanism_hash
@@ -54,7 +57,7 @@ from spherekit.motion.motion import (
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import Plan, pole_of
 from spherekit.planning.rigidity import graph_mobility
-from spherekit.rates.field import PoleField, SignMemory, evaluate
+from spherekit.rates.field import PoleField, SignMemory
 from spherekit.rates.request import Request, request
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
@@ -147,6 +150,9 @@ def run(
     recorder: Recorder | None = None,
     progress: Progress | None = None,
     block: int = BLOCK,
+    verify: int | None = None,
+    setting: Setting = ORDINARY,
+    accuracy: Mapping[str, Any] | None = None,
 ) -> RunResult:
     """Run analyses over the motion of a mechanism.
 
@@ -171,6 +177,11 @@ def run(
         Called with samples done and samples in all after each block.
     block
         Samples evaluated at once; all, if an analysis wants whole batches.
+    verify
+        How many rows to compute once more in 50 digits; what that says is in the
+        summary under `verified`, see `spherekit.analysis.verify`.
+    setting, accuracy
+        How samples are computed, and what is known of the errors of that, for the summary.
 
     Returns
     -------
@@ -257,21 +268,25 @@ def run(
         except Exception:  # a plugin's own fault must not lose the others' results
             failures[analysis.name] = traceback.format_exc()
 
+    verifier = (
+        Verifier(plans, wanted, chosen, own, total, verify, course.timed)
+        if verify
+        else None
+    )
     done = 0
     if not all(analysis.rowwise for analysis in chosen):
         block = total
-    for motion in course.blocks(block):
-        found = tuple(
-            evaluate(motion, item, memory)
-            for item, memory in zip(wanted, memories, strict=True)
-            if item.poles
-        )
+    evaluation = Evaluation(setting, course, wanted, needs, all_links=True)
+    for motion in evaluation.blocks(block):
+        found = evaluation.fields(motion, memories)
         if recorder is not None:
             _log(
                 recorder, motion_scenes(motion, shapes, course.timed), motion, course.timed
             )
         for analysis, what in zip(chosen, own, strict=True):
             attempt(analysis, what, motion, found)
+        if verifier is not None:
+            verifier.see(motion, found)
         motions.append(motion)
         fields.append(found)
         done += motion.samples
@@ -290,6 +305,11 @@ def run(
         "plan_and_branches": planned - started,
         "evaluate": finished - planned,
     }
+    if verifier is not None:
+        summary["verified"] = verifier.verdict()
+        summary["warnings"] += faults(summary["verified"])
+    if accuracy is not None:
+        summary["accuracy"] = dict(accuracy)
     return RunResult(results, failures, summary)
 
 

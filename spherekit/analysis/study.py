@@ -14,6 +14,7 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.registry import load
 from spherekit.analysis.result import RunResult
 from spherekit.analysis.run import DEFAULT_TOLERANCE, Progress, Recorder, run
+from spherekit.analysis.setting import ORDINARY, Setting
 from spherekit.conventions import listing, nearest
 from spherekit.errors import ModelError, PluginError, SpherekitError
 from spherekit.files.check import mismatch, shown
@@ -38,6 +39,8 @@ def run_study(
     *,
     recorder: Recorder | None = None,
     progress: Progress | None = None,
+    setting: Setting = ORDINARY,
+    accuracy: Mapping[str, Any] | None = None,
 ) -> RunResult:
     """Run a study, given as such, as the path of its file, or as a shipped name.
 
@@ -49,7 +52,7 @@ def run_study(
         The study; a mechanism file is the study with all defaults.
     analyses
         Names or analysis objects that replace the study's own.
-    recorder, progress
+    recorder, progress, setting, accuracy
         See `spherekit.run`.
 
     Raises
@@ -76,6 +79,9 @@ def run_study(
         tolerance=study.tolerance or DEFAULT_TOLERANCE,
         recorder=recorder,
         progress=progress,
+        setting=setting,
+        accuracy=accuracy,
+        verify=study.verify,
     )
 
 

@@ -11,6 +11,7 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 
 Kind = Literal["number", "integer", "text", "status"]
+Scale = Literal["unit", "absolute", "largest", "none"]
 
 
 @final
@@ -20,6 +21,10 @@ class Column:
 
     With several inputs a column that is there `per_input` becomes one for each, its name
     followed by that of the pair: ``q_left``, ``q_right``.
+
+    `scale` says how errors of its numbers are measured: ``"absolute"``, over the
+    ``"largest"`` number of the run, or ``"none"`` for what describes the computation and
+    is no result. By the ``"unit"``: absolute for rad, within one turn, else the largest.
     """
 
     name: str
@@ -27,6 +32,7 @@ class Column:
     meaning: str
     kind: Kind = "number"
     per_input: bool = False
+    scale: Scale = "unit"
 
 
 @final
@@ -54,6 +60,7 @@ class Table:
                     column.unit,
                     f"{column.meaning} {item.pair}",
                     column.kind,
+                    scale=column.scale,
                 )
                 for item in inputs
             ]
@@ -96,5 +103,7 @@ BRANCH = Column("branch", "", "number of the assembly mode", "integer")
 INPUT = Column("q", "rad", "variable of the driven pair")
 INPUTS = Column("q", "rad", "variable of the driven pair", per_input=True)
 TIME = Column("t", "s", "time")
-RESIDUAL = Column("residual", "rad", "largest rotation by which a loop fails to close")
+RESIDUAL = Column(
+    "residual", "rad", "largest rotation by which a loop fails to close", scale="none"
+)
 STATUS = Column("status", "", "OK, or why the row is empty", "status")

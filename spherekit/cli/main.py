@@ -20,6 +20,7 @@ COMMANDS = {
     "plan": "print the Table and the steps that give every pole axis",
     "explain": "say what an analysis will compute, before any number is",
     "run": "run analyses over the motion; write tables and a recording",
+    "trade": "measure speed against accuracy, and find the cheapest setting",
     "export": "write a mechanism for other programs: stored functions, MuJoCo model",
     "view": "open a recording, or a run's folder, in the viewer, or take a picture",
     "mechanisms": "list the mechanisms that come with spherekit or plugins",

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
+    from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.files.study import Study
     from spherekit.model.laws import Law, Start
 
@@ -73,13 +74,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the input turns at 1 rad/s",
     )
     parser.add_argument(
-        "--tol", type=float, metavar="T", help="tolerance of a simulation, default 1e-9"
+        "--tol",
+        type=float,
+        metavar="T",
+        help="tolerance of a simulation, default 1e-9; without one, the largest error of "
+        "any column, for which the cheapest way to compute is taken",
     )
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
         "--no-search",
         action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
+    )
+    parser.add_argument(
+        "--verify",
+        nargs="?",
+        const=16,
+        type=row_count,
+        metavar="N",
+        help="compute N rows (default 16) once more in 50 digits and print how far each "
+        "table column is off",
     )
     parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
@@ -113,7 +127,13 @@ def execute(options: argparse.Namespace) -> int:
 
         make_folder(study.folder)
     with _recorder(options, study) as recorder:
-        result = run_study(study, analyses, recorder=recorder, progress=_progress(options))
+        result = run_study(
+            study,
+            analyses,
+            recorder=recorder,
+            progress=_progress(options),
+            **_accuracy(study, analyses, options),
+        )
         if study.folder is not None:
             paths = result.write(study.folder, study.degrees)
             if not options.quiet:
@@ -145,7 +165,33 @@ def execute(options: argparse.Namespace) -> int:
     if result.failures:
         return FAILED_ANALYSIS
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
+    failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     return FAILED_SAMPLES if options.strict and failed else 0
+
+
+def _accuracy(
+    study: "Study", analyses: "Sequence[AbstractAnalysis]", options: argparse.Namespace
+) -> dict[str, Any]:
+    """Return the setting for the tolerance of samples, and what it reaches."""
+    if options.tol is None or study.start is not None:
+        return {}
+    import numpy as np
+
+    from spherekit.motion.motion import DEFAULT_SAMPLES
+    from spherekit.trade.choice import choose
+
+    choice = choose(
+        study.mechanism,
+        analyses,
+        options.tol,
+        samples=study.samples or DEFAULT_SAMPLES,
+        branch=study.branch,
+        search=study.search,
+        path=None if study.path is None else np.array(study.path),
+        laws=study.laws,
+        duration=study.duration,
+    )
+    return {"setting": choice.setting, "accuracy": choice.as_dict()}
 
 
 def sample_counts(text: str) -> int | tuple[int, ...]:
@@ -157,6 +203,16 @@ def sample_counts(text: str) -> int | tuple[int, ...]:
         )
     counts = tuple(int(part) for part in parts)
     return counts[0] if len(counts) == 1 else counts
+
+
+def row_count(text: str) -> int:
+    """Return the number of rows that a text names."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(
+            f"needs a whole number of at least 1, such as 16, not {text!r}; write the "
+            "file before --verify"
+        )
+    return int(text)
 
 
 def overridden(study: "Study", options: argparse.Namespace) -> "Study":
@@ -173,6 +229,7 @@ def overridden(study: "Study", options: argparse.Namespace) -> "Study":
         "torque": options.torque,
         "duration": options.duration,
         "tolerance": options.tol,
+        "verify": options.verify,
         "samples": options.samples,
         "branch": options.branch,
         "folder": None if options.output is None else Path(options.output),
@@ -274,9 +331,31 @@ def report(summary: Any) -> str:
             "largest error bound of a pole direction "
             f"{errors['largest_direction_error_bound_rad']:.1e} rad"
         )
+    if "verified" in summary:
+        from spherekit.analysis.verify import told
+
+        lines += told(summary["verified"])
+    if "accuracy" in summary:
+        lines.append(accuracy_line(summary["accuracy"]))
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     return "\n".join(lines)
+
+
+def accuracy_line(found: Any) -> str:
+    """Return which setting was taken for a tolerance, and what it reached."""
+    known = found["predicted_error"]
+    predicted = "" if known is None else f", predicted error {known:.1e}"
+    line = (
+        f"tolerance {found['tolerance']:g}: {found['setting']} ({found['why']}){predicted}"
+    )
+    if found["achieved_error"] is None:
+        return f"{line}; nothing that depends on samples was asked for"
+    return (
+        f"{line}; {found['achieved_error']:.1e} reached at {found['check_rows']} check rows"
+        f" ({found['worst_column']})"
+        + ("" if found["met"] else ": THE TOLERANCE IS NOT MET")
+    )
 
 
 def _recorder(options: argparse.Namespace, study: "Study") -> Any:

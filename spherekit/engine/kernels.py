@@ -39,8 +39,8 @@ class Values:
 
     `direction[pole]` (n, 3); `rate[pole]`, its derivatives `rate_dq[pole]` and
     `rate_dq2[pole]`, `inertia`, its derivatives `inertia_dq` and `inertia_dq2` (n,);
-    `tangent` (n, variables). What was not asked for is missing or None. Rates and
-    derivatives are by the kernel's coordinate.
+    `tangent` (n, variables); `w[link]` and its first derivative `dw[link]` (n, 3). What was
+    not asked for is missing or None. Rates and derivatives are by the kernel's coordinate.
     """
 
     direction: Mapping[Pole, Floats]
@@ -51,6 +51,8 @@ class Values:
     inertia_dq: Floats | None
     inertia_dq2: Floats | None
     tangent: Floats | None
+    w: Mapping[int, Floats]
+    dw: Mapping[int, Floats]
 
 
 @final
@@ -73,6 +75,7 @@ class Kernel:
     inputs: tuple[str, ...]
     columns: tuple[str, ...]
     poles: tuple[Pole, ...]
+    links: tuple[int, ...]
     derivatives: int
     with_inertia: bool
     with_tangent: bool
@@ -112,6 +115,20 @@ class Kernel:
         def inertia(order: int) -> Floats | None:
             return rows[last + order] if last + order < tangent else None
 
+        variables = len(self.columns) - tangent if self.with_tangent else 0
+        after = 3 * (1 + self.derivatives)
+        variables -= after * len(self.links) if self.with_tangent else 0
+        begin = tangent + variables
+
+        def turning(order: int) -> dict[int, Floats]:
+            if order > self.derivatives:
+                return {}
+            first = begin + 3 * order
+            return {
+                link: rows[first + after * k : first + after * k + 3].T
+                for k, link in enumerate(self.links)
+            }
+
         return Values(
             {pole: rows[k : k + 3].T for pole, k in at.items()},
             rate(0),
@@ -120,7 +137,9 @@ class Kernel:
             inertia(0),
             inertia(1),
             inertia(2),
-            rows[tangent:].T if self.with_tangent else None,
+            rows[tangent:begin].T if self.with_tangent else None,
+            turning(0),
+            turning(1),
         )
 
 
@@ -134,6 +153,7 @@ def kernel(
     derivatives: int = 1,
     with_inertia: bool = False,
     with_tangent: bool = False,
+    links: Iterable[int] = (),
     engine: Engine = "auto",
     compact: bool = False,
     number: type[Any] = float,
@@ -156,6 +176,9 @@ def kernel(
         How many derivatives of rates and of B are wanted, at most 2.
     with_inertia, with_tangent
         Whether B and the rates of all variables are wanted.
+    links
+        Numbers of links whose angular velocity relative to the ground is wanted, with its
+        derivatives.
     engine
         ``"compiled"`` by heyoka, ``"numpy"`` in blocks of arrays, ready at once; ``"auto"``
         takes the compiled one where heyoka is installed.
@@ -181,6 +204,7 @@ def kernel(
         )
     wanted = all_poles(len(mechanism.links)) if poles is None else poles
     chosen = tuple(dict.fromkeys(pole_of(*pole) for pole in wanted))
+    turning = tuple(dict.fromkeys(links))
     request = repr(
         (
             "kernel",
@@ -191,6 +215,7 @@ def kernel(
             int(derivatives),
             with_inertia,
             with_tangent,
+            turning,
             taken,
             compact,
             number.__name__,
@@ -206,10 +231,19 @@ def kernel(
         if with_tangent:
             columns += [f"rate_{name}" for name in mechanism.variable_names]
             outputs += [tau * scale.coefficients[0] for tau in flow.tau[0]]
+        for link in turning:
+            w = [_by_coordinate(x * scale, scale) for x in _turning(flow, link)]
+            columns += [
+                f"{part}_{mechanism.links[link]}"
+                for order in range(flow.order + 1)
+                for part in _TURNING[order]
+            ]
+            outputs += [x[order] for order in range(flow.order + 1) for x in w]
         return Kernel(
             tuple(term.arguments[0] for term in inputs),
             tuple(columns),
             chosen,
+            turning,
             flow.order,
             with_inertia,
             with_tangent,
@@ -290,6 +324,16 @@ def _outputs(
     return columns, outputs
 
 
+def _turning(flow: Flow, link: int) -> list[Series]:
+    """Return the components of a link's angular velocity per unit of p."""
+    return [Series(tuple(each[link][k] for each in flow.w)) for k in range(3)]
+
+
+_TURNING = (
+    ("wx", "wy", "wz"),
+    ("dwx_dq", "dwy_dq", "dwz_dq"),
+    ("d2wx_dq2", "d2wy_dq2", "d2wz_dq2"),
+)
 _DERIVATIVES = {
     "rate": ("rate", "rate_dq", "rate_dq2"),
     "B": ("B", "dB_dq", "d2B_dq2"),

@@ -32,6 +32,7 @@ class Study:
     `laws` has the time law of each input that is given one, by pair, `duration` the time
     (s) from t = 0 on, and `start` the input's state at t = 0 for forward dynamics, with
     the `torque` (N m, an expression) that drives it and the `tolerance` of a step.
+    `verify` is how many rows to compute once more in many digits.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Study:
     start: Start | None = None
     torque: str | None = None
     tolerance: float | None = None
+    verify: int | None = None
     document: Document | None = field(default=None, repr=False, compare=False)
 
     def fault(self, path: KeyPath, message: str) -> SpherekitError:
@@ -91,6 +93,7 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
         start=read_start(document),
         torque=data.get("start", {}).get("torque"),
         tolerance=float(data["tolerance"]) if "tolerance" in data else None,
+        verify=int(data["verify"]) if "verify" in data else None,
         document=document,
     )
 

@@ -290,6 +290,10 @@ class Tracer:
         """Return the motion at about `most` of the samples, spread evenly."""
         count = len(self.lattice)
         rows = np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
+        return self.samples(rows)
+
+    def samples(self, rows: NDArray[np.intp]) -> Motion:
+        """Return the motion at some of the samples, by their numbers."""
         return self._at(self.lattice.q[rows], rows, 0)
 
     def motion(self) -> Motion:

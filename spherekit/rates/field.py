@@ -11,18 +11,30 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import EPS, NO_MOTION, SINGULAR_RATIO, USABLE_DIRECTION, Status
+from spherekit.conventions import (
+    EPS,
+    NO_MOTION,
+    SINGULAR_RATIO,
+    USABLE_DIRECTION,
+    Status,
+    listing,
+    nearest,
+)
+from spherekit.errors import SolveError
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole, pole_of
-from spherekit.rates.core import driven_rates
+from spherekit.rates.core import LinkRates, driven_rates
+from spherekit.rates.gnomonic import Chart
 from spherekit.rates.lines import (
     Lines,
     decompose,
     decompose_rate,
     evaluate_line_rates,
     evaluate_lines,
+    planes_through,
 )
 from spherekit.rates.request import Request
+from spherekit.rates.routes import ROUTES, Route
 from spherekit.rates.vectors import dot, norm
 from spherekit.sphere.rotation import Floats
 
@@ -91,7 +103,10 @@ class SignMemory:
 
 
 def evaluate(
-    motion: Motion, wanted: Request, memory: SignMemory | None = None
+    motion: Motion,
+    wanted: Request,
+    memory: SignMemory | None = None,
+    route: Route = "best",
 ) -> PoleField:
     """Return the requested poles and coefficients at every row of a motion.
 
@@ -103,22 +118,82 @@ def evaluate(
         What to find, from `spherekit.rates.request.request`.
     memory
         Given for successive blocks of one motion, so that signs continue across them.
+    route
+        How they are found, one of `spherekit.rates.routes.ROUTES`.
+
+    Raises
+    ------
+    SolveError
+        If there is no such route.
+    """
+    memory = memory or SignMemory()
+    if route not in ROUTES:
+        raise SolveError(
+            f'{motion.mechanism.name}: no route is "{route}"'
+            f"{nearest(str(route), ROUTES) or ';'} Routes: {listing(ROUTES)}"
+        )
+    if route == "equations":
+        everywhere = np.ones(len(motion), dtype=bool)
+        found = driven_rates(motion, everywhere, wanted.plan.input)
+        return field_of_rates(motion, wanted, found, memory)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        return _by_lines(motion, wanted, memory, route)
+
+
+def field_of_rates(
+    motion: Motion, wanted: Request, found: LinkRates, memory: SignMemory
+) -> PoleField:
+    """Return the requested poles of a motion whose angular velocities are known.
+
+    The pole of two links lies along their relative angular velocity; `by_equations` is
+    true throughout, and `angle` is the flatness that the rates were found with.
     """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        return _evaluate(motion, wanted, memory or SignMemory())
+        lines = Lines.of_pairs(wanted.plan, motion, "equations")
+        bodies = {b for pole in _body_poles(wanted) for b in pole} | set(wanted.bodies)
+        w = {body: found.w[:, body].T.copy() for body in bodies}
+        dw = {body: found.dw[:, body].T.copy() for body in bodies}
+        everywhere = np.ones(len(motion), dtype=bool)
+        for pole in _body_poles(wanted):
+            if pole not in lines.unit:
+                lines.unit[pole] = np.full_like(w[pole[0]], np.nan)
+                lines.error[pole] = np.ones(len(motion))
+                lines.angle[pole] = found.flatness
+        _mend_directions(wanted, lines, w, everywhere, found.flatness)
+        for pole in wanted.planes:
+            own = wanted.plan.pole(*pole)
+            if own is not None:
+                planes_through(wanted.plan, own, lines)
+        flat = ~(found.flatness >= SINGULAR_RATIO)
+        status = motion.status.copy()
+        status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
+        return _field(motion, wanted, lines, w, dw, status, everywhere, memory)
 
 
-def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
-    planes = {pole: wanted.plan.pole(*pole) for pole in wanted.planes}
-    kept = [pole for pole in planes.values() if pole is not None]
-    lines = evaluate_lines(wanted.plan, motion, kept)
-    w, doubt = _link_rates(wanted, lines)
+def _by_lines(
+    motion: Motion, wanted: Request, memory: SignMemory, route: Route
+) -> PoleField:
+    """Return the poles by the great circles of the plan."""
+    chart = Chart(wanted.plan, motion) if route == "gnomonic" else None
+    kept = [pole for pole in (wanted.plan.pole(*pole) for pole in wanted.planes) if pole]
+    if chart is None:
+        lines = evaluate_lines(wanted.plan, motion, kept, route)
+    else:
+        lines = chart.lines
+        for pole in kept:
+            planes_through(wanted.plan, pole, lines)
+    w, doubt = _link_rates(wanted, lines, chart)
     dw = {link: np.full_like(value, np.nan) for link, value in w.items()}
     if wanted.derivatives:
-        _add_rates(wanted, lines, motion, w, dw)
+        _add_rates(wanted, lines, chart, motion, w, dw)
+    status = motion.status.copy()
+    if route != "best":
+        lost = ~(doubt < USABLE_DIRECTION) & (status == Status.OK)
+        status[lost] = Status.ILL_CONDITIONED
+        nowhere = np.zeros(len(motion), dtype=bool)
+        return _field(motion, wanted, lines, w, dw, status, nowhere, memory)
     for pole in _body_poles(wanted):
         doubt = np.maximum(doubt, np.nan_to_num(lines.error[pole], nan=1.0))
-    status = motion.status.copy()
     weak = (doubt > TRUSTED_ERROR) & ~motion.failed
     flat = np.zeros(len(motion), dtype=bool)
     if np.any(weak):
@@ -129,15 +204,30 @@ def _evaluate(motion: Motion, wanted: Request, memory: SignMemory) -> PoleField:
             dw[body][:, weak] = exact.dw[:, body].T
         _mend_directions(wanted, lines, w, weak, exact.flatness)
     status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
+    return _field(motion, wanted, lines, w, dw, status, weak, memory)
+
+
+def _field(
+    motion: Motion,
+    wanted: Request,
+    lines: Lines,
+    w: dict[int, Floats],
+    dw: dict[int, Floats],
+    status: NDArray[np.int8],
+    by_equations: NDArray[np.bool_],
+    memory: SignMemory,
+) -> PoleField:
+    """Return what was found by the poles that were asked for."""
     no_rate = status != Status.OK
     for vectors in (w, dw):
         for value in vectors.values():
             value[:, no_rate] = np.nan
-    field = PoleField({}, {}, {}, {}, {}, {}, {}, {}, status, {}, weak)
+    field = PoleField({}, {}, {}, {}, {}, {}, {}, {}, status, {}, by_equations)
     for pole in wanted.poles:
         _add_pole(field, motion, wanted, lines, pole, w, dw, memory)
     nothing = np.full((len(motion), 2, 3), np.nan)
-    for pole, own in planes.items():
+    for pole in wanted.planes:
+        own = wanted.plan.pole(*pole)
         field.planes[pole] = (
             nothing if own is None else np.moveaxis(lines.planes[own], -1, 0)
         )
@@ -153,7 +243,9 @@ def _body_poles(wanted: Request) -> list[Pole]:
     return list(dict.fromkeys(pole for pole in poles if pole is not None))
 
 
-def _link_rates(wanted: Request, lines: Lines) -> tuple[dict[int, Floats], Floats]:
+def _link_rates(
+    wanted: Request, lines: Lines, chart: Chart | None
+) -> tuple[dict[int, Floats], Floats]:
     """Return w relative to the ground of each body (3, n), and a bound of their error."""
     a, b = wanted.plan.ends[wanted.plan.input]
     driven = lines.unit[pole_of(a, b)]
@@ -163,7 +255,10 @@ def _link_rates(wanted: Request, lines: Lines) -> tuple[dict[int, Floats], Float
         if body in (a, b):
             continue
         one, other = pole_of(a, body), pole_of(b, body)
-        factor, sine = decompose(driven, lines.unit[one], lines.unit[other])
+        if chart is None:
+            factor, sine = decompose(driven, lines.unit[one], lines.unit[other])
+        else:
+            factor, sine = chart.ratio(body)
         w[body] = factor * lines.unit[one]
         doubt = np.maximum(doubt, (lines.error[one] + lines.error[other]) / sine)
     if 0 in w:
@@ -175,6 +270,7 @@ def _link_rates(wanted: Request, lines: Lines) -> tuple[dict[int, Floats], Float
 def _add_rates(
     wanted: Request,
     lines: Lines,
+    chart: Chart | None,
     motion: Motion,
     w: dict[int, Floats],
     dw: dict[int, Floats],
@@ -187,7 +283,10 @@ def _add_rates(
         return np.stack([w[k].T if k in w else unknown for k in ends], axis=1)
 
     turned = motion.rates_of_pairs(of_ends(0), of_ends(1))
-    evaluate_line_rates(plan, lines, motion, turned)
+    if chart is None:
+        evaluate_line_rates(plan, lines, motion, turned)
+    else:
+        chart.add_rates(turned)
     a, b = plan.ends[plan.input]
     pole = pole_of(a, b)
     driven, driven_dq = lines.unit[pole], lines.rate[pole]
@@ -197,10 +296,14 @@ def _add_rates(
             continue
         one, other = pole_of(a, body), pole_of(b, body)
         unit, rate = lines.unit[one], lines.rate[one]
-        factor, _ = decompose(driven, unit, lines.unit[other])
-        change = decompose_rate(
-            (driven, driven_dq), (unit, rate), (lines.unit[other], lines.rate[other])
-        )
+        if chart is None:
+            factor, _ = decompose(driven, unit, lines.unit[other])
+            change = decompose_rate(
+                (driven, driven_dq), (unit, rate), (lines.unit[other], lines.rate[other])
+            )
+        else:
+            factor, _ = chart.ratio(body)
+            change = chart.ratio_rate(body)
         raw[body] = change * unit + factor * rate
     for body, value in raw.items():
         dw[body] = value - raw[0]

@@ -1,9 +1,10 @@
-"""Evaluating a plan: every pole axis as the intersection of its two best great circles.
+"""Evaluating a plan: every pole axis as the intersection of great circles.
 
 Each pole carries a bound of its error, propagated from those of its sources. Of all the
-great circles that the plan keeps for a pole, the one with the smallest error is taken
-first, then the partner that makes the intersection most certain; both the angle between
-the two planes and the bound are reported.
+great circles that the plan keeps for a pole, a route takes the best two, the first two, or
+all of them. The best two are the one with the smallest error and then the partner that
+makes the intersection most certain; both the angle between the two planes and the bound
+are reported.
 """
 
 from collections.abc import Collection
@@ -27,6 +28,8 @@ from spherekit.planning.poles import (
     pole_of,
 )
 from spherekit.rates.core import NullMotion, null_motion, null_motion_rate
+from spherekit.rates.least_squares import Intersection, intersection, intersection_rate
+from spherekit.rates.routes import Route
 from spherekit.rates.vectors import cross, dot, norm, unit_rate
 from spherekit.sphere.rotation import Floats
 
@@ -40,9 +43,11 @@ class Lines:
     error (rad); `angle[pole]`: (n,) sine of the angle between the two planes used, 1
     for primary poles; `planes[pole]`: (2, 3, n) unit normals of those planes, kept for
     the poles they were asked for. `contact[pair]`, `contact_rate[pair]`: (3, n) unit
-    normal of a sliding pair's contact plane and its derivative.
+    normal of a sliding pair's contact plane and its derivative. `fitted[pole]` is what
+    derivatives need where all great circles were used.
     """
 
+    route: Route
     unit: dict[Pole, Floats]
     rate: dict[Pole, Floats]
     error: dict[Pole, Floats]
@@ -52,31 +57,41 @@ class Lines:
     contact_rate: dict[int, Floats]
     chosen: dict[Pole, NDArray[np.intp]]
     blocks: dict[BlockPoles, NullMotion]
+    fitted: dict[Pole, Intersection]
+
+    @staticmethod
+    def of_pairs(plan: Plan, motion: Motion, route: Route) -> "Lines":
+        """Return the poles and contact planes that the pairs give, and no others yet."""
+        lines = Lines(route, {}, {}, {}, {}, {}, {}, {}, {}, {}, {})
+        axes = motion.axes
+        n = len(axes)
+        for number, pair in enumerate(plan.mechanism.pairs):
+            if pair.type == "Cs":
+                lines.contact[number] = np.ascontiguousarray(axes[:, number].T)
+        for step in plan.steps:
+            if isinstance(step, PrimaryPole | CoaxialPole):
+                lines.unit[step.pole] = np.ascontiguousarray(axes[:, step.pair].T)
+                lines.error[step.pole] = np.full(n, EPS)
+                lines.angle[step.pole] = np.ones(n)
+        return lines
 
 
-def evaluate_lines(plan: Plan, motion: Motion, keep_planes: Collection[Pole] = ()) -> Lines:
+def evaluate_lines(
+    plan: Plan, motion: Motion, keep_planes: Collection[Pole] = (), route: Route = "best"
+) -> Lines:
     """Return the directions of all poles of a plan.
 
     Signs of secondary poles are arbitrary here.
     """
-    lines = Lines({}, {}, {}, {}, {}, {}, {}, {}, {})
-    axes = motion.axes
-    n = len(axes)
-    for number, pair in enumerate(plan.mechanism.pairs):
-        if pair.type == "Cs":
-            lines.contact[number] = np.ascontiguousarray(axes[:, number].T)
+    lines = Lines.of_pairs(plan, motion, route)
     for step in plan.steps:
-        if isinstance(step, PrimaryPole | CoaxialPole):
-            lines.unit[step.pole] = np.ascontiguousarray(axes[:, step.pair].T)
-            lines.error[step.pole] = np.full(n, EPS)
-            lines.angle[step.pole] = np.ones(n)
-        elif isinstance(step, LinePole):
+        if isinstance(step, LinePole):
             _intersect(step, lines, step.pole in keep_planes)
-        else:
-            _solve_block(plan, step, motion, lines)
+        elif isinstance(step, BlockPoles):
+            solve_block(plan, step, motion, lines)
     for pole in keep_planes:
         if pole not in lines.planes:
-            _planes_through(plan, pole, lines)
+            planes_through(plan, pole, lines)
     return lines
 
 
@@ -95,17 +110,27 @@ def evaluate_line_rates(
         elif isinstance(step, LinePole):
             _intersect_rate(step, lines)
         else:
-            _block_rate(plan, step, motion, turned, lines)
+            block_rate(plan, step, motion, turned, lines)
 
 
-def _line_sources(step: LinePole, k: int) -> tuple[Pole, Pole]:
+def line_sources(step: LinePole, k: int) -> tuple[Pole, Pole]:
+    """Return the two poles through which link k draws a great circle of a pole."""
     i, j = step.pole
     return pole_of(i, k), pole_of(j, k)
 
 
 def _intersect(step: LinePole, lines: Lines, keep_planes: bool) -> None:
     normals, length, error = _great_circles(step, lines)
-    best, partner, first, vector, size, doubt = _best_two(normals, length, error)
+    if lines.route == "least_squares":
+        fitted = intersection(normals, error * np.maximum(length, EPS))
+        lines.fitted[step.pole] = fitted
+        lines.unit[step.pole] = fitted.unit
+        lines.error[step.pole] = np.minimum(fitted.error, 1.0)
+        lines.angle[step.pole] = fitted.sharpness
+        return
+    best, partner, first, vector, size, doubt = _best_two(
+        normals[:2] if lines.route == "first" else normals, length, error
+    )
     across = norm(vector)
     lines.unit[step.pole] = vector / np.where(across > 0.0, across, np.nan)
     lines.error[step.pole] = np.minimum(doubt, 1.0)
@@ -121,7 +146,7 @@ def _great_circles(step: LinePole, lines: Lines) -> tuple[Floats, Floats, Floats
 
     First those through pairs of known poles, then the contact planes.
     """
-    sources = [_line_sources(step, k) for k in step.via]
+    sources = [line_sources(step, k) for k in step.via]
     normals = [cross(lines.unit[a], lines.unit[b]) for a, b in sources]
     normals += [lines.contact[number] for number in step.contacts]
     inherited = [lines.error[a] + lines.error[b] for a, b in sources]
@@ -139,7 +164,8 @@ def _best_two(
     The two line numbers (n,), the first normal and the intersection (3, n), the sine of
     the angle between the planes and the error bound of the intersection (n,).
     """
-    count, n = length.shape
+    count, n = len(normals), normals.shape[2]
+    length, error = length[:count], error[:count]
     every = np.arange(n)
     if count == 2:
         best, partner = np.zeros(n, dtype=int), np.ones(n, dtype=int)
@@ -162,7 +188,7 @@ def _best_two(
     )
 
 
-def _planes_through(plan: Plan, pole: Pole, lines: Lines) -> None:
+def planes_through(plan: Plan, pole: Pole, lines: Lines) -> None:
     """Keep two great circles through a pole that was found otherwise, if there are any."""
     i, j = pole
     via = tuple(
@@ -187,7 +213,7 @@ def _take(stack: Floats, which: NDArray[np.intp]) -> Floats:
 
 
 def _intersect_rate(step: LinePole, lines: Lines) -> None:
-    sources = [_line_sources(step, k) for k in step.via]
+    sources = [line_sources(step, k) for k in step.via]
     normals = [cross(lines.unit[a], lines.unit[b]) for a, b in sources]
     normals += [lines.contact[number] for number in step.contacts]
     changes = [
@@ -196,6 +222,9 @@ def _intersect_rate(step: LinePole, lines: Lines) -> None:
     ]
     changes += [lines.contact_rate[number] for number in step.contacts]
     stack, stack_rate = np.stack(normals), np.stack(changes)
+    if lines.route == "least_squares":
+        lines.rate[step.pole] = intersection_rate(lines.fitted[step.pole], stack_rate)
+        return
     best, partner = lines.chosen[step.pole]
     one, other = _take(stack, best), _take(stack, partner)
     vector = cross(one, other)
@@ -216,7 +245,8 @@ def _block_tree(plan: Plan, step: BlockPoles) -> tuple[LoopTree, list[int]]:
     return LoopTree(len(step.links), ends, owners), flat
 
 
-def _solve_block(plan: Plan, step: BlockPoles, motion: Motion, lines: Lines) -> None:
+def solve_block(plan: Plan, step: BlockPoles, motion: Motion, lines: Lines) -> None:
+    """Add the poles of an irreducible part."""
     tree, variables = _block_tree(plan, step)
     found = null_motion(tree, motion.vectors[:, variables])
     lines.blocks[step] = found
@@ -230,9 +260,10 @@ def _solve_block(plan: Plan, step: BlockPoles, motion: Motion, lines: Lines) -> 
         lines.angle[pole] = np.minimum(1.0, 1.0 / np.maximum(growth, 1.0))
 
 
-def _block_rate(
+def block_rate(
     plan: Plan, step: BlockPoles, motion: Motion, turned: PairRates, lines: Lines
 ) -> None:
+    """Add the derivatives of the poles of an irreducible part."""
     tree, variables = _block_tree(plan, step)
     found = lines.blocks[step]
     change = null_motion_rate(

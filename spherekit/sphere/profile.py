@@ -156,6 +156,14 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
         coincide or lie 90 degrees or more apart, the last of a closed curve repeats the
         first, or the curve has a cusp or, closed, meets itself.
     """
+    path, table = spline_through(points, closed)
+    if closed:
+        check_simple(path)
+    return _Measured(path, table, table.length, closed)
+
+
+def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLength]:
+    """Return the spline of `through` and the table of its arc length; errors as there."""
     given = checked_points(points, closed)
     steps = arc(given[:-1], given[1:])
     for attempt in range(1 + _REFITS):
@@ -164,9 +172,7 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
         table = measure(path, knots)
         if attempt < _REFITS:
             steps = np.diff(table.at_edge(knots))
-    if closed:
-        check_simple(path)
-    return _Measured(path, table, table.length, closed)
+    return path, table
 
 
 @final

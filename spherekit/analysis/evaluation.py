@@ -1,0 +1,157 @@
+"""Configurations and poles of a course, block after block, by a setting."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.contract import Needs
+from spherekit.analysis.course import Course
+from spherekit.analysis.represented import Represented
+from spherekit.analysis.setting import Setting
+from spherekit.conventions import Status
+from spherekit.engine.kernels import Kernel, kernel
+from spherekit.errors import AnalysisError
+from spherekit.motion.motion import Motion
+from spherekit.rates.core import LinkRates
+from spherekit.rates.field import PoleField, SignMemory, evaluate, field_of_rates
+from spherekit.rates.request import Request
+
+
+@final
+class Evaluation:
+    """What a run evaluates, and how.
+
+    Parameters
+    ----------
+    setting
+        The way to compute.
+    course
+        The samples.
+    requests, needs
+        What is wanted of the poles for each input, and what analyses read.
+    all_links
+        Whether scenes show all links.
+
+    Raises
+    ------
+    AnalysisError, EngineError, PlanError
+        If the setting does not apply to the mechanism or the course; says why.
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        course: Course,
+        requests: Sequence[Request],
+        needs: Needs,
+        all_links: bool = False,
+    ) -> None:
+        self.setting, self.course = setting, course
+        self.requests = tuple(item for item in requests if item.poles)
+        self._needs = needs
+        self._represented: Represented | None = None
+        if setting.representation != "every":
+            self._represented = self._functions(requests, all_links)
+        elif setting.engine != "numpy":
+            _ = self._kernel
+
+    def _functions(self, requests: Sequence[Request], all_links: bool) -> Represented:
+        course, setting = self.course, self.setting
+        if course.motion is not None:
+            raise AnalysisError(
+                f"{course.tracer.mechanism.name}: a simulation has its own dense output; "
+                "functions of the input do not apply"
+            )
+        q = course.inputs[:, 0]
+        found = Represented(course.tracer, requests[0], self._needs, all_links, q, setting)
+        return found
+
+    @cached_property
+    def _kernel(self) -> Kernel:
+        """The kernel of rates of all links."""
+        mechanism = self.course.tracer.mechanism
+        extended = self.setting.engine == "extended"
+        derivatives = any(item.derivatives for item in self.requests)
+        return kernel(
+            mechanism,
+            self.course.tracer.inputs[0],
+            [],
+            links=range(1, len(mechanism.links)),
+            derivatives=int(derivatives),
+            with_tangent=True,
+            engine="numpy" if extended else "compiled",
+            number=np.longdouble if extended else float,
+        )
+
+    @property
+    def compile_seconds(self) -> float:
+        """What making the kernel took, s, when it was made."""
+        if self.setting.engine != "compiled" or self._represented is not None:
+            return 0.0
+        return float(self._kernel.function.seconds)
+
+    def blocks(self, size: int) -> Iterator[Motion]:
+        """Yield the motion in blocks of successive samples."""
+        if self._represented is None:
+            yield from self.course.blocks(size)
+            return
+        course = self.course
+        for start in range(0, len(course), size):
+            rows = slice(start, min(start + size, len(course)))
+            motion = self._represented.motion(course.inputs[rows, 0], start)
+            timing = course.timing
+            if timing is not None:
+                timing = timing.rows(rows).repeated(len(motion.branches))
+            yield replace(motion, timing=timing)
+
+    def motion_at(self, rows: NDArray[np.intp]) -> Motion:
+        """Return the motion at some samples, by their numbers in rising order."""
+        course = self.course
+        if self._represented is not None:
+            motion = self._represented.motion(course.inputs[rows, 0], 0)
+        elif course.motion is not None:
+            return course.motion.rows(np.isin(np.arange(len(course.motion)), rows))
+        else:
+            motion = course.tracer.samples(rows)
+        timing = course.timing
+        if timing is not None:
+            timing = timing.rows(rows).repeated(len(motion.branches))
+        return replace(motion, timing=timing)
+
+    def fields(
+        self, motion: Motion, memories: Sequence[SignMemory]
+    ) -> tuple[PoleField, ...]:
+        """Return the poles of a block of `blocks` for each input that moves."""
+        if self._represented is not None:
+            return tuple(self._represented.field(motion) for _ in self.requests)
+        pairs = zip(self.requests, memories, strict=False)
+        if self.setting.engine == "numpy":
+            return tuple(
+                evaluate(motion, item, memory, self.setting.route) for item, memory in pairs
+            )
+        rates = self._link_rates(motion)
+        return tuple(field_of_rates(motion, item, rates, memory) for item, memory in pairs)
+
+    def _link_rates(self, motion: Motion) -> LinkRates:
+        """Return the rates that the kernel finds, in float64.
+
+        `flatness` is the reciprocal size of all variables' rates per unit rate of the
+        input: 0 at its dead centres.
+        """
+        made = self._kernel
+        number = np.longdouble if self.setting.engine == "extended" else float
+        found = made.values(motion.values.T.astype(number))
+        n, links = len(motion), len(motion.mechanism.links)
+        w, dw = np.zeros((n, links, 3)), np.zeros((n, links, 3))
+        for link in made.links:
+            w[:, link] = found.w[link]
+            dw[:, link] = found.dw.get(link, np.nan)
+        assert found.tangent is not None
+        size = np.sqrt(np.sum(found.tangent**2, axis=1)).astype(float)
+        ok = motion.status == Status.OK
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return LinkRates(w, dw, np.where(ok, 1.0 / size, np.nan))

@@ -1,0 +1,447 @@
+"""Some rows of a run computed once more in many digits, and how far the run was off.
+
+Rows are chosen while the run goes on: those with the largest closure residual, the largest
+error bound of a pole direction and the worst conditioning, the others spread evenly over
+branches and samples. Their configurations, rates and derivatives come from
+`spherekit.exact`, which shares no solver with the run, and every analysis whose rows stand
+alone is computed from both.
+"""
+
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.result import MOTION
+from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table, TableData
+from spherekit.conventions import EPS, Status, listing
+from spherekit.exact.arithmetic import DIGITS, Digits
+from spherekit.exact.field import (
+    exact_direction,
+    exact_field,
+    exact_motion,
+    field_rows,
+)
+from spherekit.exact.rows import ExactRows, exact_rows
+from spherekit.motion.loops import LoopTree
+from spherekit.motion.motion import Motion
+from spherekit.motion.timing import Timing
+from spherekit.planning.poles import Plan
+from spherekit.rates.field import PoleField
+from spherekit.rates.request import Request
+from spherekit.sphere.rotation import Floats
+
+ROWS = 16
+"""Rows verified unless another number is asked for."""
+
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+"""Multiples of it, without their whole parts, are spread evenly over 0 to 1."""
+
+ROW_ARRAYS = (
+    "sample",
+    "branch",
+    "inputs",
+    "values",
+    "rotations",
+    "status",
+    "residual",
+    "sense",
+)
+"""What a motion has for every row, beside its timing."""
+
+BEYOND = 1e4
+"""A deviation above this many roundings times the conditioning is a fault."""
+
+
+@final
+@dataclass(frozen=True)
+class _Kept:
+    """Rows of a motion with their fields, and what they are chosen by."""
+
+    motion: Motion
+    fields: tuple[PoleField, ...]
+    spread: Floats
+    bound: Floats
+    condition: Floats
+
+    def take(self, rows: NDArray[np.bool_]) -> "_Kept":
+        return _Kept(
+            self.motion.rows(rows),
+            tuple(field_rows(field, rows) for field in self.fields),
+            self.spread[rows],
+            self.bound[rows],
+            self.condition[rows],
+        )
+
+    def worst(self) -> list[int]:
+        """Return the rows with the largest residual, bound and condition."""
+        scores = (self.motion.residual, self.bound, self.condition)
+        return [int(np.argmax(np.nan_to_num(score, nan=-1.0))) for score in scores]
+
+    def chosen(self, count: int) -> NDArray[np.bool_]:
+        """Return which rows to keep: the worst, and as many others as fit, spread."""
+        wanted = dict.fromkeys([*self.worst(), *map(int, np.argsort(self.spread))])
+        rows = np.zeros(len(self.spread), dtype=bool)
+        rows[list(wanted)[:count]] = True
+        return rows
+
+
+@final
+class Verifier:
+    """Chooses rows of a run as they come, and verifies them in the end.
+
+    Parameters
+    ----------
+    plans, wanted
+        The plans of the run, and the requests behind its fields.
+    analyses, needs
+        What the run computes, and what each of them declared.
+    samples, count
+        Samples of the whole run, and how many rows to verify.
+    timed
+        Whether the samples are times.
+    """
+
+    def __init__(
+        self,
+        plans: tuple[Plan, ...],
+        wanted: Sequence[Request],
+        analyses: Sequence[AbstractAnalysis],
+        needs: Sequence[Needs],
+        samples: int,
+        count: int,
+        timed: bool,
+    ) -> None:
+        self._plans, self._timed = plans, timed
+        self._wanted = [item for item in wanted if item.poles]
+        self._analyses = list(zip(analyses, needs, strict=True))
+        self._samples, self._count = samples, count
+        self._kept: _Kept | None = None
+
+    def see(self, motion: Motion, fields: tuple[PoleField, ...]) -> None:
+        """Take a block of the run, and keep the rows of it that may be verified."""
+        good = motion.status == Status.OK
+        for field in fields:
+            good &= field.status == Status.OK
+        if not np.any(good):
+            return
+        own = motion.rows(good)
+        found = tuple(field_rows(field, good) for field in fields)
+        number = own.branch * self._samples + own.sample
+        bound = np.full(len(own), np.nan)
+        for field in found:
+            for error in field.error.values():
+                bound = np.fmax(bound, error)
+        new = _Kept(own, found, (number + 1) * GOLDEN % 1.0, bound, conditioning(own))
+        new = new.take(new.chosen(self._count))
+        if self._kept is not None:
+            new = _together(self._kept, new)
+        self._kept = new.take(new.chosen(self._count))
+
+    def verdict(self) -> dict[str, Any]:
+        """Return what is to be said of the rows, ready for JSON.
+
+        `columns` has the largest deviation of each table column from its value in many
+        digits, wrapped into one turn for angles; `in_roundings` is a deviation over the
+        rounding of the value (of 1, where that is smaller) times the conditioning of the
+        row. `beyond` lists the columns where that is too much to be rounding.
+        """
+        started = time.perf_counter()
+        verdict: dict[str, Any] = {
+            "digits": DIGITS,
+            "rows": 0,
+            "not_rowwise": [item.name for item, _ in self._analyses if not item.rowwise],
+        }
+        if self._kept is None:
+            return verdict
+        motion, fields = self._kept.motion, self._kept.fields
+        every = np.ones(len(motion), dtype=bool)
+        driven = [item.plan.input for item in self._wanted] or motion.assembly.inputs[:1]
+        arithmetic = Digits(DIGITS)
+        exact = [exact_rows(motion, every, pair, arithmetic) for pair in driven]
+        status = np.max([each.status for each in exact], axis=0)
+        found = list(zip(exact, self._wanted, fields, strict=False))
+        nearest = tuple(exact_field(*each) for each in found)
+        better = exact_motion(motion, every, exact[0])
+        rows = _Rows(motion, status == Status.OK, exact[0].condition)
+        pairs = [(MOTION, *tables) for tables in _configurations(motion, better)]
+        for analysis, needs in self._analyses:
+            if analysis.rowwise:
+                first, second = (
+                    analysis.compute(
+                        Batch(motion.mechanism, self._plans, needs, *each, self._timed)
+                    )
+                    for each in ((motion, fields), (better, nearest))
+                )
+                for declared in analysis.tables:
+                    table, name = declared.of(motion.mechanism), declared.name
+                    pairs.append((analysis.name, table, first[name], second[name]))
+        columns = [item for each in pairs for item in _compared(rows, *each)]
+        told = [item for item in columns if item["compared"]]
+        worst = max(told, key=lambda item: float(item["in_roundings"]), default=None)
+        return verdict | {
+            "rows": len(motion),
+            "without_reference": [
+                {
+                    "sample": int(motion.sample[row]),
+                    "branch": int(motion.branch[row]),
+                    "status": Status(int(status[row])).name,
+                    "distance_rad": _number(exact[0].distance[row]),
+                }
+                for row in np.flatnonzero(~rows.known)
+            ],
+            "largest_condition": _largest(exact[0].condition),
+            "largest_distance_rad": _largest(exact[0].distance),
+            "columns": told,
+            "not_recomputed": [
+                f"{item['table']}.{item['column']}"
+                for item in columns
+                if not item["compared"]
+            ],
+            "directions": _directions(rows, found),
+            "worst": worst,
+            "beyond": [
+                f"{item['table']}.{item['column']}"
+                for item in told
+                if item["in_roundings"] > BEYOND
+            ],
+            "seconds": time.perf_counter() - started,
+        }
+
+
+def told(verdict: Mapping[str, Any]) -> list[str]:
+    """Return a verdict in lines for people."""
+    if not verdict["rows"]:
+        return ["verified: no row has a configuration and finite rates"]
+    lines = [
+        f"verified {verdict['rows']} rows in {verdict['digits']} digits "
+        f"({verdict['seconds']:.1f} s): configurations within "
+        f"{verdict['largest_distance_rad']:.1e} rad, conditioning up to "
+        f"{verdict['largest_condition']:.1e}"
+    ]
+    for item in verdict["columns"]:
+        lines.append(
+            f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e} "
+            f"{item['unit']}".rstrip()
+            + f" at {_place(item)} ({item['in_roundings']:.2g} roundings)"
+        )
+    found = verdict["directions"]
+    if found["count"]:
+        lines.append(
+            f"  {found['within_bound']} of {found['count']} pole directions lie within "
+            f"their error bound, {found['within_bound_times_condition']} within it times "
+            f"the conditioning; worst {found['error_rad']:.1e} rad, "
+            f"{found['over_bound']:.2g} times the bound, at {_place(found)}"
+        )
+    for row in verdict["without_reference"]:
+        lines.append(f"  no reference at {_place(row)}: {row['status']}")
+    if verdict["worst"] is not None:
+        worst = verdict["worst"]
+        lines.append(
+            f"  worst row: {_place(worst)}, {worst['table']}.{worst['column']} = "
+            f"{worst['value']!r}, in {verdict['digits']} digits {worst['reference']!r}"
+        )
+    if verdict["not_rowwise"]:
+        names = ", ".join(verdict["not_rowwise"])
+        lines.append(f"  not verified, as their rows do not stand alone: {names}")
+    return lines
+
+
+def faults(verdict: Mapping[str, Any]) -> list[str]:
+    """Return what of a verdict is wrong beyond rounding, in sentences."""
+    found = []
+    if verdict.get("beyond"):
+        found.append(
+            f"verify: {listing(verdict['beyond'])} deviate by more than rounding from "
+            f"their values in {verdict['digits']} digits"
+        )
+    if verdict.get("without_reference"):
+        places = listing(
+            f"{_place(row)} ({row['status']})" for row in verdict["without_reference"]
+        )
+        found.append(f"verify: no solution in many digits belongs to {places}")
+    return found
+
+
+def conditioning(motion: Motion) -> Floats:
+    """Return (n,) the condition of the closure Jacobian without the inputs, 2-norm."""
+    mechanism = motion.mechanism
+    held = {mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs}
+    free = [v for v in range(motion.values.shape[1]) if v not in held]
+    jacobian = LoopTree.of(mechanism).jacobian(motion.vectors)[:, :, free]
+    sizes = np.linalg.svd(jacobian, compute_uv=False)
+    if sizes.shape[1] < len(free):
+        return np.full(len(motion), np.inf)
+    with np.errstate(divide="ignore"):
+        return np.asarray(sizes[:, 0] / sizes[:, -1])
+
+
+@final
+@dataclass(frozen=True)
+class _Rows:
+    """The rows compared: whether each has a reference, and its conditioning."""
+
+    motion: Motion
+    known: NDArray[np.bool_]
+    condition: Floats
+
+    def of(self, data: TableData) -> NDArray[np.intp]:
+        """Return the row that each row of a table belongs to."""
+        number = {
+            place: row
+            for row, place in enumerate(
+                zip(self.motion.sample.tolist(), self.motion.branch.tolist(), strict=True)
+            )
+        }
+        places = zip(
+            np.asarray(data["sample"]).tolist(),
+            np.asarray(data["branch"]).tolist(),
+            strict=True,
+        )
+        return np.array([number[place] for place in places], dtype=np.intp)
+
+
+def _configurations(
+    motion: Motion, better: Motion
+) -> Iterator[tuple[Table, TableData, TableData]]:
+    """Yield the table of pair variables, as it was and in many digits."""
+    mechanism = motion.mechanism
+    names = mechanism.variable_names
+    columns = tuple(Column(name, "rad", "pair variable") for name in names)
+    table = Table(MOTION, "the configurations", (SAMPLE, BRANCH, *columns))
+    first, second = (
+        {"sample": each.sample, "branch": each.branch}
+        | {name: each.values[:, k] for k, name in enumerate(names)}
+        for each in (motion, better)
+    )
+    yield table, first, second
+
+
+def _compared(
+    rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
+) -> Iterator[dict[str, Any]]:
+    """Yield for each column of numbers the place where it deviates most."""
+    if not {"sample", "branch"} <= set(given) or not len(given["sample"]):
+        return
+    row = rows.of(given)
+    known = rows.known[row]
+    subjects = [c.name for c in table.columns if c.kind == "text"]
+    for column in table.columns:
+        if column.kind != "number":
+            continue
+        one, other = (
+            np.where(known, np.asarray(each[column.name], dtype=float), np.nan)
+            for each in (given, reference)
+        )
+        off = np.abs(one - other)
+        if column.unit == "rad":
+            off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
+        rounding = EPS * np.maximum(1.0, np.abs(other)) * rows.condition[row]
+        share = off / rounding
+        compared = bool(np.any(np.isfinite(off)))
+        at = int(np.nanargmax(share)) if compared else 0
+        yield {
+            "analysis": analysis,
+            "table": table.name,
+            "column": column.name,
+            "unit": column.unit,
+            "compared": compared or not np.any(np.isfinite(one)),
+            "deviation": _largest(off),
+            "in_roundings": _number(share[at]) or 0.0,
+            "sample": int(given["sample"][at]),
+            "branch": int(given["branch"][at]),
+            "subject": {name: str(given[name][at]) for name in subjects},
+            "value": _number(one[at]),
+            "reference": _number(other[at]),
+            "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
+        }
+
+
+def _directions(
+    rows: _Rows, found: Sequence[tuple[ExactRows, Request, PoleField]]
+) -> dict[str, Any]:
+    """Return how many pole directions lie within their bounds, and the worst."""
+    motion = rows.motion
+    links = motion.mechanism.links
+    verdict: dict[str, Any] = {
+        "count": 0,
+        "within_bound": 0,
+        "within_bound_times_condition": 0,
+        "over_bound": 0.0,
+    }
+    for exact, wanted, field in found:
+        numbers = exact.arithmetic
+        for pole in wanted.poles:
+            given = field.direction[pole]
+            apart = exact_direction(exact, pole, given) - numbers.exact(given)
+            error = np.linalg.norm(numbers.floats(apart), axis=1)
+            judged = rows.known & np.isfinite(error)
+            if not np.any(judged):
+                continue
+            over = np.where(judged, error / field.error[pole], 0.0)
+            verdict["count"] += int(np.sum(judged))
+            verdict["within_bound"] += int(np.sum(judged & (over <= 1.0)))
+            wide = judged & (over <= rows.condition)
+            verdict["within_bound_times_condition"] += int(np.sum(wide))
+            at = int(np.argmax(over))
+            if over[at] >= verdict["over_bound"]:
+                verdict |= {
+                    "over_bound": float(over[at]),
+                    "error_rad": float(error[at]),
+                    "bound_rad": float(field.error[pole][at]),
+                    "sample": int(motion.sample[at]),
+                    "branch": int(motion.branch[at]),
+                    "subject": {
+                        "link": links[pole[1]],
+                        "relative_to": links[pole[0]],
+                        "moved": motion.mechanism.pairs[exact.driven].name,
+                    },
+                }
+    return verdict
+
+
+def _place(item: Mapping[str, Any]) -> str:
+    subject = "".join(f", {key} {name}" for key, name in item.get("subject", {}).items())
+    return f"sample {item['sample']}, branch {item['branch']}{subject}"
+
+
+def _together(one: _Kept, other: _Kept) -> _Kept:
+    """Return the rows of two blocks, branch after branch, in each the samples in order."""
+    places = [
+        np.concatenate([getattr(each.motion, name) for each in (one, other)])
+        for name in ("sample", "branch")
+    ]
+    order = np.lexsort(tuple(places))
+
+    def joined(parts: Sequence[Any]) -> Any:
+        if parts[0] is None:
+            return None
+        if isinstance(parts[0], dict):
+            return {key: joined([part[key] for part in parts]) for key in parts[0]}
+        return np.concatenate(parts)[order]
+
+    def of(first: Any, second: Any, names: Iterable[str]) -> dict[str, Any]:
+        return {n: joined([getattr(first, n), getattr(second, n)]) for n in names}
+
+    a, b = one.motion, other.motion
+    timing = None
+    if a.timing is not None and b.timing is not None:
+        timing = Timing(**of(a.timing, b.timing, vars(a.timing)))
+    motion = replace(a, samples=len(order), timing=timing, **of(a, b, ROW_ARRAYS))
+    fields = tuple(
+        PoleField(**of(first, second, vars(first)))
+        for first, second in zip(one.fields, other.fields, strict=True)
+    )
+    return _Kept(motion, fields, **of(one, other, ("spread", "bound", "condition")))
+
+
+def _largest(values: Floats) -> float:
+    return float(np.nanmax(values, initial=0.0))
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

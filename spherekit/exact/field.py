@@ -1,0 +1,161 @@
+"""A motion and its poles with the float64 numbers nearest to reference values.
+
+An analysis computed once more from these shows the error of what it was computed from.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import Status
+from spherekit.exact.arithmetic import Numbers
+from spherekit.exact.rows import ROUNDING, ExactRows
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import Pole
+from spherekit.rates.field import PoleField
+from spherekit.rates.request import Request
+from spherekit.sphere.rotation import Floats
+
+
+def exact_motion(motion: Motion, rows: NDArray[np.bool_], exact: ExactRows) -> Motion:
+    """Return some rows (n,) of a motion with the configurations that `exact` has of them.
+
+    The residual is that by which the geometry as declared stays open.
+    """
+    floats = exact.arithmetic.floats
+    return replace(
+        motion.rows(rows),
+        values=floats(exact.values),
+        rotations=floats(exact.rotations),
+        residual=exact.residual,
+        status=exact.status,
+    )
+
+
+def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Numbers:
+    """Return the unit vectors (n, 3) along a pole, on the side of `toward` (n, 3).
+
+    That is the axis or contact point of a pair of the two links, or else the direction of
+    their relative angular velocity; of its derivative, where they are at rest. In ground
+    axes; NaN where `toward` or the rows are, or where that derivative vanishes as well.
+
+    Raises
+    ------
+    ValueError
+        If the rows were made with order 1, without derivatives.
+    """
+    if exact.dw is None:
+        raise ValueError("a direction needs rows of order 2 or 3")
+    arithmetic = exact.arithmetic
+    side = arithmetic.exact(toward)
+    joined = [
+        number
+        for number, pair in enumerate(exact.mechanism.pairs)
+        if pair.type != "Cs" and sorted(exact.mechanism.ends[number]) == sorted(pole)
+    ]
+    if joined:
+        along = exact.axes[:, joined[0]]
+    else:
+        i, j = pole
+        along = exact.w[:, j] - exact.w[:, i]
+        change = exact.dw[:, j] - exact.dw[:, i]
+        floor = ROUNDING * arithmetic.eps * exact.condition
+        nothing = arithmetic.exact(np.full(along.shape, np.nan))
+        along = np.where(
+            _above(exact, along, exact.w[:, [i, j]], floor),
+            along,
+            np.where(
+                _above(exact, change, exact.dw[:, [i, j]], floor * exact.condition),
+                change,
+                nothing,
+            ),
+        )
+    length = arithmetic.root(np.sum(along * along, axis=1))
+    over = np.sum(along * side, axis=1)
+    sign = np.where(over < 0, -1, 1) + 0 * over
+    return np.asarray(along * (sign / length)[:, None])
+
+
+def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleField:
+    """Return a field's poles with the numbers nearest to the reference values.
+
+    Parameters
+    ----------
+    exact
+        Reference rows, of order 2 at least, for the input that the request moves.
+    wanted
+        The request behind the field.
+    field
+        What was found for the same rows: signs are taken from it, and NaN stays NaN.
+
+    Returns
+    -------
+    PoleField
+        NaN, with the status of the reference, where there is no reference; `angle`,
+        `error` and `planes` are NaN, as they belong to the way in which poles were found.
+    """
+    if exact.dw is None:
+        raise ValueError("a field needs rows of order 2 or 3")
+    floats = exact.arithmetic.floats
+    none = exact.status != Status.OK
+    made = replace(
+        field,
+        direction={},
+        rate={},
+        rate_dq={},
+        angle={pole: np.full_like(x, np.nan) for pole, x in field.angle.items()},
+        error={pole: np.full_like(x, np.nan) for pole, x in field.error.items()},
+        planes={pole: np.full_like(x, np.nan) for pole, x in field.planes.items()},
+        w={},
+        dw={},
+        status=np.where(none, exact.status, field.status).astype(np.int8),
+        pole_status={},
+    )
+    for pole in wanted.poles:
+        i, j = pole
+        given = field.direction[pole]
+        unit = exact_direction(exact, pole, given)
+        v, dv = exact.w[:, j] - exact.w[:, i], exact.dw[:, j] - exact.dw[:, i]
+        rate, rate_dq = (floats(np.sum(x * unit, axis=1)) for x in (v, dv))
+        blind = ~np.all(np.isfinite(given), axis=1)
+        rate = np.where(blind, floats(_length(exact, v)), rate)
+        rate_dq = np.where(blind, floats(_length(exact, dv)), rate_dq)
+        made.direction[pole] = floats(unit)
+        made.rate[pole] = np.where(np.isnan(field.rate[pole]), np.nan, rate)
+        made.rate_dq[pole] = np.where(np.isnan(field.rate_dq[pole]), np.nan, rate_dq)
+        codes = field.pole_status[pole]
+        made.pole_status[pole] = np.where(none, exact.status, codes).astype(np.int8)
+    for given_w, own, result in (
+        (field.w, exact.w, made.w),
+        (field.dw, exact.dw, made.dw),
+    ):
+        for link, vectors in given_w.items():
+            result[link] = np.where(np.isnan(vectors), np.nan, floats(own[:, link]))
+    return made
+
+
+def field_rows(field: PoleField, rows: NDArray[Any]) -> PoleField:
+    """Return some rows of a field, chosen by a mask or by numbers."""
+    parts: dict[str, Any] = {
+        name: {key: array[rows] for key, array in value.items()}
+        if isinstance(value, dict)
+        else value[rows]
+        for name, value in vars(field).items()
+    }
+    return PoleField(**parts)
+
+
+def _above(
+    exact: ExactRows, vectors: Numbers, parts: Numbers, floor: Floats
+) -> NDArray[np.bool_]:
+    """Return (n, 1) whether differences (n, 3) of parts (n, 2, 3) are no rounding."""
+    floats = exact.arithmetic.floats
+    size = np.max(np.abs(floats(parts)), axis=(1, 2))
+    largest = np.max(np.abs(floats(vectors)), axis=1)
+    return np.asarray(largest > floor * np.maximum(size, 1.0))[:, None]
+
+
+def _length(exact: ExactRows, vectors: Numbers) -> Numbers:
+    return exact.arithmetic.root(np.sum(vectors * vectors, axis=1))

@@ -1,0 +1,238 @@
+"""The pairs of a mechanism as it declares them, in any arithmetic."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.exact.arithmetic import Arithmetic, Numbers
+from spherekit.exact.curves import ExactCurve, exact_curve, unit
+from spherekit.exact.linear import left_inverse
+from spherekit.exact.series import (
+    cosine_sine,
+    cross,
+    matrix_product,
+    skew_part,
+    transpose,
+)
+from spherekit.model.geometry import COLLINEAR, Contact, geometry_of, link_axes
+from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
+from spherekit.sphere.rotation import Floats
+
+STEPS = 60
+
+
+@final
+@dataclass(frozen=True)
+class ExactRevolute:
+    """An R pair: its frames (3, 3) in both links, columns zero direction, side, axis."""
+
+    arithmetic: Arithmetic
+    first: Numbers
+    second: Numbers
+
+    def turn(self, values: Numbers) -> Numbers:
+        """Return rotations (k, n, 3, 3) of the second link in the first's axes.
+
+        At series (k, n, 1) of the variable.
+        """
+        c, s = cosine_sine(self.arithmetic, values)
+        x, y, z = self.first.T
+        fixed = 0 * c + 0 * x
+        fixed[0] = z
+        frame = np.stack([c * x + s * y, c * y - s * x, fixed], axis=-1)
+        return np.asarray(frame @ self.second.T)
+
+    def vectors(self, values: Numbers) -> Numbers:
+        """Return the variable's vector (n, 1, 3) in the first link's axes."""
+        return np.broadcast_to(self.first[:, 2], (len(values), 1, 3))
+
+    def axis(self, values: Numbers) -> Numbers:
+        """Return the axis (n, 3) in the first link's axes."""
+        return self.vectors(values)[:, 0]
+
+
+@final
+@dataclass(frozen=True)
+class ExactContact:
+    """A contact pair: two curves, whose frames agree at the contact.
+
+    In rolling both arc lengths run together from `start` (2,), in sliding each is a
+    variable.
+    """
+
+    arithmetic: Arithmetic
+    first: ExactCurve
+    second: ExactCurve
+    rolling: bool
+    start: Numbers
+
+    def turn(self, values: Numbers) -> Numbers:
+        """Return rotations (k, n, 3, 3) of the second link in the first's axes.
+
+        At series (k, n, 1 or 2) of the variables.
+        """
+        one, other = self._arcs(values)
+        return matrix_product(self.first.frame(one), transpose(self.second.frame(other)))
+
+    def vectors(self, values: Numbers) -> Numbers:
+        """Return the vectors (n, 1 or 2, 3) of the variables, values (n, 1 or 2)."""
+        along = self.arithmetic.exact(np.ones(values.shape))
+        first, second = (
+            curve.frame(s)
+            for curve, s in zip(
+                (self.first, self.second),
+                self._arcs(np.stack([values, along])),
+                strict=True,
+            )
+        )
+        back = transpose(second)
+        one = skew_part(first[1] @ transpose(first[0]))
+        other = skew_part(first[0] @ back[1] @ second[0] @ transpose(first[0]))
+        return np.stack([one + other] if self.rolling else [one, other], axis=1)
+
+    def axis(self, values: Numbers) -> Numbers:
+        """Return the contact point (n, 3) in the first link's axes."""
+        return self.first.frame(self._arcs(values[None])[0])[0, :, :, 2]
+
+    def _arcs(self, values: Numbers) -> tuple[Numbers, Numbers]:
+        if not self.rolling:
+            return values[..., 0], values[..., 1]
+        one, other = values[..., 0].copy(), values[..., 0].copy()
+        one[0], other[0] = one[0] + self.start[0], other[0] + self.start[1]
+        return one, other
+
+
+ExactJoint = ExactRevolute | ExactContact
+
+
+def exact_joints(arithmetic: Arithmetic, mechanism: Mechanism) -> tuple[ExactJoint, ...]:
+    """Return the pairs of a mechanism, in their order.
+
+    Which axes a zero direction is taken from, and near which place two profiles touch,
+    is read off the float64 geometry; every number is computed anew.
+    """
+    frames = (
+        _pose_frames(arithmetic, mechanism.geometry)
+        if isinstance(mechanism.geometry, PoseGeometry)
+        else _size_frames(arithmetic, mechanism, mechanism.geometry)
+    )
+    made: list[ExactJoint] = []
+    given = geometry_of(mechanism).joints
+    for pair, joint in zip(mechanism.pairs, given, strict=True):
+        if not isinstance(joint, Contact):
+            made.append(ExactRevolute(arithmetic, *frames[pair.name]))
+            continue
+        assert pair.profiles is not None
+        one, other = pair.profiles
+        curves = (
+            exact_curve(arithmetic, one, False),
+            exact_curve(arithmetic, other, pair.contact == "external"),
+        )
+        start = arithmetic.exact(joint.start)
+        if joint.rolling and isinstance(mechanism.geometry, PoseGeometry):
+            start = _touching(arithmetic, *curves, start)
+        made.append(ExactContact(arithmetic, *curves, joint.rolling, start))
+    return tuple(made)
+
+
+def _touching(
+    arithmetic: Arithmetic, first: ExactCurve, second: ExactCurve, start: Numbers
+) -> Numbers:
+    """Return the arc lengths (2,) at which two profiles touch with links aligned.
+
+    Least squares, as profiles may miss each other by what the float64 geometry allows.
+    """
+    pair = ExactContact(arithmetic, first, second, False, start)
+    s = start
+    last = np.inf
+    for _ in range(STEPS):
+        miss = skew_part(pair.turn(s[None, None]))[0, 0]
+        columns = np.swapaxes(pair.vectors(s[None]), 1, 2)
+        step = left_inverse(arithmetic, columns)[0] @ miss
+        s = s - step
+        size = float(np.max(arithmetic.floats(np.abs(step))))
+        if size == 0.0 or not size < last / 2:
+            break
+        last = size
+    return s
+
+
+Frames = dict[str, tuple[Numbers, Numbers]]
+"""The frames (3, 3) of every R pair in its first and its second link."""
+
+
+def _pose_frames(arithmetic: Arithmetic, geometry: PoseGeometry) -> Frames:
+    made = {}
+    for name, given in geometry.axes.items():
+        axis = unit(arithmetic, np.array(given))
+        first = _frame(axis, _perpendicular(arithmetic, axis, np.array(given)))
+        turn = _about_z(arithmetic, geometry.values.get(name, 0.0))
+        made[name] = (first, first @ turn)
+    return made
+
+
+def _size_frames(
+    arithmetic: Arithmetic, mechanism: Mechanism, geometry: SizeGeometry
+) -> Frames:
+    near = link_axes(mechanism)
+    axes = {
+        link: _axes_of_link(arithmetic, geometry.links.get(link, LinkSizes(())))
+        for link in mechanism.links
+    }
+    made = {}
+    for pair in mechanism.pairs:
+        if pair.type != "R":
+            continue
+        first, second = (
+            _reference_frame(arithmetic, axes[link], near[link], pair.name)
+            for link in pair.links
+        )
+        zero = _about_z(arithmetic, geometry.zeros.get(pair.name, 0.0))
+        made[pair.name] = (first @ zero, second)
+    return made
+
+
+def _axes_of_link(arithmetic: Arithmetic, sizes: LinkSizes) -> dict[str, Numbers]:
+    """Return the unit axes (3,) of a link in its own frame, in the order listed."""
+    found = {name: arithmetic.exact([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
+    arcs, angles = arithmetic.exact(sizes.arcs), arithmetic.exact((0.0, *sizes.angles))
+    for name, length, angle in zip(sizes.axes[1:], arcs, angles, strict=False):
+        up, across = arithmetic.cosine_sine(np.asarray(length))
+        c, s = arithmetic.cosine_sine(np.asarray(angle))
+        found[name] = np.stack([-across * s, across * c, up])
+    return found
+
+
+def _reference_frame(
+    arithmetic: Arithmetic, axes: dict[str, Numbers], near: dict[str, Floats], name: str
+) -> Numbers:
+    """Return the frame (3, 3) of an axis; its x axis leads to the first other axis."""
+    axis = axes[name]
+    for other, direction in axes.items():
+        side = np.linalg.norm(np.cross(near[name], near[other]))
+        if other != name and side > COLLINEAR:
+            toward = direction - np.sum(axis * direction) * axis
+            return _frame(axis, toward / arithmetic.root(np.sum(toward * toward)))
+    return _frame(axis, _perpendicular(arithmetic, axis, near[name]))
+
+
+def _frame(axis: Numbers, tangent: Numbers) -> Numbers:
+    side = cross(axis[None, None], tangent[None, None])[0, 0]
+    return np.stack([tangent, side, axis], axis=1)
+
+
+def _perpendicular(arithmetic: Arithmetic, axis: Numbers, near: Floats) -> Numbers:
+    """Return a unit vector (3,) at right angles: axis x the helper axis least along it."""
+    helper = np.zeros(3)
+    helper[int(np.argmin(np.abs(near)))] = 1.0
+    side = cross(axis[None, None], arithmetic.exact(helper)[None, None])[0, 0]
+    return np.asarray(side / arithmetic.root(np.sum(side * side)))
+
+
+def _about_z(arithmetic: Arithmetic, angle: float) -> Numbers:
+    c, s = arithmetic.cosine_sine(arithmetic.exact(angle))
+    made = arithmetic.exact(np.eye(3))
+    made[0, 0] = made[1, 1] = c[()]
+    made[0, 1], made[1, 0] = -s[()], s[()]
+    return made

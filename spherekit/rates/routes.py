@@ -1,0 +1,15 @@
+"""The routes by which pole axes and coefficients can be found, and what each is."""
+
+from typing import Literal
+
+Route = Literal["best", "first", "conditioned", "least_squares", "equations", "gnomonic"]
+
+ROUTES: dict[Route, str] = {
+    "best": "two best great circles, velocity equations where these are doubtful",
+    "first": "first two great circles of the plan",
+    "conditioned": "two best great circles",
+    "least_squares": "all great circles of the plan, weighted by their error bounds",
+    "equations": "velocity equations of the whole mechanism",
+    "gnomonic": "first two great circles, as straight lines in the plane x = 1",
+}
+"""Only ``best`` changes over to another source; the others give a status instead."""

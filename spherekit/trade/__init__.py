@@ -1,0 +1,1 @@
+"""Speed against accuracy, measured: settings of a run, their times and true errors."""

@@ -1,0 +1,190 @@
+"""The setting of a run that is to meet a tolerance, and what it reaches at check rows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.course import course_of
+from spherekit.analysis.run import DEFAULT_TOLERANCE
+from spherekit.analysis.setting import Setting
+from spherekit.conventions import listing
+from spherekit.model.laws import Law
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
+from spherekit.trade.deviation import Deviation, worst
+from spherekit.trade.measure import Bench
+from spherekit.trade.record import MARGIN, Trade, check_tolerance
+from spherekit.trade.trade import trade
+
+WORTH = 50_000
+"""Samples from which on a short trade costs little beside the run; below, none is made."""
+
+CHECKED = 121
+"""Samples of a short trade."""
+
+CHECK_ROWS = 61
+"""Samples at which what was reached is measured, spread over the run's own."""
+
+SHORT = (
+    Setting(),
+    Setting(route="conditioned"),
+    Setting(engine="compiled"),
+    *(Setting(representation="cubic", nodes=nodes) for nodes in (256, 1024, 4096)),
+    *(Setting(representation="spectral", nodes=nodes) for nodes in (64, 128, 256)),
+)
+"""The settings of a short trade."""
+
+
+@final
+@dataclass(frozen=True)
+class Choice:
+    """A setting chosen for a tolerance.
+
+    `predicted` is the largest error that the short trade measured for it, NaN where there
+    was none; `achieved` the largest at `rows` check rows of the run itself, in `column`.
+    """
+
+    setting: Setting
+    tolerance: float
+    predicted: float
+    achieved: float
+    column: str
+    rows: int
+    why: str
+
+    @property
+    def met(self) -> bool:
+        """Whether the tolerance is met at the check rows."""
+        return bool(self.achieved <= self.tolerance)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it ready for JSON."""
+
+        def number(value: float) -> float | None:
+            return float(value) if np.isfinite(value) else None
+
+        return {
+            "tolerance": self.tolerance,
+            "setting": str(self.setting),
+            "what": self.setting.describe(),
+            "why": self.why,
+            "predicted_error": number(self.predicted),
+            "achieved_error": number(self.achieved),
+            "worst_column": self.column,
+            "check_rows": self.rows,
+            "met": self.met,
+        }
+
+
+def choose(
+    mechanism: Mechanism,
+    analyses: Sequence[AbstractAnalysis],
+    tolerance: float,
+    *,
+    samples: int | Sequence[int],
+    branch: int | None = None,
+    search: bool = True,
+    path: Floats | None = None,
+    laws: Mapping[str, Law] | None = None,
+    duration: float | None = None,
+) -> Choice:
+    """Return the cheapest setting whose errors stay within a tolerance.
+
+    With fewer than `WORTH` samples the ordinary setting is taken; otherwise a short trade
+    decides. Where none meets the tolerance, the most accurate is taken, and `met` is
+    false. Errors are scaled as `spherekit.trade.deviation` says.
+
+    Raises
+    ------
+    AnalysisError
+        If the tolerance is no positive number.
+    PlanError, SolveError
+        See `spherekit.run`.
+    """
+    check_tolerance(mechanism.name, tolerance)
+    given: dict[str, Any] = {
+        "branch": branch,
+        "search": search,
+        "path": path,
+        "laws": laws or {},
+        "duration": duration,
+    }
+    count = len(path) if path is not None else int(np.prod(samples))
+    predicted, why = np.nan, f"fewer than {WORTH} samples: no trade was made"
+    setting = Setting()
+    if count >= WORTH:
+        reading = [each for each in analyses if not each.trades and _reads(mechanism, each)]
+        trades = [
+            trade(
+                mechanism,
+                each,
+                samples=samples,
+                settings=SHORT,
+                checked=CHECKED,
+                rounds=1,
+                **given,
+            )
+            for each in reading
+        ]
+        if trades:
+            setting, predicted, why = _of_trades(trades, tolerance, count)
+    course = course_of(
+        mechanism,
+        samples=samples,
+        input_pair=None,
+        grid=False,
+        start=None,
+        torque=None,
+        tolerance=DEFAULT_TOLERANCE,
+        **given,
+    )
+    found: list[Deviation] = []
+    rows = 0
+    for each in analyses:
+        bench = Bench.of(course, each)
+        if bench.reads_poles and not each.trades:
+            own, rows = bench.checked(setting, CHECK_ROWS)
+            found += own
+    largest = worst(found)
+    return Choice(
+        setting,
+        tolerance,
+        predicted,
+        np.nan if largest is None else largest.error,
+        "" if largest is None else f"{largest.table}.{largest.column}",
+        rows,
+        why,
+    )
+
+
+def _reads(mechanism: Mechanism, analysis: AbstractAnalysis) -> bool:
+    needs = analysis.needs(mechanism)
+    return bool(needs.directions or needs.rates or needs.link_rates or needs.pair_rates)
+
+
+def _of_trades(
+    trades: Sequence[Trade], tolerance: float, samples: int
+) -> tuple[Setting, float, str]:
+    """Return the cheapest setting that meets a tolerance in all trades, its error, why."""
+    errors: dict[Setting, float] = {}
+    seconds: dict[Setting, float] = {}
+    for number, found in enumerate(trades):
+        own = {
+            each.setting: each for each in found.settings if each.setting and each.counts
+        }
+        kept = own if number == 0 else {s: e for s, e in own.items() if s in errors}
+        errors = {s: max(e.error, errors.get(s, 0.0)) for s, e in kept.items()}
+        seconds = {s: e.total(samples) + seconds.get(s, 0.0) for s, e in kept.items()}
+    names = listing(each.analysis for each in trades)
+    good = [s for s, error in errors.items() if MARGIN * error <= tolerance]
+    if good:
+        chosen = min(good, key=lambda s: seconds[s])
+        return chosen, errors[chosen], f"the cheapest of a short trade of {names}"
+    if not errors:
+        return Setting(), np.nan, f"no setting of a short trade of {names} gives all rows"
+    chosen = min(errors, key=lambda s: errors[s])
+    words = f"no setting of a short trade of {names} meets the tolerance; the most accurate"
+    return chosen, errors[chosen], words

@@ -1,0 +1,212 @@
+"""Running settings against each other in one process, and against the reference."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, final
+
+import numpy as np
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.course import Course
+from spherekit.analysis.evaluation import Evaluation
+from spherekit.analysis.run import requests_for
+from spherekit.analysis.setting import Setting
+from spherekit.analysis.tables import TableData, concatenate
+from spherekit.conventions import Status
+from spherekit.errors import SpherekitError
+from spherekit.exact.field import exact_field, exact_motion
+from spherekit.exact.rows import exact_rows
+from spherekit.motion.motion import BLOCK, Motion
+from spherekit.planning.poles import Plan
+from spherekit.rates.field import PoleField, SignMemory, evaluate
+from spherekit.trade.deviation import Deviation, deviations, worst
+from spherekit.trade.record import Measured
+
+ROUNDS = 5
+"""Times every setting is run, each round in another order; the best counts."""
+
+LEAST_ROUNDS = 2
+
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+Tables = Mapping[str, TableData]
+
+
+class Way(Protocol):
+    """Something that can be run and timed: returns tables, and processor times (s).
+
+    First the time before any sample, then that of everything.
+    """
+
+    def __call__(self) -> tuple[Tables, float, float]:
+        """Run it once."""
+
+
+@final
+@dataclass(frozen=True)
+class Bench:
+    """An analysis over a course, to be run by any setting."""
+
+    course: Course
+    analysis: AbstractAnalysis
+    needs: Needs
+
+    @staticmethod
+    def of(course: Course, analysis: AbstractAnalysis) -> "Bench":
+        """Return the bench of an analysis; `AnalysisError` for bad parameters."""
+        return Bench(course, analysis, analysis.needs(course.tracer.mechanism))
+
+    @property
+    def reads_poles(self) -> bool:
+        """Whether anything of what is read depends on settings of the samples."""
+        needs = self.needs
+        return bool(
+            needs.directions
+            or needs.rates
+            or needs.link_rates
+            or needs.pair_rates
+            or needs.pair_values
+            or needs.rotations
+        )
+
+    def tables(self, setting: Setting) -> tuple[Tables, float, float]:
+        """Return the tables by a setting; see `Way`."""
+        started = time.process_time()
+        course, analysis = self.course, self.analysis
+        wanted = requests_for(course.tracer.mechanism, self.needs, course.tracer.by_rank)
+        plans = tuple(item.plan for item in wanted)
+        evaluation = Evaluation(setting, course, wanted, self.needs)
+        first = time.process_time() - started
+        memories = [SignMemory() for _ in evaluation.requests]
+        parts: list[Tables] = []
+        for motion in evaluation.blocks(BLOCK if analysis.rowwise else len(course)):
+            found = evaluation.fields(motion, memories)
+            parts.append(analysis.compute(self._batch(plans, motion, found)))
+        whole = {name: concatenate([part[name] for part in parts]) for name in parts[0]}
+        return whole, first, time.process_time() - started
+
+    def reference(self) -> tuple[Tables, int]:
+        """Return the tables from reference values, and the rows without any."""
+        (motion,) = self.course.blocks(len(self.course))
+        return self._from_reference(motion)
+
+    def checked(self, setting: Setting, most: int) -> tuple[list[Deviation], int]:
+        """Return how far a setting is off at some samples, and their number of rows.
+
+        The samples are spread over the course: at most so many, chosen apart from any
+        regular pattern.
+        """
+        course, needs = self.course, self.needs
+        total = len(course)
+        rows = np.arange(total)
+        if total > most:
+            shares = (np.arange(most) + (np.arange(most) * GOLDEN) % 1.0) / most
+            rows = np.unique((shares * total).astype(np.intp))
+        wanted = requests_for(course.tracer.mechanism, needs, course.tracer.by_rank)
+        evaluation = Evaluation(setting, course, wanted, needs)
+        motion = evaluation.motion_at(rows)
+        memories = [SignMemory() for _ in evaluation.requests]
+        fields = evaluation.fields(motion, memories)
+        plans = tuple(item.plan for item in wanted)
+        given = self.analysis.compute(self._batch(plans, motion, fields))
+        plain = Evaluation(Setting(), course, wanted, needs).motion_at(rows)
+        reference, _ = self._from_reference(plain)
+        return self.deviations(given, reference), len(motion)
+
+    def _batch(
+        self, plans: tuple[Plan, ...], motion: Motion, fields: tuple[PoleField, ...]
+    ) -> Batch:
+        tracer = self.course.tracer
+        timed = self.course.timed
+        return Batch(motion.mechanism, plans, self.needs, motion, fields, timed, tracer)
+
+    def _from_reference(self, motion: Motion) -> tuple[Tables, int]:
+        """Return the tables at the rows of a motion, and how many have no reference.
+
+        They hold the float64 numbers nearest to configurations and rates that the closure
+        equations give in wider numbers; see `spherekit.exact`.
+        """
+        tracer = self.course.tracer
+        wanted = requests_for(tracer.mechanism, self.needs, tracer.by_rank)
+        every = np.ones(len(motion), dtype=bool)
+        exact = [exact_rows(motion, every, item.plan.input) for item in wanted]
+        better = replace(exact_motion(motion, every, exact[0]), samples=motion.samples)
+        fields = tuple(
+            exact_field(rows, item, evaluate(motion, item))
+            for rows, item in zip(exact, wanted, strict=True)
+            if item.poles
+        )
+        plans = tuple(item.plan for item in wanted)
+        lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
+        tables = self.analysis.compute(self._batch(plans, better, fields))
+        return tables, int(np.sum(lacking))
+
+    def deviations(self, given: Tables, reference: Tables) -> list[Deviation]:
+        """Return how far tables are off, column by column."""
+        mechanism = self.course.tracer.mechanism
+        own = [table.of(mechanism) for table in self.analysis.tables]
+        return list(deviations(own, given, reference))
+
+
+def race(
+    ways: Sequence[tuple[str, Setting | None, Way]],
+    judge: Callable[[Tables], Sequence[Deviation]],
+    samples: int,
+    rounds: int = ROUNDS,
+    budget: float = np.inf,
+) -> list[Measured]:
+    """Return every way with its error and its times over alternating rounds.
+
+    Parameters
+    ----------
+    ways
+        Their names, settings, and what runs them.
+    judge
+        How far tables are off.
+    samples
+        How many samples each runs.
+    rounds, budget
+        How often, and after how many seconds no further round begins.
+    """
+    began = time.monotonic()
+    found: dict[str, Measured] = {}
+    alive: list[tuple[str, Way]] = []
+    times: dict[str, list[tuple[float, float]]] = {}
+    for name, setting, way in ways:
+        try:
+            tables, first, _ = way()
+            off = judge(tables)
+        except SpherekitError as problem:
+            found[name] = Measured(name, setting, reason=str(problem))
+            continue
+        largest = worst(off)
+        found[name] = Measured(
+            name,
+            setting,
+            error=np.nan if largest is None else largest.error,
+            column="" if largest is None else f"{largest.table}.{largest.column}",
+            missing=sum(each.missing for each in off),
+            compile=first,
+        )
+        alive.append((name, way))
+        times[name] = []
+    for number in range(rounds):
+        if number >= LEAST_ROUNDS and time.monotonic() - began > budget:
+            break
+        for name, way in alive if number % 2 == 0 else alive[::-1]:
+            _, first, seconds = way()
+            times[name].append((first, seconds - first))
+    for name, _ in alive:
+        made = found[name].setting
+        compiles = made is not None and made.compiles
+        before, after = np.array(times[name]).T
+        first = float(np.min(before))
+        found[name] = replace(
+            found[name],
+            first=first,
+            each=float(np.min(after)) / samples,
+            each_median=float(np.median(after)) / samples,
+            compile=max(found[name].compile - first, 0.0) if compiles else 0.0,
+        )
+    return [found[name] for name, *_ in ways]

@@ -1,0 +1,165 @@
+"""What a trade found: settings with their times and errors, and the cheapest of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.analysis.setting import Setting
+from spherekit.errors import AnalysisError
+
+MARGIN = 2.0
+"""A setting is recommended for a tolerance this many times its measured error: what is
+measured at some samples must hold at all of them, and on other days."""
+
+
+@final
+@dataclass(frozen=True)
+class Measured:
+    """One setting: what it took and how far its tables were off.
+
+    `first` (s) is what comes before any sample, such as nodes; `each` and `each_median`
+    (s) the best and the median time of a sample of all branches; `compile` (s) what
+    compiling took. `error` is the largest scaled deviation, of `column`; `estimate` the
+    analysis's own. `missing` numbers were not given though they exist. `reason` says why
+    the setting does not apply, then all else is NaN. `setting` is None for a parameter.
+    """
+
+    name: str
+    setting: Setting | None
+    first: float = np.nan
+    each: float = np.nan
+    each_median: float = np.nan
+    compile: float = 0.0
+    error: float = np.nan
+    column: str = ""
+    estimate: float = np.nan
+    missing: int = 0
+    reason: str = ""
+
+    def seconds(self, samples: int) -> float:
+        """Return the time of a run with so many samples, without compiling."""
+        return self.first + self.each * samples
+
+    def total(self, samples: int) -> float:
+        """Return the time of a run with so many samples, with compiling."""
+        return self.compile + self.seconds(samples)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it can be chosen: it applies, and gives every number there is."""
+        return not self.reason and not self.missing and bool(np.isfinite(self.error))
+
+
+@final
+@dataclass(frozen=True)
+class Trade:
+    """Settings of one analysis of one mechanism, measured.
+
+    `samples` are those asked for, `checked` those at which errors were measured, `rows`
+    the configurations behind these. `columns` says how the errors of each column are
+    measured, `reference` what they are measured against, and `floor` how well that is
+    known itself. `derivatives` is the order of the rates' derivatives that the analysis
+    reads, and no more is computed; None where no rates are.
+    """
+
+    mechanism: str
+    analysis: str
+    samples: int
+    checked: int
+    rows: int
+    reference: str
+    floor: float
+    derivatives: int | None
+    columns: tuple[tuple[str, str, float], ...]
+    settings: tuple[Measured, ...]
+
+    @property
+    def pareto(self) -> tuple[Measured, ...]:
+        """The settings that no other beats in both time and error, the quickest first."""
+        best: list[Measured] = []
+        own = [each for each in self.settings if each.counts]
+        for each in sorted(own, key=lambda item: (item.total(self.samples), item.error)):
+            if not best or each.error < best[-1].error:
+                best.append(each)
+        return tuple(best)
+
+    @property
+    def most_accurate(self) -> Measured | None:
+        """The setting with the least error, the quickest of several."""
+        return self.pareto[-1] if self.pareto else None
+
+    def cheapest(self, tolerance: float) -> Measured | None:
+        """Return the quickest setting whose error times `MARGIN` is within a tolerance.
+
+        Raises
+        ------
+        AnalysisError
+            If the tolerance is no positive number.
+        """
+        check_tolerance(self.mechanism, tolerance)
+        return next(
+            (each for each in self.pareto if MARGIN * each.error <= tolerance), None
+        )
+
+    def as_dict(self, tolerance: float | None = None) -> dict[str, Any]:
+        """Return everything ready for JSON."""
+        chosen = None if tolerance is None else self.cheapest(tolerance)
+        names = {each.name for each in self.pareto}
+        return {
+            "mechanism": self.mechanism,
+            "analysis": self.analysis,
+            "samples": self.samples,
+            "checked_samples": self.checked,
+            "checked_rows": self.rows,
+            "reference": self.reference,
+            "reference_error": self.floor,
+            "margin": MARGIN,
+            "derivatives": self.derivatives,
+            "columns": [
+                {"column": name, "measured": how, "scale": scale}
+                for name, how, scale in self.columns
+            ],
+            "settings": [
+                _row(each, self.samples, each.name in names) for each in self.settings
+            ],
+            "tolerance": tolerance,
+            "recommended": None if chosen is None else chosen.name,
+        }
+
+
+def check_tolerance(mechanism: str, tolerance: float) -> None:
+    """Raise `AnalysisError` unless a tolerance is a positive number."""
+    if not 0.0 < tolerance < np.inf:
+        raise AnalysisError(
+            f"{mechanism}: tolerance {tolerance:g} is none; give a positive number such as "
+            "1e-9: the largest error of a column, in its scale"
+        )
+
+
+def _row(each: Measured, samples: int, pareto: bool) -> dict[str, Any]:
+    def number(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    return {
+        "name": each.name,
+        "what": "" if each.setting is None else each.setting.describe(),
+        "applies": not each.reason,
+        "reason": each.reason,
+        "error": number(each.error),
+        "worst_column": each.column,
+        "own_estimate": number(each.estimate),
+        "missing": each.missing,
+        "seconds": number(each.seconds(samples)),
+        "seconds_median": number(each.first + each.each_median * samples),
+        "first_seconds": number(each.first),
+        "microseconds_per_sample": number(1e6 * each.each),
+        "compile_seconds": each.compile,
+        "pareto": pareto,
+    }
+
+
+def gathered(names: Sequence[tuple[str, str, float]]) -> tuple[tuple[str, str, float], ...]:
+    """Return columns once each, as first met."""
+    return tuple({name: (name, how, scale) for name, how, scale in names}.values())

@@ -1,0 +1,106 @@
+"""A trade as text and as a table of values."""
+
+import csv
+import io
+
+import numpy as np
+
+from spherekit.trade.record import MARGIN, Measured, Trade
+
+HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
+
+
+def as_text(trade: Trade, tolerance: float | None = None) -> str:
+    """Return the table for people, the columns' scales, and the recommendation."""
+    lines = [
+        f"{trade.mechanism}, {trade.analysis}: {trade.samples} samples; errors at "
+        f"{trade.rows} rows against {trade.reference}; {_orders(trade)}",
+    ]
+    front = {each.name for each in trade.pareto}
+    rows: list[tuple[str, ...]] = [HEADINGS]
+    for each in trade.settings:
+        if not each.reason:
+            rows.append(_cells(trade, each, each.name in front))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADINGS))]
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        lines.append("  ".join(cells).rstrip())
+    lines.append(
+        "*: no other is quicker and as accurate. Times are processor time of one run with "
+        f"{trade.samples} samples, scaled from {trade.checked}; compiling comes once."
+    )
+    if any(np.isfinite(each.estimate) for each in trade.settings):
+        lines += [
+            f"  {each.name}: the analysis's own estimate of its error {each.estimate:.1e}"
+            for each in trade.settings
+            if np.isfinite(each.estimate)
+        ]
+    lines += [
+        f"error of {name}: {how}" + ("" if how.startswith("abs") else f", {scale:.3g}")
+        for name, how, scale in trade.columns
+    ]
+    lines += _not_applying(trade)
+    if tolerance is not None:
+        lines.append(advice(trade, tolerance))
+    return "\n".join(lines)
+
+
+def _orders(trade: Trade) -> str:
+    if trade.derivatives is None:
+        return "parameters of its own"
+    return "rates and their derivatives" if trade.derivatives else "rates, no derivatives"
+
+
+def advice(trade: Trade, tolerance: float) -> str:
+    """Return what to take for a tolerance."""
+    best = trade.cheapest(tolerance)
+    if best is not None:
+        return (
+            f"for {tolerance:g}: {best.name}, error {best.error:.1e} (taken where "
+            f"{MARGIN:g} times that is within), {_seconds(best.total(trade.samples))} with "
+            "compiling"
+        )
+    reached = trade.most_accurate
+    if reached is None:
+        return f"for {tolerance:g}: no setting gives all numbers"
+    return (
+        f"for {tolerance:g}: no setting meets it with a margin of {MARGIN:g}; the best "
+        f"reached is {reached.error:.1e}, by {reached.name}"
+    )
+
+
+def as_csv(trade: Trade) -> str:
+    """Return all settings, a row each, with a heading."""
+    rows = trade.as_dict()["settings"]
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _cells(trade: Trade, each: Measured, front: bool) -> tuple[str, ...]:
+    return (
+        "*" if front else "",
+        each.name,
+        f"{each.error:.1e}" + (f" ({each.missing} missing)" if each.missing else ""),
+        each.column,
+        _seconds(each.seconds(trade.samples)),
+        _seconds(each.first + each.each_median * trade.samples),
+        _seconds(each.compile) if each.compile > 1e-3 else "",
+    )
+
+
+def _seconds(value: float) -> str:
+    if value < 1e-3:
+        return f"{1e6 * value:.0f} us"
+    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
+
+
+def _not_applying(trade: Trade) -> list[str]:
+    """Return the settings that do not apply, those with one reason together."""
+    reasons: dict[str, list[str]] = {}
+    for each in trade.settings:
+        if each.reason:
+            reasons.setdefault(each.reason, []).append(each.name)
+    return [f"does not apply: {', '.join(names)}: {why}" for why, names in reasons.items()]
