@@ -1,4 +1,8 @@
-"""Pole axes at the edge of the reference hemisphere, where gnomonic charts end."""
+"""Pole axes at the edge of the reference hemisphere, where gnomonic charts end.
+
+The lecture's formulas work in the plane that touches the sphere at an axis x; directions
+at right angles to x, the edge of the hemisphere, have no point in it.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,6 +15,7 @@ from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
 from spherekit.rates.field import evaluate
+from spherekit.rates.gnomonic import REFERENCE
 from spherekit.rates.request import request
 
 FAMILY = "charts of the sphere"
@@ -21,18 +26,16 @@ SIX_BAR = "1-2 1-4 1-6 2-3 3-4 3-5 5-6"
 
 
 def turned(axes: np.ndarray, pole: np.ndarray, height: float) -> np.ndarray:
-    """Return axes (n, 3) turned so that a pole has this height over the plane z = 0."""
-    azimuth = 0.4
-    goal = np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) * np.cos(height)
-    goal[2] = np.sin(height)
-    half = pole + goal
+    """Return axes (n, 3) turned so that a pole has this height over the chart's edge."""
+    goal = np.array([np.sin(height), *(np.cos(height) * np.array([0.6, 0.8]))])
+    half = pole + goal @ REFERENCE
     half /= np.linalg.norm(half)
     out = 2 * np.outer(axes @ half, half) - axes
     return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
 
 
 def with_pole_at(pole: tuple[int, int], height: float) -> Mechanism:
-    """Return a six-bar with one of its poles so high over the edge in its pose."""
+    """Return a six-bar with one of its poles this height over the edge in its pose."""
     axes = random_axes(np.random.default_rng(11), 7)
     made = mechanism(SIX_BAR, axes)
     motion = Tracer(made, search=False).at(np.zeros(1))
@@ -52,6 +55,21 @@ def primary_pole_at_the_edge(heights: Sequence[float]) -> Iterator[Row]:
     """A six-bar with the axis of its input at the edge."""
     for height in heights:
         yield from at_pose(with_pole_at((0, 1), height), height)
+
+
+@case(FAMILY, HEIGHT, HEIGHTS, held=False)
+def gnomonic_formulas(heights: Sequence[float]) -> Iterator[Row]:
+    """The lecture's formulas on the first of these: its chart ends at the edge."""
+    for height in heights:
+        made = with_pole_at((0, 2), height)
+        yield from at_pose(made, height, route="gnomonic")
+
+
+@case(FAMILY, HEIGHT, HEIGHTS, held=False)
+def first_two_great_circles(heights: Sequence[float]) -> Iterator[Row]:
+    """The same intersections as vectors, without a choice and without equations."""
+    for height in heights:
+        yield from at_pose(with_pole_at((0, 2), height), height, route="first")
 
 
 @case(FAMILY, "samples a turn", (36.0, 90.0, 361.0, 1801.0))

@@ -24,6 +24,7 @@ from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import PoleField, evaluate
 from spherekit.rates.request import request
+from spherekit.rates.routes import Route
 
 BEYOND = float("inf")
 """Conditioning where there is no configuration, or no rate."""
@@ -46,12 +47,13 @@ def judged(
     poles: bool = True,
     derivatives: bool = True,
     search: bool = True,
+    route: Route = "best",
 ) -> Iterator[Row]:
     """Yield what spherekit makes of points of one branch, the surest point first.
 
     The branch is the one that is nearest to the first point; at the others it is taken
-    by its number, so a flip of modes shows as an error. `poles`, `derivatives`
-    and `search` say what is asked for.
+    by its number, so a flip of modes shows as an error. `poles`, `derivatives`,
+    `search` and `route` say what is asked for.
     """
     path = np.array([np.asarray(point.inputs, dtype=float) for point in points])
     tracer = Tracer(reference.mechanism, path=path, search=search)
@@ -60,7 +62,7 @@ def judged(
     every = all_poles(len(mechanism.links)) if poles else ()
     rates = [(0, link) for link in range(1, len(mechanism.links))]
     wanted = request(mechanism, driven, every, [*every, *rates], derivatives)
-    field = evaluate(motion, wanted)
+    field = evaluate(motion, wanted, route=route)
     number = -1
     for k, point in enumerate(points):
         with mp.workdps(DIGITS):

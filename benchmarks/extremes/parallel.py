@@ -12,6 +12,7 @@ from benchmarks.extremes.shapes import four_bar, point_of
 from benchmarks.samples import EIGHT_BARS, mechanism, random_axes
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.rates.routes import Route
 
 FAMILY = "parallel axes"
 APART = "angle between, rad"
@@ -20,14 +21,18 @@ CHAINS = (0, 5, 13)
 """A chain of dyads, the double butterfly, and one with a triad."""
 
 
-def at_pose(made: Mechanism, parameter: float, derivatives: bool = True) -> Iterator[Row]:
+def at_pose(
+    made: Mechanism, parameter: float, derivatives: bool = True, route: Route = "best"
+) -> Iterator[Row]:
     """Yield the rows of a mechanism in its reference pose."""
     reference = Reference(made)
     values = geometry_of(made).reference
     assert values is not None
     with mp.workdps(DIGITS):
         point = Point(parameter, values[list(reference.inputs)], exact(values))
-    yield from judged(reference, [point], derivatives=derivatives, search=False)
+    yield from judged(
+        reference, [point], derivatives=derivatives, search=False, route=route
+    )
 
 
 @case(FAMILY, APART, ANGLES)

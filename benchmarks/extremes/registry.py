@@ -62,7 +62,11 @@ Sweep = Callable[[Sequence[float]], Iterable[Row]]
 @final
 @dataclass(frozen=True)
 class Case:
-    """A sweep of one parameter."""
+    """A sweep of one parameter.
+
+    `held` says whether its numbers are held to what is allowed, or whether a formula is
+    measured for where it breaks down.
+    """
 
     name: str
     family: str
@@ -70,6 +74,7 @@ class Case:
     values: tuple[float, ...]
     few: tuple[float, ...]
     sweep: Sweep
+    held: bool = True
 
     @property
     def text(self) -> str:
@@ -86,7 +91,11 @@ CASES: dict[str, Case] = {}
 
 
 def case(
-    family: str, parameter: str, values: Sequence[float], few: Sequence[float] = ()
+    family: str,
+    parameter: str,
+    values: Sequence[float],
+    few: Sequence[float] = (),
+    held: bool = True,
 ) -> Callable[[Sweep], Sweep]:
     """Register a function from values of a parameter to rows as a case of a family.
 
@@ -100,7 +109,8 @@ def case(
     def register(sweep: Sweep) -> Sweep:
         name = sweep.__name__
         assert name not in CASES, name
-        CASES[name] = Case(name, family, parameter, tuple(values), tuple(few), sweep)
+        given = tuple(values), tuple(few)
+        CASES[name] = Case(name, family, parameter, *given, sweep, held)
         return sweep
 
     return register

@@ -173,7 +173,7 @@ def three_rrr_dead_centre(distances: Sequence[float]) -> Iterator[Row]:
 
 @case(FAMILY, ALONG, TO_STANDSTILL)
 def three_rrr_output_stands(distances: Sequence[float]) -> Iterator[Row]:
-    """Type I of three inputs: the same, where the first crank leaves the platform at rest."""
+    """Type I of three inputs: the same, where the platform does not follow a crank."""
     others = [0.5 * (item.start + item.stop) for item in load("three_rrr").inputs[1:]]
     yield from approached(load("three_rrr"), "b2", distances, others, repose=True)
 
