@@ -20,7 +20,7 @@ import mpmath as mp  # isort: skip
 DIGITS = 90
 SMALL = mp.mpf(10) ** -30
 """The change of the data, and of the input, that derivatives are taken with."""
-CHANGES = 4
+CHANGES = 3
 """So many changes of all data at once, at random, are tried."""
 MOST_STEPS = 60
 

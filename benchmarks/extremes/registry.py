@@ -14,7 +14,7 @@ ALLOWED = 100.0
 """Errors may be so many times unit roundoff times conditioning."""
 TRUSTED = 1e12
 """Beyond this conditioning no number may be further off than at it without a status."""
-QUICK = 4
+QUICK = 3
 """Parameters of a case in a quick run, unless it names them."""
 
 

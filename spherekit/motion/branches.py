@@ -227,7 +227,7 @@ def _spread(jacobian: Floats) -> Floats:
     """
     n, rows, count = jacobian.shape
     loops = jacobian.reshape(n, rows // 3, 3, count)
-    axes = np.moveaxis(loops, 2, 1).reshape(n, 3, -1)
+    axes = np.moveaxis(loops, 2, 1).reshape(n, 3, rows // 3 * count)
     left, sizes, _ = np.linalg.svd(axes, full_matrices=False)
     even = np.swapaxes(left, 1, 2) / sizes[:, :, None]
     return np.asarray((even[:, None] @ loops).reshape(n, rows, count))
