@@ -51,21 +51,27 @@ def beside(
 def standstill(mechanism: Mechanism, stands: str, others: Sequence[float] = ()) -> Exact:
     """Return a configuration (variables,) in which one pair stands still, as doubles.
 
-    The first on the curve of the first input through its first branch; `others` are the
-    values of the inputs that stand still.
+    The first on the curve of the first input through the first branch that has one;
+    `others` are the values of the inputs that stand still.
     """
     reference = Reference(mechanism)
     first = mechanism.inputs[0]
     path = np.array([[q, *others] for q in np.linspace(first.start, first.stop, 9)])
     tracer = Tracer(mechanism, path=path)
     motion = tracer.motion()
-    start = motion.values[~motion.failed][0]
-    held = {v: float(start[v]) for v in reference.inputs if v != reference.moved}
-    locked = lock(tracer.solver.closure, held)
-    curve = follow_arc(locked.closure, start[list(locked.kept)])
     (number,) = mechanism.variables_of(mechanism.pair_number[stands])
-    places = curve.dead_points(locked.kept.index(number)).places
-    return locked.whole(curve.at(places[:1]).values)[0]
+    for branch in range(len(motion.branches)):
+        rows = slice(branch * motion.samples, (branch + 1) * motion.samples)
+        known = motion.values[rows][~motion.failed[rows]]
+        if not len(known):
+            continue
+        held = {v: float(known[0, v]) for v in reference.inputs if v != reference.moved}
+        locked = lock(tracer.solver.closure, held)
+        curve = follow_arc(locked.closure, known[0, list(locked.kept)])
+        places = curve.dead_points(locked.kept.index(number)).places
+        if len(places):
+            return locked.whole(curve.at(places[:1]).values)[0]
+    raise LookupError(f"{mechanism.name}: pair {stands} stands still nowhere")
 
 
 def posed(mechanism: Mechanism, values: Exact) -> Mechanism:
