@@ -13,6 +13,7 @@ from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.branches import wrap
 
 FAMILY = "long runs"
 TURNS = "turns of the input"
@@ -51,7 +52,7 @@ def energies(
             closure = max(closure, found.checks.closure)
             steps += found.engine.steps
             turns += float(history.q[-1] - history.q[0]) / (2 * np.pi)
-            start = PoseStart(history.values[-1], "21", float(history.dq[-1]))
+            start = PoseStart(wrap(history.values[-1]), "21", float(history.dq[-1]))
             left -= PIECE
             if found.end.kind != "time":
                 status = found.end.kind
