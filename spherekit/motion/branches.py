@@ -31,6 +31,8 @@ FLAT_GROUP = 1e-6
 """The same for the smallest relative singular value of an irreducible group."""
 POLISHED = 1e-6
 """Residuals (rad) up to this, of dyads between nearly parallel axes, are taken out."""
+SMALLEST_SPREAD = 1e-9
+"""Axes that differ by less are taken to be parallel."""
 
 
 @final
@@ -221,15 +223,20 @@ def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:
 
 
 def _spread(jacobian: Floats) -> Floats:
-    """Return Jacobians with all vectors of variables mapped to spread evenly in space.
+    """Return Jacobians as if all vectors of variables, seen from their mean, were large.
 
-    One linear map for all loops of a sample, so ranks are kept.
+    Across the direction they have most in common, all loops are enlarged alike, so ranks
+    and a loop's own flatness are kept.
     """
     n, rows, count = jacobian.shape
     loops = jacobian.reshape(n, rows // 3, 3, count)
     axes = np.moveaxis(loops, 2, 1).reshape(n, 3, rows // 3 * count)
     left, sizes, _ = np.linalg.svd(axes, full_matrices=False)
-    even = np.swapaxes(left, 1, 2) / sizes[:, :, None]
+    common = left[:, :, :1] @ np.swapaxes(left[:, :, :1], 1, 2)
+    sizes = np.pad(sizes, ((0, 0), (0, 1)))
+    largest, across = sizes[:, :1, None], sizes[:, 1:2, None]
+    across = np.maximum(across, SMALLEST_SPREAD * largest)
+    even = common / largest + (np.eye(3) - common) / across
     return np.asarray((even[:, None] @ loops).reshape(n, rows, count))
 
 
