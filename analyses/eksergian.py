@@ -21,6 +21,7 @@ from spherekit.analysis.tables import (
     Table,
     TableData,
 )
+from spherekit.conventions import Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import Inertia, inertia
 from spherekit.dynamics.inverse import continued_angles, driving_torque, need_terms
@@ -35,11 +36,15 @@ Floats = NDArray[np.float64]
 @final
 @dataclass(frozen=True)
 class Torque:
-    """The inverse problem at n rows: inertia, loads and the torque `tau` (n,), N m."""
+    """The inverse problem at n rows: inertia, loads and the torque `tau` (n,), N m.
+
+    `status` (n,) is the motion's, with OVERFLOW where the torque is not finite.
+    """
 
     inertia: Inertia
     forces: Floats
     tau: Floats
+    status: NDArray[np.int8]
 
 
 @final
@@ -146,21 +151,21 @@ class Eksergian(AbstractAnalysis):
                 "Q": np.sum(found.forces, axis=1),
                 "tau": found.tau,
                 "residual": batch.residual,
-                "status": batch.status,
+                "status": found.status,
             },
             "inertia": {
                 **_repeated({**common, "q": batch.q}, len(links)),
                 "link": np.tile(np.array(links, dtype=str), len(batch)),
                 "B": found.inertia.B_parts.ravel(),
                 "dB_dq": found.inertia.dB_parts.ravel(),
-                "status": np.repeat(batch.status, len(links)),
+                "status": np.repeat(found.status, len(links)),
             },
             "loads": {
                 **_repeated({**common, "t": batch.t, "q": batch.q}, len(loads)),
                 "load": np.tile(np.array(loads, dtype=str), len(batch)),
                 "Q": found.forces.ravel(),
                 "power": (found.forces * batch.dq[:, None]).ravel(),
-                "status": np.repeat(batch.status, len(loads)),
+                "status": np.repeat(found.status, len(loads)),
             },
         }
 
@@ -168,17 +173,22 @@ class Eksergian(AbstractAnalysis):
         """Return inertia, generalised forces and driving torque of a batch."""
         mechanism = batch.mechanism
         motion = _motion(batch)
-        masses = inertia(mechanism, motion)
-        forces = Loads(mechanism).parts(motion, batch.dq, batch.t)
-        Q = np.sum(forces, axis=1)
-        tau = driving_torque(masses.B, masses.dB, Q, batch.dq, batch.ddq)
-        failed = batch.status != 0
+        with np.errstate(over="ignore", invalid="ignore"):
+            masses = inertia(mechanism, motion)
+            forces = Loads(mechanism).parts(motion, batch.dq, batch.t)
+            Q = np.sum(forces, axis=1)
+            tau = driving_torque(masses.B, masses.dB, Q, batch.dq, batch.ddq)
+            power = forces * batch.dq[:, None]
+        status = batch.status.copy()
+        finite = np.isfinite(tau) & np.all(np.isfinite(power), axis=1)
+        status[(status == Status.OK) & ~finite] = Status.OVERFLOW
+        failed = status != Status.OK
         for array in (masses.B_parts, masses.dB_parts, forces, tau):
             array[failed] = np.nan
         if self.at:
             with np.errstate(divide="ignore", invalid="ignore"):
                 tau = tau / batch.pair_rate(self.at)
-        return Torque(masses, forces, tau)
+        return Torque(masses, forces, tau, status)
 
     def findings(self, batch: Batch) -> Findings:
         """Return the closure reached and the conditioning behind the results."""

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
+from benchmarks import extremes
 from benchmarks.history import comparison, entry_of, keep, kept
 from benchmarks.machine import describe
 from benchmarks.report import markdown
@@ -31,6 +32,7 @@ NAMES = (
     "fuzz",
     "pruning",
     "prediction",
+    "extremes",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
 
@@ -59,6 +61,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"{', '.join(NAMES)}; or compare: how the last kept ratios changed",
     )
     parser.add_argument("--quick", action="store_true", help="fewer sizes and rounds")
+    parser.add_argument("--list", action="store_true", help="list the cases of extremes")
+    parser.add_argument(
+        "--only", action="append", metavar="CASE", help="of extremes this case, in full"
+    )
     parser.add_argument("--json", metavar="FILE", help="write the figures here too")
     parser.add_argument(
         "--keep", action="store_true", help="append the ratios to benchmarks/history.jsonl"
@@ -69,13 +75,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
         parser.error(f"no benchmark is named {unknown[0]}; choose from {NAMES}")
+    only = options.only or []
+    if options.list:
+        print("\n".join(f"{name}: {case.text}" for name, case in extremes.cases().items()))
+        return 0
+    strange = [name for name in only if name not in extremes.cases()]
+    if strange:
+        parser.error(f"no case is named {strange[0]}; see --list")
     machine = describe()
     print(INTRODUCTION.format(names=", ".join(f"`{name}`" for name in NAMES)))
     print("\nMachine: " + "; ".join(f"{key} {value}" for key, value in machine.items()))
     figures, every = {}, {}
     for name in options.names or NAMES:
         started = time.perf_counter()
-        sections = import_module(f"benchmarks.{name}").run(options.quick)
+        module = import_module(f"benchmarks.{name}")
+        wanted = {"only": only} if name == "extremes" else {}
+        sections = module.run(options.quick, **wanted)
         seconds = time.perf_counter() - started
         print(f"{name}: {seconds:.0f} s", file=sys.stderr)
         figures[name] = [asdict(section) for section in sections]

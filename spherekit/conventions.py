@@ -19,6 +19,7 @@ class Status(IntEnum):
     ILL_CONDITIONED = 7
     OFF_PROFILE = 8
     CURVATURE = 9
+    OVERFLOW = 10
 
 
 STATUS_MEANING = {
@@ -40,6 +41,8 @@ STATUS_MEANING = {
     Status.OFF_PROFILE: "the contact has run off the end of an open profile",
     Status.CURVATURE: "at the contact the profiles have equal curvature or would enter "
     "each other; use a smaller roller or a less curved cam",
+    Status.OVERFLOW: "a load, an inertia or their torque is too large for a number; use "
+    "other units, or look for a load that grows without bound",
 }
 
 EPS = 2.220446049250313e-16

@@ -140,12 +140,14 @@ def inverse_dynamics(
     arc = by_arc_length(tracer.solver.closure, values)
     found = arc.by_variable(tracer.solver.single)
     t, q, dq, ddq = (np.tile(x, count) for x in (t, q, dq, ddq))
-    masses = inertia(mechanism, found)
-    forces = loads.parts(found, dq, t)
-    tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
+    with np.errstate(over="ignore", invalid="ignore"):
+        masses = inertia(mechanism, found)
+        forces = loads.parts(found, dq, t)
+        tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
     status = motion.status.copy()
-    flat = np.abs(arc.rates[:, tracer.solver.single]) < DEAD_CENTRE
-    status[(status == Status.OK) & (flat | ~np.isfinite(tau))] = Status.AT_SINGULARITY
+    flat = ~(np.abs(arc.rates[:, tracer.solver.single]) >= DEAD_CENTRE)
+    status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
+    status[(status == Status.OK) & ~np.isfinite(tau)] = Status.OVERFLOW
     bad = status != Status.OK
     rows = (masses.B_parts, masses.dB_parts, forces, tau, values, found.rates)
     for array in rows:

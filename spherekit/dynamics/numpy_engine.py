@@ -156,7 +156,9 @@ class Collocation:
         pace = abs(float(found.speed[0])) / FIRST_ARC
         push = abs(float(np.sum(found.forces) / found.B[0]))
         pace = max(pace, np.sqrt(push / FIRST_ARC))
-        return float(min(self.problem.until, 1.0 / max(pace, 1e-300), 1.0))
+        until = self.problem.until
+        length = min(until, 1.0 / max(pace, 1e-300), 1.0)
+        return float(max(length, SHORTEST * until))
 
     def _closed(self, state: Floats) -> Floats:
         """Return the state with its configuration put back onto the curve."""

@@ -20,17 +20,21 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.follow import Curve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
 from spherekit.motion.loops import left_inverse, rank_mobility
-from spherekit.motion.pairs import PairStates
+from spherekit.motion.pairs import PairStates, pair_axes
 from spherekit.motion.sheet import Sheet
 from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats
 
 FLAT_DYAD = 1e-6
 """A dyad straighter than this sine loses half its digits: its rates are not given."""
-FLAT_GROUP = 1e-9
+FLAT_GROUP = 1e-6
 """The same for the smallest relative singular value of an irreducible group."""
 AGREEING = 1e-9
 """Orientations from the groups and from the variables differ by less."""
+POLISHED = 1e-6
+"""Residuals (rad) up to this, of dyads between nearly parallel axes, are taken out."""
+SMALLEST_SPREAD = 1e-9
+"""Axes that differ by less are taken to be parallel."""
 
 
 @final
@@ -142,9 +146,9 @@ class Solver:
                 penetrates([self.joints[p] for p in group.pairs], states),
                 Status.CURVATURE,
             )
-        return self._finish(state, status)
+        return self._finish(branch, state, status)
 
-    def _finish(self, state: State, status: NDArray[np.int8]) -> Evaluated:
+    def _finish(self, branch: Branch, state: State, status: NDArray[np.int8]) -> Evaluated:
         values = state.values
         links = range(len(self.mechanism.links))
         ground = np.swapaxes(state.within[0], -1, -2)
@@ -156,6 +160,15 @@ class Solver:
         rotations[apart] = placed[apart]
         gap = self.closure.residual(placed, states)
         residual = np.max(np.abs(gap), axis=1) if gap.size else np.zeros(len(values))
+        open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED)
+        open_ &= (status == Status.OK) | (status == Status.AT_SINGULARITY)
+        if np.any(open_):
+            result = self.closure.solve(values[open_], self.driven)
+            values[open_], residual[open_] = result.values, result.residual
+            rotations[open_] = self.closure.place(result.values)[0]
+            flipped = np.zeros(len(values), dtype=bool)
+            flipped[open_] = self._flipped(branch, result.values)
+            _mark(status, flipped, Status.BRANCH_LOST)
         _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
         failed = (status != Status.OK) & (status != Status.AT_SINGULARITY)
         values = np.where(failed[:, None], np.nan, values)
@@ -164,6 +177,17 @@ class Solver:
         free = [v for v in self.angles if v not in self.driven]
         values[:, free] = wrap(values[:, free])
         return Evaluated(values, rotations, status, residual)
+
+    def _flipped(self, branch: Branch, values: Floats) -> NDArray[np.bool_]:
+        """Return (n,) whether a dyad of configurations has not the sign of its branch."""
+        placed, states = self.closure.place(values)
+        axes = pair_axes(self.joints, self.closure.frames(placed, states))
+        flipped = np.zeros(len(values), dtype=bool)
+        for group, sign in zip(self.assembly.groups, branch.signs, strict=True):
+            if sign:
+                triple = np.linalg.det(axes[:, list(group.pairs)])
+                flipped |= np.sign(triple) * sign < 0.0
+        return flipped
 
     @property
     def angles(self) -> list[int]:
@@ -191,16 +215,36 @@ def _guided(
 def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:
     """Return the determinant's sign (n,) of a group's Jacobians, and how far it is flat.
 
-    The sign is 1 throughout for a group with redundant constraints.
+    The sign is 1 throughout for a group with redundant constraints. Flatness does not
+    depend on how near to each other all axes are: a small group is not a flat one.
     """
     square = jacobian.shape[1] == jacobian.shape[2]
     sign = np.linalg.slogdet(jacobian)[0] if square else np.ones(len(jacobian))
     flatness = np.ones(len(jacobian))
     finite = np.all(np.isfinite(jacobian), axis=(1, 2))
-    inverse_norm = np.linalg.norm(left_inverse(jacobian[finite]), axis=(1, 2))
-    norm = np.linalg.norm(jacobian[finite], axis=(1, 2))
+    spread = _spread(jacobian[finite])
+    inverse_norm = np.linalg.norm(left_inverse(spread), axis=(1, 2))
+    norm = np.linalg.norm(spread, axis=(1, 2))
     flatness[finite] = np.nan_to_num(1.0 / (inverse_norm * norm))
     return sign, flatness
+
+
+def _spread(jacobian: Floats) -> Floats:
+    """Return Jacobians as if all vectors of variables, seen from their mean, were large.
+
+    Across the direction they have most in common, all loops are enlarged alike, so ranks
+    and a loop's own flatness are kept.
+    """
+    n, rows, count = jacobian.shape
+    loops = jacobian.reshape(n, rows // 3, 3, count)
+    axes = np.moveaxis(loops, 2, 1).reshape(n, 3, rows // 3 * count)
+    left, sizes, _ = np.linalg.svd(axes, full_matrices=False)
+    common = left[:, :, :1] @ np.swapaxes(left[:, :, :1], 1, 2)
+    sizes = np.pad(sizes, ((0, 0), (0, 1)))
+    largest, across = sizes[:, :1, None], sizes[:, 1:2, None]
+    across = np.maximum(across, SMALLEST_SPREAD * largest)
+    even = common / largest + (np.eye(3) - common) / across
+    return np.asarray((even[:, None] @ loops).reshape(n, rows, count))
 
 
 def penetrates(joints: Sequence[Joint], states: PairStates) -> NDArray[np.bool_]:

@@ -46,6 +46,7 @@ class DeadInputs:
     def gap(self, step: float) -> float:
         """Return the longest part (rad) without an input of `probes(step)`, 0 if none."""
         widths = np.diff(self.doubtful, axis=1)[:, 0]
+        widths = widths[widths > 0.0]
         return float(np.max(widths / np.ceil(widths / step), initial=0.0))
 
     def probes(self, step: float) -> Floats:

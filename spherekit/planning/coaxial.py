@@ -11,11 +11,12 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import EPS
 from spherekit.model.geometry import link_axes
 from spherekit.model.mechanism import Mechanism
 
-SAME_AXIS = 1e-12
-"""Sine below which two axes of a link are one."""
+SAME_AXIS = 16 * EPS
+"""Sine below which two axes of a link are one: rounding of their arcs and angles."""
 
 
 @final

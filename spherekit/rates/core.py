@@ -5,18 +5,24 @@ motion, whatever its topology. It solves irreducible parts, takes over from the 
 configurations where that is badly conditioned, and gives mobility by rank.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import EPS
+from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
 
 INCONSISTENT = 1e-6
 """Velocity or acceleration equations that leave over more, relatively, have no solution."""
+NEARLY_FLAT = 1e-3
+"""Equations flatter than this are solved once more beside, to see what rounding does."""
+TRUSTED_CHANGE = 1e-3
+"""Rates, or derivatives, that rounding of the configuration changes by more are lost."""
 
 
 @final
@@ -25,7 +31,8 @@ class LinkRates:
     """First and second derivatives by the motion's parameter of a set of bodies.
 
     `w`, `dw`: (n, bodies, 3) angular velocity relative to body 0 and its derivative;
-    `flatness`: (n,) reciprocal condition of the equations.
+    `flatness`: (n,) reciprocal condition of the equations, 0 where rounding of the
+    configuration leaves nothing of the rates or of their derivatives.
     """
 
     w: Floats
@@ -40,9 +47,47 @@ def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRa
     input pair that moves; the other inputs stand still.
     """
     motion = motion.rows(rows)
+    w, dw, inverse, flatness = _driven(motion, driven)
+    near = flatness < NEARLY_FLAT
+    if np.any(near):
+        beside = _off_by_rounding(motion.rows(near), inverse[near])
+        moved_w, moved_dw, _, _ = _driven(beside, driven)
+        change = np.fmax(_changed(w[near], moved_w), _changed(dw[near], moved_dw))
+        flatness[near] = np.where(change <= TRUSTED_CHANGE, flatness[near], 0.0)
+    return LinkRates(w, dw, flatness)
+
+
+def _held(motion: Motion) -> list[int]:
+    """Return the numbers of the inputs' variables."""
+    return [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+
+
+def _off_by_rounding(motion: Motion, inverse: Floats) -> Motion:
+    """Return a motion off where rounding shows most in its variables.
+
+    `inverse` (n, free variables, equations) is that of the closure equations.
+    """
+    held = _held(motion)
+    free = [v for v in range(motion.values.shape[1]) if v not in held]
+    left, sizes, _ = np.linalg.svd(np.nan_to_num(inverse), full_matrices=False)
+    values = motion.values.copy()
+    values[:, free] += EPS * sizes[:, :1] * left[:, :, 0]
+    placed, _ = Closure.of(motion.mechanism, motion.joints).place(values)
+    return replace(motion, values=values, rotations=placed)
+
+
+def _changed(vectors: Floats, moved: Floats) -> Floats:
+    """Return the largest change (n,) of vectors (n, bodies, 3), relative to the largest."""
+    size = np.max(np.linalg.norm(vectors, axis=2), axis=1)
+    change = np.max(np.linalg.norm(moved - vectors, axis=2), axis=1)
+    return np.asarray(change / np.maximum(size, 1.0))
+
+
+def _driven(motion: Motion, driven: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return w, dw, the inverse of the closure equations and their flatness."""
     tree = LoopTree.of(motion.mechanism)
     (moved,) = motion.mechanism.variables_of(driven)
-    held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    held = _held(motion)
     vectors = motion.vectors
     free = [v for v in range(vectors.shape[1]) if v not in held]
     jacobian = tree.jacobian(vectors)
@@ -62,7 +107,7 @@ def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRa
     flatness = 1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)
     # Redundant constraints may admit a velocity, but no motion that goes on with it.
     flatness[~(np.maximum(over, bent) < INCONSISTENT)] = 0.0
-    return LinkRates(w, dw, flatness)
+    return w, dw, inverse, flatness
 
 
 def _solved(matrix: Floats, inverse: Floats, right: Floats) -> tuple[Floats, Floats]:
