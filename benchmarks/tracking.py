@@ -12,8 +12,9 @@ from benchmarks.report import Cell, Section
 from benchmarks.timing import median, rounds
 from spherekit.files.read import load
 from spherekit.motion.closure import Closure
-from spherekit.motion.follow import LARGEST_STEP, follow
+from spherekit.motion.follow import follow
 from spherekit.motion.motion import Tracer
+from spherekit.motion.steps import LARGEST_STEP
 
 NAMES = ("double_butterfly", "single_flier")
 

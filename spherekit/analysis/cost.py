@@ -69,14 +69,23 @@ class Ledger:
 
     def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
         self.seconds: dict[str, float] = {}
+        self.before: dict[str, float] = {}
         self._now = now
         self._open: list[str] = []
         self._started = self._since = now()
 
     def closed(self) -> dict[str, float]:
-        """Return the seconds of all stages until now, with those of none as the rest."""
+        """Return the seconds of all stages until now, with those of none as the rest.
+
+        Those that the same stages took `before`, in a part of the run that was stopped,
+        are added.
+        """
         whole = self._now() - self._started
-        return self.seconds | {REST: whole - sum(self.seconds.values())}
+        own = self.seconds | {REST: whole - sum(self.seconds.values())}
+        return {
+            name: self.before.get(name, 0.0) + own.get(name, 0.0)
+            for name in dict.fromkeys([*self.before, *own])
+        }
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -120,7 +129,7 @@ def cost_of(
 
     `solves` are the rows that the velocity equations gave, `tables` rows and columns of
     every table by the name of its file, `recording` what a recorder counted. Bytes of
-    tables are added when files are written; seconds are those of this process.
+    tables are added when files are written.
     """
     each = {_moved(item.plan): counts_of(item) for item in wanted}
     every = [asdict(counts) | {"poles": counts.poles} for counts in each.values()]

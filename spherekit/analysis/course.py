@@ -118,7 +118,7 @@ class Course:
             "q": np.array([event.q for event in events], dtype=float),
         }
 
-    def seconds(self) -> dict[str, Any]:
+    def cost(self) -> dict[str, Any]:
         """Return what a simulation took, and the forecast that chose its engine."""
         if self.simulation is None:
             return {}

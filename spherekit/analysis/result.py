@@ -176,9 +176,8 @@ def write_results(
             key = f"{name.rpartition('.')[2]}_bytes"
             summary["cost"]["tables"][stem][key] = (made / name).stat().st_size
         names += own_names
-    seconds = {**summary["seconds"], "write": time.perf_counter() - started}
-    summary["cost"]["seconds"][TABLES] = seconds["write"]
-    written = {**summary, "files": names, "seconds": seconds}
+    summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
+    written = {**summary, "files": names}
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())
     return folder.publish(made, [*names, SUMMARY]), written

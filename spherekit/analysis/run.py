@@ -1,7 +1,6 @@
 """Running analyses: what they need is planned, evaluated in blocks, and handed over."""
 
 import os
-import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -201,7 +200,6 @@ def run(
         If the folder cannot be written, the disk is full, another run writes there, or
         has left work that does not fit. What is done is kept, to be resumed.
     """
-    started = time.perf_counter()
     ledger, whole = Ledger(), mechanism
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
@@ -228,9 +226,9 @@ def run(
         if accuracy is not None:
             setting = _setting(place, unfinished, setting)
         job = _job(course, chosen, block, setting, recorder is not None)
-        planned = time.perf_counter()
         standing, store = _begin(job, place, unfinished, tables)
-        expected = _expected(job, len(course) - standing.done, ledger)
+        ledger.before = standing.seconds
+        expected = _expected(job, ledger)
         stage = None
         if recorder is not None:
             with ledger.stage(RECORDING):
@@ -253,12 +251,11 @@ def run(
                 verify,
                 course.timed,
             )
-        before, resumed = standing.seconds, time.perf_counter()
         with _kept(job, place, standing, store) as after_block:
             blocks = job.evaluation.blocks(job.block, standing.done)
             for motion in ledger.each("positions", blocks):
                 _evaluate(job, motion, standing, store, stage, verifier, ledger)
-                standing.seconds = before + time.perf_counter() - resumed
+                standing.seconds = ledger.closed()
                 after_block()
                 if isinstance(store, OnDisk):
                     _check_room(job, store, standing.done, formats)
@@ -269,13 +266,8 @@ def run(
                 summary["recording"] = stage.summary()
             if only_needed:
                 summary["part_of"] = left_out(whole, course.tracer.mechanism)
-            summary["cost"] = _cost(job, standing, ledger, recorder)
+            summary["cost"] = _cost(job, standing, ledger, recorder) | course.cost()
             summary["cost"]["predicted"] = expected
-            summary["seconds"] = {
-                "plan_and_branches": planned - started,
-                "evaluate": standing.seconds,
-                **course.seconds(),
-            }
             if verifier is not None:
                 summary["verified"] = verifier.verdict(standing.failures)
                 summary["warnings"] += faults(summary["verified"])
@@ -552,9 +544,9 @@ def _evaluate(
     standing.done += motion.samples
 
 
-def _expected(job: _Job, samples: int, ledger: Ledger) -> dict[str, Any] | None:
-    """Return the predicted cost of so many samples, if they are worth a prediction."""
-    course = job.course
+def _expected(job: _Job, ledger: Ledger) -> dict[str, Any] | None:
+    """Return the predicted cost of a run that is worth a prediction."""
+    course, samples = job.course, len(job.course)
     if course.simulation is not None or samples * len(course.tracer.branches) < ENOUGH:
         return None
     with ledger.stage("forecast"):

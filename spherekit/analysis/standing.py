@@ -25,7 +25,7 @@ from spherekit.version import __version__
 class Standing:
     """What continues: samples done, memories of signs (one an input), counts, results.
 
-    `seconds` is what evaluating took, `rows` how many each table has, by the names of the
+    `seconds` is what each stage took, `rows` how many each table has, by the names of the
     analysis and the table. All of it goes to a journal and comes back bit for
     bit.
     """
@@ -35,7 +35,7 @@ class Standing:
     done: int = 0
     failures: dict[str, str] = field(default_factory=dict)
     findings: dict[str, Findings] = field(default_factory=dict)
-    seconds: float = 0.0
+    seconds: dict[str, float] = field(default_factory=dict)
     rows: Counter[tuple[str, str]] = field(default_factory=Counter)
 
     def count(self, analysis: str, table: str, data: TableData) -> None:
@@ -67,7 +67,7 @@ class Standing:
             int(state["done"]),
             dict(state["failures"]),
             findings,
-            float(state["seconds"]),
+            {name: float(took) for name, took in state["seconds"].items()},
             Counter({(name, table): rows for name, table, rows in state["rows"]}),
         )
 

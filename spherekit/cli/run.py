@@ -423,7 +423,7 @@ def report(summary: Any) -> str:
         if name != "OK":
             lines.append(f"  {name}: {meaning}")
     if "simulation" in summary:
-        done, took = summary["simulation"], summary["seconds"]["simulate"]
+        done, took = summary["simulation"], summary["cost"]["simulate"]
         lines.append(
             f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
             f"({done['end']['reason']}), {done['events']} events, "
