@@ -161,7 +161,7 @@ def course_of(
     start: Start | None,
     torque: str | None,
     tolerance: float,
-    engine: Engine,
+    engine: Engine = "auto",
 ) -> Course:
     """Return the course behind the arguments of `spherekit.run`.
 

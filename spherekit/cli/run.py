@@ -463,11 +463,13 @@ def spent(cost: Any) -> list[str]:
         shared = [name for name in foreseen["seconds"] if name in seconds]
         both = [sum(of["seconds"][name] for name in shared) for of in (foreseen, cost)]
         guess = f"; predicted {both[0]:.2g} s for what took {both[1]:.2g}"
-    stages = ", ".join(f"{name} {value:.2g}" for name, value in seconds.items())
+    whole = sum(seconds.values())
+    shown = [(name, took) for name, took in seconds.items() if took > 0.005 * whole]
+    stages = ", ".join(f"{name} {took:.2g}" for name, took in shown)
     lines = [
         f"cost: {cost['configurations']} configurations, {cost['poles']} pole axes, "
         f"{cost['axis_derivatives']} derivatives, {cost['link_rates']} link rates; "
-        f"{sum(seconds.values()):.2g} s ({stages}){guess}"
+        f"{whole:.2g} s ({stages}){guess}"
     ]
     tables = cost["tables"]
     rows = sum(table["rows"] for table in tables.values())

@@ -10,8 +10,10 @@ from spherekit.sphere.rotation import Floats
 from spherekit.trade.record import Measured, Trade
 from spherekit.trade.text import as_text
 
-WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 900, 600, 90, 30, 50, 70
+WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 1100, 600, 90, 330, 50, 70
 INK, FRONT, FAINT = "#1f2933", "#d1495b", "#c3cbd3"
+SERIES = {"linear": "#8d99ae", "cubic": "#3a86c8", "spectral": "#2a9d62"}
+"""Colours of representations; a line joins the settings of one, by their nodes."""
 
 
 def scene(trade: Trade, tolerance: float | None = None) -> Scene:
@@ -29,7 +31,10 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         y_label="log10 of error",
         x_range=(float(low[0]), float(high[0])),
         y_range=(float(low[1]), float(high[1])),
-        curves=[(front, 1)],
+        curves=[
+            *((points[which], 2 + k) for k, which in enumerate(_by_series(own).values())),
+            (front, 1),
+        ],
         marks=[
             Mark(each.name, place, 1 if each in trade.pareto else 0)
             for each, place in zip(own, points, strict=True)
@@ -58,7 +63,13 @@ def svg(trade: Trade) -> str:
         _words(
             LEFT, 28, f"{trade.mechanism}, {trade.analysis}: {trade.samples} samples", 16
         ),
-        _words(WIDTH / 2, HEIGHT - 18, "time of a run with compiling, s", 13, "middle"),
+        _words(
+            (LEFT + WIDTH - RIGHT) / 2,
+            HEIGHT - 18,
+            "time of a run with compiling, s",
+            13,
+            "middle",
+        ),
         f'<text x="20" y="{HEIGHT / 2}" fill="{INK}" font-size="13" text-anchor="middle" '
         f'transform="rotate(-90 20 {HEIGHT / 2})">largest error of a column</text>',
     ]
@@ -74,14 +85,49 @@ def svg(trade: Trade) -> str:
             _line(LEFT, y, WIDTH - RIGHT, y),
             _words(LEFT - 8, y + 4, f"1e{decade}", 12, "end"),
         ]
-    front = placed(_points(trade, trade.pareto))
-    way = " ".join(f"{x:.1f},{y:.1f}" for x, y in front)
-    parts.append(f'<polyline points="{way}" fill="none" stroke="{FRONT}"/>')
-    for each, (x, y) in zip(own, placed(_points(trade, own)), strict=True):
-        colour = FRONT if each in trade.pareto else INK
+    places = placed(_points(trade, own))
+    series = _by_series(own)
+    parts += [_polyline(places[which], SERIES[kind]) for kind, which in series.items()]
+    parts.append(
+        _polyline(placed(_points(trade, trade.pareto)), FRONT, 'stroke-dasharray="4 3"')
+    )
+    legend, number = [_words(WIDTH - RIGHT + 20, TOP + 10, "every sample", 12)], 0
+    for each, (x, y) in zip(own, places, strict=True):
+        kind = _series(each)
+        colour = FRONT if each in trade.pareto else SERIES.get(kind, INK)
         parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{colour}"/>')
-        parts.append(_words(x + 7, y - 5, each.name, 10))
-    return "\n".join([*parts, "</svg>", ""])
+        if each.setting is not None and kind in SERIES:
+            parts.append(_words(x + 6, y - 5, str(each.setting.nodes), 10))
+            continue
+        number += 1
+        parts.append(_words(x + 6, y - 5 if number % 2 else y + 13, str(number), 10))
+        line = f"{number}  {each.name}: {each.error:.1e}"
+        legend.append(_words(WIDTH - RIGHT + 20, TOP + 10 + 18 * number, line, 11))
+    for k, kind in enumerate(series):
+        y = TOP + 10 + 18 * (number + 2 + k)
+        legend.append(_words(WIDTH - RIGHT + 50, y, f"{kind}, by nodes", 11))
+        ends = np.array([[WIDTH - RIGHT + 20, y - 4], [WIDTH - RIGHT + 42, y - 4]])
+        legend.append(_polyline(ends, SERIES[kind]))
+    y = TOP + 10 + 18 * (number + 2 + len(series))
+    legend.append(_words(WIDTH - RIGHT + 20, y, "red: none is quicker and as accurate", 11))
+    return "\n".join([*parts, *legend, "</svg>", ""])
+
+
+def _by_series(own: Sequence[Measured]) -> dict[str, list[int]]:
+    """Return the positions of the settings of each representation that is there."""
+    found = {
+        kind: [k for k, each in enumerate(own) if _series(each) == kind] for kind in SERIES
+    }
+    return {kind: which for kind, which in found.items() if which}
+
+
+def _series(each: Measured) -> str:
+    return "" if each.setting is None else each.setting.representation
+
+
+def _polyline(points: Floats, colour: str, more: str = "") -> str:
+    way = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f'<polyline points="{way}" fill="none" stroke="{colour}" {more}/>'
 
 
 def _points(trade: Trade, own: Sequence[Measured]) -> Floats:

@@ -126,6 +126,9 @@ class Layout:
             rows.append(_tabs(plots[1:]))
         if panels:
             rows.append(_tabs(panels))
+        has_solids = any(owner in (None, page) for owner, _ in self.solids)
+        if rows and not has_solids:
+            return rrb.Horizontal(*rows, name=title)
         space = self._space(page, title)
         if not rows:
             return rrb.Horizontal(space, name=title)
