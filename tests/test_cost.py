@@ -107,7 +107,7 @@ def test_an_irreducible_part_gives_the_poles_that_are_needed():
 def test_calls_are_those_that_the_plan_counts(twelve, monkeypatch):
     """Counted where the work is done: every intersection and every derivative once."""
     calls = Counter()
-    for name in ("_intersect", "_intersect_rate", "_solve_block"):
+    for name in ("_intersect", "_intersect_rate", "solve_block"):
         own = getattr(line_module, name)
 
         def counted(*given, own=own, name=name):

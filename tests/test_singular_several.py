@@ -196,7 +196,8 @@ def test_on_a_singularity_and_near_it_nothing_is_silently_lost(distance):
     assert 1e-3 * distance - 1e-15 < found.type_two[0] < 2.0 * distance + 1e-15
     singular = distance < 1e-8
     assert found.type[0] == (RowType.II if singular else RowType.REGULAR)
-    assert np.all(np.isfinite(found.w)) or singular
+    # From 1e-6 on rates, which go as its square, are lost to rounding and are not given.
+    assert np.all(np.isfinite(found.w)) == (distance > 1e-6)
 
 
 def test_failed_rows_are_unknown_and_a_rigid_output_is_type_one():

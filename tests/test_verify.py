@@ -9,8 +9,8 @@ import pytest
 from test_exact import arcs_of, closed_form
 
 import spherekit as sk
+from spherekit.analysis import evaluation, verify
 from spherekit.analysis import run as runner
-from spherekit.analysis import verify
 from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.analysis.verify import Verifier, faults, told
 from spherekit.cli.main import main
@@ -97,12 +97,12 @@ def test_the_same_rows_whatever_the_blocks():
 
 
 def test_a_wrong_rate_is_found(monkeypatch, capsys):
-    def perturbed(motion, wanted, memory=None):
+    def perturbed(motion, wanted, memory=None, route="best"):
         field = evaluate(motion, wanted, memory)
         field.rate[(0, 3)][:] += 1e-9
         return field
 
-    monkeypatch.setattr(runner, "evaluate", perturbed)
+    monkeypatch.setattr(evaluation, "evaluate", perturbed)
     arguments = ["run", "four_bar", "--samples", "9", "--verify", "4"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
@@ -113,13 +113,13 @@ def test_a_wrong_rate_is_found(monkeypatch, capsys):
 
 
 def test_a_wrong_direction_is_outside_its_bound(monkeypatch):
-    def perturbed(motion, wanted, memory=None):
+    def perturbed(motion, wanted, memory=None, route="best"):
         field = evaluate(motion, wanted, memory)
         turned = field.direction[(1, 3)] + 1e-10 * np.array([0.0, 1.0, 0.0])
         field.direction[(1, 3)][:] = turned
         return field
 
-    monkeypatch.setattr(runner, "evaluate", perturbed)
+    monkeypatch.setattr(evaluation, "evaluate", perturbed)
     directions = verified(samples=9, verify=4)["directions"]
     assert directions["within_bound"] < directions["count"]
     assert directions["within_bound_times_condition"] == directions["count"] - 4
@@ -189,12 +189,12 @@ def test_several_inputs_times_and_analyses_of_whole_motions():
 def test_a_wrong_inertia_is_found(monkeypatch):
     """The torque of the source's four-bar is that of the Batch, so its errors show."""
 
-    def perturbed(motion, wanted, memory=None):
+    def perturbed(motion, wanted, memory=None, route="best"):
         field = evaluate(motion, wanted, memory)
         field.w[3][:] *= 1.0 + 1e-8
         return field
 
-    monkeypatch.setattr(runner, "evaluate", perturbed)
+    monkeypatch.setattr(evaluation, "evaluate", perturbed)
     verdict = verified(analyses="eksergian", samples=9, verify=3)
     assert {"eksergian.B", "inertia.B"} <= set(verdict["beyond"])
     item = column(verdict, "inertia", "B")

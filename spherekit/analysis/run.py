@@ -225,7 +225,7 @@ def run(
             )
         if accuracy is not None:
             setting = _setting(place, unfinished, setting)
-        job = _job(course, chosen, block, setting, recorder is not None)
+        job = _job(course, chosen, block, setting, recorder is not None or bool(verify))
         standing, store = _begin(job, place, unfinished, tables)
         ledger.before = standing.seconds
         expected = _expected(job, ledger)

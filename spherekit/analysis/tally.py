@@ -68,8 +68,10 @@ class Tally:
             self._by_equations[0] += int(np.sum(found.by_equations))
             self._by_equations[1] += len(found.by_equations)
         if self._rank is None and np.any(motion.status == Status.OK):
-            vectors = motion.vectors[int(np.argmax(motion.status == Status.OK))]
-            tree = tracer.solver.closure.tree
+            row = int(np.argmax(motion.status == Status.OK))
+            closure = tracer.solver.closure
+            placed = closure.place(motion.values[row : row + 1])
+            tree, (vectors,) = closure.tree, closure.vectors(*placed)
             self._rank = int(rank_mobility(tree, vectors[None])[0])
             over = redundancy(tree, vectors)
             names = [motion.mechanism.pairs[pair].name for pair in over.pairs]
