@@ -202,7 +202,7 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     def probe(inputs: Floats) -> None:
         nonlocal probes, methods
         for q in inputs:
-            if rolls and branches:
+            if (rolls and branches) or len(branches) >= MOST_BRANCHES:
                 break
             here = assemblies(solver, q)
             probes += 1
@@ -240,6 +240,8 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
             complete = all(method is None or method.is_complete for method in methods)
             if dead.gap(step) and not rolls:
                 for values in _beyond_dead_centres(solver, lattice, branches):
+                    if len(branches) >= MOST_BRANCHES:
+                        break
                     add_new([values], values[driven])
             claim = dead.claim(step)
             if rolls or not complete:
