@@ -21,6 +21,8 @@ INCONSISTENT = 1e-6
 """Velocity or acceleration equations that leave over more, relatively, have no solution."""
 NEARLY_FLAT = 1e-3
 """Equations flatter than this are solved once more beside, to see what rounding does."""
+PROBES = 3
+"""Roundings of the equations at random from which their effect is estimated."""
 TRUSTED_CHANGE = 1e-3
 """Rates, or derivatives, that rounding of the configuration changes by more are lost."""
 
@@ -32,12 +34,14 @@ class LinkRates:
 
     `w`, `dw`: (n, bodies, 3) angular velocity relative to body 0 and its derivative;
     `flatness`: (n,) reciprocal condition of the equations, 0 where rounding of the
-    configuration leaves nothing of the rates or of their derivatives.
+    configuration leaves nothing of the rates or of their derivatives; `slack`: (n, probes,
+    bodies, 3), where known: changes of w under roundings of the equations at random.
     """
 
     w: Floats
     dw: Floats
     flatness: Floats
+    slack: Floats | None = None
 
 
 def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRates:
@@ -47,14 +51,14 @@ def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRa
     input pair that moves; the other inputs stand still.
     """
     motion = motion.rows(rows)
-    w, dw, inverse, flatness = _driven(motion, driven)
+    w, dw, inverse, flatness, slack = _driven(motion, driven)
     near = flatness < NEARLY_FLAT
     if np.any(near):
         beside = _off_by_rounding(motion.rows(near), inverse[near])
-        moved_w, moved_dw, _, _ = _driven(beside, driven)
+        moved_w, moved_dw, *_ = _driven(beside, driven)
         change = np.fmax(_changed(w[near], moved_w), _changed(dw[near], moved_dw))
         flatness[near] = np.where(change <= TRUSTED_CHANGE, flatness[near], 0.0)
-    return LinkRates(w, dw, flatness)
+    return LinkRates(w, dw, flatness, slack)
 
 
 def _held(motion: Motion) -> list[int]:
@@ -83,8 +87,8 @@ def _changed(vectors: Floats, moved: Floats) -> Floats:
     return np.asarray(change / np.maximum(size, 1.0))
 
 
-def _driven(motion: Motion, driven: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return w, dw, the inverse of the closure equations and their flatness."""
+def _driven(motion: Motion, driven: int) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Return w, dw, the inverse of the closure equations, their flatness, and the slack."""
     tree = LoopTree.of(motion.mechanism)
     (moved,) = motion.mechanism.variables_of(driven)
     held = _held(motion)
@@ -107,7 +111,19 @@ def _driven(motion: Motion, driven: int) -> tuple[Floats, Floats, Floats, Floats
     flatness = 1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)
     # Redundant constraints may admit a velocity, but no motion that goes on with it.
     flatness[~(np.maximum(over, bent) < INCONSISTENT)] = 0.0
-    return w, dw, inverse, flatness
+    rounding = np.einsum("nij,nj->ni", np.abs(matrix), np.abs(rates[:, free]))
+    rounding = EPS * (rounding + np.abs(jacobian[:, :, moved]))
+    slack = np.empty((len(w), PROBES, *w.shape[1:]))
+    for probe, signs in enumerate(_signs(matrix.shape[1])):
+        change = np.zeros_like(rates)
+        change[:, free] = np.einsum("nij,nj->ni", inverse, rounding * signs)
+        slack[:, probe] = tree.body_rates(vectors, change)
+    return w, dw, inverse, flatness, slack
+
+
+def _signs(count: int) -> Floats:
+    """Return (probes, count) signs at random, the same every time."""
+    return np.random.default_rng(count).choice([-1.0, 1.0], (PROBES, count))
 
 
 def _solved(matrix: Floats, inverse: Floats, right: Floats) -> tuple[Floats, Floats]:
