@@ -21,7 +21,7 @@ from spherekit.exact.rows import exact_rows
 from spherekit.model.mechanism import LinkSizes, PoseGeometry
 from spherekit.trade.choice import WORTH, choose
 from spherekit.trade.measure import Bench
-from spherekit.trade.record import MARGIN
+from spherekit.trade.record import MARGIN, Measured
 from spherekit.trade.trade import trade
 
 FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
@@ -205,10 +205,15 @@ def test_what_is_dominated_is_not_on_the_front():
 def test_many_samples_are_read_from_nodes():
     """Nodes are evaluated once, so their price falls with the number of samples."""
     made = sk.load("four_bar")
-    found = trade(made, samples=1_000_000, settings=FEW, checked=361, rounds=1)
-    chosen = found.cheapest(1e-6)
-    assert chosen is not None and chosen.setting.representation != "every"
+    found = trade(made, samples=1_000_000, settings=FEW[:1], checked=361, rounds=1)
     assert 361 < found.checked < 700
+    every = Measured("every", FEW[0], first=0.0, each=1e-5, error=1e-15)
+    nodes = Measured("nodes", FEW[-1], first=0.1, each=1e-6, error=1e-9)
+    for samples, cheapest in ((1_000, every), (1_000_000, nodes)):
+        given = replace(found, samples=samples, settings=(every, nodes))
+        assert given.cheapest(1e-6) is cheapest
+        assert given.cheapest(1e-12) is every
+    assert every.total(11_000) < nodes.total(11_000) and nodes.total(12_000) < 0.12
 
 
 def test_settings_that_do_not_apply_say_why():
