@@ -103,13 +103,7 @@ CASES = {
 }
 
 
-HEAVY = [
-    pytest.param(name, marks=pytest.mark.long) if name in FIVE[2:] else name
-    for name in FIVE
-]
-
-
-@pytest.mark.parametrize("name", HEAVY)
+@pytest.mark.parametrize("name", FIVE)
 def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
     made = sk.load(name)
     found = trade(made, "poles", rounds=1, settings=settings(name), **CASES[name])
