@@ -290,7 +290,10 @@ def _judge_row(
 def _judge_directions(found: PoleField, row: int, free: Any, tally: Tally) -> list[str]:
     """Judge the directions at a dead centre, where only the motion's scale is unknown."""
     _, values, right = np.linalg.svd(free)
-    gap = values[-2] / values[0] if len(values) == free.shape[1] else 0.0
+    full = len(values) == free.shape[1]
+    gap = values[-2] / values[0] if full else 0.0
+    # Loops that close in one place only have no exact motion, but this close to one.
+    unsolved = values[-1] / values[-2] if full else 0.0
     faults = []
     w = np.concatenate([np.zeros(3), right[-1]]).reshape(-1, 3)
     for pole, directions in found.direction.items():
@@ -299,7 +302,7 @@ def _judge_directions(found: PoleField, row: int, free: Any, tally: Tally) -> li
             continue
         vector = w[pole[1]] - w[pole[0]]
         tally.poles["direction alone"] += 1
-        limit = max(TOLERANCE, CONDITIONED * EPS / max(gap, EPS))
+        limit = max(TOLERANCE, CONDITIONED * EPS / max(gap, EPS), SPREAD * unsolved)
         limit = max(limit, BOUND * found.error[pole][row] * _length(vector))
         across = _length(np.cross(direction, vector))
         if not across <= limit:

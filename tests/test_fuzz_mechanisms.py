@@ -40,6 +40,7 @@ def test_no_wrong_value_in_thousands(part):
         2425,
         5143,
         7454,  # a link of 1e-14 rad was turned by rounding, and OK
+        110346,  # judged by a motion that its loops have to 4e-10 only
     ],
 )
 def test_what_a_sweep_found_once(seed):
