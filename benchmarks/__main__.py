@@ -22,6 +22,7 @@ NAMES = (
     "singularities",
     "startup",
     "accuracy",
+    "bounds",
     "tracking",
     "engine",
     "stored",

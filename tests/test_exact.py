@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from benchmarks.bounds import stated
+from benchmarks.random_mechanisms import random_mechanism
 from spherekit.conventions import EPS, Status
-from spherekit.errors import EngineError, SolveError
+from spherekit.errors import EngineError, SolveError, SpherekitError
 from spherekit.exact import arithmetic, rows
 from spherekit.exact.arcs import gauss_legendre
 from spherekit.exact.arithmetic import Digits, Hardware, wide
@@ -24,7 +26,7 @@ from spherekit.exact.linear import left_inverse
 from spherekit.exact.rows import exact_rows, exact_rows_by_input
 from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
-from spherekit.rates.field import evaluate
+from spherekit.rates.field import direction_error, evaluate
 from spherekit.rates.request import request
 
 FIFTY = Digits(50)
@@ -468,6 +470,7 @@ def test_fields_and_motions_of_reference_values(name):
     count = len(made.links)
     poles = [(i, j) for j in range(count) for i in range(j)]
     driven = motion.assembly.inputs
+    rows_of = motion.rows(chosen)
     pairs = exact_rows_by_input(motion, chosen, driven)
     for exact, number in zip(pairs, driven, strict=True):
         wanted = request(made, made.pairs[number].name, poles, poles)
@@ -478,9 +481,8 @@ def test_fields_and_motions_of_reference_values(name):
             known = np.isfinite(given.rate[pole])
             assert np.array_equal(known, np.isfinite(found.rate[pole]))
             apart = np.linalg.norm(given.direction[pole] - found.direction[pole], axis=1)
-            assert np.all(
-                (apart <= 4 * exact.condition * given.error[pole]) | np.isnan(apart)
-            )
+            bound = direction_error(rows_of, given, pole)
+            assert np.all((apart <= bound) | np.isnan(apart))
             assert np.all(np.abs(given.rate[pole] - found.rate[pole])[known] < slack[known])
             along = found.rate[pole][:, None] * found.direction[pole]
             moving = np.isfinite(along[:, 0])
@@ -516,3 +518,24 @@ def test_inertia_and_its_derivative():
     )
     slope = (ahead[0] - behind[0]) / (2 * mp.mpf(2) ** -48)
     assert np.max(np.abs(slope - dB)) < 1e-25
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(40), pytest.param(range(40, 1000), marks=pytest.mark.long)]
+)
+def test_stated_errors_hold(seeds):
+    """Of configurations and directions, up to conditioning 1e8 and in any geometry."""
+    judged, worst, widest = 0, 0.0, 0.0
+    for seed in seeds:
+        try:
+            made = random_mechanism(seed)[1]
+            tracer = Tracer(made, search=False, samples=3, branch=0)
+        except SpherekitError:
+            continue
+        found = stated(tracer)
+        assert np.all(found.off <= found.known), seed
+        assert np.all(found.apart <= found.bound), seed
+        judged += len(found.apart)
+        worst = max(worst, float(np.max(found.apart / found.bound, initial=0.0)))
+        widest = max(widest, float(np.max(found.off, initial=0.0)))
+    assert judged > 500 and worst > 0.1 and widest > 1e-14

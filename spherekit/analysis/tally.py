@@ -10,7 +10,7 @@ from spherekit.analysis.contract import run_status
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.rates.field import PoleField
+from spherekit.rates.field import PoleField, direction_error
 from spherekit.sphere.rotation import Floats
 
 CODES = len(Status)
@@ -24,6 +24,7 @@ class Tally:
         self._status: dict[int, NDArray[np.int64]] = {}
         self._poles = np.zeros(CODES, dtype=np.int64)
         self._residual: float | None = None
+        self._off: float | None = None
         self._error: float | None = None
         self._by_equations = [0, 0]
         self._rank: int | None = None
@@ -35,6 +36,7 @@ class Tally:
             "status": [[branch, own.tolist()] for branch, own in self._status.items()],
             "poles": self._poles.tolist(),
             "residual": self._residual,
+            "configuration": self._off,
             "error": self._error,
             "by_equations": self._by_equations,
             "rank": self._rank,
@@ -48,6 +50,7 @@ class Tally:
         tally._status = {branch: np.array(own) for branch, own in state["status"]}
         tally._poles = np.array(state["poles"])
         tally._residual, tally._error = state["residual"], state["error"]
+        tally._off = state["configuration"]
         tally._by_equations = list(state["by_equations"])
         tally._rank, tally._repeated = state["rank"], state["repeated"]
         return tally
@@ -59,12 +62,16 @@ class Tally:
             counts = np.bincount(status[motion.branch == branch], minlength=CODES)
             self._status[int(branch)] = counts + self._status.get(int(branch), 0)
         self._residual = _largest(self._residual, motion.residual)
+        self._off = _largest(
+            self._off, motion.configuration_error[motion.status == Status.OK]
+        )
         for found in fields:
             good = found.status == Status.OK
             for codes in found.pole_status.values():
                 self._poles += np.bincount(codes[good], minlength=CODES)
-            for error in found.error.values():
-                self._error = _largest(self._error, error)
+            for pole in found.error:
+                error = direction_error(motion, found, pole)
+                self._error = _largest(self._error, error[good])
             self._by_equations[0] += int(np.sum(found.by_equations))
             self._by_equations[1] += len(found.by_equations)
         if self._rank is None and np.any(motion.status == Status.OK):
@@ -118,6 +125,7 @@ class Tally:
         some, every = self._by_equations
         return {
             "largest_closure_residual_rad": self._residual,
+            "largest_configuration_error_rad": self._off,
             "largest_direction_error_bound_rad": self._error,
             "fraction_by_velocity_equations": some / every if every else None,
         }

@@ -433,9 +433,11 @@ def report(summary: Any) -> str:
             f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
-        lines.append(
-            f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
-        )
+        line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
+        if errors["largest_configuration_error_rad"] is not None:
+            off = errors["largest_configuration_error_rad"]
+            line += f"; configurations known to {off:.1e} rad"
+        lines.append(line)
     if errors["largest_direction_error_bound_rad"] is not None:
         lines.append(
             "largest error bound of a pole direction "

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import Status, listing
+from spherekit.conventions import EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
@@ -16,7 +16,7 @@ from spherekit.motion import lattice as lattices
 from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.lattice import Lattice, given_path
-from spherekit.motion.loops import LoopTree
+from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.modes import find_branches
 from spherekit.motion.pairs import (
     PairRates,
@@ -131,16 +131,44 @@ class Motion:
         It grows without bound towards singularities of type II; infinite where loops do
         not hold the links, 1 where there is no loop, NaN where the row failed.
         """
-        held = {self.mechanism.variables_of(pair)[0] for pair in self.assembly.inputs}
-        free = [v for v in range(self.values.shape[1]) if v not in held]
-        jacobian = LoopTree.of(self.mechanism).jacobian(self.vectors)[:, :, free]
+        jacobian = self._free_jacobian
+        free = jacobian.shape[2]
         known = np.all(np.isfinite(jacobian), axis=(1, 2))
         found = np.where(known, np.inf if free else 1.0, np.nan)
         sizes = np.linalg.svd(jacobian[known], compute_uv=False)
-        if 0 < sizes.shape[1] == len(free):
+        if 0 < sizes.shape[1] == free:
             with np.errstate(divide="ignore", invalid="ignore"):
                 found[known] = sizes[:, 0] / sizes[:, -1]
         return np.asarray(found)
+
+    @cached_property
+    def _free_jacobian(self) -> Floats:
+        """(n, equations, free) how loops open as the variables without the inputs move."""
+        held = {self.mechanism.variables_of(pair)[0] for pair in self.assembly.inputs}
+        free = [v for v in range(self.values.shape[1]) if v not in held]
+        return LoopTree.of(self.mechanism).jacobian(self.vectors)[:, :, free]
+
+    @cached_property
+    def configuration_error(self) -> Floats:
+        """(n,) rad, about how far variables and orientations may be off, to first order.
+
+        What loops stay open by, and two roundings for the loops themselves, through the
+        inverse of the closure Jacobian without the inputs (its Frobenius norm); two
+        roundings more for the numbers. Infinite where loops do not hold the links, NaN
+        where the row failed or was not constructed.
+        """
+        if np.all(np.isnan(self.residual)):
+            return np.full(len(self), np.nan)
+        jacobian = self._free_jacobian
+        _, equations, free = jacobian.shape
+        if not free:
+            return np.where(self.failed, np.nan, 2.0 * EPS)
+        inverse = np.full(len(self), np.inf)
+        if equations >= free:
+            found = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
+            inverse[np.isfinite(found)] = found[np.isfinite(found)]
+        inverse[self.failed] = np.nan
+        return np.asarray(2.0 * EPS + inverse * (self.residual + 2.0 * EPS))
 
     def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
         """Return how vectors and axes change, see `spherekit.motion.pairs.pair_rates`."""

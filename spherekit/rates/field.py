@@ -56,7 +56,8 @@ class PoleField:
     link relative to its first per unit rate of the input; `rate_dq[pole]` (n,) its
     derivative by the input (1/rad); `angle[pole]` (n,) sine of the angle between the
     two planes used, 0 where they coincide; `error[pole]` (n,) bound of the direction's
-    rounding error (rad).
+    rounding error (rad), given the configuration; `direction_error` adds that of the
+    configuration.
     `planes[pole]` (n, 2, 3) unit normals of those planes, for the poles asked for.
     `w[link]`, `dw[link]` (n, 3): rates of links relative to the ground, per unit rate of
     the input, and their derivatives.
@@ -77,6 +78,15 @@ class PoleField:
     status: NDArray[np.int8]
     pole_status: dict[Pole, NDArray[np.int8]]
     by_equations: NDArray[np.bool_]
+
+
+def direction_error(motion: Motion, field: PoleField, pole: Pole) -> Floats:
+    """Return (n,) a bound of the error of a pole's direction, rad, to first order.
+
+    `field.error` grows in proportion to the error of the axes that poles are found from:
+    rounding by itself, and what the configuration is off by.
+    """
+    return field.error[pole] * (1.0 + motion.configuration_error / EPS)
 
 
 @final
