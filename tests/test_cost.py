@@ -13,7 +13,7 @@ from rerun.chunk import RrdReader
 import spherekit as sk
 from spherekit.analysis.cost import Ledger, counts_of
 from spherekit.analysis.registry import create
-from spherekit.analysis.run import needs_of, requests_for
+from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.sizes import csv_row
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError

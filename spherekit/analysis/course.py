@@ -24,6 +24,9 @@ from spherekit.sphere.rotation import Floats
 UNIT_SPEED = 1.0
 """An input without a law turns at this speed (rad/s), as in the source's example."""
 
+DEFAULT_TOLERANCE = 1e-9
+"""Error tolerated in each step of a simulation, for pair variables (rad)."""
+
 EVENTS = Table(
     "events",
     "what happened in the course of a simulation, in order of time",

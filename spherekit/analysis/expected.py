@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
-from spherekit.analysis.course import course_of
+from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
 from spherekit.analysis.forecast import LEAST, extrapolated, forecast
 from spherekit.analysis.made_up import made_up_motion
 from spherekit.analysis.recording import MOST_LOGGED
-from spherekit.analysis.run import DEFAULT_TOLERANCE, run
+from spherekit.analysis.run import run
 from spherekit.files.study import Study
 from spherekit.motion.motion import BLOCK, DEFAULT_SAMPLES, Motion
 from spherekit.planning.assembly import Assembly

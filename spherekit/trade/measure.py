@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.course import Course
 from spherekit.analysis.evaluation import Evaluation
-from spherekit.analysis.run import requests_for
+from spherekit.analysis.requests import requests_for
 from spherekit.analysis.setting import Setting
 from spherekit.analysis.store import InMemory
 from spherekit.analysis.tables import TableData
