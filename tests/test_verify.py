@@ -143,7 +143,7 @@ def test_a_wrong_configuration_has_no_reference():
     values[3, 1] += 1e-4
     values[5, 1] += 1e-8
     moved = replace(motion, values=values)
-    verifier.see(moved, (evaluate(moved, wanted),))
+    verifier.see(moved, (evaluate(moved, wanted),), {})
     verdict = verifier.verdict()
     assert verdict["rows"] == len(motion)
     (lost,) = verdict["without_reference"]
@@ -166,7 +166,7 @@ def test_nothing_to_verify():
     failed = replace(
         motion, status=np.full(len(motion), Status.OUT_OF_REACH, dtype=np.int8)
     )
-    verifier.see(failed, (evaluate(failed, wanted),))
+    verifier.see(failed, (evaluate(failed, wanted),), {})
     verdict = verifier.verdict()
     assert verdict["rows"] == 0 and faults(verdict) == []
     assert "no row" in told(verdict)[0]

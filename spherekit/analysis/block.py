@@ -31,7 +31,8 @@ def evaluate_block(
     """
     course = job.course
     with ledger.stage(AXES):
-        found = job.evaluation.fields(motion, standing.memories)
+        found = job.evaluation.fields(motion, standing.signs)
+        angles = job.evaluation.angles(motion, standing.angles)
     if stage is not None:
         with ledger.stage(RECORDING):
             stage.motion(motion)
@@ -39,15 +40,25 @@ def evaluate_block(
         if analysis.name in standing.failures:
             continue
         batch = Batch(
-            job.mechanism, job.plans, what, motion, found, course.timed, course.tracer
+            job.mechanism,
+            job.plans,
+            what,
+            motion,
+            found,
+            angles,
+            course.timed,
+            course.tracer,
+            course.extent,
         )
         try:
             with ledger.stage(f"analysis {analysis.name}"):
                 tables = dict(analysis.compute(batch))
                 for table in job.tables_of(analysis):
                     table.check(tables[table.name], analysis.name)
-                if not analysis.rowwise:
-                    standing.findings[analysis.name] = analysis.findings(batch)
+                findings = analysis.findings(batch)
+                before = standing.findings.get(analysis.name)
+                if before is not None:
+                    findings = analysis.joined(before, findings)
             with ledger.stage(RECORDING):
                 scenes = analysis.scene(batch) if stage is not None else ()
         except SpherekitError as problem:
@@ -56,6 +67,7 @@ def evaluate_block(
         except Exception:  # a plugin's own fault must not lose the others' results
             standing.failures[analysis.name] = traceback.format_exc()
             continue
+        standing.findings[analysis.name] = findings
         for table in job.tables_of(analysis):
             store.add(analysis.name, table, tables[table.name])
             standing.count(analysis.name, table.name, tables[table.name])
@@ -67,7 +79,7 @@ def evaluate_block(
         store.add(MOTION, EVENTS, course.events())
         standing.count(MOTION, EVENTS.name, course.events())
     if verifier is not None:
-        verifier.see(motion, found)
+        verifier.see(motion, found, angles)
     standing.count(MOTION, MOTION, {"sample": motion.sample})
     standing.tally.add(course.tracer, motion, found)
     standing.done += motion.samples

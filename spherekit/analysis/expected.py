@@ -14,6 +14,7 @@ from spherekit.analysis.made_up import made_up_motion
 from spherekit.analysis.recording import MOST_LOGGED
 from spherekit.analysis.run import run
 from spherekit.files.study import Study
+from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import BLOCK, DEFAULT_SAMPLES, Motion
 from spherekit.planning.assembly import Assembly
 from spherekit.rates.request import Request
@@ -100,7 +101,8 @@ def _of_a_branch(
         return made_up_motion(mechanism, assembly, count)
 
     def batch(motion: Motion, needs: Needs, found: Any) -> Batch:
-        return Batch(mechanism, plans, needs, motion, found)
+        angles = AngleMemory().continued(motion, needs.continued_values)
+        return Batch(mechanism, plans, needs, motion, found, angles)
 
     return extrapolated(few, batch, analyses, own, wanted, 1, samples, BLOCK)
 
