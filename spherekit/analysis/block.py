@@ -37,7 +37,8 @@ def evaluate_block(
         with ledger.stage(RECORDING):
             stage.motion(motion)
     for analysis, what in zip(job.analyses, job.needs, strict=True):
-        if analysis.name in standing.failures:
+        is_asked = analysis.reads_samples or standing.done == 0
+        if analysis.name in standing.failures or not is_asked:
             continue
         batch = Batch(
             job.mechanism,

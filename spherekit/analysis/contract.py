@@ -404,8 +404,16 @@ class AbstractAnalysis(ABC):
     rowwise: ClassVar[bool] = False
     """Whether a row depends only on what the batch says of it: then blocks are given as
     they come, and a few rows tell what many cost."""
+    reads_samples: ClassVar[bool] = True
+    """Whether it reads samples of a run; otherwise it is asked once, with the first
+    block."""
     trades: ClassVar[tuple[Sweep, ...]] = ()
     """Own parameters that trade speed for accuracy, where samples are not what costs."""
+
+    @property
+    def at_once(self) -> bool:
+        """Whether all samples of a run have to come in one batch."""
+        return self.reads_samples and not self.rowwise
 
     @abstractmethod
     def needs(self, mechanism: Mechanism) -> Needs:

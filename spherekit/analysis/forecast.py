@@ -118,7 +118,7 @@ def extrapolated(
 
     count = max(1, min(max(2, FEW // branches), samples // 2))
     small = _best(_trial(count, few, batch, able, wanted) for _ in range(2))
-    if not all(analysis.rowwise for analysis in chosen):
+    if any(analysis.at_once for analysis in chosen):
         block = samples
     most = min(samples, block, int(PATIENCE / sum(small.seconds.values()) * count))
     large = _trial(max(LARGER * count, most), few, batch, able, wanted)

@@ -54,7 +54,7 @@ class Job:
     @property
     def at_once(self) -> tuple[str, ...]:
         """Names of the analyses that look at all samples at once."""
-        return tuple(analysis.name for analysis in self.analyses if not analysis.rowwise)
+        return tuple(analysis.name for analysis in self.analyses if analysis.at_once)
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -104,7 +104,7 @@ def job_of(
     together = needs_of(mechanism, analyses)
     wanted = requests_for(mechanism, together, tracer.by_rank)
     evaluation = Evaluation(setting, course, wanted, together, all_links)
-    whole = [analysis.name for analysis in analyses if not analysis.rowwise]
+    whole = [analysis.name for analysis in analyses if analysis.at_once]
     if whole:
         block = len(course)
         need_memory(mechanism, block * len(tracer.branches), whole)

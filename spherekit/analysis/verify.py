@@ -137,7 +137,7 @@ class Verifier:
 
         The whole motion is kept where an analysis had it, as a single block.
         """
-        if not all(analysis.rowwise for analysis, _ in self._analyses):
+        if any(analysis.at_once for analysis, _ in self._analyses):
             self._whole = motion, fields, angles
         good = motion.status == Status.OK
         for field in fields:
@@ -199,7 +199,7 @@ class Verifier:
                 verdict["not_verified"].append(analysis.name)
                 continue
             both = alone
-            if not analysis.rowwise and self._whole is not None:
+            if analysis.at_once and self._whole is not None:
                 both = self._whole, _replaced(self._whole, rows, *alone[1])
             try:
                 first, second = (

@@ -107,7 +107,7 @@ def execute(options: argparse.Namespace) -> int:
         ],
         "predicted": expected(study, analyses, assembly, requests),
     }
-    at_once = [analysis.name for analysis in analyses if not analysis.rowwise]
+    at_once = [analysis.name for analysis in analyses if analysis.at_once]
     facts["at_once"] = {"analyses": at_once, "bytes_a_row": memory_at_once(mechanism, 1)}
     if options.recording and facts["predicted"].get("branches"):
         facts["predicted"]["recording"] = _recording(study, analyses)

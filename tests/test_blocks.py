@@ -1,4 +1,4 @@
-"""Angles that go on over many turns, and analyses that read them block by block."""
+"""From block to block: angles that go on, findings, frames, and what is asked once."""
 
 import json
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis.contract import AbstractAnalysis, Findings, Needs
-from spherekit.analysis.scene import Portrait
+from spherekit.analysis.scene import Portrait, Scene, Series
 from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed
 from spherekit.model.dynamics import PairTorque
@@ -233,3 +233,93 @@ def test_what_was_not_declared_is_not_read():
     result = sk.run(sk.load("four_bar"), Counting(reads="32"), samples=3)
     assert 'continued_value("32")' in result.failures["counting"]
     assert issubclass(UndeclaredNeed, sk.SpherekitError)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Apart(AbstractAnalysis):
+    """Reads no samples, and shows four rows of its own."""
+
+    name: ClassVar = "apart"
+    version: ClassVar = "1"
+    summary: ClassVar = "no samples"
+    reads_samples: ClassVar = False
+    tables: ClassVar = (Table("apart", "", (Column("x", "", ""),)),)
+    calls: ClassVar = []
+
+    def needs(self, mechanism):
+        return Needs()
+
+    def compute(self, batch):
+        self.calls.append(batch.sample[0])
+        return {"apart": {"x": np.arange(3.0)}}
+
+    def findings(self, batch):
+        return Findings({"third": 3.0}, (), ("Three.",))
+
+    def scene(self, batch):
+        return (Scene("Apart", (Series("s", "s", "g", np.arange(4.0)),), rows=4),)
+
+
+class Pages:
+    """Keeps what is logged on pages of their own."""
+
+    def __init__(self):
+        self.logged = []
+
+    def start(self, scenes, inputs, **rest):
+        self.inputs, self.times = inputs, rest["times"]
+
+    def log(self, scene, samples, inputs=None, times=None):
+        if isinstance(scene.page, str):
+            self.logged.append((scene.page, samples.tolist(), inputs, times))
+
+
+def test_what_reads_no_samples_is_asked_once(tmp_path):
+    made, pages = sk.load("four_bar"), Pages()
+    Apart.calls.clear()
+    result = sk.run(made, [Apart(), "poles"], samples=25, block=4, recorder=pages)
+    assert Apart.calls == [0] and result.summary["samples_in_a_block"] == 4
+    assert result.frame("apart")["x"].tolist() == [0.0, 1.0, 2.0]
+    ((page, samples, inputs, times),) = pages.logged
+    assert (page, samples, times) == ("Apart", [0, 1, 2, 3], None)
+    assert np.allclose(inputs, np.arange(4) * np.pi / 2.0)
+    timed = Pages()
+    sk.run(made, Apart(), samples=25, block=4, duration=2.0, recorder=timed)
+    assert timed.logged[0][2] is None
+    assert timed.logged[0][3].tolist() == [0.0, 0.5, 1.0, 1.5]
+
+
+def test_it_is_not_asked_again_when_a_run_goes_on(tmp_path):
+    def stop(done, total):
+        if done == 8:
+            raise KeyboardInterrupt
+
+    made = sk.load("four_bar")
+    Apart.calls.clear()
+    words = {"samples": 25, "block": 4, "folder": tmp_path}
+    with pytest.raises(KeyboardInterrupt):
+        sk.run(made, Apart(), **words, progress=stop)
+    result = sk.run(made, Apart(), **words, unfinished="resume")
+    assert Apart.calls == [0]
+    assert len(result.frame("apart")) == 3
+    assert result.summary["remarks"] == ["apart: Three."]
+    assert result.summary["analyses"][0]["findings"] == {"third": 3.0}
+
+
+@pytest.mark.parametrize(
+    "name, text",
+    [
+        ("five_bar", "inverse_kinematics:poses=0.1:0.2:0.97"),
+        ("five_bar", "workspace:tolerance=0.1"),
+    ],
+)
+def test_analyses_of_poses_do_not_hold_up_the_blocks(name, text):
+    made = sk.load(name)
+    alone = sk.run(made, text, samples=3, branch=0)
+    both = sk.run(made, [text, "poles"], samples=9, branch=0, block=2)
+    assert not alone.failures and not both.failures
+    assert both.summary["samples_in_a_block"] == 2
+    assert len(alone.frame()) == len(both.frame()) > 0
+    first, second = (each.summary["analyses"][0]["findings"] for each in (alone, both))
+    assert first == second
