@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from typing import ClassVar, final
 
 import mpmath as mp
 import numpy as np
@@ -12,6 +13,7 @@ import spherekit as sk
 from spherekit.analysis import evaluation, verify
 from spherekit.analysis import run as runner
 from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
 from spherekit.analysis.verify import Verifier, faults, told
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
@@ -184,6 +186,35 @@ def test_several_inputs_times_and_analyses_of_whole_motions():
     alone = verified(analyses="singularities", samples=9, verify=3)
     assert {item["table"] for item in alone["columns"]} == {"motion"}
     assert "singularities" in told(alone)[-1]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Risen(AbstractAnalysis):
+    """By how much a variable rose since the first sample, which one block cannot say."""
+
+    name: ClassVar = "risen"
+    version: ClassVar = "1"
+    summary: ClassVar = "rise of a variable"
+    tables: ClassVar = (Table("risen", "", (SAMPLE, BRANCH, Column("rise", "rad", ""))),)
+
+    def needs(self, mechanism):
+        return Needs(continued_values=frozenset(["32"]))
+
+    def compute(self, batch):
+        values = batch.continued_value("32").reshape(2, -1)
+        rise = (values - values[:, :1]).ravel()
+        return {"risen": {"sample": batch.sample, "branch": batch.branch, "rise": rise}}
+
+
+def test_whole_motions_have_their_rows_replaced():
+    path = np.linspace(0.0, -25.0, 160)[:, None]
+    result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
+    verdict = result.summary["verified"]
+    assert verdict["not_verified"] == [] and verdict["beyond"] == []
+    found = column(verdict, "risen", "rise")
+    assert abs(found["reference"]) > 2.0 * np.pi and 0.0 < found["deviation"] < 2e-14
+    assert np.ptp(result.frame()["rise"]) > 20.0
 
 
 def test_a_wrong_inertia_is_found(monkeypatch):
