@@ -24,7 +24,7 @@ from spherekit.analysis.tables import (
 from spherekit.conventions import Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import Inertia, inertia
-from spherekit.dynamics.inverse import continued_angles, driving_torque, need_terms
+from spherekit.dynamics.inverse import driving_torque, need_terms
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.errors import AnalysisError
 from spherekit.model.actions import used_links, used_pairs
@@ -62,7 +62,7 @@ class Eksergian(AbstractAnalysis):
     cites: ClassVar[tuple[str, ...]] = (
         "R. Di Gregorio, Mechanism and Machine Theory 2024, 105720, eqs. (9) to (21)",
     )
-    proportional: ClassVar[bool] = True
+    rowwise: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
             "eksergian",
@@ -128,13 +128,13 @@ class Eksergian(AbstractAnalysis):
             derivatives=True,
             link_rates=links,
             rotations=links,
-            pair_values=pairs,
+            continued_values=pairs,
             pair_rates=pairs | ({self.at} if self.at else set()),
         )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torque, of the links' inertia and of the loads."""
-        found = self.torque(batch)
+        found = self._torque(batch)
         mechanism = batch.mechanism
         links = [mass.link for mass in mechanism.masses]
         loads = [load.name for load in mechanism.loads]
@@ -169,7 +169,10 @@ class Eksergian(AbstractAnalysis):
             },
         }
 
-    def torque(self, batch: Batch) -> Torque:
+    def _torque(self, batch: Batch) -> Torque:
+        return batch.once("torque", lambda: self._found(batch))
+
+    def _found(self, batch: Batch) -> Torque:
         """Return inertia, generalised forces and driving torque of a batch."""
         mechanism = batch.mechanism
         motion = _motion(batch)
@@ -191,24 +194,28 @@ class Eksergian(AbstractAnalysis):
         return Torque(masses, forces, tau, status)
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the closure reached and the conditioning behind the results."""
+        """Return the worst conditioning behind the results, and where that is."""
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
         worst = int(np.nanargmax(batch.closure_conditioning))
         figures = {
-            "largest_closure_residual_rad": float(np.nanmax(batch.residual)),
             "largest_conditioning": float(batch.closure_conditioning[worst]),
             "at_q_rad": float(batch.q[worst]),
             "at_branch": int(batch.branch[worst]),
         }
         return Findings(figures)
 
+    def joined(self, before: Findings, now: Findings) -> Findings:
+        """Return the worse of both."""
+        both = [each for each in (before, now) if each.figures]
+        return max(both, key=lambda each: each.figures["largest_conditioning"], default=now)
+
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of inertia, its derivative and torque, each with its parts.
 
         With the phase portrait, where the samples are times.
         """
-        found = self.torque(batch)
+        found = self._torque(batch)
         masses = found.inertia
         names = [mass.link for mass in batch.mechanism.masses]
         loads = [load.name for load in batch.mechanism.loads]
@@ -254,8 +261,8 @@ def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
         dq,
         "q, rad",
         "dq, rad/s",
-        (float(np.min(q)), float(np.max(q))),
-        (float(np.min(dq)), float(np.max(dq))),
+        batch.q_range,
+        batch.dq_range,
     )
 
 
@@ -269,13 +276,9 @@ def _motion(batch: Batch) -> CoordinateMotion:
     n, links = len(batch), len(mechanism.links)
     values = np.full((n, len(mechanism.variable_names)), np.nan)
     rates = np.full_like(values, np.nan)
-    samples = n // max(len(batch.branch_rows()), 1)
-    for pair in needs.pair_values:
+    for pair in needs.continued_values:
         (number,) = mechanism.variables_of(mechanism.pair_number[pair])
-        if pair == batch.moved_pairs[0]:
-            values[:, number] = batch.q
-        else:
-            values[:, number] = continued_angles(batch.pair_value(pair), samples)
+        values[:, number] = batch.continued_value(pair)
         rates[:, number] = batch.pair_rate(pair)
     turns = np.full((n, links, 3, 3), np.nan)
     w, dw = np.full((n, links, 3), np.nan), np.full((n, links, 3), np.nan)

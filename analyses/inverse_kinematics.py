@@ -91,6 +91,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     cites: ClassVar[tuple[str, ...]] = (
         "C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",
     )
+    reads_samples: ClassVar[bool] = False
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
             "inverse_kinematics",

@@ -83,6 +83,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         "C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",
         "Z. Chen et al., 2021, doi 10.21203/rs.3.rs-258461",
     )
+    reads_samples: ClassVar[bool] = False
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
             "workspace",

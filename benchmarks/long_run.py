@@ -13,7 +13,7 @@ from spherekit.analysis.run import run as run_analyses
 from spherekit.files.read import load
 from spherekit.motion.motion import BLOCK, Tracer
 
-JOBS = (("stephenson", "poles:only=31"), ("four_bar", "poles"))
+JOBS = (("stephenson", "poles:only=31"), ("four_bar", "poles"), ("four_bar", "eksergian"))
 SAMPLES = (10_000, 100_000, 1_000_000)
 MANY = 10_000_000
 """Of the first job only: a quarter of an hour, and 25 GB while it goes on."""

@@ -12,7 +12,7 @@ from benchmarks.timing import median, ratio, rounds
 from spherekit.analysis.cost import counts_of
 from spherekit.analysis.needed import needed_part
 from spherekit.analysis.registry import create
-from spherekit.analysis.run import needs_of, requests_for
+from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.run import run as run_analyses
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism

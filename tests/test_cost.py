@@ -11,12 +11,15 @@ from chains import dyads_on
 from rerun.chunk import RrdReader
 
 import spherekit as sk
+from spherekit.analysis import expected, recording
 from spherekit.analysis.cost import Ledger, counts_of
+from spherekit.analysis.expected import with_samples
 from spherekit.analysis.registry import create
-from spherekit.analysis.run import needs_of, requests_for
+from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.sizes import csv_row
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
+from spherekit.files.study import load_study
 from spherekit.model.laws import Start
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.part import needed_groups, part_for
@@ -331,3 +334,37 @@ def test_mean_row_of_csv():
         "status": np.array([0, 0], dtype=np.int8),
     }
     assert csv_row(data, 100) == pytest.approx(1.9 + 1.5 + 2.0 + 3.0)
+
+
+class Counted:
+    """A recorder that takes so many bytes for what is logged once, a block and a row."""
+
+    def __init__(self):
+        self.cost = {"entities": 0, "rows": 0, "bytes": 5000}
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+    def start(self, scenes, inputs, **rest):
+        pass
+
+    def log(self, scene, samples, inputs=None, times=None):
+        self.cost["rows"] += len(samples)
+        self.cost["bytes"] += 1000 + len(samples)
+
+
+@pytest.mark.parametrize("most", [50_000, 1_000])
+def test_a_recording_is_predicted_block_by_block(most, monkeypatch):
+    """Blocks have fewer samples with more branches, also where few are logged."""
+    for module in (expected, recording):
+        monkeypatch.setattr(module, "MOST_LOGGED", most)
+    made = sk.load("four_bar")
+    analyses = [create("poles:only=31")]
+    actual = Counted()
+    sk.run(made, analyses, samples=20_000, tables=False, recorder=actual)
+    study = with_samples(load_study("four_bar"), 20_000)
+    found = expected.extrapolated_recording(study, analyses, lambda _: Counted())
+    assert found == pytest.approx(actual.cost, rel=2e-3)

@@ -9,7 +9,7 @@ import pytest
 import spherekit as sk
 from spherekit.analysis.course import course_of
 from spherekit.analysis.registry import create
-from spherekit.analysis.run import requests_for
+from spherekit.analysis.requests import requests_for
 from spherekit.analysis.setting import Setting
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from typing import ClassVar, final
 
 import mpmath as mp
 import numpy as np
@@ -12,6 +13,7 @@ import spherekit as sk
 from spherekit.analysis import evaluation, verify
 from spherekit.analysis import run as runner
 from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
 from spherekit.analysis.verify import Verifier, faults, told
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
@@ -142,7 +144,7 @@ def test_a_wrong_configuration_has_no_reference():
     values[3, 1] += 1e-4
     values[5, 1] += 1e-8
     moved = replace(motion, values=values)
-    verifier.see(moved, (evaluate(moved, wanted),))
+    verifier.see(moved, (evaluate(moved, wanted),), {})
     verdict = verifier.verdict()
     assert verdict["rows"] == len(motion)
     (lost,) = verdict["without_reference"]
@@ -165,7 +167,7 @@ def test_nothing_to_verify():
     failed = replace(
         motion, status=np.full(len(motion), Status.OUT_OF_REACH, dtype=np.int8)
     )
-    verifier.see(failed, (evaluate(failed, wanted),))
+    verifier.see(failed, (evaluate(failed, wanted),), {})
     verdict = verifier.verdict()
     assert verdict["rows"] == 0 and faults(verdict) == []
     assert "no row" in told(verdict)[0]
@@ -183,6 +185,35 @@ def test_several_inputs_times_and_analyses_of_whole_motions():
     alone = verified(analyses="singularities", samples=9, verify=3)
     assert {item["table"] for item in alone["columns"]} == {"motion"}
     assert "singularities" in told(alone)[-1]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Risen(AbstractAnalysis):
+    """By how much a variable rose since the first sample, which one block cannot say."""
+
+    name: ClassVar = "risen"
+    version: ClassVar = "1"
+    summary: ClassVar = "rise of a variable"
+    tables: ClassVar = (Table("risen", "", (SAMPLE, BRANCH, Column("rise", "rad", ""))),)
+
+    def needs(self, mechanism):
+        return Needs(continued_values=frozenset(["32"]))
+
+    def compute(self, batch):
+        values = batch.continued_value("32").reshape(2, -1)
+        rise = (values - values[:, :1]).ravel()
+        return {"risen": {"sample": batch.sample, "branch": batch.branch, "rise": rise}}
+
+
+def test_whole_motions_have_their_rows_replaced():
+    path = np.linspace(0.0, -25.0, 160)[:, None]
+    result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
+    verdict = result.summary["verified"]
+    assert verdict["not_verified"] == [] and verdict["beyond"] == []
+    found = column(verdict, "risen", "rise")
+    assert abs(found["reference"]) > 2.0 * np.pi and 0.0 < found["deviation"] < 2e-14
+    assert np.ptp(result.frame()["rise"]) > 20.0
 
 
 def test_a_wrong_inertia_is_found(monkeypatch):

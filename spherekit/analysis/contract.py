@@ -1,8 +1,8 @@
 """The contract between spherekit and an analysis: needs, batch, tables, scene.
 
 A plugin is a final frozen dataclass derived from `AbstractAnalysis`; its fields are its
-parameters. It says what it needs before anything is computed, gets exactly that for all
-samples at once, and returns the tables it declared.
+parameters. It says what it needs before anything is computed, gets exactly that, block
+after block or for all samples at once, and returns the tables it declared.
 """
 
 from abc import ABC, abstractmethod
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import Table, TableData
 from spherekit.conventions import Status
-from spherekit.errors import SolveError, UndeclaredNeed
+from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.motion.timing import Timing
+from spherekit.motion.timing import Extent, Timing
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.field import PoleField, direction_error
 from spherekit.sphere.rotation import Floats
@@ -41,7 +41,8 @@ class Needs:
     `planes`: poles whose two great circles are wanted. `link_rates`: links whose angular
     velocity per unit rate of the input is wanted, `pair_rates`: pairs whose variable's
     rate is; with `derivatives`, also the derivative of the former. `pair_values`,
-    `rotations`: pairs and links. All four by name. `time`: when the rows happen, with
+    `rotations`: pairs and links. `continued_values`: pairs whose variable is wanted
+    without jumps of a turn. All five by name. `time`: when the rows happen, with
     the rates and accelerations of the inputs. `tracer`: what finds configurations, for
     an analysis that asks for more of them than the samples.
     """
@@ -51,6 +52,7 @@ class Needs:
     derivatives: bool = False
     planes: frozenset[Pole] = frozenset()
     pair_values: frozenset[str] = frozenset()
+    continued_values: frozenset[str] = frozenset()
     rotations: frozenset[str] = frozenset()
     link_rates: frozenset[str] = frozenset()
     pair_rates: frozenset[str] = frozenset()
@@ -65,6 +67,7 @@ class Needs:
             self.derivatives or other.derivatives,
             self.planes | other.planes,
             self.pair_values | other.pair_values,
+            self.continued_values | other.continued_values,
             self.rotations | other.rotations,
             self.link_rates | other.link_rates,
             self.pair_rates | other.pair_rates,
@@ -115,6 +118,9 @@ class Batch:
     a method takes `moved`, it is the position of that input, the first by default.
     `timed` says that the samples are times, by a law or from a start; without it an
     input that turns at 1 rad/s gives them their time.
+
+    What goes on from sample to sample, signs of directions and `continued_value`, does so
+    from block to block too.
     """
 
     mechanism: Mechanism
@@ -122,8 +128,10 @@ class Batch:
     needs: Needs
     _motion: Motion
     _fields: tuple[PoleField, ...] = field(repr=False)
+    _angles: Mapping[str, Floats] = field(default_factory=dict, repr=False)
     timed: bool = False
     _tracer: Tracer | None = field(default=None, repr=False)
+    _extent: Extent | None = field(default=None, repr=False)
     _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -178,6 +186,20 @@ class Batch:
     def input_accelerations(self) -> Floats:
         """(n, inputs) accelerations of the driven pairs, rad/s2."""
         return self._timing.ddq
+
+    @property
+    def q_range(self) -> tuple[float, float]:
+        """Least and greatest q of the whole run, rad; `SolveError` with several inputs."""
+        low, high = self._single(self._whole.inputs).tolist()
+        return low, high
+
+    @property
+    def dq_range(self) -> tuple[float, float]:
+        """Least and greatest dq of the whole run, rad/s; `SolveError` likewise."""
+        if not self.needs.time:
+            raise _no_time()
+        low, high = self._single(self._whole.rates).tolist()
+        return low, high
 
     @property
     def residual(self) -> Floats:
@@ -267,6 +289,20 @@ class Batch:
         (number,) = self.mechanism.variables_of(self.mechanism.pair_number[name])
         return self._motion.values[:, number]
 
+    def continued_value(self, name: str) -> Floats:
+        """Return (n,) the variable of a pair, rad, as it goes on over all turns.
+
+        That of a driven pair is the input as it was given; of the others the first sample
+        of each branch is in (-pi, pi], and no angle moves by half a turn or more from one
+        sample to the next.
+        """
+        if name not in self.needs.continued_values:
+            raise UndeclaredNeed(
+                f'continued_value("{name}") was read; declare it in '
+                "Needs(continued_values=...)"
+            )
+        return self._angles[name]
+
     def rotation(self, link: str) -> Floats:
         """Return (n, 3, 3) from link axes to ground axes."""
         if link not in self.needs.rotations:
@@ -314,8 +350,13 @@ class Batch:
     @property
     def _timing(self) -> Timing:
         if not self.needs.time or self._motion.timing is None:
-            raise UndeclaredNeed("time was read; declare Needs(time=True)")
+            raise _no_time()
         return self._motion.timing
+
+    @property
+    def _whole(self) -> Extent:
+        """The extent of the run, or of the batch where there is no run."""
+        return self._extent or Extent.of(self._motion.inputs, self._motion.timing)
 
     def _single(self, columns: Floats) -> Floats:
         if columns.shape[1] != 1:
@@ -344,6 +385,10 @@ class Batch:
         return values[pole]
 
 
+def _no_time() -> UndeclaredNeed:
+    return UndeclaredNeed("time was read; declare Needs(time=True)")
+
+
 def run_status(motion: Motion, fields: Sequence[PoleField]) -> NDArray[np.int8]:
     """Return (n,) status codes of a motion, or of the first input that says more."""
     status = motion.status
@@ -362,11 +407,18 @@ class AbstractAnalysis(ABC):
     cites: ClassVar[tuple[str, ...]] = ()
     tables: ClassVar[tuple[Table, ...]]
     rowwise: ClassVar[bool] = False
-    """Whether rows depend on their own sample only: then blocks are given as they come."""
-    proportional: ClassVar[bool] = False
-    """Whether time and rows grow with the rows given, so that a few tell what many cost."""
+    """Whether a row depends only on what the batch says of it: then blocks are given as
+    they come, and a few rows tell what many cost."""
+    reads_samples: ClassVar[bool] = True
+    """Whether it reads samples of a run; otherwise it is asked once, with the first
+    block."""
     trades: ClassVar[tuple[Sweep, ...]] = ()
     """Own parameters that trade speed for accuracy, where samples are not what costs."""
+
+    @property
+    def at_once(self) -> bool:
+        """Whether all samples of a run have to come in one batch."""
+        return self.reads_samples and not self.rowwise
 
     @abstractmethod
     def needs(self, mechanism: Mechanism) -> Needs:
@@ -382,9 +434,24 @@ class AbstractAnalysis(ABC):
         return ()
 
     def findings(self, batch: Batch) -> Findings:
-        """Return what is to be said of a run beside its tables; nothing by default.
+        """Return what is to be said beside the tables; nothing by default.
 
-        Asked of analyses that are not `rowwise`.
+        Of an analysis that is `rowwise` it is said of each block, and then `joined`.
         """
         del batch
         return Findings()
+
+    def joined(self, before: Findings, now: Findings) -> Findings:
+        """Return what is to be said of all blocks `before` and of the next one together.
+
+        Raises
+        ------
+        AnalysisError
+            By default, if these differ.
+        """
+        if before != now:
+            raise AnalysisError(
+                f"{self.name}: what it finds in one block is not what it finds in the "
+                "next; define joined(), which says what holds for both"
+            )
+        return now

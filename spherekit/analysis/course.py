@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -17,12 +18,15 @@ from spherekit.model.laws import ConstantSpeed, Law, Start, time_fault
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import wrap
 from spherekit.motion.motion import BLOCK, Motion, Tracer
-from spherekit.motion.timing import Timing, by_laws
+from spherekit.motion.timing import Extent, Timing, by_laws
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 
 UNIT_SPEED = 1.0
 """An input without a law turns at this speed (rad/s), as in the source's example."""
+
+DEFAULT_TOLERANCE = 1e-9
+"""Error tolerated in each step of a simulation, for pair variables (rad)."""
 
 EVENTS = Table(
     "events",
@@ -64,6 +68,11 @@ class Course:
     def t(self) -> Floats | None:
         """(k,) times of the samples (s), if the samples are times."""
         return self.timing.t if self.timed and self.timing is not None else None
+
+    @cached_property
+    def extent(self) -> Extent:
+        """Least and greatest inputs and rates of all samples."""
+        return Extent.of(self.inputs, self.timing)
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples."""

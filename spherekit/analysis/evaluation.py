@@ -1,6 +1,6 @@
 """Configurations and poles of a course, block after block, by a setting."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import final
@@ -15,10 +15,12 @@ from spherekit.analysis.setting import Setting
 from spherekit.conventions import Status
 from spherekit.engine.kernels import Kernel, kernel
 from spherekit.errors import AnalysisError
+from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
 from spherekit.rates.core import LinkRates
 from spherekit.rates.field import PoleField, SignMemory, evaluate, field_of_rates
 from spherekit.rates.request import Request
+from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -128,6 +130,10 @@ class Evaluation:
             )
         rates = self._link_rates(motion)
         return tuple(field_of_rates(motion, item, rates, memory) for item, memory in pairs)
+
+    def angles(self, motion: Motion, memory: AngleMemory) -> Mapping[str, Floats]:
+        """Return the variables that go on, by pair, at a block of `blocks`."""
+        return memory.continued(motion, sorted(self._needs.continued_values))
 
     def _link_rates(self, motion: Motion) -> LinkRates:
         """Return the rates that the kernel finds, in float64.

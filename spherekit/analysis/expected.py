@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
-from spherekit.analysis.course import course_of
+from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
 from spherekit.analysis.forecast import LEAST, extrapolated, forecast
 from spherekit.analysis.made_up import made_up_motion
 from spherekit.analysis.recording import MOST_LOGGED
-from spherekit.analysis.run import DEFAULT_TOLERANCE, run
+from spherekit.analysis.run import run
 from spherekit.files.study import Study
-from spherekit.motion.motion import BLOCK, DEFAULT_SAMPLES, Motion
+from spherekit.motion.continued import AngleMemory
+from spherekit.motion.motion import DEFAULT_SAMPLES, Motion, samples_in_block
 from spherekit.planning.assembly import Assembly
 from spherekit.rates.request import Request
 
@@ -100,9 +101,11 @@ def _of_a_branch(
         return made_up_motion(mechanism, assembly, count)
 
     def batch(motion: Motion, needs: Needs, found: Any) -> Batch:
-        return Batch(mechanism, plans, needs, motion, found)
+        angles = AngleMemory().continued(motion, needs.continued_values)
+        return Batch(mechanism, plans, needs, motion, found, angles)
 
-    return extrapolated(few, batch, analyses, own, wanted, 1, samples, BLOCK)
+    block = samples_in_block(1)
+    return extrapolated(few, batch, analyses, own, wanted, 1, samples, block)
 
 
 def with_samples(study: Study, samples: int | tuple[int, ...] | None) -> Study:
@@ -125,14 +128,14 @@ def extrapolated_recording(
     bytes of their own. `made` gives a recorder of `spherekit.view` for each.
     """
 
-    def recorded(samples: int, block: int) -> tuple[int, int, int]:
+    def recorded(samples: int, block: int) -> tuple[int, int, int, int]:
         path = study.path
         if path is not None:
             path = tuple(
                 path[k] for k in np.linspace(0, len(path) - 1, samples).astype(int)
             )
         with made(samples + block) as recorder:
-            run(
+            result = run(
                 study.mechanism,
                 analyses,
                 samples=samples,
@@ -145,15 +148,16 @@ def extrapolated_recording(
                 block=block,
             )
             found = recorder.cost
-        return found["entities"], found["rows"], found["bytes"]
+        branches = len(result.summary["branches"])
+        return branches, found["entities"], found["rows"], found["bytes"]
 
-    samples = _samples(study)
-    _, few, one = recorded(SHORT, SHORT)
-    _, _, cut = recorded(2 * SHORT, SHORT)
-    entities, many, two = recorded(2 * SHORT, 2 * SHORT)
+    _, _, few, one = recorded(SHORT, SHORT)
+    _, _, _, cut = recorded(2 * SHORT, SHORT)
+    branches, entities, many, two = recorded(2 * SHORT, 2 * SHORT)
     each_block, each = cut - two, (two - one) / SHORT
-    samples = -(-samples // -(-samples // MOST_LOGGED))
-    blocks = -(-samples // BLOCK)
+    total = _samples(study)
+    samples = -(-total // -(-total // MOST_LOGGED))
+    blocks = min(samples, -(-total // samples_in_block(branches)))
     return {
         "entities": entities,
         "rows": round(few + (many - few) / SHORT * (samples - SHORT)),

@@ -19,6 +19,7 @@ from spherekit.analysis.course import Course
 from spherekit.analysis.result import MOTION, stem_of
 from spherekit.analysis.sizes import Growth, csv_row, parquet_row
 from spherekit.analysis.tables import TableData
+from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import Request
@@ -85,7 +86,10 @@ def forecast(
 
     def batch(motion: Motion, needs: Needs, found: Any) -> Batch:
         plans = tuple(item.plan for item in wanted)
-        return Batch(motion.mechanism, plans, needs, motion, found, course.timed, tracer)
+        angles = AngleMemory().continued(motion, needs.continued_values)
+        return Batch(
+            motion.mechanism, plans, needs, motion, found, angles, course.timed, tracer
+        )
 
     branches = len(tracer.branches)
     found = extrapolated(few, batch, chosen, own, wanted, branches, samples, block)
@@ -109,12 +113,12 @@ def extrapolated(
     able = [
         (analysis, needs)
         for analysis, needs in zip(chosen, own, strict=True)
-        if analysis.rowwise or analysis.proportional
+        if analysis.rowwise
     ]
 
     count = max(1, min(max(2, FEW // branches), samples // 2))
     small = _best(_trial(count, few, batch, able, wanted) for _ in range(2))
-    if not all(analysis.rowwise for analysis in chosen):
+    if any(analysis.at_once for analysis in chosen):
         block = samples
     most = min(samples, block, int(PATIENCE / sum(small.seconds.values()) * count))
     large = _trial(max(LARGER * count, most), few, batch, able, wanted)

@@ -119,6 +119,8 @@ class Stage:
         logged = np.flatnonzero(thinning.chosen(np.arange(len(course))))
         inputs, times = course.inputs, course.t
         single = inputs.shape[1] == 1 and times is None
+        self._inputs = inputs[logged, 0] if single else None
+        self._times = None if times is None else times[logged]
         properties = {
             "spherekit": __version__,
             "mechanism_hash": mechanism_hash(mechanism),
@@ -130,12 +132,12 @@ class Stage:
             properties["resumed"] = f"samples before {first} are not in this recording"
         recorder.start(
             [static_scene(plans, self._shapes)],
-            inputs[logged, 0] if single else None,
+            self._inputs,
             branches=course.titles,
             properties=properties,
             focus=course.middle,
             row=-(-thinning.row // thinning.every) if len(course.shape) > 1 else None,
-            times=None if times is None else times[logged],
+            times=self._times,
         )
 
     def summary(self) -> dict[str, int]:
@@ -176,6 +178,6 @@ class Stage:
                 None
                 if line is None
                 else np.linspace(line[0], line[-1], scene.rows + 1)[:-1]
-                for line in (inputs, times)
+                for line in (self._inputs, self._times)
             )
             self._recorder.log(scene, np.arange(scene.rows), *own)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 
 from spherekit.analysis.cost import TABLES
 from spherekit.analysis.journal import SUMMARY, RunFolder
+from spherekit.analysis.store import AbstractStore, InMemory, OnDisk
 from spherekit.analysis.tables import (
     FILE_SIZE,
     AbstractRows,
@@ -144,6 +145,49 @@ class RunResult:
 def stem_of(analysis: str, tables: Sequence[Table], table: Table) -> str:
     """Return what the files of a table of an analysis are called, without their ending."""
     return analysis if table is tables[0] else f"{analysis}_{table.name}"
+
+
+def result_of(
+    declared: Mapping[str, Sequence[Table]],
+    failures: Mapping[str, str],
+    store: AbstractStore,
+    place: RunFolder | None,
+    summary: dict[str, Any],
+    degrees: bool,
+    formats: Sequence[Format],
+) -> RunResult:
+    """Return the tables declared by name of analysis, written if there is a folder.
+
+    Raises
+    ------
+    OutputError
+        If the disk is full; the folder then has what it had.
+    """
+    files: list[Path] = []
+    data: dict[str, dict[str, TableData]] = {name: {} for name in declared}
+    if isinstance(store, InMemory):
+        for name, tables in declared.items():
+            data[name] = {table.name: store.table(name, table) for table in tables}
+    elif isinstance(store, OnDisk):
+        from spherekit.analysis.frames import ParquetColumns
+
+        assert place is not None
+        rows = [
+            (name, table, store.table(name, table))
+            for name, tables in declared.items()
+            for table in tables
+        ]
+        files, summary = write_results(place, rows, summary, degrees, formats)
+        for name, tables in declared.items():
+            for table in tables:
+                path = place.path / f"{stem_of(name, tables, table)}.parquet"
+                if path in files:
+                    data[name][table.name] = ParquetColumns(path, table, degrees)
+    results = {
+        name: AnalysisResult(name, tuple(tables), data[name])
+        for name, tables in declared.items()
+    }
+    return RunResult(results, failures, summary, tuple(files))
 
 
 def write_results(

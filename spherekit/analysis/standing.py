@@ -15,6 +15,7 @@ from spherekit.analysis.setting import Setting
 from spherekit.analysis.tables import TableData
 from spherekit.analysis.tally import Tally
 from spherekit.files.write import mechanism_hash
+from spherekit.motion.continued import AngleMemory
 from spherekit.rates.field import SignMemory
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
@@ -23,14 +24,15 @@ from spherekit.version import __version__
 @final
 @dataclass
 class Standing:
-    """What continues: samples done, memories of signs (one an input), counts, results.
+    """What continues: samples done, memories, counts, results.
 
+    `signs` has a memory for each input, `angles` that of the variables that go on.
     `seconds` is what each stage took, `rows` how many each table has, by the names of the
-    analysis and the table. All of it goes to a journal and comes back bit for
-    bit.
+    analysis and the table. All of it goes to a journal and comes back bit for bit.
     """
 
-    memories: list[SignMemory]
+    signs: list[SignMemory]
+    angles: AngleMemory = field(default_factory=AngleMemory)
     tally: Tally = field(default_factory=Tally)
     done: int = 0
     failures: dict[str, str] = field(default_factory=dict)
@@ -45,7 +47,8 @@ class Standing:
     def state(self) -> dict[str, Any]:
         """Return it ready for JSON."""
         return {
-            "memories": [memory.state() for memory in self.memories],
+            "signs": [memory.state() for memory in self.signs],
+            "angles": self.angles.state(),
             "tally": self.tally.state(),
             "done": self.done,
             "failures": dict(self.failures),
@@ -62,7 +65,8 @@ class Standing:
             for name, own in state["findings"].items()
         }
         return cls(
-            [SignMemory.restored(memory) for memory in state["memories"]],
+            [SignMemory.restored(memory) for memory in state["signs"]],
+            AngleMemory.restored(state["angles"]),
             Tally.restored(state["tally"]),
             int(state["done"]),
             dict(state["failures"]),

@@ -11,11 +11,12 @@ import numpy as np
 
 from spherekit.analysis.arguments import parameters
 from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.course import DEFAULT_TOLERANCE
 from spherekit.analysis.journal import Unfinished
 from spherekit.analysis.recording import Recorder
 from spherekit.analysis.registry import load
 from spherekit.analysis.result import RunResult
-from spherekit.analysis.run import DEFAULT_TOLERANCE, Progress, run
+from spherekit.analysis.run import Progress, run
 from spherekit.analysis.setting import ORDINARY, Setting
 from spherekit.analysis.tables import FILE_SIZE, Format
 from spherekit.conventions import listing, nearest

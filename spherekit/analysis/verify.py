@@ -29,6 +29,7 @@ from spherekit.exact.field import (
     field_rows,
 )
 from spherekit.exact.rows import ExactRows, exact_rows_by_input
+from spherekit.motion.continued import TURN
 from spherekit.motion.motion import Motion
 from spherekit.motion.timing import Timing
 from spherekit.planning.poles import Plan
@@ -51,6 +52,9 @@ ROW_ARRAYS = (
 )
 """What a motion has for every row, beside its timing."""
 
+Read = tuple[Motion, tuple[PoleField, ...], Mapping[str, Floats]]
+"""What a batch reads: a motion, its poles, and variables that go on."""
+
 BEYOND = 1e4
 """A deviation above this many roundings times the conditioning is a fault."""
 
@@ -58,10 +62,11 @@ BEYOND = 1e4
 @final
 @dataclass(frozen=True)
 class _Kept:
-    """Rows of a motion with their fields, and what they are chosen by."""
+    """Rows of a motion with fields and continued angles, and what they are chosen by."""
 
     motion: Motion
     fields: tuple[PoleField, ...]
+    angles: Mapping[str, Floats]
     spread: Floats
     bound: Floats
     condition: Floats
@@ -70,6 +75,7 @@ class _Kept:
         return _Kept(
             self.motion.rows(rows),
             tuple(field_rows(field, rows) for field in self.fields),
+            {name: angle[rows] for name, angle in self.angles.items()},
             self.spread[rows],
             self.bound[rows],
             self.condition[rows],
@@ -119,15 +125,20 @@ class Verifier:
         self._analyses = list(zip(analyses, needs, strict=True))
         self._samples, self._count = samples, count
         self._kept: _Kept | None = None
-        self._whole: tuple[Motion, tuple[PoleField, ...]] | None = None
+        self._whole: Read | None = None
 
-    def see(self, motion: Motion, fields: tuple[PoleField, ...]) -> None:
+    def see(
+        self,
+        motion: Motion,
+        fields: tuple[PoleField, ...],
+        angles: Mapping[str, Floats],
+    ) -> None:
         """Take a block of the run, and keep the rows of it that may be verified.
 
         The whole motion is kept where an analysis had it, as a single block.
         """
-        if not all(analysis.rowwise for analysis, _ in self._analyses):
-            self._whole = motion, fields
+        if any(analysis.at_once for analysis, _ in self._analyses):
+            self._whole = motion, fields, angles
         good = motion.status == Status.OK
         for field in fields:
             good &= field.status == Status.OK
@@ -135,12 +146,14 @@ class Verifier:
             return
         own = motion.rows(good)
         found = tuple(field_rows(field, good) for field in fields)
+        turned = {name: angle[good] for name, angle in angles.items()}
         number = own.branch * self._samples + own.sample
         bound = np.full(len(own), np.nan)
         for field in found:
             for pole in field.error:
                 bound = np.fmax(bound, direction_error(own, field, pole))
-        new = _Kept(own, found, (number + 1) * GOLDEN % 1.0, bound, own.conditioning)
+        spread = (number + 1) * GOLDEN % 1.0
+        new = _Kept(own, found, turned, spread, bound, own.conditioning)
         new = new.take(new.chosen(self._count))
         if self._kept is not None:
             new = _together(self._kept, new)
@@ -179,13 +192,14 @@ class Verifier:
         better = exact_motion(motion, every, exact[0])
         rows = _Rows(motion, status == Status.OK, exact[0].condition)
         pairs = [(MOTION, *tables) for tables in _configurations(motion, better)]
-        alone = (motion, fields), (better, nearest)
+        angles = self._kept.angles
+        alone = (motion, fields, angles), (better, nearest, _as_far(better, angles))
         for analysis, needs in self._analyses:
             if analysis.name in failed or not _reads_rows(needs):
                 verdict["not_verified"].append(analysis.name)
                 continue
             both = alone
-            if not analysis.rowwise and self._whole is not None:
+            if analysis.at_once and self._whole is not None:
                 both = self._whole, _replaced(self._whole, rows, *alone[1])
             try:
                 first, second = (
@@ -335,13 +349,14 @@ def _reads_rows(needs: Needs) -> bool:
 
 
 def _replaced(
-    whole: tuple[Motion, tuple[PoleField, ...]],
+    whole: Read,
     rows: _Rows,
     better: Motion,
     nearest: tuple[PoleField, ...],
-) -> tuple[Motion, tuple[PoleField, ...]]:
-    """Return a whole motion and its fields with the rows that have a reference put in."""
-    motion, fields = whole
+    angles: Mapping[str, Floats],
+) -> Read:
+    """Return what is read of a whole motion, with rows that have a reference put in."""
+    motion, fields, going_on = whole
     row = rows.of({"sample": motion.sample, "branch": motion.branch})
     at = np.flatnonzero(row >= 0)
     at = at[rows.known[row[at]]]
@@ -356,12 +371,23 @@ def _replaced(
 
     names = ("values", "rotations", "residual")
     parts = {name: put(getattr(motion, name), getattr(better, name)) for name in names}
-    return replace(motion, **parts), tuple(
+    found = tuple(
         PoleField(
             **{name: put(value, getattr(new, name)) for name, value in vars(old).items()}
         )
         for old, new in zip(fields, nearest, strict=True)
     )
+    return replace(motion, **parts), found, put(going_on, angles)
+
+
+def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats]:
+    """Return the variables of better rows, after as many turns as continued ones made."""
+    found = {}
+    for name, angle in angles.items():
+        (number,) = better.mechanism.variables_of(better.mechanism.pair_number[name])
+        value = better.values[:, number]
+        found[name] = value + TURN * np.round((angle - value) / TURN)
+    return found
 
 
 def _configurations(
@@ -507,7 +533,8 @@ def _together(one: _Kept, other: _Kept) -> _Kept:
         PoleField(**of(first, second, vars(first)))
         for first, second in zip(one.fields, other.fields, strict=True)
     )
-    return _Kept(motion, fields, **of(one, other, ("spread", "bound", "condition")))
+    rest = of(one, other, ("angles", "spread", "bound", "condition"))
+    return _Kept(motion, fields, **rest)
 
 
 def _largest(values: Floats) -> float:

@@ -55,8 +55,8 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.analysis.expected import expected, with_samples
     from spherekit.analysis.needed import needed_part
     from spherekit.analysis.registry import create
-    from spherekit.analysis.room import size_text
-    from spherekit.analysis.run import memory_at_once, needs_of, requests_for
+    from spherekit.analysis.requests import needs_of, requests_for
+    from spherekit.analysis.room import memory_at_once, size_text
     from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
     from spherekit.planning.assembly import plan_assembly
@@ -107,7 +107,7 @@ def execute(options: argparse.Namespace) -> int:
         ],
         "predicted": expected(study, analyses, assembly, requests),
     }
-    at_once = [analysis.name for analysis in analyses if not analysis.rowwise]
+    at_once = [analysis.name for analysis in analyses if analysis.at_once]
     facts["at_once"] = {"analyses": at_once, "bytes_a_row": memory_at_once(mechanism, 1)}
     if options.recording and facts["predicted"].get("branches"):
         facts["predicted"]["recording"] = _recording(study, analyses)

@@ -12,9 +12,9 @@ from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.start import into_range
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.geometry import Revolute
 from spherekit.model.laws import Law
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Tracer
 from spherekit.sphere.rotation import Floats
 
@@ -133,9 +133,11 @@ def inverse_dynamics(
     motion = tracer.at(into_range(tracer, q))
     count = len(tracer.branches)
     values = motion.values.copy()
-    for number, pair in enumerate(tracer.mechanism.variable_owners):
-        if isinstance(motion.joints[pair], Revolute):
-            values[:, number] = continued_angles(values[:, number], motion.samples)
+    pairs, owners = tracer.mechanism.pairs, tracer.mechanism.variable_owners
+    names = {number: pairs[owners[number]].name for number in tracer.solver.angles}
+    angles = AngleMemory().continued(motion, names.values())
+    for number, name in names.items():
+        values[:, number] = angles[name]
     values[:, tracer.solver.single] = np.tile(q, count)
     arc = by_arc_length(tracer.solver.closure, values)
     found = arc.by_variable(tracer.solver.single)
@@ -173,16 +175,3 @@ def need_terms(mechanism: Mechanism) -> None:
             f"{mechanism.name}: has neither masses nor loads, so it needs no torque; give "
             "at least one [mass.LINK] or [loads.NAME]"
         )
-
-
-def continued_angles(angle: Floats, samples: int) -> Floats:
-    """Return angles (n,) of successive samples of each branch without jumps of a turn.
-
-    A motion reduces angles to a turn; loads that depend on an angle itself want it to go
-    on. NaN stays, and is passed over.
-    """
-    angle = angle.copy()
-    for start in range(0, len(angle), samples):
-        rows = start + np.flatnonzero(np.isfinite(angle[start : start + samples]))
-        angle[rows] = np.unwrap(angle[rows])
-    return angle

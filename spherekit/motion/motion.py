@@ -185,6 +185,11 @@ class Motion:
         return np.asarray(~held)
 
 
+def samples_in_block(branches: int) -> int:
+    """Return the samples of which so many branches together have about `BLOCK` rows."""
+    return max(1, BLOCK // branches)
+
+
 def motion_of(solver: Solver, values: Floats) -> Motion:
     """Return closed configurations (n, V) as a motion of one nameless branch.
 
@@ -376,7 +381,7 @@ class Tracer:
     @property
     def block(self) -> int:
         """Samples in a block of about `BLOCK` rows of all branches together."""
-        return max(1, BLOCK // len(self.branches))
+        return samples_in_block(len(self.branches))
 
     def motion(self) -> Motion:
         """Return the motion at all samples."""

@@ -35,6 +35,29 @@ class Timing:
         )
 
 
+@final
+@dataclass(frozen=True)
+class Extent:
+    """Least and greatest variables and rates of all inputs over a whole motion.
+
+    `inputs` (2, inputs) rad and `rates` (2, inputs) rad/s; the latter NaN where nothing
+    says how the inputs move.
+    """
+
+    inputs: Floats
+    rates: Floats
+
+    @classmethod
+    def of(cls, inputs: Floats, timing: Timing | None) -> "Extent":
+        """Return the extent of inputs (n, inputs) with their timing."""
+        rates = np.full_like(inputs, np.nan) if timing is None else timing.dq
+        return cls(_ends(inputs), _ends(rates))
+
+
+def _ends(rows: Floats) -> Floats:
+    return np.stack([np.min(rows, axis=0), np.max(rows, axis=0)])
+
+
 def by_laws(
     inputs: Sequence[str], laws: Mapping[str, Law], t: Floats
 ) -> tuple[Floats, Timing]:

@@ -7,8 +7,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.course import course_of
-from spherekit.analysis.run import DEFAULT_TOLERANCE
+from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
 from spherekit.analysis.setting import Setting
 from spherekit.conventions import listing
 from spherekit.model.laws import Law

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.course import Course
 from spherekit.analysis.evaluation import Evaluation
-from spherekit.analysis.run import requests_for
+from spherekit.analysis.requests import requests_for
 from spherekit.analysis.setting import Setting
 from spherekit.analysis.store import InMemory
 from spherekit.analysis.tables import TableData
@@ -19,9 +19,11 @@ from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.exact.field import exact_field, exact_motion
 from spherekit.exact.rows import exact_rows
+from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan
 from spherekit.rates.field import PoleField, SignMemory, evaluate
+from spherekit.sphere.rotation import Floats
 from spherekit.trade.deviation import Deviation, deviations, worst
 from spherekit.trade.record import Measured
 
@@ -79,6 +81,7 @@ class Bench:
             or needs.link_rates
             or needs.pair_rates
             or needs.pair_values
+            or needs.continued_values
             or needs.rotations
         )
 
@@ -96,12 +99,13 @@ class Bench:
         plans = tuple(item.plan for item in wanted)
         evaluation = Evaluation(setting, course, wanted, self.needs)
         first = time.process_time() - started
-        memories = [SignMemory() for _ in evaluation.requests]
+        signs, memory = [SignMemory() for _ in evaluation.requests], AngleMemory()
         mechanism, store = course.tracer.mechanism, InMemory()
         own = [table.of(mechanism) for table in analysis.tables]
         size = course.tracer.block if analysis.rowwise else len(course)
         for motion in evaluation.blocks(size):
-            found = evaluation.fields(motion, memories)
+            found = evaluation.fields(motion, signs)
+            angles = evaluation.angles(motion, memory)
             if toward is not None:
                 rows = motion.sample + np.repeat(
                     np.arange(len(motion.branches)) * len(course), motion.samples
@@ -110,7 +114,7 @@ class Bench:
                     _turned(field, other, rows)
                     for field, other in zip(found, toward.fields, strict=True)
                 )
-            made = analysis.compute(self._batch(plans, motion, found))
+            made = analysis.compute(self._batch(plans, motion, found, angles))
             for table in own:
                 store.add(analysis.name, table, made[table.name])
         whole = {table.name: store.table(analysis.name, table) for table in own}
@@ -147,15 +151,20 @@ class Bench:
             )
         )
         plans = tuple(item.plan for item in wanted)
-        given = self.analysis.compute(self._batch(plans, motion, fields))
+        angles = evaluation.angles(motion, AngleMemory())
+        given = self.analysis.compute(self._batch(plans, motion, fields, angles))
         return self.deviations(given, reference.tables), len(motion)
 
     def _batch(
-        self, plans: tuple[Plan, ...], motion: Motion, fields: tuple[PoleField, ...]
+        self,
+        plans: tuple[Plan, ...],
+        motion: Motion,
+        fields: tuple[PoleField, ...],
+        angles: Mapping[str, Floats],
     ) -> Batch:
-        tracer = self.course.tracer
-        timed = self.course.timed
-        return Batch(motion.mechanism, plans, self.needs, motion, fields, timed, tracer)
+        course, needs = self.course, self.needs
+        made = motion.mechanism, plans, needs, motion, fields, angles
+        return Batch(*made, course.timed, course.tracer)
 
     def _from_reference(self, motion: Motion) -> Reference:
         """Return the tables at the rows of a motion.
@@ -175,7 +184,8 @@ class Bench:
         )
         plans = tuple(item.plan for item in wanted)
         lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
-        tables = self.analysis.compute(self._batch(plans, better, fields))
+        angles = AngleMemory().continued(better, self.needs.continued_values)
+        tables = self.analysis.compute(self._batch(plans, better, fields, angles))
         return Reference(tables, fields, int(np.sum(lacking)))
 
     def deviations(self, given: Tables, reference: Tables) -> list[Deviation]:

@@ -9,9 +9,15 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Sweep
-from spherekit.analysis.course import Course, course_of, simulated_course
+from spherekit.analysis.course import (
+    DEFAULT_TOLERANCE,
+    Course,
+    course_of,
+    simulated_course,
+)
 from spherekit.analysis.registry import create
-from spherekit.analysis.run import DEFAULT_TOLERANCE, requests_for, run
+from spherekit.analysis.requests import requests_for
+from spherekit.analysis.run import run
 from spherekit.analysis.setting import Integrator, Setting
 from spherekit.analysis.tables import TableData
 from spherekit.conventions import EPS

@@ -1,0 +1,86 @@
+"""One block of a run: evaluated, given to all analyses, and handed over."""
+
+import traceback
+
+from spherekit.analysis.contract import Batch
+from spherekit.analysis.cost import AXES, RECORDING, Ledger
+from spherekit.analysis.course import EVENTS
+from spherekit.analysis.job import Job
+from spherekit.analysis.motion_table import motion_rows
+from spherekit.analysis.recording import Stage
+from spherekit.analysis.result import MOTION
+from spherekit.analysis.standing import Standing
+from spherekit.analysis.store import AbstractStore
+from spherekit.analysis.verify import Verifier
+from spherekit.errors import SpherekitError
+from spherekit.motion.motion import Motion
+
+
+def evaluate_block(
+    job: Job,
+    motion: Motion,
+    standing: Standing,
+    store: AbstractStore,
+    stage: Stage | None,
+    verifier: Verifier | None,
+    ledger: Ledger,
+) -> None:
+    """Evaluate a block for all analyses, and hand over what they make of it.
+
+    An analysis that fails is noted in `standing`, and not asked again.
+    """
+    course = job.course
+    with ledger.stage(AXES):
+        found = job.evaluation.fields(motion, standing.signs)
+        angles = job.evaluation.angles(motion, standing.angles)
+    if stage is not None:
+        with ledger.stage(RECORDING):
+            stage.motion(motion)
+    for analysis, what in zip(job.analyses, job.needs, strict=True):
+        is_asked = analysis.reads_samples or standing.done == 0
+        if analysis.name in standing.failures or not is_asked:
+            continue
+        batch = Batch(
+            job.mechanism,
+            job.plans,
+            what,
+            motion,
+            found,
+            angles,
+            course.timed,
+            course.tracer,
+            course.extent,
+        )
+        try:
+            with ledger.stage(f"analysis {analysis.name}"):
+                tables = dict(analysis.compute(batch))
+                for table in job.tables_of(analysis):
+                    table.check(tables[table.name], analysis.name)
+                findings = analysis.findings(batch)
+                before = standing.findings.get(analysis.name)
+                if before is not None:
+                    findings = analysis.joined(before, findings)
+            with ledger.stage(RECORDING):
+                scenes = analysis.scene(batch) if stage is not None else ()
+        except SpherekitError as problem:
+            standing.failures[analysis.name] = str(problem)
+            continue
+        except Exception:  # a plugin's own fault must not lose the others' results
+            standing.failures[analysis.name] = traceback.format_exc()
+            continue
+        standing.findings[analysis.name] = findings
+        for table in job.tables_of(analysis):
+            store.add(analysis.name, table, tables[table.name])
+            standing.count(analysis.name, table.name, tables[table.name])
+        if stage is not None:
+            with ledger.stage(RECORDING):
+                stage.scenes(scenes, motion)
+    store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, found))
+    if standing.done == 0 and course.simulation is not None:
+        store.add(MOTION, EVENTS, course.events())
+        standing.count(MOTION, EVENTS.name, course.events())
+    if verifier is not None:
+        verifier.see(motion, found, angles)
+    standing.count(MOTION, MOTION, {"sample": motion.sample})
+    standing.tally.add(course.tracer, motion, found)
+    standing.done += motion.samples

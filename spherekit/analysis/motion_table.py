@@ -1,0 +1,57 @@
+"""The table of the configurations of a run, one row per sample and branch."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from spherekit.analysis.contract import run_status
+from spherekit.analysis.course import Course
+from spherekit.analysis.result import MOTION
+from spherekit.analysis.tables import (
+    BRANCH,
+    INPUTS,
+    RESIDUAL,
+    SAMPLE,
+    STATUS,
+    TIME,
+    Column,
+    Table,
+    TableData,
+    input_columns,
+)
+from spherekit.motion.motion import Motion
+from spherekit.rates.field import PoleField
+
+
+def motion_table(course: Course) -> Table:
+    """Return the table of the configurations of a course."""
+    mechanism = course.tracer.mechanism
+    variables = [
+        Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
+        for name, owner in zip(
+            mechanism.variable_names, mechanism.variable_owners, strict=True
+        )
+    ]
+    return Table(
+        MOTION,
+        "the configurations: one row per sample and branch",
+        (
+            SAMPLE,
+            BRANCH,
+            *([TIME] if course.timed else []),
+            INPUTS,
+            *variables,
+            RESIDUAL,
+            STATUS,
+        ),
+    ).of(mechanism)
+
+
+def motion_rows(course: Course, motion: Motion, found: Sequence[PoleField]) -> TableData:
+    """Return the rows of a block of a course whose poles were found."""
+    mechanism = course.tracer.mechanism
+    rows: dict[str, Any] = {"sample": motion.sample, "branch": motion.branch}
+    if course.timed and motion.timing is not None:
+        rows["t"] = motion.timing.t
+    rows |= input_columns(mechanism, motion.inputs)
+    rows |= dict(zip(mechanism.variable_names, motion.values.T, strict=True))
+    return rows | {"residual": motion.residual, "status": run_status(motion, found)}

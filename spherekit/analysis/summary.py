@@ -1,0 +1,90 @@
+"""The summary of a run: what was run, how far it came, what it found and what it took."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from spherekit.analysis.contract import Findings
+from spherekit.analysis.cost import RECORDING, Ledger, cost_of
+from spherekit.analysis.job import Job
+from spherekit.analysis.recording import CountingRecorder, Recorder
+from spherekit.analysis.result import stem_of
+from spherekit.analysis.stage import plan_notes
+from spherekit.analysis.standing import Standing
+from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.files.write import mechanism_hash
+from spherekit.planning.rigidity import graph_mobility
+from spherekit.version import __version__
+
+
+def summary_of(job: Job, standing: Standing) -> dict[str, Any]:
+    """Return what is to be said of a run that is done, ready for JSON."""
+    course, mechanism, tally = job.course, job.mechanism, standing.tally
+    tracer, findings = course.tracer, standing.findings
+    return {
+        "spherekit": __version__,
+        "numpy": np.__version__,
+        "mechanism": mechanism.name,
+        "mechanism_hash": mechanism_hash(mechanism),
+        "inputs": {
+            name: [float(np.min(column)), float(np.max(column))]
+            for name, column in zip(tracer.inputs, course.inputs.T, strict=True)
+        },
+        "sampling": "x".join(map(str, course.shape)),
+        **course.summary(),
+        "samples": standing.done,
+        "samples_in_a_block": job.block,
+        "mobility": {"graph": graph_mobility(mechanism), "rank": tally.rank},
+        "redundant_constraints": tally.redundant,
+        "groups": [group.kind for group in tracer.assembly.groups],
+        "plans": {mechanism.pairs[p.input].name: plan_notes(p) for p in job.plans},
+        "branches": [
+            {
+                "number": item.number,
+                "mode": item.label,
+                "status": tally.of_branch(item.number),
+            }
+            for item in tracer.branches
+        ],
+        "search": tracer.search,
+        **tally.statuses(),
+        "closure_tolerance_rad": CLOSURE_TOLERANCE,
+        "errors_reached": tally.errors(),
+        "analyses": [
+            {
+                "name": analysis.name,
+                "version": analysis.version,
+                "parameters": asdict(analysis),  # type: ignore[call-overload]
+                "failed": analysis.name in standing.failures,
+                "cites": list(analysis.cites),
+                "findings": dict(findings.get(analysis.name, Findings()).figures),
+            }
+            for analysis in job.analyses
+        ],
+        "remarks": [
+            f"{name}: {text}" for name, own in findings.items() for text in own.remarks
+        ],
+        "warnings": [
+            f"{name}: {text}" for name, own in findings.items() for text in own.warnings
+        ],
+    }
+
+
+def actual_cost(
+    job: Job, standing: Standing, ledger: Ledger, recorder: Recorder | None
+) -> dict[str, Any]:
+    """Return what was evaluated, made and logged; a recorder that counts is finished."""
+    tables = {
+        stem_of(name, own, table): (standing.rows[name, table.name], len(table.columns))
+        for name, own in job.tables(standing.failures).items()
+        for table in own
+    }
+    logged = None
+    if isinstance(recorder, CountingRecorder):
+        with ledger.stage(RECORDING):
+            recorder.finish()
+        logged = recorder.cost
+    tally = standing.tally
+    own = cost_of(ledger, job.requests, tally.configurations, tally.solves, tables, logged)
+    return own | job.course.cost()

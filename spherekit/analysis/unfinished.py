@@ -1,0 +1,131 @@
+"""Work in the folder of a run: taken up as it was left, and kept if the run is stopped."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from spherekit.analysis.job import Job
+from spherekit.analysis.journal import RunFolder, Unfinished, differences
+from spherekit.analysis.setting import Setting
+from spherekit.analysis.standing import Standing
+from spherekit.analysis.store import AbstractStore, InMemory, Nowhere, OnDisk
+from spherekit.conventions import listing
+from spherekit.engine.kernels import ENGINES, Engine
+from spherekit.errors import OutputError
+from spherekit.rates.field import SignMemory
+
+
+@contextmanager
+def opened(folder: str | os.PathLike[str] | None) -> Iterator[RunFolder | None]:
+    """Give the locked folder of a run, None without one."""
+    if folder is None:
+        yield None
+        return
+    with RunFolder.opened(Path(folder)) as place:
+        yield place
+
+
+def engine_of(place: RunFolder | None, unfinished: Unfinished, engine: Engine) -> Engine:
+    """Return the engine: to go on, the one that was chosen when the run began."""
+    if engine != "auto" or place is None or unfinished != "resume" or not place.unfinished:
+        return engine
+    identity = place.read().get("identity")
+    began = identity.get("engine") if isinstance(identity, dict) else None
+    return next((each for each in ENGINES if each == began), engine)
+
+
+def setting_of(
+    place: RunFolder | None, unfinished: Unfinished, setting: Setting
+) -> Setting:
+    """Return the setting: to go on, the one that was chosen when the run began."""
+    if place is None or unfinished != "resume" or not place.unfinished:
+        return setting
+    identity = place.read().get("identity")
+    began = identity.get("setting") if isinstance(identity, dict) else None
+    try:
+        return Setting(**began) if isinstance(began, dict) else setting
+    except TypeError:
+        return setting
+
+
+def taken_up(
+    job: Job, place: RunFolder | None, unfinished: Unfinished, tables: bool
+) -> tuple[Standing, AbstractStore]:
+    """Return where the run stands, at the start or as it was stopped, and its store.
+
+    Raises
+    ------
+    OutputError
+        If there is unfinished work that is not to be gone on with, is of another run, or
+        is damaged.
+    """
+    standing = Standing([SignMemory() for _ in job.requests])
+    if place is None:
+        return standing, InMemory() if tables else Nowhere()
+    if not place.unfinished or unfinished == "discard":
+        place.discard()
+        return standing, OnDisk(place.work, not job.is_single_block, {})
+    state = place.read()
+    try:
+        differs = differences(state["identity"], job.identity)
+        done = int(state["standing"]["done"])
+        if not differs and unfinished == "resume":
+            store = OnDisk(place.work, not job.is_single_block, state["store"])
+            every = job.tables().items()
+            store.check([(name, table) for name, own in every for table in own])
+            return Standing.restored(state["standing"]), store
+    except OutputError as problem:
+        raise place.damaged(str(problem)) from None
+    except (LookupError, TypeError, ValueError, AttributeError) as problem:
+        raise place.damaged(f"{type(problem).__name__}: {problem}") from None
+    if differs:
+        raise OutputError(
+            f"{str(place.path)!r}: unfinished work of a different run is there "
+            f"({differs}); choose another folder, or throw that work away with --restart "
+            '(unfinished="discard")'
+        )
+    raise OutputError(
+        f"{str(place.path)!r}: this run was stopped there when {done} of "
+        f"{len(job.course)} samples were done; go on with --resume "
+        '(unfinished="resume"), or begin again with --restart (unfinished="discard")'
+    )
+
+
+@contextmanager
+def kept(
+    job: Job, place: RunFolder | None, standing: Standing, store: AbstractStore
+) -> Iterator[Callable[[], None]]:
+    """Give what is called after each block; if the run is stopped, keep what was done."""
+    if place is None or not isinstance(store, OnDisk):
+        yield lambda: None
+        return
+    last: dict[str, Any] = {}
+    done = standing.done
+
+    def write() -> None:
+        nonlocal done
+        store.settle()
+        place.write(last)
+        done = last["standing"]["done"]
+
+    def after_block() -> None:
+        last.update(identity=job.identity, standing=standing.state(), store=store.state())
+        if place.due:
+            write()
+
+    try:
+        yield after_block
+    except BaseException as error:
+        if last:
+            with suppress(OutputError):  # a full disk: then the journal before counts
+                write()
+        if done:
+            total = len(job.course)
+            error.add_note(f"{done} of {total} samples are done and kept in {place.path}")
+        else:
+            why = f", since {listing(job.at_once)} looks at all samples at once"
+            error.add_note(f"nothing was kept{why if job.at_once else ''}")
+        raise
+    place.discard()

@@ -1,0 +1,325 @@
+"""From block to block: angles that go on, findings, frames, and what is asked once."""
+
+import json
+from dataclasses import dataclass, replace
+from typing import ClassVar, final
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.contract import AbstractAnalysis, Findings, Needs
+from spherekit.analysis.scene import Portrait, Scene, Series
+from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
+from spherekit.errors import UndeclaredNeed
+from spherekit.model.dynamics import PairTorque
+from spherekit.model.laws import ConstantSpeed, Start
+from spherekit.motion.continued import AngleMemory
+from spherekit.motion.motion import Tracer
+
+BACK = {"laws": {"21": ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
+"""More than three turns of the crank, and of the coupler on it, backwards."""
+
+COURSES = {
+    "samples": {"samples": 120},
+    "one branch": {"samples": 120, "branch": 1},
+    "a law": {"samples": 120, **BACK},
+    "a path": {"path": np.sin(np.linspace(0.0, 9.0, 120))[:, None] * 9.0},
+    "loads": {
+        "samples": 120,
+        "start": Start(0.3, 20.0),
+        "duration": 2.0,
+        "engine": "numpy",
+    },
+}
+
+
+def wound():
+    """The four-bar with springs that remember how often they were wound."""
+    made = sk.load("four_bar")
+    springs = [PairTorque(f"at_{p}", p, f"-0.3*theta_{p}") for p in ("21", "32", "43")]
+    return replace(made, loads=(*made.loads, *springs))
+
+
+def many_turns():
+    return Tracer(sk.load("four_bar"), path=np.linspace(0.5, -25.0, 161)[:, None])
+
+
+def test_angles_are_those_that_numpy_unwraps():
+    motion = many_turns().motion()
+    found = AngleMemory().continued(motion, ["32", "41"])
+    for name, column in (("32", 1), ("41", 3)):
+        whole = np.unwrap(motion.values[:, column].reshape(2, 161), axis=1)
+        assert np.max(np.abs(found[name] - whole.ravel())) < 1e-13
+    assert np.min(np.ptp(found["32"].reshape(2, 161), axis=1)) > 20.0
+
+
+@pytest.mark.parametrize("size", [1, 7, 100])
+def test_blocks_go_on_where_the_one_before_ended(size):
+    """Over gaps too, and through JSON, bit for bit."""
+    tracer = many_turns()
+
+    def gaps(motion):
+        values = motion.values.copy()
+        values[motion.sample % 5 == 3] = np.nan
+        return replace(motion, values=values)
+
+    names = ["32", "43", "41"]
+    whole = AngleMemory().continued(gaps(tracer.motion()), names)
+    memory, parts = AngleMemory(), []
+    for motion in tracer.blocks(size):
+        found = memory.continued(gaps(motion), names)
+        parts.append({name: own.reshape(2, -1) for name, own in found.items()})
+        memory = AngleMemory.restored(json.loads(json.dumps(memory.state())))
+    for name in names:
+        joined = np.concatenate([part[name] for part in parts], axis=1)
+        assert np.array_equal(joined.ravel(), whole[name], equal_nan=True)
+
+
+def test_a_million_turns_add_no_rounding():
+    """An angle after n turns is the wrapped one and 2 pi n, rounded once or twice."""
+    motion = Tracer(sk.load("four_bar"), path=np.linspace(0.0, -4.0, 3)[:, None]).motion()
+    memory = AngleMemory.restored([[0, 1, float(motion.values[0, 1]), 10**6]])
+    first = memory.continued(motion, ["32"])["32"][0]
+    exact = float(motion.values[0, 1]) + 2.0 * np.pi * 10**6
+    assert abs(first - exact) <= np.spacing(exact)
+
+
+def test_inputs_are_as_given_and_grids_as_they_are():
+    motion = many_turns().motion()
+    found = AngleMemory().continued(motion, ["21"])["21"]
+    assert np.array_equal(found, motion.q) and np.min(found) == -25.0
+    tracer = Tracer(sk.load("five_bar"), samples=(3, 4), grid=True, branch=0)
+    motion = tracer.motion()
+    name = next(
+        pair.name for pair in motion.mechanism.pairs if pair.name not in tracer.inputs
+    )
+    (column,) = motion.mechanism.variables_of(motion.mechanism.pair_number[name])
+    found = AngleMemory().continued(motion, [name])[name]
+    assert np.array_equal(found, motion.values[:, column], equal_nan=True)
+
+
+def data_of(result, name):
+    found = result.results[name]
+    return {table.name: found.data[table.name] for table in found.tables}
+
+
+@pytest.mark.parametrize("course", COURSES)
+def test_eksergian_in_blocks_and_at_once(course):
+    """Up to the rounding of a motion evaluated in other blocks."""
+    whole, blocks = (
+        sk.run(wound(), "eksergian", **COURSES[course], block=block) for block in (None, 7)
+    )
+    assert blocks.summary["samples_in_a_block"] == 7 < whole.summary["samples"]
+    for name in ("motion", "eksergian"):
+        one, other = data_of(whole, name), data_of(blocks, name)
+        for table, columns in one.items():
+            for column, values in columns.items():
+                if values.dtype.kind != "f":
+                    assert np.array_equal(values, other[table][column])
+                    continue
+                # With loads the torque is a difference of larger ones.
+                scale = columns["Q"] if column == "tau" else values
+                size = np.nanmax(np.abs(scale), initial=0.0)
+                off = np.abs(values - other[table][column])
+                assert np.nanmax(off, initial=0.0) <= 2e-14 * max(size, 1.0), column
+    first, second = (each.summary["analyses"][0]["findings"] for each in (whole, blocks))
+    assert first["largest_conditioning"] == pytest.approx(
+        second["largest_conditioning"], rel=1e-12
+    )
+    places = [(each["at_branch"], each["at_q_rad"]) for each in (first, second)]
+    assert places[0][0] == places[1][0]
+    assert places[0][1] == pytest.approx(places[1][1], abs=1e-14)
+
+
+def test_wound_springs_give_back_what_was_put_in():
+    """A spring's power, integrated over the run, is the change of its energy.
+
+    Simpson's rule over three turns; each missed turn would be off by joules.
+    """
+    result = sk.run(wound(), "eksergian", samples=2001, block=64, branch=0, **BACK)
+    loads = result.frame("eksergian", "loads")
+    angle = np.unwrap(result.frame("motion")["theta_32"])
+    power = loads[loads["load"] == "at_32"]["power"].to_numpy()
+    step = 3.0 / 2000
+    work = step / 3.0 * (power[:-2:2] + 4.0 * power[1:-1:2] + power[2::2]).sum()
+    assert np.ptp(angle) > 15.0
+    assert work == pytest.approx(0.15 * (angle[0] ** 2 - angle[-1] ** 2), rel=1e-9)
+
+
+def test_wound_springs_are_verified():
+    result = sk.run(wound(), "eksergian", samples=120, block=7, verify=8, **BACK)
+    verdict = result.summary["verified"]
+    assert verdict["beyond"] == [] and verdict["not_verified"] == []
+    (found,) = (
+        c for c in verdict["columns"] if (c["table"], c["column"]) == ("loads", "Q")
+    )
+    assert found["compared"] and found["in_roundings"] < 20.0
+
+
+class Listener:
+    """Keeps the portraits that a recorder is given."""
+
+    def __init__(self):
+        self.portraits, self.rows = [], []
+
+    def start(self, scenes, inputs, **rest):
+        pass
+
+    def log(self, scene, samples, inputs=None, times=None):
+        own = [p for p in scene.primitives if isinstance(p, Portrait)]
+        self.portraits += own
+        self.rows += [len(p.x) for p in own]
+
+
+def test_a_portrait_has_one_frame_whatever_the_blocks():
+    listener = Listener()
+    start = COURSES["loads"]
+    result = sk.run(wound(), "eksergian", **start, block=50, recorder=listener)
+    frame = result.frame()
+    assert listener.rows == [50, 50, 20]
+    for portrait in listener.portraits:
+        assert portrait.x_range == (frame["q"].min(), frame["q"].max())
+        assert portrait.y_range == (frame["dq"].min(), frame["dq"].max())
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Counting(AbstractAnalysis):
+    """Says how many rows it saw, or something that differs from block to block."""
+
+    name: ClassVar = "counting"
+    version: ClassVar = "1"
+    summary: ClassVar = "rows"
+    rowwise: ClassVar = True
+    tables: ClassVar = (
+        Table(
+            "counting",
+            "",
+            (SAMPLE, BRANCH, Column("x", "", "")),
+        ),
+    )
+    joins: bool = True
+    reads: str = "41"
+
+    def needs(self, mechanism):
+        return Needs(continued_values=frozenset(["41"]))
+
+    def compute(self, batch):
+        values = batch.continued_value(self.reads)
+        return {"counting": {"sample": batch.sample, "branch": batch.branch, "x": values}}
+
+    def findings(self, batch):
+        return Findings({"rows": len(batch)})
+
+    def joined(self, before, now):
+        if not self.joins:
+            return super().joined(before, now)
+        return Findings({"rows": before.figures["rows"] + now.figures["rows"]})
+
+
+def test_findings_of_blocks_are_joined():
+    made = sk.load("four_bar")
+    result = sk.run(made, Counting(), samples=25, block=4)
+    assert result.summary["analyses"][0]["findings"] == {"rows": 50}
+    result = sk.run(made, [Counting(joins=False), "poles"], samples=25, block=5)
+    assert result.summary["analyses"][0]["findings"] == {"rows": 10}
+    result = sk.run(made, [Counting(joins=False), "poles"], samples=25, block=4)
+    assert "define joined()" in result.failures["counting"]
+    assert len(result.frame("poles")) == 25 * 2 * 6
+
+
+def test_what_was_not_declared_is_not_read():
+    result = sk.run(sk.load("four_bar"), Counting(reads="32"), samples=3)
+    assert 'continued_value("32")' in result.failures["counting"]
+    assert issubclass(UndeclaredNeed, sk.SpherekitError)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Apart(AbstractAnalysis):
+    """Reads no samples, and shows four rows of its own."""
+
+    name: ClassVar = "apart"
+    version: ClassVar = "1"
+    summary: ClassVar = "no samples"
+    reads_samples: ClassVar = False
+    tables: ClassVar = (Table("apart", "", (Column("x", "", ""),)),)
+    calls: ClassVar = []
+
+    def needs(self, mechanism):
+        return Needs()
+
+    def compute(self, batch):
+        self.calls.append(batch.sample[0])
+        return {"apart": {"x": np.arange(3.0)}}
+
+    def findings(self, batch):
+        return Findings({"third": 3.0}, (), ("Three.",))
+
+    def scene(self, batch):
+        return (Scene("Apart", (Series("s", "s", "g", np.arange(4.0)),), rows=4),)
+
+
+class Pages:
+    """Keeps what is logged on pages of their own."""
+
+    def __init__(self):
+        self.logged = []
+
+    def start(self, scenes, inputs, **rest):
+        self.inputs, self.times = inputs, rest["times"]
+
+    def log(self, scene, samples, inputs=None, times=None):
+        if isinstance(scene.page, str):
+            self.logged.append((scene.page, samples.tolist(), inputs, times))
+
+
+def test_what_reads_no_samples_is_asked_once(tmp_path):
+    made, pages = sk.load("four_bar"), Pages()
+    Apart.calls.clear()
+    result = sk.run(made, [Apart(), "poles"], samples=25, block=4, recorder=pages)
+    assert Apart.calls == [0] and result.summary["samples_in_a_block"] == 4
+    assert result.frame("apart")["x"].tolist() == [0.0, 1.0, 2.0]
+    ((page, samples, inputs, times),) = pages.logged
+    assert (page, samples, times) == ("Apart", [0, 1, 2, 3], None)
+    assert np.allclose(inputs, np.arange(4) * np.pi / 2.0)
+    timed = Pages()
+    sk.run(made, Apart(), samples=25, block=4, duration=2.0, recorder=timed)
+    assert timed.logged[0][2] is None
+    assert timed.logged[0][3].tolist() == [0.0, 0.5, 1.0, 1.5]
+
+
+def test_it_is_not_asked_again_when_a_run_goes_on(tmp_path):
+    def stop(done, total):
+        if done == 8:
+            raise KeyboardInterrupt
+
+    made = sk.load("four_bar")
+    Apart.calls.clear()
+    words = {"samples": 25, "block": 4, "folder": tmp_path}
+    with pytest.raises(KeyboardInterrupt):
+        sk.run(made, Apart(), **words, progress=stop)
+    result = sk.run(made, Apart(), **words, unfinished="resume")
+    assert Apart.calls == [0]
+    assert len(result.frame("apart")) == 3
+    assert result.summary["remarks"] == ["apart: Three."]
+    assert result.summary["analyses"][0]["findings"] == {"third": 3.0}
+
+
+@pytest.mark.parametrize(
+    "name, text",
+    [
+        ("five_bar", "inverse_kinematics:poses=0.1:0.2:0.97"),
+        ("five_bar", "workspace:tolerance=0.1"),
+    ],
+)
+def test_analyses_of_poses_do_not_hold_up_the_blocks(name, text):
+    made = sk.load(name)
+    alone = sk.run(made, text, samples=3, branch=0)
+    both = sk.run(made, [text, "poles"], samples=9, branch=0, block=2)
+    assert not alone.failures and not both.failures
+    assert both.summary["samples_in_a_block"] == 2
+    assert len(alone.frame()) == len(both.frame()) > 0
+    first, second = (each.summary["analyses"][0]["findings"] for each in (alone, both))
+    assert first == second
