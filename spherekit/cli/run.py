@@ -9,7 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--engine",
         choices=("auto", "numpy", "compiled"),
         default="auto",
-        help="what solves a simulation, default auto: the quicker one",
+        help="what solves a simulation (--start), default auto: the quicker one",
     )
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
@@ -167,12 +167,14 @@ def execute(options: argparse.Namespace) -> int:
     """Run, write, and print the summary."""
     from spherekit.analysis.registry import create
     from spherekit.analysis.study import analyses_of, run_study
-    from spherekit.errors import OutputError
+    from spherekit.errors import SpherekitError
     from spherekit.files.atomic import make_folder
     from spherekit.files.study import load_study
 
     study = overridden(load_study(options.file), options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    _check_effect(study, options)
+    made = study.folder is not None and not study.folder.exists()
     if study.folder is not None:
         make_folder(study.folder)
     try:
@@ -194,7 +196,10 @@ def execute(options: argparse.Namespace) -> int:
             _tell(options, study, result)
             if options.serve is not None:
                 _keep_serving(options, recorder)
-    except OutputError as problem:
+    except SpherekitError as problem:
+        if study.folder is not None and made:
+            with suppress(OSError):  # unless it holds something by now
+                study.folder.rmdir()
         _add_hint(problem, study, options)
         raise
     except KeyboardInterrupt as stop:
@@ -214,6 +219,8 @@ def execute(options: argparse.Namespace) -> int:
         return FAILED_ANALYSIS
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
+    if not result.summary.get("accuracy", {"met": True})["met"]:
+        failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
@@ -243,6 +250,49 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
             f"sample {logged['from_sample']} on (--log-every K for another number)",
             file=sys.stderr,
         )
+
+
+def _check_effect(study: "Study", options: argparse.Namespace) -> None:
+    """Refuse flags that would do nothing without another one.
+
+    Raises
+    ------
+    AnalysisError
+        If there is one.
+    """
+    from spherekit.errors import AnalysisError
+
+    recorded = study.recording is not None or options.serve is not None or options.connect
+    without = [
+        (
+            study.folder,
+            options.resume,
+            "--resume",
+            "a folder: give that of the run with -o",
+        ),
+        (
+            study.folder,
+            options.restart,
+            "--restart",
+            "a folder: give that of the run with -o",
+        ),
+        (
+            study.folder,
+            options.format != "both",
+            "--format",
+            "tables: write them with -o DIR",
+        ),
+        (study.start, options.engine != "auto", "--engine", "a simulation: give --start"),
+        (
+            recorded,
+            options.log_every is not None,
+            "--log-every",
+            "a recording: give --save, --serve, --connect or --view",
+        ),
+    ]
+    for needed, given, flag, hint in without:
+        if given and not needed:
+            raise AnalysisError(f"{flag} does nothing without {hint}")
 
 
 def _unfinished(options: argparse.Namespace) -> "Unfinished":
@@ -372,7 +422,7 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         head, _, keys = text.partition(":")
         pair, _, kind = head.rpartition("=")
         if kind not in KINDS:
-            hint = nearest(kind, KINDS) or ";"
+            hint = nearest(kind, KINDS) or "."
             raise AnalysisError(f'--law: no law is "{kind}"{hint} Laws: {listing(KINDS)}')
         fields = given_in(keys, KINDS[kind], f"--law {kind}", LAW_WORDS)
         try:
@@ -399,11 +449,12 @@ def report(summary: Any) -> str:
     """Return the summary in a few lines for people."""
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
+    count = len(summary["branches"])
     lines = [
         f"{summary['mechanism']}: {summary['sampling']} samples of "
         f"{'inputs' if len(summary['inputs']) > 1 else 'input'} "
-        f"{', '.join(summary['inputs'])}, {len(summary['branches'])} branches; mobility "
-        f"{mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
+        f"{', '.join(summary['inputs'])}, {count} branch{'' if count == 1 else 'es'}; "
+        f"mobility {mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
         f"{', '.join(summary['groups'])}"
     ]
     repeated = summary["redundant_constraints"]
