@@ -116,8 +116,8 @@ def svg(trade: Trade, tolerance: float | None = None) -> str:
     parts.append(_words(right + 20, next(rows), "every sample evaluated:", 12))
     for k, (each, colour) in enumerate(numbered):
         y = next(rows)
-        line = f"{k + 1}  {each.name}: {each.error:.1e}"
-        parts += [_dot(right + 25, y - 4, 4, colour), _words(right + 36, y, line, 11)]
+        words = f"{k + 1}  {each.name}: {each.error:.1e}"
+        parts += [_dot(right + 25, y - 4, 4, colour), _words(right + 36, y, words, 11)]
     next(rows)
     if series:
         parts.append(
