@@ -197,12 +197,11 @@ def execute(options: argparse.Namespace) -> int:
             if options.serve is not None:
                 _keep_serving(options, recorder)
     except SpherekitError as problem:
-        if study.folder is not None and made:
-            with suppress(OSError):  # unless it holds something by now
-                study.folder.rmdir()
+        _leave_no_empty(study.folder if made else None)
         _add_hint(problem, study, options)
         raise
     except KeyboardInterrupt as stop:
+        _leave_no_empty(study.folder if made else None)
         _add_hint(stop, study, options)
         notes = getattr(stop, "__notes__", ())
         print("; ".join(["spherekit: stopped", *notes]), file=sys.stderr)
@@ -250,6 +249,13 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
             f"sample {logged['from_sample']} on (--log-every K for another number)",
             file=sys.stderr,
         )
+
+
+def _leave_no_empty(folder: Path | None) -> None:
+    """Remove a folder that was made for a run that left nothing in it."""
+    if folder is not None:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _check_effect(study: "Study", options: argparse.Namespace) -> None:

@@ -57,7 +57,7 @@ def svg(trade: Trade, tolerance: float | None = None) -> str:
 
     def placed(points: Floats) -> Floats:
         share = (points - low) / (high - low)
-        return np.array([LEFT, bottom]) + share * size * np.array([1.0, -1.0])
+        return np.asarray(np.array([LEFT, bottom]) + share * size * np.array([1.0, -1.0]))
 
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" '
