@@ -141,7 +141,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
-        "--strict", action="store_true", help="exit with 3 if any sample failed"
+        "--strict",
+        action="store_true",
+        help="exit with 3 if any sample failed or --tol is not met",
     )
     parser.add_argument("--save", metavar="X.rrd", help="write a recording")
     parser.add_argument(

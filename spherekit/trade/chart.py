@@ -51,7 +51,7 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
 def svg(trade: Trade, tolerance: float | None = None) -> str:
     """Return the chart as an SVG picture; a tolerance is a line, its choice a ring."""
     own = [each for each in trade.settings if each.counts]
-    low, high = _frame(_points(trade, own))
+    low, high = _close_frame(_points(trade, own))
     size = np.array([WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM])
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
 
@@ -72,7 +72,7 @@ def svg(trade: Trade, tolerance: float | None = None) -> str:
         f'<text x="20" y="{HEIGHT / 2}" fill="{INK}" font-size="13" text-anchor="middle" '
         f'transform="rotate(-90 20 {HEIGHT / 2})">largest error of a column</text>',
     ]
-    for time in _round_times(low[0], high[0]):
+    for time in _round_times(low[0], high[0], ROUND if high[0] - low[0] < 3.0 else (1.0,)):
         ((x, _),) = placed(np.array([[np.log10(time), low[1]]]))
         number, unit = seconds(time).split()
         parts += [
@@ -170,10 +170,9 @@ def _meet(one: Sequence[float], other: Sequence[float]) -> bool:
     )
 
 
-def _round_times(low: float, high: float) -> list[float]:
-    """Return the times 1, 2 and 5 times a power of ten within two logarithms."""
+def _round_times(low: float, high: float, leading: Sequence[float]) -> list[float]:
+    """Return the times within two logarithms that have one of the leading digits."""
     decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
-    leading = ROUND if high - low < 3.0 else (1.0,)
     times = [digit * 10.0**decade for decade in decades for digit in leading]
     return [time for time in times if low - 1e-9 <= np.log10(time) <= high + 1e-9]
 
@@ -202,18 +201,23 @@ def _points(trade: Trade, own: Sequence[Measured]) -> Floats:
 
 
 def _frame(points: Floats) -> tuple[Floats, Floats]:
-    """Return the corners of the chart: round times, and whole decades of the error."""
+    """Return the least and greatest decades that hold all points."""
     if not len(points):
         return np.zeros(2), np.ones(2)
     low, high = np.floor(points.min(axis=0)), np.ceil(points.max(axis=0))
-    steps = np.array([0.0, *np.log10(ROUND[1:]), 1.0])
-    first = steps[steps <= points[:, 0].min() - low[0]].max()
-    beyond = points[:, 0].max() - (high[0] - 1.0)
-    last = steps[steps >= beyond - 1e-12].min()
-    least, most = low[0] + first, high[0] - 1.0 + last
-    if most - least < 0.3:
-        least, most = low[0], low[0] + 1.0
-    return np.array([least, low[1]]), np.array([most, max(high[1], low[1] + 1.0)])
+    return low, np.maximum(high, low + 1.0)
+
+
+def _close_frame(points: Floats) -> tuple[Floats, Floats]:
+    """Return the least and greatest round times, and decades of the error."""
+    low, high = _frame(points)
+    if len(points):
+        times = np.log10(_round_times(low[0], high[0], ROUND))
+        first = times[times <= points[:, 0].min() + 1e-12].max()
+        last = times[times >= points[:, 0].max() - 1e-12].min()
+        if last > first:
+            low[0], high[0] = first, last
+    return low, high
 
 
 def _line(x: float, y: float, to_x: float, to_y: float) -> str:

@@ -239,8 +239,8 @@ class Recorder:
         for scene in scenes:
             for primitive in scene.primitives:
                 self._introduce(scene.page, primitive)
-        notes = Text("notes", "About", _about(self.name, words))
-        self._introduce(None, notes)
+        if scenes or layout.pages:
+            self._introduce(None, Text("notes", "About", _about(self.name, words)))
         if layout.pages:
             self._lay_out()
 
