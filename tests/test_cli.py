@@ -13,7 +13,11 @@ import pandas as pd
 import pytest
 from test_planner import LECTURE_TABLE
 
+import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.cli.run import duration
+from spherekit.errors import ModelError
+from spherekit.guidance.symmetry import mid_plane_form
 
 ROOT = Path(__file__).parent.parent
 
@@ -266,6 +270,11 @@ def test_an_export_has_the_ending_of_its_kind(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_long_times_are_whole_seconds():
+    shown = {0.01234: "0.012", 9.96: "10", 99.4: "99", 99.6: "100", 918.4: "918"}
+    assert {value: duration(value) for value in shown} == shown
+
+
 def test_one_branch_is_one_branch(capsys):
     assert main(["run", "four_bar", "--samples", "3", "--branch", "1"]) == 0
     assert ", 1 branch; " in capsys.readouterr().out
@@ -275,3 +284,12 @@ def test_a_recording_that_cannot_be_predicted_is_named(capsys):
     assert main(["explain", "shaped_cam", "--samples", "5", "--recording"]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith("  not predicted: ") and last.endswith("the recording")
+
+
+def test_an_output_without_legs_says_so(tmp_path):
+    text = (ROOT / "mechanisms" / "stephenson.toml").read_text()
+    text += '\n[outputs.tool]\nlink = "5"\nxyz = [0.0, 0.0, 1.0]\n'
+    path = tmp_path / "tool.toml"
+    path.write_text(text)
+    with pytest.raises(ModelError, match="no leg from the base to the output"):
+        mid_plane_form(sk.load(path), "tool")

@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.run import megabytes, sample_counts
+from spherekit.cli.run import duration, megabytes, sample_counts
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -164,10 +164,10 @@ def _predicted(found: dict[str, Any], recording: bool) -> list[str]:
     branches = found["branches"]
     who = "for each branch" if branches is None else f"{branches} branches"
     seconds = found["seconds"]
-    stages = ", ".join(f"{name} {value:.2g}" for name, value in seconds.items())
+    stages = ", ".join(f"{name} {duration(value)}" for name, value in seconds.items())
     lines = [
         f"predicted, {who}: {found['configurations']} configurations, "
-        f"{sum(seconds.values()):.2g} s ({stages}), within a factor of about two"
+        f"{duration(sum(seconds.values()))} s ({stages}), within a factor of about two"
     ]
     solves = found["velocity_equation_solves"]
     if solves and branches is not None:

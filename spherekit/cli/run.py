@@ -521,14 +521,14 @@ def spent(cost: Any) -> list[str]:
     if foreseen is not None:
         shared = [name for name in foreseen["seconds"] if name in seconds]
         both = [sum(of["seconds"][name] for name in shared) for of in (foreseen, cost)]
-        guess = f"; predicted {both[0]:.2g} s for what took {both[1]:.2g}"
+        guess = f"; predicted {duration(both[0])} s for what took {duration(both[1])}"
     whole = sum(seconds.values())
     shown = [(name, took) for name, took in seconds.items() if took > 0.005 * whole]
-    stages = ", ".join(f"{name} {took:.2g}" for name, took in shown)
+    stages = ", ".join(f"{name} {duration(took)}" for name, took in shown)
     lines = [
         f"cost: {cost['configurations']} configurations, {cost['poles']} pole axes, "
         f"{cost['axis_derivatives']} derivatives, {cost['link_rates']} link rates; "
-        f"{whole:.2g} s ({stages}){guess}"
+        f"{duration(whole)} s ({stages}){guess}"
     ]
     tables = cost["tables"]
     rows = sum(table["rows"] for table in tables.values())
@@ -543,6 +543,11 @@ def spent(cost: Any) -> list[str]:
         own = cost["recording"]
         line += f"; recording: {own['entities']} entities, {megabytes(own['bytes'])}"
     return [*lines, line]
+
+
+def duration(seconds: float) -> str:
+    """Return a number of seconds with two digits, more only where they are whole."""
+    return f"{seconds:.2g}" if seconds < 99.5 else f"{seconds:.0f}"
 
 
 def megabytes(count: int) -> str:
