@@ -72,8 +72,8 @@ class Given:
         ]
         if len(told) != 1:
             raise AnalysisError(
-                f"{where}: was given {' and '.join(told) or 'no poses'}; "
-                "give one of poses, file and window"
+                f"{where}: found {' and '.join(told) or 'no poses'}; give one of poses, "
+                "file and window"
             )
         try:
             if self.file:

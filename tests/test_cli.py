@@ -288,8 +288,8 @@ def test_a_recording_that_cannot_be_predicted_is_named(capsys):
 
 def test_an_output_without_legs_says_so(tmp_path):
     text = (ROOT / "mechanisms" / "stephenson.toml").read_text()
-    text += '\n[outputs.tool]\nlink = "5"\nxyz = [0.0, 0.0, 1.0]\n'
+    text += '\n[outputs.tool]\nlink = "6"\nxyz = [0.0, 0.0, 1.0]\n'
     path = tmp_path / "tool.toml"
     path.write_text(text)
-    with pytest.raises(ModelError, match="no leg from the base to the output"):
+    with pytest.raises(ModelError, match="no leg of two links joins the base"):
         mid_plane_form(sk.load(path), "tool")

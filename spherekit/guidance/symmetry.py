@@ -54,7 +54,7 @@ def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneF
     carriers = _carriers(made, joints, effector, legs)
     held = {carrier.leg for carrier in carriers}
     if not legs:
-        raise _refusal(made, "no leg from the base to the output has two equal arcs")
+        raise _refusal(made, "no leg of two links joins the base to the output")
     if len(held) < 3 or len(held) < len(legs):
         raise _refusal(
             made,
