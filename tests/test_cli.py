@@ -13,7 +13,11 @@ import pandas as pd
 import pytest
 from test_planner import LECTURE_TABLE
 
+import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.cli.run import duration
+from spherekit.errors import ModelError
+from spherekit.guidance.symmetry import mid_plane_form
 
 ROOT = Path(__file__).parent.parent
 
@@ -224,3 +228,68 @@ def test_one_input_of_two_freedoms_is_refused_by_rank(capsys):
     status, _, told = run(capsys, "run", "bevel_differential", "--input", "left_axle")
     assert status == 1
     assert "mobility 2 by rank with 0 by the graph" in told and "declare 2 R pairs" in told
+
+
+@pytest.mark.parametrize(
+    "flags, missing",
+    [
+        (["--resume"], "-o"),
+        (["--restart"], "-o"),
+        (["--format", "csv"], "-o DIR"),
+        (["--engine", "compiled"], "--start"),
+        (["--log-every", "2"], "--save"),
+    ],
+)
+def test_flags_that_would_do_nothing_are_refused(flags, missing, capsys):
+    assert main(["run", "four_bar", "--samples", "5", *flags]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith(f"spherekit: {flags[0]} does nothing without")
+    assert missing in told
+
+
+def test_a_run_that_fails_leaves_no_empty_folder(tmp_path, capsys):
+    new, old = tmp_path / "new", tmp_path / "old"
+    old.mkdir()
+    for folder in (new, old):
+        assert main(["run", "four_bar", "--branch", "7", "-o", str(folder)]) == 1
+    assert list(tmp_path.iterdir()) == [old]
+
+
+def test_a_tolerance_that_is_not_met_counts_with_strict(capsys):
+    words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "5", "--tol"]
+    assert main([*words, "1e-9", "--strict"]) == 0
+    assert main([*words, "1e-30"]) == 0
+    assert main([*words, "1e-30", "--strict"]) == 3
+
+
+def test_an_export_has_the_ending_of_its_kind(tmp_path, capsys):
+    for kind, name, ending in [("mjcf", "m.npz", "*.xml"), ("model", "m.xml", "*.npz")]:
+        path = tmp_path / name
+        assert main(["export", "four_bar", "--to", kind, "-o", str(path)]) == 1
+        assert ending in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_long_times_are_whole_seconds():
+    shown = {0.01234: "0.012", 9.96: "10", 99.4: "99", 99.6: "100", 918.4: "918"}
+    assert {value: duration(value) for value in shown} == shown
+
+
+def test_one_branch_is_one_branch(capsys):
+    assert main(["run", "four_bar", "--samples", "3", "--branch", "1"]) == 0
+    assert ", 1 branch; " in capsys.readouterr().out
+
+
+def test_a_recording_that_cannot_be_predicted_is_named(capsys):
+    assert main(["explain", "shaped_cam", "--samples", "5", "--recording"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("  not predicted: ") and last.endswith("the recording")
+
+
+def test_an_output_without_legs_says_so(tmp_path):
+    text = (ROOT / "mechanisms" / "stephenson.toml").read_text()
+    text += '\n[outputs.tool]\nlink = "6"\nxyz = [0.0, 0.0, 1.0]\n'
+    path = tmp_path / "tool.toml"
+    path.write_text(text)
+    with pytest.raises(ModelError, match="no leg of two links joins the base"):
+        mid_plane_form(sk.load(path), "tool")

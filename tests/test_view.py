@@ -33,6 +33,7 @@ from spherekit.analysis.scene import (
     Text,
 )
 from spherekit.errors import OutputError
+from spherekit.view.blueprint import Layout, SeriesEntry
 from spherekit.view.rerun_view import Recorder
 from spherekit.view.screenshot import screenshot
 from spherekit.view.shapes import path_on_sphere, quaternions_to
@@ -242,6 +243,46 @@ def test_what_stays_is_logged_once(partial: Path) -> None:
 @pytest.mark.parametrize("blocks", [5, 361])
 def test_block_size_does_not_matter(recording: Path, tmp_path: Path, blocks: int) -> None:
     assert differences(record(tmp_path / "b.rrd", blocks), recording) == []
+
+
+def of_branches(path: Path, count: int) -> Path:
+    """Record five samples of so many branches."""
+    samples = SAMPLES[:5]
+    with Recorder.to_file(path, "x") as recorder:
+        recorder.start([], INPUTS, branches={k: f"Mode {k}" for k in range(count)})
+        for mode in range(count):
+            scene = Scene(mode, block(0, samples).primitives)
+            recorder.log(scene, samples, INPUTS[samples])
+    return path
+
+
+def test_files_grow_with_the_branches_and_not_with_their_square(tmp_path: Path) -> None:
+    sizes = [
+        of_branches(tmp_path / f"{count}.rrd", count).stat().st_size for count in (1, 4, 16)
+    ]
+    assert sizes[2] - sizes[0] < 1.6 * 15 / 3 * (sizes[1] - sizes[0])
+
+
+def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(
+    tmp_path: Path,
+) -> None:
+    found = {}
+    for chunk in RrdReader(of_branches(tmp_path / "few.rrd", 2)).stream():
+        if chunk.is_static and "/plots/" in chunk.entity_path:
+            batch = chunk.to_record_batch()
+            colour = batch.column("SeriesLines:colors").to_pylist()[0]
+            found[chunk.entity_path.removeprefix("/x/branch_")] = colour
+    curves = ("velocity/w31", "velocity/w41", "position/theta41")
+    first, second, other = [found[f"0/plots/{curve}"] for curve in curves]
+    assert first != second and first == other
+    assert [found[f"1/plots/{curve}"] for curve in curves] == [first, second, other]
+    layout = Layout("/x", "sample", 1.0, None)
+    layout.groups["few"] = [SeriesEntry(k, f"/{k}", "w") for k in range(60)]
+    layout.groups["many"] = [SeriesEntry(k, f"/{k}", "w") for k in range(61)]
+    layout.pages = {k: f"Mode {k}" for k in range(61)}
+    pages = layout.blueprint().root_container.contents
+    assert pages[-1].name == "Compare"
+    assert [plot.name for plot in pages[-1].contents] == ["few"]
 
 
 def test_failed_samples_leave_nothing_on_the_screen(partial: Path) -> None:

@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.run import megabytes, sample_counts
+from spherekit.cli.run import duration, megabytes, sample_counts
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -136,7 +136,7 @@ def execute(options: argparse.Namespace) -> int:
         _print_plans(facts, every)
     else:
         print("asked of the samples: no poles")
-    print("\n".join(_predicted(facts["predicted"])))
+    print("\n".join(_predicted(facts["predicted"], options.recording)))
     return 0
 
 
@@ -157,27 +157,29 @@ def _print_plans(facts: dict[str, Any], every: int) -> None:
         print(f"rates of links {', '.join(each['links_with_rates'])}, {orders}")
 
 
-def _predicted(found: dict[str, Any]) -> list[str]:
-    """Return the prediction in lines for people."""
+def _predicted(found: dict[str, Any], recording: bool) -> list[str]:
+    """Return the prediction in lines for people; perhaps one of a `recording` was asked."""
     if "reason" in found:
         return [f"cost: not predicted; {found['reason']}"]
     branches = found["branches"]
     who = "for each branch" if branches is None else f"{branches} branches"
     seconds = found["seconds"]
-    stages = ", ".join(f"{name} {value:.2g}" for name, value in seconds.items())
+    stages = ", ".join(f"{name} {duration(value)}" for name, value in seconds.items())
     lines = [
         f"predicted, {who}: {found['configurations']} configurations, "
-        f"{sum(seconds.values()):.2g} s ({stages}), within a factor of about two"
+        f"{duration(sum(seconds.values()))} s ({stages}), within a factor of about two"
     ]
+    solves = found["velocity_equation_solves"]
+    if solves and branches is not None:
+        lines.append(
+            f"  velocity equations solved about {solves} times, once for each input"
+        )
     lines += [
         f"  table {name}: {table['rows']} rows of {table['columns']} columns, "
         f"{megabytes(table['csv_bytes'])} as CSV, "
         f"{megabytes(table['parquet_bytes'])} as Parquet"
         for name, table in found["tables"].items()
     ]
-    solves = found["velocity_equation_solves"]
-    if solves and branches is not None:
-        lines.append(f"  of them about {solves} by the velocity equations")
     if "recording" in found:
         own = found["recording"]
         lines.append(
@@ -187,6 +189,7 @@ def _predicted(found: dict[str, Any]) -> list[str]:
     missing = [f"analysis {name}" for name in found["not_predicted"]]
     if branches is None:
         missing.insert(0, "the search for branches and their number")
+        missing += ["the recording"] if recording else []
     if missing:
         lines.append(f"  not predicted: {', '.join(missing)}")
     return lines

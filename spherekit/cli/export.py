@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from spherekit.errors import SolveError
+from spherekit.errors import OutputError, SolveError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,8 +50,13 @@ def execute(options: argparse.Namespace) -> int:
 
     from spherekit.files.read import load
 
-    mechanism = load(options.file)
     suffix = {"model": ".npz", "mjcf": ".xml"}[options.to]
+    if options.output is not None and Path(options.output).suffix != suffix:
+        raise OutputError(
+            f"{options.output}: --to {options.to} writes a file named *{suffix}; give it "
+            "that ending"
+        )
+    mechanism = load(options.file)
     target = options.output or str(Path(mechanism.name).with_suffix(suffix))
     if options.to == "model":
         from spherekit.dynamics.offline import online_model

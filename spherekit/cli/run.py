@@ -9,7 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--engine",
         choices=("auto", "numpy", "compiled"),
         default="auto",
-        help="what solves a simulation, default auto: the quicker one",
+        help="what solves a simulation (--start), default auto: the quicker one",
     )
     parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
     parser.add_argument(
@@ -141,7 +141,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
-        "--strict", action="store_true", help="exit with 3 if any sample failed"
+        "--strict",
+        action="store_true",
+        help="exit with 3 if any sample failed or --tol is not met",
     )
     parser.add_argument("--save", metavar="X.rrd", help="write a recording")
     parser.add_argument(
@@ -167,12 +169,14 @@ def execute(options: argparse.Namespace) -> int:
     """Run, write, and print the summary."""
     from spherekit.analysis.registry import create
     from spherekit.analysis.study import analyses_of, run_study
-    from spherekit.errors import OutputError
+    from spherekit.errors import SpherekitError
     from spherekit.files.atomic import make_folder
     from spherekit.files.study import load_study
 
     study = overridden(load_study(options.file), options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    _check_effect(study, options)
+    made = study.folder is not None and not study.folder.exists()
     if study.folder is not None:
         make_folder(study.folder)
     try:
@@ -194,10 +198,12 @@ def execute(options: argparse.Namespace) -> int:
             _tell(options, study, result)
             if options.serve is not None:
                 _keep_serving(options, recorder)
-    except OutputError as problem:
+    except SpherekitError as problem:
+        _leave_no_empty(study.folder if made else None)
         _add_hint(problem, study, options)
         raise
     except KeyboardInterrupt as stop:
+        _leave_no_empty(study.folder if made else None)
         _add_hint(stop, study, options)
         notes = getattr(stop, "__notes__", ())
         print("; ".join(["spherekit: stopped", *notes]), file=sys.stderr)
@@ -214,6 +220,8 @@ def execute(options: argparse.Namespace) -> int:
         return FAILED_ANALYSIS
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
+    if not result.summary.get("accuracy", {"met": True})["met"]:
+        failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
@@ -243,6 +251,56 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
             f"sample {logged['from_sample']} on (--log-every K for another number)",
             file=sys.stderr,
         )
+
+
+def _leave_no_empty(folder: Path | None) -> None:
+    """Remove a folder that was made for a run that left nothing in it."""
+    if folder is not None:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _check_effect(study: "Study", options: argparse.Namespace) -> None:
+    """Refuse flags that would do nothing without another one.
+
+    Raises
+    ------
+    AnalysisError
+        If there is one.
+    """
+    from spherekit.errors import AnalysisError
+
+    recorded = study.recording is not None or options.serve is not None or options.connect
+    without = [
+        (
+            study.folder,
+            options.resume,
+            "--resume",
+            "a folder: give that of the run with -o",
+        ),
+        (
+            study.folder,
+            options.restart,
+            "--restart",
+            "a folder: give that of the run with -o",
+        ),
+        (
+            study.folder,
+            options.format != "both",
+            "--format",
+            "tables: write them with -o DIR",
+        ),
+        (study.start, options.engine != "auto", "--engine", "a simulation: give --start"),
+        (
+            recorded,
+            options.log_every is not None,
+            "--log-every",
+            "a recording: give --save, --serve, --connect or --view",
+        ),
+    ]
+    for needed, given, flag, hint in without:
+        if given and not needed:
+            raise AnalysisError(f"{flag} does nothing without {hint}")
 
 
 def _unfinished(options: argparse.Namespace) -> "Unfinished":
@@ -372,7 +430,7 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         head, _, keys = text.partition(":")
         pair, _, kind = head.rpartition("=")
         if kind not in KINDS:
-            hint = nearest(kind, KINDS) or ";"
+            hint = nearest(kind, KINDS) or "."
             raise AnalysisError(f'--law: no law is "{kind}"{hint} Laws: {listing(KINDS)}')
         fields = given_in(keys, KINDS[kind], f"--law {kind}", LAW_WORDS)
         try:
@@ -399,11 +457,12 @@ def report(summary: Any) -> str:
     """Return the summary in a few lines for people."""
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
+    count = len(summary["branches"])
     lines = [
         f"{summary['mechanism']}: {summary['sampling']} samples of "
         f"{'inputs' if len(summary['inputs']) > 1 else 'input'} "
-        f"{', '.join(summary['inputs'])}, {len(summary['branches'])} branches; mobility "
-        f"{mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
+        f"{', '.join(summary['inputs'])}, {count} branch{'' if count == 1 else 'es'}; "
+        f"mobility {mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
         f"{', '.join(summary['groups'])}"
     ]
     repeated = summary["redundant_constraints"]
@@ -464,14 +523,14 @@ def spent(cost: Any) -> list[str]:
     if foreseen is not None:
         shared = [name for name in foreseen["seconds"] if name in seconds]
         both = [sum(of["seconds"][name] for name in shared) for of in (foreseen, cost)]
-        guess = f"; predicted {both[0]:.2g} s for what took {both[1]:.2g}"
+        guess = f"; predicted {duration(both[0])} s for what took {duration(both[1])}"
     whole = sum(seconds.values())
     shown = [(name, took) for name, took in seconds.items() if took > 0.005 * whole]
-    stages = ", ".join(f"{name} {took:.2g}" for name, took in shown)
+    stages = ", ".join(f"{name} {duration(took)}" for name, took in shown)
     lines = [
         f"cost: {cost['configurations']} configurations, {cost['poles']} pole axes, "
         f"{cost['axis_derivatives']} derivatives, {cost['link_rates']} link rates; "
-        f"{whole:.2g} s ({stages}){guess}"
+        f"{duration(whole)} s ({stages}){guess}"
     ]
     tables = cost["tables"]
     rows = sum(table["rows"] for table in tables.values())
@@ -486,6 +545,11 @@ def spent(cost: Any) -> list[str]:
         own = cost["recording"]
         line += f"; recording: {own['entities']} entities, {megabytes(own['bytes'])}"
     return [*lines, line]
+
+
+def duration(seconds: float) -> str:
+    """Return a number of seconds with two digits, more only where they are whole."""
+    return f"{seconds:.2g}" if seconds < 99.5 else f"{seconds:.0f}"
 
 
 def megabytes(count: int) -> str:

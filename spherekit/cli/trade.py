@@ -43,7 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-search", action="store_true", help="only the mode of the reference pose"
     )
-    parser.add_argument("--rounds", type=int, default=5, metavar="N", help="default 5")
+    parser.add_argument(
+        "--rounds",
+        type=int,
+        default=5,
+        metavar="N",
+        help="times that every setting is timed, the best counts; default 5",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -79,6 +85,7 @@ def execute(options: argparse.Namespace) -> int:
             raise AnalysisError(
                 f"{options.file}: names several analyses; say which with -a NAME"
             )
+    _check_places(options)
     timed = options.law is not None or options.start is not None
     found = trade(
         mechanism,
@@ -114,6 +121,19 @@ def _path(study: Any, options: argparse.Namespace) -> Any:
     return np.array(study.path)
 
 
+def _check_places(options: argparse.Namespace) -> None:
+    """Refuse what cannot be written before minutes are spent on measuring it."""
+    from pathlib import Path
+
+    from spherekit.files.atomic import check_folder
+    from spherekit.view.outputs import check_place
+
+    if options.save is not None:
+        check_place(Path(options.save))
+    if options.output is not None:
+        check_folder(options.output)
+
+
 def _write(found: Any, options: argparse.Namespace) -> None:
     from spherekit.files.atomic import make_folder, write_text
     from spherekit.trade.chart import svg
@@ -123,7 +143,7 @@ def _write(found: Any, options: argparse.Namespace) -> None:
     data = json.dumps(found.as_dict(options.tol), indent=2, ensure_ascii=False)
     write_text(folder / "trade.csv", as_csv(found))
     write_text(folder / "trade.json", data + "\n")
-    write_text(folder / "trade.svg", svg(found))
+    write_text(folder / "trade.svg", svg(found, options.tol))
     if not options.quiet:
         print(f"3 files in {folder}", file=sys.stderr)
 

@@ -41,6 +41,16 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
+def check_folder(path: str | os.PathLike[str]) -> None:
+    """Raise `OutputError` unless a folder is there or can be made; nothing is made."""
+    nearest = next(each for each in (Path(path), *Path(path).parents) if each.exists())
+    if not nearest.is_dir():
+        number = errno.EEXIST if nearest == Path(path) else errno.ENOTDIR
+        raise refused(path, "made", OSError(number, ""))
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise refused(path, "made", OSError(errno.EACCES, ""))
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a text file in UTF-8, replacing an older one only when complete.
 

@@ -130,12 +130,12 @@ def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
         return f"{path}: not found; nor is its folder {folder} readable"
     message = f"{path}: not found"
     hint = nearest(path.name, nearby) or nearest(path.stem, [*names, *studies])
-    message += hint or ";"
+    message += hint or "."
     if nearby:
         message += f" Files in {folder}: {listing(nearby)}."
     if names:
         message += f" Shipped mechanisms: {listing(sorted(names))}."
     if not nearby and not names:
-        message += f" there are no {_SUFFIX} files in {folder}"
+        message += f" There are no {_SUFFIX} files in {folder}"
     faults = [f"{pack.name} ({pack.fault})" for pack in packs if pack.fault]
     return f"{message} Broken packs: {listing(faults)}." if faults else message

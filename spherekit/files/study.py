@@ -117,7 +117,7 @@ def _driven(document: Document, mechanism: Mechanism) -> Mechanism:
     given = document.data.get("inputs", {})
     for pair in given:
         if pair not in mechanism.pair_number:
-            hint = nearest(pair, mechanism.pair_number) or ";"
+            hint = nearest(pair, mechanism.pair_number) or "."
             raise document.fault(
                 ("inputs", pair),
                 f'{mechanism.name} has no pair "{pair}"{hint} Pairs: '

@@ -215,8 +215,8 @@ def _shape(shape: str | Law) -> Law:
     if isinstance(shape, str):
         if shape not in SHAPES:
             raise SolveError(
-                f'no law shape is named "{shape}"{nearest(shape, SHAPES) or ";"} '
-                f"shapes: {listing(SHAPES)}"
+                f'no law shape is named "{shape}"{nearest(shape, SHAPES) or "."} '
+                f"Shapes: {listing(SHAPES)}"
             )
         return SHAPES[shape]
     part, _, _ = shape.at(np.linspace(0.0, 1.0, 1001))

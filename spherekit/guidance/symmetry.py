@@ -53,6 +53,8 @@ def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneF
     legs = _legs(made, joints, effector)
     carriers = _carriers(made, joints, effector, legs)
     held = {carrier.leg for carrier in carriers}
+    if not legs:
+        raise _refusal(made, "no leg of two links joins the base to the output")
     if len(held) < 3 or len(held) < len(legs):
         raise _refusal(
             made,

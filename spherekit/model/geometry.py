@@ -202,7 +202,7 @@ def given_axis(
     """
     if axis not in joined:
         raise ModelError(
-            f'no R pair is named "{axis}"{nearest(axis, joined) or ";"} R pairs: '
+            f'no R pair is named "{axis}"{nearest(axis, joined) or "."} R pairs: '
             f"{listing(joined)}"
         )
     if link not in joined[axis]:

@@ -134,7 +134,7 @@ def output_of(
             "[outputs.NAME] with its link"
         )
     if output is not None and output not in names:
-        hint = nearest(output, names) or ";"
+        hint = nearest(output, names) or "."
         raise AnalysisError(
             f'{mechanism.name}: there is no output "{output}"{hint} outputs: '
             f"{listing(names)}"

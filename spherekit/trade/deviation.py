@@ -38,7 +38,8 @@ def scale_words(column: Column) -> str:
     """Return how errors of a column are measured."""
     if is_absolute(column):
         return f"absolute {column.unit}".strip()
-    return f"over the largest {column.unit or 'number'} of the table"
+    in_unit = f" in {column.unit}" if column.unit else ""
+    return f"relative to the largest number{in_unit} of the table"
 
 
 def deviations(

@@ -8,6 +8,7 @@ import numpy as np
 from spherekit.trade.record import MARGIN, Measured, Trade
 
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
+TO_THE_RIGHT = ("time", "median", "compiling")
 
 
 def as_text(trade: Trade, tolerance: float | None = None) -> str:
@@ -20,12 +21,15 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
             rows.append(_cells(trade, each, each.name in front))
     widths = [max(len(row[k]) for row in rows) for k in range(len(HEADINGS))]
     for row in rows:
-        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        cells = (
+            cell.rjust(width) if heading in TO_THE_RIGHT else cell.ljust(width)
+            for heading, cell, width in zip(HEADINGS, row, widths, strict=True)
+        )
         lines.append("  ".join(cells).rstrip())
     lines.append(
         "*: no other is quicker and as accurate. Times are processor times of a run"
         + _scaled(trade)
-        + "; compiling comes once."
+        + ", the best of the rounds and their median; compiling comes once."
     )
     if any(np.isfinite(each.estimate) for each in trade.settings):
         lines += [
@@ -63,7 +67,7 @@ def advice(trade: Trade, tolerance: float) -> str:
     if best is not None:
         return (
             f"for {tolerance:g}: {best.name}, error {best.error:.1e} (taken where "
-            f"{MARGIN:g} times that is within), {_seconds(best.total(trade.samples))} with "
+            f"{MARGIN:g} times that is within), {seconds(best.total(trade.samples))} with "
             "compiling"
         )
     reached = trade.most_accurate
@@ -91,25 +95,29 @@ def _cells(trade: Trade, each: Measured, front: bool) -> tuple[str, ...]:
         each.name,
         f"{each.error:.1e}" + (f" ({each.missing} missing)" if each.missing else ""),
         each.column,
-        _seconds(each.seconds(trade.samples)),
-        _seconds(each.first + each.each_median * trade.samples),
-        _seconds(each.compile) if each.compile > 1e-3 else "",
+        seconds(each.seconds(trade.samples)),
+        seconds(each.first + each.each_median * trade.samples),
+        seconds(each.compile) if each.compile > 1e-3 else "",
     )
 
 
-def _seconds(value: float) -> str:
-    if value < 1e-3:
+def seconds(value: float) -> str:
+    """Return a time with three digits; those of one unit align."""
+    if value < 0.9995e-3:
         return f"{1e6 * value:.0f} us"
-    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
+    if value >= 999.5:
+        return f"{value:.0f} s"
+    number, unit = (1e3 * value, "ms") if value < 0.9995 else (value, "s")
+    return f"{number:#.3g}".rstrip(".") + f" {unit}"
 
 
 def _scales(trade: Trade) -> list[str]:
     """Return how errors are measured, columns of one scale together."""
     ways: dict[str, list[str]] = {}
     for name, how, scale in trade.columns:
-        size = "" if how.startswith("absolute") else f", {scale:.3g}"
+        size = "" if how.startswith("absolute") else f" ({scale:.3g})"
         ways.setdefault(f"{how}{size}", []).append(name)
-    return [f"errors {how}: {', '.join(names)}" for how, names in ways.items()]
+    return [f"error of {', '.join(names)}: {how}" for how, names in ways.items()]
 
 
 def _not_applying(trade: Trade) -> list[str]:
@@ -118,4 +126,19 @@ def _not_applying(trade: Trade) -> list[str]:
     for each in trade.settings:
         if each.reason:
             reasons.setdefault(each.reason, []).append(each.name)
-    return [f"does not apply: {', '.join(names)}: {why}" for why, names in reasons.items()]
+    return [
+        f"does not apply: {', '.join(_shortened(names))}: {why}"
+        for why, names in reasons.items()
+    ]
+
+
+def _shortened(names: list[str]) -> list[str]:
+    """Return names, of those that differ in the last number only the first in full.
+
+    ``linear 32, linear 64, linear 128`` is ``linear 32, 64, 128``.
+    """
+    heads = [name.rpartition(" ") for name in names]
+    return [
+        last if k and last.isdecimal() and before == heads[k - 1][0] else name
+        for k, (name, (before, _, last)) in enumerate(zip(names, heads, strict=True))
+    ]

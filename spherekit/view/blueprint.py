@@ -23,6 +23,9 @@ TRAIL = 24
 LEGEND_SHARE = 0.5
 """Where modes are compared, the long legends stand beside the curves: so much of them."""
 
+MOST_COMPARED = 60
+"""A plot of all branches with more curves is left out: nobody can tell them apart."""
+
 EYE_DISTANCE = 3.0
 EYE_ASIDE = 0.3
 """Tangent of the angle between the eye's direction and the middle of the mechanism."""
@@ -100,6 +103,11 @@ class Layout:
             auto_views=False,
             auto_layout=False,
         )
+
+    def colour(self, group: str, entry: SeriesEntry) -> colours.Colour:
+        """Return the colour of a series: that of its position in the plot of its page."""
+        own = [each for each in self.groups[group] if each.page == entry.page]
+        return colours.series_colour(own.index(entry))
 
     def _page(self, page: Page, title: str) -> rrb.Container:
         plots: list[rrb.View] = [
@@ -193,15 +201,11 @@ class Layout:
         overrides: dict[Any, Any] = {}
         order = list(self.pages)
         for entry in series:
-            own = [e for e in self.groups[group] if e.page == entry.page]
-            colour = colours.series_colour(own.index(entry))
-            name = entry.label
             if mixed and entry.page is not None:
-                colour = colours.shaded(colour, order.index(entry.page))
+                colour = colours.shaded(self.colour(group, entry), order.index(entry.page))
                 name = f"{entry.label}, {self.pages[entry.page]}"
-            overrides[entry.path] = rr.SeriesLines(
-                names=name, colors=colour, widths=2.0
-            ).visualizer()
+                lines = entities.series_lines(name, colour)
+                overrides[entry.path] = lines.visualizer()
         return rrb.TimeSeriesView(
             origin=self.root,
             contents=[f"+ {entry.path}" for entry in series],
@@ -225,12 +229,16 @@ class Layout:
         return rrb.TimeAxis(view_range=view_range)
 
     def _compared(self) -> dict[str, list[SeriesEntry]]:
-        """Return the series of branches, whose rows are the same samples."""
+        """Return the series of branches, which have the same samples, if not too many."""
         found = {
             group: [entry for entry in series if isinstance(entry.page, int)]
             for group, series in self.groups.items()
         }
-        return {group: series for group, series in found.items() if series}
+        return {
+            group: series
+            for group, series in found.items()
+            if 0 < len(series) <= MOST_COMPARED
+        }
 
     def _comparison(self) -> rrb.Container:
         plots = [

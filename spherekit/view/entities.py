@@ -118,7 +118,7 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
                 ),
             )
         case Series():
-            yield "", rr.SeriesLines(names=primitive.label, widths=2.0)
+            return
         case Portrait():
             yield from _still_portrait(primitive)
         case SphereCurves():
@@ -173,6 +173,11 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
 def present(rows: Floats) -> NDArray[np.bool_]:
     """Return which rows (n, k) hold numbers throughout."""
     return np.asarray(np.isfinite(rows).all(axis=1))
+
+
+def series_lines(label: str, colour: colours.Colour) -> rr.SeriesLines:
+    """Return the name and the colour of a curve; its plot decides on both."""
+    return rr.SeriesLines(names=label, colors=colour, widths=2.0)
 
 
 def path_lines(lines: list[Floats], primary: bool) -> rr.LineStrips3D:

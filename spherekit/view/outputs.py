@@ -45,6 +45,21 @@ class AbstractOutput(ABC):
         """Let go of the place; return what is kept of an unfinished recording."""
 
 
+def check_place(path: Path) -> None:
+    """Raise `OutputError` unless a recording can be written there."""
+    if path.suffix != ".rrd":
+        raise OutputError(
+            f"{path}: a recording must be named *.rrd, since the viewer goes by that ending"
+        )
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder; name a file inside it")
+    if not path.parent.is_dir():
+        raise OutputError(
+            f"{path}: the folder {path.parent} does not exist; make it "
+            "first or choose another"
+        )
+
+
 @final
 class FileOutput(AbstractOutput):
     """A file that appears under its own name only when it is whole."""
@@ -57,18 +72,7 @@ class FileOutput(AbstractOutput):
 
     def open(self) -> None:
         """Start the part file beside the file."""
-        if self.path.suffix != ".rrd":
-            raise OutputError(
-                f"{self.path}: a recording must be named *.rrd, since the viewer goes "
-                "by that ending"
-            )
-        if self.path.is_dir():
-            raise OutputError(f"{self.path} is a folder; name a file inside it")
-        if not self.path.parent.is_dir():
-            raise OutputError(
-                f"{self.path}: the folder {self.path.parent} does not exist; make it "
-                "first or choose another"
-            )
+        check_place(self.path)
         try:
             self._file = PipedFile(self.stream, self.part)
         except OSError as error:

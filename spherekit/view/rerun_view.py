@@ -30,7 +30,7 @@ from spherekit.analysis.scene import (
 )
 from spherekit.errors import OutputError
 from spherekit.view import entities, shapes
-from spherekit.view.blueprint import Layout, Panel, SeriesEntry
+from spherekit.view.blueprint import MOST_COMPARED, Layout, Panel, SeriesEntry
 from spherekit.view.outputs import (
     AbstractOutput,
     FileOutput,
@@ -46,7 +46,8 @@ NOTES = """\
 The sphere has radius 1; directions are in ground axes. Silver arrows are the axes of
 pairs, gold ones are the other pole axes, with the path each leaves on the sphere.
 Violet great circles are the planes that the construction cuts with each other.
-Links have the same colour here and in the graph.
+Links have the same colour here and in the graph. Compare has the plots of all branches
+together, but for those of more than {compared} curves.
 
 `sample` counts the samples of a branch. {timeline}
 Where a branch has no configuration, its links and poles are not drawn and its curves
@@ -113,6 +114,7 @@ class Recorder:
         self._row: int | None = None
         self._drawn: dict[str, list[Floats]] = {}
         self._rows = 0
+        self._laid_out = 0
         self._entities: set[str] = set()
         self._finished = False
 
@@ -237,8 +239,8 @@ class Recorder:
         for scene in scenes:
             for primitive in scene.primitives:
                 self._introduce(scene.page, primitive)
-        notes = Text("notes", "About", NOTES.format(name=self.name, timeline=words))
-        self._introduce(None, notes)
+        if scenes or layout.pages:
+            self._introduce(None, Text("notes", "About", _about(self.name, words)))
         if layout.pages:
             self._lay_out()
 
@@ -302,6 +304,8 @@ class Recorder:
         """Record the path of every pole, and make all files final; once is enough."""
         if self._finished:
             return
+        if self._laid_out != len(self._seen):
+            self._lay_out(final=True)
         self._finished = True
         for path, (primary, blocks) in self._paths.items():
             whole = np.concatenate(blocks) if blocks else np.zeros((0, 3))
@@ -383,15 +387,30 @@ class Recorder:
             case Series(group=group, label=label):
                 entry = SeriesEntry(page, path, label)
                 layout.groups.setdefault(group, []).append(entry)
+                lines = entities.series_lines(label, layout.colour(group, entry))
+                self._still(path, lines)
             case Graph():
                 layout.panels.append(Panel(page, path, "Links and pairs", True))
             case Text(label=label):
                 layout.panels.append(Panel(page, path, label, False))
 
-    def _lay_out(self) -> None:
-        if self._layout is not None:
+    def _lay_out(self, final: bool = False) -> None:
+        """Send the layout to viewers; to files when it has grown fourfold, and in the end.
+
+        A layout has an entity for every series of every branch. One for each branch that
+        comes in would make a file grow with the square of their number.
+        """
+        if self._layout is None:
+            return
+        size = len(self._seen)
+        due = final or size >= 4 * self._laid_out
+        reached = [out for out in self._outputs if due or not isinstance(out, FileOutput)]
+        if due:
+            self._laid_out = size
+        if reached:
             blueprint = self._layout.blueprint()
-            self._each(lambda output: output.stream.send_blueprint(blueprint))
+            for output in reached:
+                output.stream.send_blueprint(blueprint)
 
     def _still(self, path: str, archetype: rr.AsComponents) -> None:
         self._entities.add(path)
@@ -425,6 +444,10 @@ class Recorder:
                 warnings.warn(f"{error}; the file goes on", stacklevel=3)
                 self._outputs.remove(output)
                 output.close(keep=False)
+
+
+def _about(name: str, timeline: str) -> str:
+    return NOTES.format(name=name, timeline=timeline, compared=MOST_COMPARED)
 
 
 def _below(path: str, suffix: str) -> str:

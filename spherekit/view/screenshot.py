@@ -107,7 +107,7 @@ def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str])
         if not wanted:
             known = [name for name, paths in named.items() if hidden.intersection(paths)]
             raise OutputError(
-                f'{recording} has no tab "{title}"{nearest(title, known) or ";"} Tabs: '
+                f'{recording} has no tab "{title}"{nearest(title, known) or "."} Tabs: '
                 f"{listing(map(repr, sorted(known)))}"
             )
         for tab in tabs:

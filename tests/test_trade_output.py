@@ -1,0 +1,115 @@
+"""A trade as people see it: the table, the chart, and where both are written."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+
+from spherekit.analysis.setting import Setting
+from spherekit.cli.main import main
+from spherekit.trade.chart import LETTER, labels, svg
+from spherekit.trade.record import Measured, Trade
+from spherekit.trade.text import as_text, seconds
+
+
+def made():
+    """Return a trade with settings close to each other in time and error."""
+    random = np.random.default_rng(7)
+    every = [
+        Measured(f"numpy r{k}", Setting(), 1e-3, t, t, error=1e-15)
+        for k, t in enumerate(1e-5 * (1.0 + 0.1 * random.random(8)))
+    ]
+    read = [
+        Measured(
+            f"numpy best cubic {n}",
+            Setting(representation="cubic", nodes=n),
+            1e-4 * n,
+            1e-7,
+            1e-7,
+            error=10.0 / n**4,
+            column="poles.rate",
+        )
+        for n in (32, 64, 128, 4096)
+    ]
+    without = [
+        Measured(f"numpy best linear {n}", None, reason="no curve closes")
+        for n in (32, 64, 4096)
+    ]
+    columns = (("poles.q", "absolute rad", 1.0), ("poles.rate", "relative to all", 1.5))
+    settings = (*every, *read, *without, Measured("compiled", None, reason="no heyoka"))
+    return Trade("m", "poles", 361, 361, 722, "truth", 2e-16, 1, columns, settings)
+
+
+def test_times_have_three_digits():
+    shown = {
+        4e-7: "0 us",
+        9.994e-4: "999 us",
+        9.996e-4: "1.00 ms",
+        0.0251: "25.1 ms",
+        0.31: "310 ms",
+        0.9996: "1.00 s",
+        50.0: "50.0 s",
+        999.7: "1000 s",
+        16000.0: "16000 s",
+    }
+    assert {value: seconds(value) for value in shown} == shown
+
+
+def test_columns_of_times_end_at_the_right():
+    lines = as_text(made(), 1e-9).splitlines()
+    rows = [line for line in lines if re.match(r"(\* |  ) numpy .*(ms|us| s)$", line)]
+    assert len(rows) == 12 and len({len(line) for line in rows}) == 1
+    assert "error of poles.rate: relative to all (1.5)" in lines
+    assert "error of poles.q: absolute rad" in lines
+    assert "does not apply: numpy best linear 32, 64, 4096: no curve closes" in lines
+    assert "does not apply: compiled: no heyoka" in lines
+
+
+def test_labels_lie_near_their_points_and_not_on_each_other():
+    random = np.random.default_rng(3)
+    places = np.array([300.0, 400.0]) + 25.0 * random.random((9, 2))
+    texts = ["1", "2", "32", "64", "128", "4096", "7", "8", "9"]
+    found = labels(texts, places)
+    assert np.linalg.norm(found - places, axis=1).max() < 40.0
+    half = np.array([[0.31 * LETTER * len(text), 0.4 * LETTER] for text in texts])
+    for i in range(len(texts)):
+        for j in range(i):
+            gap = np.abs(found[i] - found[j]) - half[i] - half[j]
+            assert gap.max() > 0.0, (texts[i], texts[j])
+
+
+def test_everything_is_in_the_chart():
+    trade = made()
+    for tolerance in (None, 1e-5, 1e-30, 1e5):
+        picture = ElementTree.fromstring(svg(trade, tolerance))
+        texts = [node for node in picture.iter() if node.tag.endswith("}text")]
+        width, height = float(picture.get("width")), float(picture.get("height"))
+        for node in picture.iter():
+            for name, most in [("x", width), ("cx", width), ("y", height), ("cy", height)]:
+                assert 0.0 <= float(node.get(name, 0.0)) <= most
+        words = [node.text for node in texts]
+        assert sum(word.startswith("tolerance") for word in words) == (
+            tolerance is not None
+        )
+        chosen = None if tolerance is None else trade.cheapest(tolerance)
+        rings = [word for word in words if word.startswith("ring: ")]
+        assert rings == ([] if chosen is None else [f"ring: taken, {chosen.name}"])
+        circles = [node for node in picture.iter() if node.tag.endswith("}circle")]
+        assert len(circles) == 12 + 8 + len(rings)
+    empty = Trade("m", "poles", 9, 9, 9, "truth", 2e-16, 1, (), ())
+    assert ElementTree.fromstring(svg(empty)) is not None
+
+
+def test_places_are_refused_before_anything_is_measured(tmp_path, capsys):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    for flags, words in [
+        (["-o", str(file)], "is a file, not a folder"),
+        (["-o", str(file / "below")], "a part of the path is a file"),
+        (["--save", str(tmp_path / "x.txt")], "named *.rrd"),
+        (["--save", str(tmp_path / "no" / "x.rrd")], "does not exist"),
+    ]:
+        assert main(["trade", "four_bar", "--samples", "1000000", *flags]) == 1
+        out, err = capsys.readouterr()
+        assert not out and words in err
+    assert list(tmp_path.iterdir()) == [file] and file.read_text() == "mine"
