@@ -18,6 +18,7 @@ from spherekit.analysis.verify import Verifier, faults, told
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
 from spherekit.errors import EngineError, FileError
+from spherekit.model.laws import Start
 from spherekit.motion.motion import Tracer
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
@@ -122,7 +123,9 @@ def test_a_wrong_direction_is_outside_its_bound(monkeypatch):
         return field
 
     monkeypatch.setattr(evaluation, "evaluate", perturbed)
-    directions = verified(samples=9, verify=4)["directions"]
+    verdict = verified(samples=9, verify=4)
+    assert any("4 of 24 pole directions are off" in fault for fault in faults(verdict))
+    directions = verdict["directions"]
     assert directions["within_bound"] == directions["count"] - 4
     assert directions["subject"]["link"] == "4"
     assert directions["error_rad"] == pytest.approx(1e-10, rel=0.5)
@@ -230,6 +233,28 @@ def test_a_wrong_inertia_is_found(monkeypatch):
     item = column(verdict, "inertia", "B")
     assert item["subject"] == {"link": "4"}
     assert item["deviation"] == pytest.approx(2e-8 * item["reference"], rel=1e-6)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+def test_simulations_are_off_by_their_own_errors(tolerance):
+    """Loops of a simulation stay open by its tolerance, which is no fault of rounding."""
+    summary = sk.run(
+        sk.load("four_bar"),
+        "eksergian",
+        samples=41,
+        start=Start(q=0.5, dq=3.0),
+        duration=2.0,
+        tolerance=tolerance,
+        engine="numpy",
+        verify=6,
+    ).summary
+    verdict = summary["verified"]
+    assert verdict["worst"]["in_roundings"] > 1e4
+    assert verdict["beyond"] == [] and summary["warnings"] == []
+    directions = verdict["directions"]
+    assert directions["within_bound"] == directions["count"] > 0
+    known = summary["errors_reached"]["largest_configuration_error_rad"]
+    assert verdict["largest_distance_rad"] < known < 10.0 * tolerance
 
 
 def test_the_command_prints_and_writes_it(tmp_path, capsys):

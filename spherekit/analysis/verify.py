@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.tables import BRANCH, RESIDUAL, SAMPLE, Column, Table, TableData
-from spherekit.conventions import EPS, Status, listing
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status, listing
 from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import DIGITS, Digits
 from spherekit.exact.field import (
@@ -57,6 +57,9 @@ Read = tuple[Motion, tuple[PoleField, ...], Mapping[str, Floats]]
 
 BEYOND = 1e4
 """A deviation above this many roundings times the conditioning is a fault."""
+
+OPEN = 100.0
+"""Rows of a simulation may be off by this times their residual and conditioning too."""
 
 
 @final
@@ -190,7 +193,7 @@ class Verifier:
         found = list(zip(exact, self._wanted, fields, strict=False))
         nearest = tuple(exact_field(*each) for each in found)
         better = exact_motion(motion, every, exact[0])
-        rows = _Rows(motion, status == Status.OK, exact[0].condition)
+        rows = _Rows(motion, status == Status.OK, exact[0].condition, _allowed(motion))
         pairs = [(MOTION, *tables) for tables in _configurations(motion, better)]
         angles = self._kept.angles
         alone = (motion, fields, angles), (better, nearest, _as_far(better, angles))
@@ -243,9 +246,7 @@ class Verifier:
                 **worst["worst"],
             },
             "beyond": [
-                f"{item['table']}.{item['column']}"
-                for item in told
-                if item["in_roundings"] > BEYOND
+                f"{item['table']}.{item['column']}" for item in told if item["beyond"]
             ],
             "seconds": time.perf_counter() - started,
         }
@@ -321,11 +322,15 @@ def faults(verdict: Mapping[str, Any]) -> list[str]:
 @final
 @dataclass(frozen=True)
 class _Rows:
-    """The rows compared: whether each has a reference, and its conditioning."""
+    """The rows compared: whether each has a reference, its conditioning, and
+
+    how many roundings, times that, a number may be off.
+    """
 
     motion: Motion
     known: NDArray[np.bool_]
     condition: Floats
+    allowed: Floats
 
     def of(self, data: TableData) -> NDArray[np.intp]:
         """Return the row that each row of a table belongs to, -1 if none."""
@@ -406,6 +411,15 @@ def _configurations(
     yield table, first, second
 
 
+def _allowed(motion: Motion) -> Floats:
+    """Return (n,) how many roundings a number may be off.
+
+    Rows of a simulation close no better than its tolerance; those are no faults.
+    """
+    simulated = motion.residual > CLOSURE_TOLERANCE
+    return BEYOND + np.where(simulated, OPEN * motion.residual / EPS, 0.0)
+
+
 def _compared(
     rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
 ) -> Iterator[dict[str, Any]]:
@@ -455,6 +469,7 @@ def _compared(
             "deviation": _largest(off),
             **place(apart),
             "in_roundings": _largest(share),
+            "beyond": bool(np.any(share > rows.allowed[row])),
             "worst": place(rough),
             "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
         }
