@@ -210,6 +210,18 @@ def test_many_samples_are_read_from_nodes():
     assert every.total(11_000) < nodes.total(11_000) and nodes.total(12_000) < 0.12
 
 
+def test_of_settings_alike_in_time_the_most_accurate():
+    rough = Measured("rough", FEW[0], first=0.0, each=1.00e-5, error=1e-10)
+    fine = Measured("fine", FEW[-1], first=0.0, each=1.05e-5, error=1e-15)
+    slow = Measured("slow", FEW[-1], first=0.0, each=1.50e-5, error=1e-16)
+    given = replace(
+        trade(sk.load("four_bar"), samples=31, settings=FEW[:1], rounds=1),
+        settings=(rough, fine, slow),
+    )
+    assert given.cheapest(1e-6) is given.cheapest(1e-12) is fine
+    assert given.cheapest(4e-16) is slow
+
+
 def test_settings_that_do_not_apply_say_why():
     found = trade(
         sk.load("two_dof_spm"),

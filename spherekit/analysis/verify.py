@@ -322,9 +322,10 @@ def faults(verdict: Mapping[str, Any]) -> list[str]:
 @final
 @dataclass(frozen=True)
 class _Rows:
-    """The rows compared: whether each has a reference, its conditioning, and
+    """The rows compared.
 
-    how many roundings, times that, a number may be off.
+    Whether each has a reference, its conditioning, and how many roundings times that a
+    number may be off.
     """
 
     motion: Motion
