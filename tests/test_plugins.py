@@ -223,7 +223,7 @@ def test_every_kind_of_parameter_can_be_given_on_the_command_line():
         assert (made.way, made.limit, made.size, made.on) == ("down", 2.5, (3, 0.5), True)
         assert create("typed:limit=none").limit is None
         for wrong in ("way=left", "limit=x", "size=1", "size=1+2+3", "on=maybe"):
-            with pytest.raises(AnalysisError, match="is not a value of type"):
+            with pytest.raises(AnalysisError, match="does not read as"):
                 create(f"typed:{wrong}")
 
 

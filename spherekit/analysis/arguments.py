@@ -10,6 +10,13 @@ from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
 
 _SWITCHES = {"true": True, "1": True, "false": False, "0": False}
+_WRITTEN = {
+    str: "text",
+    float: "number",
+    int: "integer",
+    bool: "true|false",
+    NoneType: "none",
+}
 
 
 def parameters(cls: type) -> dict[str, tuple[str, Any]]:
@@ -17,15 +24,25 @@ def parameters(cls: type) -> dict[str, tuple[str, Any]]:
     hints = get_type_hints(cls)
     found: dict[str, tuple[str, Any]] = {}
     for item in fields(cls):
-        hint = hints[item.name]
-        shown = (
-            getattr(hint, "__name__", str(hint)) if get_origin(hint) is None else str(hint)
-        )
         default = item.default
         if item.default_factory is not MISSING:
             default = item.default_factory()
-        found[item.name] = (shown, default)
+        found[item.name] = (_shown(hints[item.name]), default)
     return found
+
+
+def _shown(hint: Any) -> str:
+    """Return how the values of a type are written."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return "|".join(map(str, inner))
+    if origin is tuple:
+        if inner[1:] == (...,):
+            return f"{_shown(inner[0])}+..."
+        return "+".join(map(_shown, inner))
+    if origin in (Union, UnionType):
+        return " or ".join(map(_shown, inner))
+    return _WRITTEN.get(hint, getattr(hint, "__name__", str(hint)))
 
 
 def given_in(
@@ -55,7 +72,7 @@ def given_in(
     for part in filter(None, text.split(",")):
         key, equals, value = part.partition("=")
         if key not in allowed or not equals:
-            hint = nearest(key, allowed) or ";"
+            hint = nearest(key, allowed) or "."
             raise AnalysisError(
                 f'{name}: "{part}" is no parameter{hint} Allowed: '
                 + (listing(f"{k}={shown}" for k, (shown, _) in allowed.items()) or "none")
@@ -76,8 +93,7 @@ def _convert(name: str, key: str, text: str, hint: Any) -> Any:
         return _read(text, hint)
     except ValueError:
         raise AnalysisError(
-            f'{name}: parameter {key}: "{text}" is not a value of type '
-            f"{getattr(hint, '__name__', hint)}"
+            f'{name}: parameter {key}: "{text}" does not read as {_shown(hint)}'
         ) from None
 
 

@@ -87,7 +87,7 @@ def load(name: str) -> type[AbstractAnalysis]:
     entries = _entries().get(name, [])
     if not entries:
         raise AnalysisError(
-            f'no analysis is named "{name}"{nearest(name, names()) or ";"} Installed: '
+            f'no analysis is named "{name}"{nearest(name, names()) or "."} Installed: '
             f"{listing(names())}"
         )
     if len(entries) > 1:

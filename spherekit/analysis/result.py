@@ -86,7 +86,7 @@ class RunResult:
             raise AnalysisError(f"{name} failed:\n{self.failures[name]}")
         if name not in self.results:
             raise AnalysisError(
-                f'this run has no result "{name}"{nearest(name, self.results) or ";"} '
+                f'this run has no result "{name}"{nearest(name, self.results) or "."} '
                 f"Results: {listing(self.results)}"
             )
         result = self.results[name]
@@ -94,7 +94,7 @@ class RunResult:
         wanted = table or result.tables[0].name
         if wanted not in declared:
             raise AnalysisError(
-                f'{name} has no table "{wanted}"{nearest(wanted, declared) or ";"} '
+                f'{name} has no table "{wanted}"{nearest(wanted, declared) or "."} '
                 f"Tables: {listing(declared)}"
             )
         return to_frame(declared[wanted], self._data(name, wanted), degrees)

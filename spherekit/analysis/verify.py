@@ -291,7 +291,9 @@ def told(verdict: Mapping[str, Any]) -> list[str]:
     )
     if verdict["not_verified"]:
         names = ", ".join(verdict["not_verified"])
-        lines.append(f"  not verified, as they failed or read no rows: {names}")
+        lines.append(
+            f"  not verified, as they failed or find configurations of their own: {names}"
+        )
     return lines
 
 

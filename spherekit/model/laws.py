@@ -221,7 +221,10 @@ def time_fault(
         return ("duration",), f"found {duration:g} s, needs a finite time above 0"
     lacking = [name for name in inputs if name not in laws]
     if duration is not None and start is None and lacking and len(inputs) > 1:
-        return ("inputs",), f"input {lacking[0]} has no law; give one for every input"
+        return ("inputs",), (
+            f"input {lacking[0]} has no law; give one for every input, such as "
+            f"--law {lacking[0]}=constant_speed:speed=1"
+        )
     return None
 
 
