@@ -132,6 +132,7 @@ class _Place:
     miss: Numbers
 
 
+@final
 class ExactSimulation:
     """The motion of a mechanism with one freedom under its loads and stops.
 
@@ -147,6 +148,9 @@ class ExactSimulation:
         The time (s) to go to; beyond a stop, no further.
     guess
         A float64 solution.
+    nodes
+        Of each step, by default as many as suit the digits. With others, steps and
+        rounding are others, and the difference shows the error.
 
     Raises
     ------
@@ -164,13 +168,14 @@ class ExactSimulation:
         dq: float,
         until: float,
         guess: Guess,
+        nodes: int | None = None,
     ) -> None:
         self.arithmetic, self.mechanism = arithmetic, mechanism
         self.until = until
         self._guess = guess
         self._chain = ExactChain(arithmetic, mechanism)
         self._loads = ExactLoads(arithmetic, mechanism)
-        self._series = LegendreSeries(arithmetic, 10 + arithmetic.digits)
+        self._series = LegendreSeries(arithmetic, nodes or 10 + arithmetic.digits)
         self._grid = np.linspace(-1.0, 1.0, GRID * self._series.count + 1)[1:]
         self._largest = 0.0
         self._stops = [
@@ -290,7 +295,7 @@ class ExactSimulation:
         along = driven
         targets = [*self._loads.knots(self.until), exact.exact(self.until)[()]]
         sides: Sides = None
-        flipped = -1
+        flipped: int | None = None
         length = targets[0] / 64
         while targets:
             along, p = self._best(values, along, p)
@@ -300,8 +305,8 @@ class ExactSimulation:
             step, sides = solved.step, solved.step.sides
             root = self._root(solved)
             x = exact.exact(np.ones(1)) if root is None else root.x
-            if root is not None and root.at_once and root.switch in (flipped, -1):
-                self.kind = "stop" if root.switch < 0 else "sticking"
+            if root is not None and root.at_once and root.switch == flipped:
+                self.kind = "sticking"
                 break
             self.steps.append(step)
             c, reached = self._reached(step, x)
@@ -312,7 +317,7 @@ class ExactSimulation:
             values = exact.exact(self._near(np.array([self.end]))[0])
             values[:, along] = c
             values, _ = self._closed(values, along)
-            flipped = -1
+            flipped = None
             if root is not None and root.switch < 0:
                 self.kind = "stop"
                 break
@@ -321,8 +326,7 @@ class ExactSimulation:
                 sides = sides.copy()
                 sides[flipped] = -sides[flipped]
                 self.switches.append(self.end)
-                continue
-            if step.length == left:
+            elif step.length == left:
                 targets.pop(0)
             factor = 0.9 * (ACCEPTED / max(solved.error, 1e-3)) ** (1 / self._series.count)
             if solved.sweeps > FEW:
