@@ -32,14 +32,20 @@ from spherekit.sphere.rotation import Floats
 SWEEPS = 40
 """Most turns of Picard's iteration; a step that needs more is too long."""
 
-FEW = 12
+FEW = 15
 """Turns after which a step is longer than is cheap."""
 
-ACCEPTED = 64
-"""Roundings by which a step's last terms, and the last change, may move it."""
+ACCEPTED = 16
+"""Roundings by which a step's last terms may move it."""
+
+CHANGED = 2
+"""Roundings by which the last turn of Picard's iteration may."""
 
 SETTLED = 1e5
-"""Roundings below which a change that no longer shrinks is rounding."""
+"""Roundings below which a change that no longer shrinks is rounding,"""
+
+SURE = 10
+"""from this turn on; before, the iteration may not yet converge."""
 
 SHORTEST = 1e-10
 """A step shorter than this part of the whole time is no use."""
@@ -407,7 +413,8 @@ class ExactSimulation:
             first = min(first, change) if sweep <= 2 else first
             if not np.isfinite(change) or (sweep > 6 and change > 10 * first):
                 return None
-            if change <= ACCEPTED or (change <= SETTLED and change >= last / 2):
+            settled = sweep >= SURE and last / 2 <= change <= SETTLED
+            if change <= CHANGED or settled:
                 moves, pushes = (series.from_values @ x for x in (speed, drive))
                 half = float(length) / (4 * series.count) / exact.eps
                 error = half * max(self._size(moves[-2:]), self._size(pushes[-2:]) / scale)
