@@ -27,6 +27,7 @@ from spherekit.trade.measure import ROUNDS, Bench, Tables, race
 from spherekit.trade.places import at_places, places
 from spherekit.trade.record import Measured, Trade, check_tolerance, gathered
 from spherekit.trade.simulated import measured
+from spherekit.trade.stored import run_of
 
 CHECKED = 361
 """Most samples at which errors are measured, and"""
@@ -98,8 +99,21 @@ def trade(
         "torque": torque,
         "tolerance": DEFAULT_TOLERANCE,
     }
+    made_for = run_of(
+        mechanism,
+        chosen,
+        samples=samples,
+        input_pair=input_pair,
+        branch=branch,
+        search=search,
+        path=path,
+        laws=laws,
+        duration=duration,
+        start=start,
+        torque=torque,
+    )
     if chosen.trades:
-        return _of_parameters(mechanism, chosen, asked, rounds, budget)
+        return _of_parameters(mechanism, chosen, asked, rounds, budget, made_for)
     if start is not None:
         few = min(asked, checked or CHECKED)
         course = course_of(mechanism, samples=few, path=None, **common)
@@ -117,7 +131,7 @@ def trade(
         words, floor, reference, found = measured(
             bench, start, torque, every, rounds, budget
         )
-        return _trade(bench, asked, words, floor, reference, found)
+        return _trade(bench, asked, words, floor, reference, found, made_for)
     most = checked or max(FEWEST, CHECKED_ROWS // len(course.tracer.branches))
     bench = _at_fewer(bench, samples, min(most, CHECKED), search, common)
     course = bench.course
@@ -137,7 +151,7 @@ def trade(
         rounds,
         budget,
     )
-    return _trade(bench, asked, words, EPS, reference, found)
+    return _trade(bench, asked, words, EPS, reference, found, made_for)
 
 
 def _at_fewer(
@@ -169,6 +183,7 @@ def _trade(
     floor: float,
     reference: Tables,
     found: Sequence[Measured],
+    made_for: Mapping[str, Any],
 ) -> Trade:
     mechanism = bench.course.tracer.mechanism
     own = [table.of(mechanism) for table in bench.analysis.tables]
@@ -198,6 +213,7 @@ def _trade(
         int(bench.needs.derivatives),
         gathered(columns),
         tuple(found),
+        made_for,
     )
 
 
@@ -207,9 +223,10 @@ def _of_parameters(
     asked: int,
     rounds: int,
     budget: float,
+    made_for: Mapping[str, Any],
 ) -> Trade:
     """Return the values of an analysis's own parameters against the most accurate."""
-    measured: list[Measured] = []
+    every: list[Measured] = []
     columns: list[tuple[str, str, float]] = []
     for sweep in analysis.trades:
         estimates: dict[str, float] = {}
@@ -222,12 +239,12 @@ def _of_parameters(
             for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
         ]
         found = race(ways, partial(own.deviations, reference), 1, rounds, budget)
-        measured += [
+        every += [
             replace(each, estimate=estimates.get(each.name, np.nan)) for each in found
         ]
         scale = float(np.nanmax(np.abs(own.numbers(reference)), initial=0.0))
         columns.append((f"{sweep.table}.{sweep.column}", "over the largest", scale))
-    floor = float(np.nanmin([each.error for each in measured]))
+    floor = float(np.nanmin([each.error for each in every]))
     return Trade(
         mechanism.name,
         analysis.name,
@@ -239,7 +256,8 @@ def _of_parameters(
         floor,
         None,
         tuple(columns),
-        tuple(measured),
+        tuple(every),
+        made_for,
     )
 
 
