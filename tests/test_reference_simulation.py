@@ -402,3 +402,53 @@ def test_reported_errors_of_a_stephenson_mechanism_are_within_a_factor_two():
         error = max(error_of_poles(tables, exact, wanted), off(angles, q))
         print(each.name, each.error / error)
         assert 0.5 * error <= each.error <= 2.0 * error, (each.name, each.error, error)
+
+
+def short_trade(made, start=START, duration=0.2, **given):
+    """Return the trade of two tolerances of NumPy."""
+    return trade(
+        made,
+        "eksergian",
+        samples=3,
+        start=start,
+        duration=duration,
+        settings=SETTINGS[:2],
+        rounds=1,
+        **given,
+    )
+
+
+def test_without_a_reference_the_table_says_what_it_was_and_why(monkeypatch):
+    monkeypatch.setattr("spherekit.trade.simulated.available", lambda: False)
+    made = replace(FOUR_BAR, loads=(PairTorque("burst", "21", "1/(0.1 - t)"),))
+    found = short_trade(made)
+    assert found.reference.startswith("simulation numpy tolerance 1e-13, known to")
+    assert "the simulation ended at 0.1 s" in found.reference
+    assert all(each.error >= found.floor for each in found.settings)
+
+
+def test_without_longdouble_the_reference_has_twenty_digits(monkeypatch):
+    words = short_trade(FOUR_BAR) if WIDE else None
+    monkeypatch.setattr("spherekit.trade.simulated.wide", lambda: Digits(20))
+    monkeypatch.setattr("spherekit.dynamics.reference.wide", lambda: Digits(20))
+    found = short_trade(FOUR_BAR, duration=0.02)
+    assert found.reference == "a simulation in 20 digits"
+    assert words is None or "float128, known to" in words.reference
+
+
+@compiled
+@wide
+def test_dry_friction_is_compared_until_it_sticks():
+    brake = PairTorque("brake", "21", "-0.6*sign(dtheta_21)")
+    made = replace(FOUR_BAR, loads=(brake,))
+    found = trade(
+        made,
+        "eksergian",
+        samples=5,
+        start=Start(0.3, 0.5),
+        duration=6.0,
+        settings=[Setting(integrator="compiled", tolerance=1e-14)],
+        rounds=1,
+    )
+    assert "float128" in found.reference
+    assert found.settings[0].error < 1e-12

@@ -175,6 +175,9 @@ class _Solver:
         inputs = found.values[:, [driven]]
         values[:, driven] = floats(inputs)[:, 0]
         rates = [floats(x[:, [driven]]) for x in (found.rates, found.second)]
+        if exact.kind == "sticking":
+            # Dry friction jumps here, and accelerations with it.
+            rates[1][own.t >= float(exact.end)] = np.nan
         motion = replace(
             motion,
             values=values,
