@@ -302,7 +302,7 @@ class ExactSimulation:
         targets = [*self._loads.knots(self.until), exact.exact(self.until)[()]]
         sides: Sides = None
         flipped: int | None = None
-        length = targets[0] / 64
+        length = targets[0] / 16
         while targets:
             along, p = self._best(values, along, p)
             left = targets[0] - self.end

@@ -176,8 +176,10 @@ class _Solver:
         values[:, driven] = floats(inputs)[:, 0]
         rates = [floats(x[:, [driven]]) for x in (found.rates, found.second)]
         if exact.kind == "sticking":
-            # Dry friction jumps here, and accelerations with it.
-            rates[1][own.t >= float(exact.end)] = np.nan
+            # Dry friction jumps here, so nothing that depends on it is compared.
+            stuck = own.t >= min(float(exact.end), simulation.end.t)
+            for each in rates:
+                each[stuck] = np.nan
         motion = replace(
             motion,
             values=values,
