@@ -142,6 +142,9 @@ class _Place:
 class ExactSimulation:
     """The motion of a mechanism with one freedom under its loads and stops.
 
+    It goes from t = 0 to `end` (s), where it ended by `kind`: the time asked for, a stop,
+    or dry friction that would turn back at once. `switches` are the times (s) of its kinks.
+
     Parameters
     ----------
     arithmetic
@@ -188,7 +191,7 @@ class ExactSimulation:
             (mechanism.variables_of(mechanism.pair_number[stop.pair])[0], stop)
             for stop in mechanism.stops
         ]
-        self.steps: list[_Step] = []
+        self._steps: list[_Step] = []
         self.switches: list[Any] = []
         self.kind: EndKind = "time"
         self.end: Any = arithmetic.exact(0.0)[()]
@@ -203,14 +206,14 @@ class ExactSimulation:
         t = np.asarray(t, dtype=float)
         end = float(self.end)
         own = np.where(t >= end, self.end, exact.exact(t))
-        starts = np.array([float(step.start) for step in self.steps])
+        starts = np.array([float(step.start) for step in self._steps])
         owner = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(starts) - 1)
         shape = len(t), len(self.mechanism.variable_owners)
         found = [exact.zeros(*shape) for _ in range(3)]
         for number in np.unique(owner):
             rows = owner == number
             for array, made in zip(
-                found, self._states(self.steps[number], own[rows]), strict=True
+                found, self._states(self._steps[number], own[rows]), strict=True
             ):
                 array[rows] = made
         return ExactStates(own, *found)
@@ -314,7 +317,7 @@ class ExactSimulation:
             if root is not None and root.at_once and root.switch == flipped:
                 self.kind = "sticking"
                 break
-            self.steps.append(step)
+            self._steps.append(step)
             c, reached = self._reached(step, x)
             p = reached[0]
             self._largest = max(self._largest, abs(float(p)))
@@ -338,7 +341,7 @@ class ExactSimulation:
             if solved.sweeps > FEW:
                 factor = min(factor, 0.8)
             length = step.length * exact.exact(np.clip(factor, 0.3, 1.5))[()]
-        if not self.steps:
+        if not self._steps:
             raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
 
     def _best(self, values: Numbers, along: int, p: Any) -> tuple[int, Any]:

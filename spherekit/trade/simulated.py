@@ -21,7 +21,7 @@ from spherekit.exact.simulation import ExactSimulation
 from spherekit.model.laws import Start
 from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats
-from spherekit.trade.deviation import Deviation, worst
+from spherekit.trade.deviation import Deviation
 from spherekit.trade.measure import Bench, Reference, Tables, race
 from spherekit.trade.record import Measured
 
@@ -49,7 +49,7 @@ def measured(
     solver = _Solver(bench, start, torque)
     best, simulation, compiling = solver.tightest()
     try:
-        words, floor, right = solver.in_wide_numbers(simulation)
+        words, near, right = solver.in_wide_numbers(simulation)
         tables: Tables = right.tables
     except EngineError as reason:
         right = None
@@ -57,16 +57,20 @@ def measured(
         tolerance = 10.0 * LEAST[best.integrator]
         other = replace(best, tolerance=tolerance)
         near = bench.deviations(solver.tables(other)[0], tables)
-        floor = max((each.error for each in near), default=EPS)
-        words = f"simulation {best}, known to {floor:.1e} from {other} ({reason})"
+        words = f"simulation {best}, known to {_largest(near):.1e} from {other} ({reason})"
         settings = [each for each in settings if each != best]
 
     def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
         return solver.tables(setting, right if judged else None)
 
+    floors = {(each.table, each.column): each.error for each in near}
+
     def judge(given: Tables) -> list[Deviation]:
         found = bench.deviations(given, tables)
-        return [replace(each, error=max(each.error, floor)) for each in found]
+        return [
+            replace(each, error=max(each.error, floors.get((each.table, each.column), EPS)))
+            for each in found
+        ]
 
     ways = [(str(each), each, partial(way, each)) for each in settings]
     found = race(ways, judge, len(bench.course), rounds, budget)
@@ -76,7 +80,7 @@ def measured(
         else each
         for each in found
     ]
-    return words, floor, tables, found
+    return words, _largest(near), tables, found
 
 
 @final
@@ -140,8 +144,10 @@ class _Solver:
         found = self.simulation(setting)
         return setting, found, found.engine.compile_seconds
 
-    def in_wide_numbers(self, simulation: Simulation) -> tuple[str, float, Reference]:
-        """Return the reference in words, how well it is known, and what it is.
+    def in_wide_numbers(
+        self, simulation: Simulation
+    ) -> tuple[str, list[Deviation], Reference]:
+        """Return the reference in words, how far another is from it, and what it is.
 
         Raises
         ------
@@ -153,13 +159,12 @@ class _Solver:
         right = self._reference(simulation, refined(simulation, self.start, until))
         words = f"a simulation in {arithmetic.name}"
         if isinstance(arithmetic, Digits):
-            return words + right.without, EPS, right
+            return words + right.without, [], right
         other = refined(simulation, self.start, until, nodes=OTHER_NODES)
         again = self._reference(simulation, other)
-        largest = worst(self.bench.deviations(again.tables, right.tables))
-        floor = EPS if largest is None else largest.error
-        words += f", known to {floor:.1e} from one with other steps{right.without}"
-        return words, floor, right
+        near = self.bench.deviations(again.tables, right.tables)
+        words += f", known to {_largest(near):.1e} from one with other steps"
+        return words + right.without, near, right
 
     def _reference(self, simulation: Simulation, exact: ExactSimulation) -> Reference:
         """Return the tables at the times of a simulation from one in wide numbers."""
@@ -187,6 +192,11 @@ class _Solver:
             timing=Timing(floats(found.t), *rates),
         )
         return replace(self.bench, course=own).reference_at(motion, inputs)
+
+
+def _largest(near: Sequence[Deviation]) -> float:
+    """Return the largest error, no less than the rounding of float64."""
+    return max([EPS, *(each.error for each in near)])
 
 
 def _rows(reference: Reference) -> int:
