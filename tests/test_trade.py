@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from spherekit.model.mechanism import LinkSizes, PoseGeometry
 from spherekit.trade.choice import WORTH, choose
 from spherekit.trade.measure import Bench
 from spherekit.trade.record import MARGIN, Measured
+from spherekit.trade.stored import read_trade
 from spherekit.trade.trade import trade
 
 FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
@@ -342,3 +344,97 @@ def test_a_long_run_takes_the_cheapest_setting(capsys):
         x for x in capsys.readouterr().out.splitlines() if x.startswith("tolerance")
     )
     assert "the cheapest of a short trade of poles" in line and "NOT MET" not in line
+
+
+def stored_trade(folder, *words):
+    """Return where a short trade of the four-bar is stored."""
+    given = ["four_bar", "--rounds", "1", "-q", *words]
+    assert main(["trade", *given, "-o", str(folder)]) == 0
+    return str(folder)
+
+
+RUN = ("--samples", "200", "--branch", "0")
+MOVED = ("-a", "eksergian", "--start", "q=0.5,dq=3", "--duration", "0.3", "--samples", "9")
+
+
+def test_a_run_takes_a_stored_trade(capsys, stored):
+    given = ["run", "four_bar", *RUN, "--tol", "1e-5", "--trade", stored, "--json"]
+    assert main(given) == 0
+    found = json.loads(capsys.readouterr().out)["accuracy"]
+    again = read_trade(stored)
+    assert found["setting"] == again.cheapest(1e-5).name
+    assert "stored trade of poles" in found["why"] and found["met"]
+    assert found["achieved_error"] <= 1e-5 and found["check_rows"] == 61
+    written = json.loads((Path(stored) / "trade.json").read_text())
+    for each, row in zip(again.settings, written["settings"], strict=True):
+        assert (each.name, each.missing, each.reason) == tuple(
+            row[key] for key in ("name", "missing", "reason")
+        )
+        if not each.reason:
+            assert str(each.setting) == each.name and each.error == row["error"]
+            assert each.seconds(200) == pytest.approx(row["seconds"])
+
+
+def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
+    capsys, tmp_path, monkeypatch
+):
+    few = [Setting(integrator="numpy", tolerance=t) for t in (1e-4, 1e-7, 1e-11)]
+    monkeypatch.setattr("spherekit.trade.trade.of_simulation", lambda: few)
+    kept = stored_trade(tmp_path, *MOVED)
+    capsys.readouterr()
+    given = ["run", "four_bar", *MOVED, "--trade", kept]
+    assert main([*given, "--tol", "1e-8", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    chosen = read_trade(kept).cheapest(1e-8)
+    assert found["accuracy"]["setting"] == chosen.name and found["accuracy"]["met"]
+    assert found["simulation"]["tolerance"] == chosen.setting.tolerance
+    assert found["simulation"]["engine"]["name"] == chosen.setting.integrator
+    assert main([*given, "--tol", "1e-17"]) == 0
+    assert "by that trade: THE TOLERANCE IS NOT MET" in capsys.readouterr().out
+    assert main([*given, "--tol", "1e-8", "--engine", "numpy"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (("--samples", "201", "--branch", "0"), "samples: 200 there, 201 now"),
+        (("--samples", "200"), "branch: 0 there, null now"),
+        ((*RUN, "-a", "poles:only=31"), "parameters:"),
+        ((*RUN, "-a", "eksergian"), "analysis poles, which is not run"),
+        ((*RUN, "-a", "poles", "-a", "eksergian"), "there is none of eksergian"),
+        ((*RUN, "--law", "constant_speed:speed=2", "--duration", "1"), "laws:"),
+    ],
+)
+def test_a_trade_of_another_run_is_refused(changed, words, capsys, stored):
+    assert main(["run", "four_bar", *changed, "--tol", "1e-5", "--trade", stored]) == 1
+    said = capsys.readouterr().err
+    assert words in said and ("leave" in said or "make it" in said)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    return stored_trade(tmp_path_factory.mktemp("trade"), *RUN)
+
+
+def test_a_trade_of_another_mechanism_or_version_is_refused(capsys, stored, tmp_path):
+    given = [*RUN, "--tol", "1e-5", "--trade"]
+    assert main(["run", "stephenson", *given, stored]) == 1
+    assert "mechanism: four_bar there, stephenson now" in capsys.readouterr().err
+    data = json.loads((Path(stored) / "trade.json").read_text())
+    data["made_for"] |= {"mechanism_hash": "0" * 64, "spherekit": "0.0.1"}
+    (tmp_path / "trade.json").write_text(json.dumps(data))
+    assert main(["run", "four_bar", *given, str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert "spherekit: 0.0.1 there" in said and "mechanism hash: 000" in said
+
+
+@pytest.mark.parametrize("text", [None, "not JSON", "[]", "{}", '{"settings": 1}'])
+def test_what_is_no_trade_is_refused(text, capsys, tmp_path):
+    if text is not None:
+        (tmp_path / "trade.json").write_text(text)
+    given = ["run", "four_bar", "--trade", str(tmp_path)]
+    assert main([*given, "--tol", "1e-5"]) == 1
+    said = capsys.readouterr().err
+    assert "no trade" in said and "write one with: spherekit trade" in said
+    assert main(given) == 1
+    assert "with --tol T" in capsys.readouterr().err

@@ -112,6 +112,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "any column, for which the cheapest way to compute is taken",
     )
     parser.add_argument(
+        "--trade",
+        action="append",
+        metavar="DIR",
+        help="with --tol: choose by the trade that `spherekit trade -o DIR` wrote for this "
+        "run, once for each analysis; of a simulation --tol is then the error of its "
+        "tables, and integrator and step tolerance are chosen",
+    )
+    parser.add_argument(
         "--engine",
         choices=("auto", "numpy", "compiled"),
         default="auto",
@@ -181,19 +189,20 @@ def execute(options: argparse.Namespace) -> int:
         make_folder(study.folder)
     try:
         with _stoppable(), _recorder(options, study) as recorder:
+            chosen = _accuracy(study, analyses, options)
             result = run_study(
-                study,
+                _by_choice(study, chosen),
                 analyses,
                 folder=study.folder,
                 unfinished=_unfinished(options),
                 formats=FORMATS[options.format],
-                engine=options.engine,
+                engine=_engine(options, chosen),
                 only_needed=options.only_needed,
                 tables=False,
                 recorder=recorder,
                 log_every=options.log_every,
                 progress=_progress(options),
-                **_accuracy(study, analyses, options),
+                **chosen,
             )
             _tell(options, study, result)
             if options.serve is not None:
@@ -340,26 +349,57 @@ def _stoppable() -> Iterator[None]:
 def _accuracy(
     study: "Study", analyses: "Sequence[AbstractAnalysis]", options: argparse.Namespace
 ) -> dict[str, Any]:
-    """Return the setting for the tolerance of samples, and what it reaches."""
-    if options.tol is None or study.start is not None:
+    """Return the setting for a tolerance of tables, and what it reaches."""
+    from spherekit.errors import AnalysisError
+
+    if options.tol is None and options.trade:
+        raise AnalysisError("--trade: say for which tolerance to choose, with --tol T")
+    if options.trade and study.start is not None and options.engine != "auto":
+        raise AnalysisError(
+            f"--engine {options.engine}: the trade chooses it; leave one of --engine and "
+            "--trade out"
+        )
+    if options.tol is None or (study.start is not None and not options.trade):
         return {}
     import numpy as np
 
     from spherekit.motion.motion import DEFAULT_SAMPLES
-    from spherekit.trade.choice import choose
+    from spherekit.trade.choice import choose, choose_simulation, stored_for
+    from spherekit.trade.stored import run_of
 
-    choice = choose(
-        study.mechanism,
-        analyses,
-        options.tol,
-        samples=study.samples or DEFAULT_SAMPLES,
-        branch=study.branch,
-        search=study.search,
-        path=None if study.path is None else np.array(study.path),
-        laws=study.laws,
-        duration=study.duration,
-    )
+    common: dict[str, Any] = {
+        "samples": study.samples or DEFAULT_SAMPLES,
+        "branch": study.branch,
+        "search": study.search,
+        "path": None if study.path is None else np.array(study.path),
+        "laws": study.laws,
+        "duration": study.duration,
+    }
+
+    def made_for(analysis: "AbstractAnalysis") -> dict[str, Any]:
+        return run_of(
+            study.mechanism, analysis, **common, start=study.start, torque=study.torque
+        )
+
+    stored = stored_for(analyses, options.trade, made_for) if options.trade else []
+    if study.start is not None:
+        choice = choose_simulation(study.mechanism.name, options.tol, stored)
+    else:
+        choice = choose(study.mechanism, analyses, options.tol, stored=stored, **common)
     return {"setting": choice.setting, "accuracy": choice.as_dict()}
+
+
+def _by_choice(study: "Study", chosen: dict[str, Any]) -> "Study":
+    """Return a study with the step tolerance that was chosen, if one was."""
+    tolerance = chosen["setting"].tolerance if chosen else None
+    return study if tolerance is None else replace(study, tolerance=tolerance)
+
+
+def _engine(options: argparse.Namespace, chosen: dict[str, Any]) -> Any:
+    """Return what solves a simulation: as chosen by a trade, or as said."""
+    if chosen and chosen["setting"].tolerance is not None:
+        return chosen["setting"].integrator
+    return options.engine
 
 
 def sample_counts(text: str) -> int | tuple[int, ...]:
@@ -564,12 +604,15 @@ def accuracy_line(found: Any) -> str:
     line = (
         f"tolerance {found['tolerance']:g}: {found['setting']} ({found['why']}){predicted}"
     )
+    unmet = "" if found["met"] else ": THE TOLERANCE IS NOT MET"
+    if found["achieved_error"] is None and known is not None:
+        return f"{line} by that trade{unmet}"
     if found["achieved_error"] is None:
         return f"{line}; nothing that depends on samples was asked for"
     return (
         f"{line}; {found['achieved_error']:.1e} reached at {found['check_rows']} check rows"
         f" ({found['worst_column']})"
-        + ("" if found["met"] else ": THE TOLERANCE IS NOT MET")
+        f"{unmet}"
     )
 
 

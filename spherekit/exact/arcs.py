@@ -3,10 +3,10 @@
 from typing import Protocol, final
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from spherekit.errors import EngineError
 from spherekit.exact.arithmetic import Arithmetic, Hardware, Numbers
+from spherekit.exact.legendre import gauss_legendre
 
 HALVINGS = 8
 STEPS = 60
@@ -99,21 +99,3 @@ class ArcTable:
         u = low[:, None] + half[:, None] * (1 + self._nodes)
         speeds = self._speed(u.ravel()).reshape(u.shape)
         return np.asarray(half * np.sum(speeds * self._weights, axis=1))
-
-
-def gauss_legendre(arithmetic: Arithmetic, count: int) -> tuple[Numbers, Numbers]:
-    """Return nodes and weights (count,) of Gauss's quadrature from -1 to 1."""
-    x = arithmetic.exact(leggauss(count)[0])
-    for _ in range(2 + int(np.log2(arithmetic.digits / 15))):
-        value, slope = _legendre(x, count)
-        x = x - value / slope
-    _, slope = _legendre(x, count)
-    return x, 2 / ((1 - x * x) * slope * slope)
-
-
-def _legendre(x: Numbers, count: int) -> tuple[Numbers, Numbers]:
-    """Return the Legendre polynomial of degree `count` and its derivative at x."""
-    before, here = x * 0 + 1, x
-    for degree in range(1, count):
-        before, here = here, ((2 * degree + 1) * x * here - degree * before) / (degree + 1)
-    return np.asarray(here), np.asarray(count * (x * here - before) / (x * x - 1))

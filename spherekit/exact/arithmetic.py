@@ -3,7 +3,9 @@
 Both are NumPy arrays, so that the same code runs on either.
 """
 
+import operator
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from typing import Any, final
 
 import numpy as np
@@ -19,6 +21,29 @@ DIGITS = 50
 """Decimal digits of `Digits` unless others are asked for."""
 
 FEWEST, MOST = 20, 300
+
+_OPERATORS: Mapping[str, Callable[..., Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "**": operator.pow,
+    "negative": operator.neg,
+}
+_UFUNCS: Mapping[str, Callable[..., Any]] = {
+    **_OPERATORS,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "log": np.log,
+    "tanh": np.tanh,
+}
 
 
 class Arithmetic(ABC):
@@ -47,6 +72,13 @@ class Arithmetic(ABC):
     @abstractmethod
     def cosine_sine(self, angles: Numbers) -> tuple[Numbers, Numbers]:
         """Return cosines and sines of angles (rad)."""
+
+    @abstractmethod
+    def function(self, name: str, *arguments: Numbers) -> Numbers:
+        """Return a function of expressions (`spherekit.model.expression`) without kinks.
+
+        NaN outside its domain.
+        """
 
     @abstractmethod
     def pi(self) -> Any:
@@ -94,6 +126,11 @@ class Hardware(Arithmetic):
     def cosine_sine(self, angles: Numbers) -> tuple[Numbers, Numbers]:
         """See `Arithmetic`."""
         return np.cos(angles), np.sin(angles)
+
+    def function(self, name: str, *arguments: Numbers) -> Numbers:
+        """See `Arithmetic`."""
+        with np.errstate(all="ignore"):
+            return np.asarray(_UFUNCS[name](*arguments))
 
     def pi(self) -> Any:
         """See `Arithmetic`."""
@@ -146,6 +183,21 @@ class Digits(Arithmetic):
         """See `Arithmetic`."""
         cosine, sine = self._turn(angles)
         return np.asarray(cosine, dtype=object), np.asarray(sine, dtype=object)
+
+    def function(self, name: str, *arguments: Numbers) -> Numbers:
+        """See `Arithmetic`."""
+        context = self._context
+        operation = _OPERATORS.get(name) or getattr(context, name)
+
+        def real(*given: Any) -> Any:
+            try:
+                found = operation(*given)
+            except ZeroDivisionError:
+                return context.nan
+            return context.nan if isinstance(found, context.mpc) else found
+
+        made = np.frompyfunc(real, len(arguments), 1)(*arguments)
+        return np.asarray(made, dtype=object)
 
     def pi(self) -> Any:
         """See `Arithmetic`."""

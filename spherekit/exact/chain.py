@@ -93,19 +93,40 @@ class ExactChain:
         return np.stack(found, axis=1)
 
     @cached_property
-    def _passes(self) -> Floats:
-        """(loops, variables): the sense in which a loop passes the pair of a variable."""
-        pairs = len(self.joints)
-        ways = np.zeros((len(self.mechanism.links), pairs))
+    def _ways(self) -> Floats:
+        """(links, pairs): the sense in which the way from the ground passes a pair."""
+        ways = np.zeros((len(self.mechanism.links), len(self.joints)))
         for pair, parent, child in self._way:
             ways[child] = ways[parent]
             ways[child, pair] = 1.0 if self.mechanism.ends[pair][0] == parent else -1.0
-        found = np.zeros((len(self.chords), pairs))
+        return ways
+
+    @cached_property
+    def _passes(self) -> Floats:
+        """(loops, variables): the sense in which a loop passes the pair of a variable."""
+        found = np.zeros((len(self.chords), len(self.joints)))
         for row, pair in enumerate(self.chords):
             a, b = self.mechanism.ends[pair]
-            found[row] = ways[a] - ways[b]
+            found[row] = self._ways[a] - self._ways[b]
             found[row, pair] += 1.0
         return found[:, list(self.mechanism.variable_owners)]
+
+    def velocities(self, vectors: Numbers, rates: Numbers) -> Numbers:
+        """Return angular velocities (n, links, 3) relative to the ground, in its axes.
+
+        At `vectors` (n, variables, 3) and rates (n, variables) of the variables.
+        """
+        n, count, _ = vectors.shape
+        found = self.arithmetic.zeros(n, len(self.mechanism.links), 3)
+        moved = vectors * rates[:, :, None]
+        owners = self.mechanism.variable_owners
+        for link, senses in enumerate(self._ways):
+            for variable in range(count):
+                sense = senses[owners[variable]]
+                if sense:
+                    part = moved[:, variable]
+                    found[:, link] += part if sense > 0 else -part
+        return found
 
     def jacobian(self, vectors: Numbers) -> Numbers:
         """Return (n, 3 loops, variables): gaps change by it times the variables' rates."""

@@ -1,7 +1,8 @@
 """Equivalent inertia of a mechanism from reference values of its motion."""
 
-from spherekit.exact.arithmetic import Numbers
+from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.rows import ExactRows
+from spherekit.model.mechanism import Mechanism
 
 
 def exact_inertia(exact: ExactRows) -> tuple[Numbers, Numbers]:
@@ -17,13 +18,30 @@ def exact_inertia(exact: ExactRows) -> tuple[Numbers, Numbers]:
     """
     if exact.dw is None:
         raise ValueError("inertia needs rows of order 2 or 3")
-    arithmetic = exact.arithmetic
-    B, dB = arithmetic.zeros(len(exact.status)), arithmetic.zeros(len(exact.status))
-    for mass in exact.mechanism.masses:
-        link = exact.mechanism.link_number[mass.link]
-        turn, w, dw = exact.rotations[:, link], exact.w[:, link], exact.dw[:, link]
-        own = (w[:, None, :] @ turn)[:, 0] @ arithmetic.exact(mass.tensor)
+    B, dB = link_inertia(
+        exact.arithmetic, exact.mechanism, exact.rotations, exact.w, exact.dw
+    )
+    return B, dB
+
+
+def link_inertia(
+    arithmetic: Arithmetic,
+    mechanism: Mechanism,
+    rotations: Numbers,
+    w: Numbers,
+    dw: Numbers,
+) -> tuple[Numbers, Numbers]:
+    """Return B (n,) of a coordinate and its derivative by it, see `exact_inertia`.
+
+    From orientations (n, links, 3, 3), angular velocities (n, links, 3) per unit rate of
+    the coordinate, and their derivatives by it.
+    """
+    B, dB = arithmetic.zeros(len(w)), arithmetic.zeros(len(w))
+    for mass in mechanism.masses:
+        link = mechanism.link_number[mass.link]
+        turn = rotations[:, link]
+        own = (w[:, link][:, None, :] @ turn)[:, 0] @ arithmetic.exact(mass.tensor)
         momentum = (turn @ own[..., None])[..., 0]
-        B = B + (w * momentum).sum(axis=1)
-        dB = dB + 2 * (dw * momentum).sum(axis=1)
+        B = B + (w[:, link] * momentum).sum(axis=1)
+        dB = dB + 2 * (dw[:, link] * momentum).sum(axis=1)
     return B, dB

@@ -82,6 +82,7 @@ def exact_rows(
     driven: int,
     arithmetic: Arithmetic | None = None,
     order: int = 2,
+    inputs: Numbers | None = None,
 ) -> ExactRows:
     """Return reference values of some rows of a motion.
 
@@ -100,13 +101,16 @@ def exact_rows(
         By default the quickest that is wider than float64.
     order
         1 for w alone, 2 for dw as well, 3 for ddw as well.
+    inputs
+        (rows wanted, inputs) rad in the arithmetic, which the motion's are rounded from;
+        by default its own are exact.
 
     Raises
     ------
     SolveError
         If the pair is no input, or the order is not 1, 2 or 3.
     """
-    (found,) = exact_rows_by_input(motion, rows, (driven,), arithmetic, order)
+    (found,) = exact_rows_by_input(motion, rows, (driven,), arithmetic, order, inputs)
     return found
 
 
@@ -116,6 +120,7 @@ def exact_rows_by_input(
     driven: Sequence[int],
     arithmetic: Arithmetic | None = None,
     order: int = 2,
+    inputs: Numbers | None = None,
 ) -> tuple[ExactRows, ...]:
     """Return `exact_rows` for each of some inputs that move alone, the others held.
 
@@ -132,7 +137,7 @@ def exact_rows_by_input(
         raise SolveError(f"order {order} was asked for; give 1, 2 or 3")
     chosen = motion.rows(np.asarray(rows, dtype=bool))
     with np.errstate(all="ignore"):
-        solver = _Solver(chosen, arithmetic or wide())
+        solver = _Solver(chosen, arithmetic or wide(), inputs)
         return tuple(solver.rows(pair, order) for pair in driven)
 
 
@@ -140,8 +145,11 @@ def exact_rows_by_input(
 class _Solver:
     """Rows of a motion on their way to the solution."""
 
-    def __init__(self, motion: Motion, arithmetic: Arithmetic) -> None:
+    def __init__(
+        self, motion: Motion, arithmetic: Arithmetic, inputs: Numbers | None
+    ) -> None:
         self.motion, self.arithmetic = motion, arithmetic
+        self.inputs = arithmetic.exact(motion.inputs) if inputs is None else inputs
         mechanism = motion.mechanism
         self.chain = ExactChain(arithmetic, mechanism)
         self.held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
@@ -169,15 +177,16 @@ class _Solver:
         if np.any(good):
             kept = known[good]
             inverse = closed.inverse[good]
-            series = self._series(closed.values[good], inverse, driven, order)
+            (moved,) = motion.mechanism.variables_of(driven)
+            series = motion_series(
+                self.chain, closed.values[good], inverse, self.free, moved, order
+            )
             placed, _ = self.chain.place(series)
             values[kept], rates[kept] = series[0], series[1]
             rotations[kept] = placed[0]
             axes[kept] = self.chain.axes(series[0], placed[0])
-            slope = np.stack([(k + 1) * placed[k + 1] for k in range(order)])
-            spin = skew_part(matrix_product(slope, transpose(placed[:-1])))
-            for k, factor in enumerate((1, 1, 2)[:order]):
-                w[k][kept] = factor * spin[k]
+            for given, found in zip(w, turning_rates(placed), strict=True):
+                given[kept] = found
         more = [*w[1:], None, None]
         return ExactRows(
             arithmetic=self.arithmetic,
@@ -211,7 +220,7 @@ class _Solver:
             given = self.motion.inputs[rows, column]
             turns = np.round((given - near[:, variable]) / (2.0 * np.pi))
             whole = self.arithmetic.exact(turns) * turn
-            start[:, variable] = self.arithmetic.exact(given) - whole
+            start[:, variable] = self.inputs[rows, column] - whole
         return start
 
     def _gaps(self, values: Numbers) -> Numbers:
@@ -284,20 +293,37 @@ class _Solver:
         status[closed & (wild | (distance > RADIUS))] = Status.BRANCH_LOST
         return _Closed(values, inverse, distance, residual, condition, status)
 
-    def _series(
-        self, values: Numbers, inverse: Numbers, driven: int, order: int
-    ) -> Numbers:
-        """Return series (order + 1, k, variables) of all variables in the moved input."""
-        (moved,) = self.motion.mechanism.variables_of(driven)
-        k, count = values.shape
-        rest = np.zeros((order, k, count))
-        rest[0, :, moved] = 1.0
-        series = np.concatenate([values[None], self.arithmetic.exact(rest)])
-        for power in range(1, order + 1):
-            part = series[: power + 1]
-            gaps = self.chain.gaps(*self.chain.place(part))[power]
-            series[power][:, self.free] = -(inverse @ gaps[..., None])[..., 0]
-        return series
+
+def motion_series(
+    chain: ExactChain,
+    values: Numbers,
+    inverse: Numbers,
+    free: Sequence[int],
+    moved: int,
+    order: int,
+) -> Numbers:
+    """Return series (order + 1, k, variables) of all variables in one that moves.
+
+    At closed configurations (k, variables); `inverse` is that of the closure Jacobian's
+    columns of the `free` variables, all but those that are held and the moved one.
+    """
+    k, count = values.shape
+    rest = np.zeros((order, k, count))
+    rest[0, :, moved] = 1.0
+    series = np.concatenate([values[None], chain.arithmetic.exact(rest)])
+    for power in range(1, order + 1):
+        part = series[: power + 1]
+        gaps = chain.gaps(*chain.place(part))[power]
+        series[power][:, list(free)] = -(inverse @ gaps[..., None])[..., 0]
+    return series
+
+
+def turning_rates(placed: Numbers) -> list[Numbers]:
+    """Return w, dw, ddw as far as series (order + 1, n, links, 3, 3) of rotations go."""
+    order = len(placed) - 1
+    slope = np.stack([(k + 1) * placed[k + 1] for k in range(order)])
+    spin = skew_part(matrix_product(slope, transpose(placed[:-1])))
+    return [factor * spin[k] for k, factor in enumerate((1, 1, 2)[:order])]
 
 
 @final

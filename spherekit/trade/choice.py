@@ -1,6 +1,6 @@
 """The setting of a run that is to meet a tolerance, and what it reaches at check rows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -10,12 +10,14 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
 from spherekit.analysis.setting import Setting
 from spherekit.conventions import listing
+from spherekit.errors import AnalysisError
 from spherekit.model.laws import Law
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 from spherekit.trade.deviation import Deviation, worst
 from spherekit.trade.measure import Bench
 from spherekit.trade.record import MARGIN, Trade, check_tolerance
+from spherekit.trade.stored import check_run, read_trade
 from spherekit.trade.trade import trade
 
 WORTH = 50_000
@@ -56,8 +58,9 @@ class Choice:
 
     @property
     def met(self) -> bool:
-        """Whether the tolerance is met at the check rows."""
-        return bool(self.achieved <= self.tolerance)
+        """Whether the tolerance is met at the check rows, or those of the trade."""
+        known = self.achieved if self.rows else self.predicted
+        return bool(known <= self.tolerance)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it ready for JSON."""
@@ -89,12 +92,14 @@ def choose(
     path: Floats | None = None,
     laws: Mapping[str, Law] | None = None,
     duration: float | None = None,
+    stored: Sequence[Trade] = (),
 ) -> Choice:
     """Return the cheapest setting whose errors stay within a tolerance.
 
-    With fewer than `WORTH` samples the ordinary setting is taken; otherwise a short trade
-    decides. Where none meets the tolerance, the most accurate is taken, and `met` is
-    false. Errors are scaled as `spherekit.trade.deviation` says.
+    Trades that are `stored` decide, if there are any. Else with fewer than `WORTH` samples
+    the ordinary setting is taken, with more a short trade decides. Where none meets the
+    tolerance, the most accurate is taken, and `met` is false. Errors are scaled as
+    `spherekit.trade.deviation` says.
 
     Raises
     ------
@@ -114,7 +119,9 @@ def choose(
     count = len(path) if path is not None else int(np.prod(samples))
     predicted, why = np.nan, f"fewer than {WORTH} samples: no trade was made"
     setting = Setting()
-    if count >= WORTH:
+    if stored:
+        setting, predicted, why = _of_trades(stored, tolerance, count, "stored")
+    elif count >= WORTH:
         reading = [each for each in analyses if not each.trades and _reads(mechanism, each)]
         trades = [
             trade(
@@ -129,7 +136,7 @@ def choose(
             for each in reading
         ]
         if trades:
-            setting, predicted, why = _of_trades(trades, tolerance, count)
+            setting, predicted, why = _of_trades(trades, tolerance, count, "short")
     course = course_of(
         mechanism,
         samples=samples,
@@ -159,13 +166,66 @@ def choose(
     )
 
 
+def choose_simulation(mechanism: str, tolerance: float, stored: Sequence[Trade]) -> Choice:
+    """Return the cheapest integrator with its own tolerance, by stored trades.
+
+    Raises
+    ------
+    AnalysisError
+        If the tolerance is no positive number.
+    """
+    check_tolerance(mechanism, tolerance)
+    samples = stored[0].samples
+    setting, predicted, why = _of_trades(stored, tolerance, samples, "stored")
+    return Choice(setting, tolerance, predicted, np.nan, "", 0, why)
+
+
+def stored_for(
+    analyses: Sequence[AbstractAnalysis],
+    places: Sequence[str],
+    run: Callable[[AbstractAnalysis], Mapping[str, Any]],
+) -> list[Trade]:
+    """Return the trades of a run's analyses, read from folders or files.
+
+    `run` says what the run with an analysis is, see `spherekit.trade.stored.run_of`.
+
+    Raises
+    ------
+    AnalysisError
+        If one was made for another run, or an analysis has none.
+    """
+    found: dict[str, Trade] = {}
+    for place in places:
+        own = read_trade(place)
+        named = [each for each in analyses if each.name == own.analysis]
+        if not named:
+            raise AnalysisError(
+                f"{place}: the trade is of analysis {own.analysis}, which is not run; the "
+                f"run has {listing(each.name for each in analyses)}: leave this --trade out"
+            )
+        check_run(own, run(named[0]), place)
+        if all(each.setting is None for each in own.settings):
+            raise AnalysisError(
+                f"{place}: the trade is of parameters of {own.analysis}, not of ways to "
+                "run it; give the parameter with -a NAME:key=value, and leave --trade out"
+            )
+        found[own.analysis] = own
+    lacking = [each.name for each in analyses if each.name not in found]
+    if lacking:
+        raise AnalysisError(
+            f"--trade: there is none of {listing(lacking)}; make it with: spherekit trade "
+            f"FILE -a {lacking[0]} -o DIR, and give --trade once for each analysis"
+        )
+    return list(found.values())
+
+
 def _reads(mechanism: Mechanism, analysis: AbstractAnalysis) -> bool:
     needs = analysis.needs(mechanism)
     return bool(needs.directions or needs.rates or needs.link_rates or needs.pair_rates)
 
 
 def _of_trades(
-    trades: Sequence[Trade], tolerance: float, samples: int
+    trades: Sequence[Trade], tolerance: float, samples: int, kind: str
 ) -> tuple[Setting, float, str]:
     """Return the cheapest setting that meets a tolerance in all trades, its error, why."""
     errors: dict[Setting, float] = {}
@@ -181,9 +241,11 @@ def _of_trades(
     good = [s for s, error in errors.items() if MARGIN * error <= tolerance]
     if good:
         chosen = min(good, key=lambda s: seconds[s])
-        return chosen, errors[chosen], f"the cheapest of a short trade of {names}"
+        return chosen, errors[chosen], f"the cheapest of a {kind} trade of {names}"
     if not errors:
-        return Setting(), np.nan, f"no setting of a short trade of {names} gives all rows"
+        return Setting(), np.nan, f"no setting of a {kind} trade of {names} gives all rows"
     chosen = min(errors, key=lambda s: errors[s])
-    words = f"no setting of a short trade of {names} meets the tolerance; the most accurate"
+    words = (
+        f"no setting of a {kind} trade of {names} meets the tolerance; the most accurate"
+    )
     return chosen, errors[chosen], words

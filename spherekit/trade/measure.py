@@ -17,6 +17,7 @@ from spherekit.analysis.store import InMemory
 from spherekit.analysis.tables import TableData
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
+from spherekit.exact.arithmetic import Numbers
 from spherekit.exact.field import exact_field, exact_motion
 from spherekit.exact.rows import exact_rows
 from spherekit.motion.continued import AngleMemory
@@ -55,6 +56,11 @@ class Reference:
     tables: Tables
     fields: tuple[PoleField, ...]
     lacking: int
+
+    @property
+    def without(self) -> str:
+        """What is to be said of rows without reference values."""
+        return f", {self.lacking} rows without" if self.lacking else ""
 
 
 @final
@@ -123,7 +129,7 @@ class Bench:
     def reference(self) -> Reference:
         """Return the tables from reference values at all samples."""
         (motion,) = self.course.blocks(len(self.course))
-        return self._from_reference(motion)
+        return self.reference_at(motion)
 
     def checked(self, setting: Setting, most: int) -> tuple[list[Deviation], int]:
         """Return how far a setting is off at some samples, and their number of rows.
@@ -141,7 +147,7 @@ class Bench:
         evaluation = Evaluation(setting, course, wanted, needs)
         motion = evaluation.motion_at(rows)
         plain = Evaluation(Setting(), course, wanted, needs).motion_at(rows)
-        reference = self._from_reference(plain)
+        reference = self.reference_at(plain)
         memories = [SignMemory() for _ in evaluation.requests]
         every = np.arange(len(motion))
         fields = tuple(
@@ -166,16 +172,19 @@ class Bench:
         made = motion.mechanism, plans, needs, motion, fields, angles
         return Batch(*made, course.timed, course.tracer)
 
-    def _from_reference(self, motion: Motion) -> Reference:
-        """Return the tables at the rows of a motion.
+    def reference_at(self, motion: Motion, inputs: Numbers | None = None) -> Reference:
+        """Return the tables at the rows of a motion, see `Reference`.
 
         They hold the float64 numbers nearest to configurations and rates that the closure
-        equations give in wider numbers; see `spherekit.exact`.
+        equations give in wider numbers; see `spherekit.exact`. The motion's inputs are
+        taken as exact, or else `inputs` (n, inputs), which they are rounded from.
         """
         tracer = self.course.tracer
         wanted = requests_for(tracer.mechanism, self.needs, tracer.by_rank)
         every = np.ones(len(motion), dtype=bool)
-        exact = [exact_rows(motion, every, item.plan.input) for item in wanted]
+        exact = [
+            exact_rows(motion, every, item.plan.input, inputs=inputs) for item in wanted
+        ]
         better = replace(exact_motion(motion, every, exact[0]), samples=motion.samples)
         fields = tuple(
             exact_field(rows, item, evaluate(motion, item))

@@ -1,7 +1,7 @@
 """What a trade found: settings with their times and errors, and the cheapest of them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, final
 
 import numpy as np
@@ -64,7 +64,8 @@ class Trade:
     the configurations behind these. `columns` says how the errors of each column are
     measured, `reference` what they are measured against, and `floor` how well that is
     known itself. `derivatives` is the order of the rates' derivatives that the analysis
-    reads, and no more is computed; None where no rates are.
+    reads, and no more is computed; None where no rates are. `made_for` says which run it
+    was made for, see `spherekit.trade.stored`.
     """
 
     mechanism: str
@@ -77,6 +78,7 @@ class Trade:
     derivatives: int | None
     columns: tuple[tuple[str, str, float], ...]
     settings: tuple[Measured, ...]
+    made_for: Mapping[str, Any]
 
     @property
     def pareto(self) -> tuple[Measured, ...]:
@@ -117,6 +119,7 @@ class Trade:
         return {
             "mechanism": self.mechanism,
             "analysis": self.analysis,
+            "made_for": dict(self.made_for),
             "samples": self.samples,
             "checked_samples": self.checked,
             "checked_rows": self.rows,
@@ -152,6 +155,7 @@ def _row(each: Measured, samples: int, pareto: bool) -> dict[str, Any]:
     return {
         "name": each.name,
         "what": "" if each.setting is None else each.setting.describe(),
+        "setting": None if each.setting is None else asdict(each.setting),
         "applies": not each.reason,
         "reason": each.reason,
         "error": number(each.error),

@@ -83,7 +83,8 @@ def as_csv(trade: Trade) -> str:
     """Return all settings, a row each, with a heading."""
     rows = trade.as_dict()["settings"]
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+    columns = [name for name in rows[0] if name != "setting"]
+    writer = csv.DictWriter(stream, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return stream.getvalue()

@@ -1,7 +1,7 @@
 """Measuring the trade of speed for accuracy of one analysis of one mechanism."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -9,21 +9,14 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Sweep
-from spherekit.analysis.course import (
-    DEFAULT_TOLERANCE,
-    Course,
-    course_of,
-    simulated_course,
-)
+from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.run import run
-from spherekit.analysis.setting import Integrator, Setting
+from spherekit.analysis.setting import Setting
 from spherekit.analysis.tables import TableData
 from spherekit.conventions import EPS
-from spherekit.dynamics.forward import LEAST, simulate
-from spherekit.engine.compiler import available
-from spherekit.errors import AnalysisError, EngineError
+from spherekit.errors import AnalysisError
 from spherekit.exact.arithmetic import wide
 from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Mechanism
@@ -34,6 +27,8 @@ from spherekit.trade.deviation import Deviation, scale_words
 from spherekit.trade.measure import ROUNDS, Bench, Tables, race
 from spherekit.trade.places import at_places, places
 from spherekit.trade.record import Measured, Trade, check_tolerance, gathered
+from spherekit.trade.simulated import measured
+from spherekit.trade.stored import run_of
 
 CHECKED = 361
 """Most samples at which errors are measured, and"""
@@ -105,8 +100,21 @@ def trade(
         "torque": torque,
         "tolerance": DEFAULT_TOLERANCE,
     }
+    made_for = run_of(
+        mechanism,
+        chosen,
+        samples=samples,
+        input_pair=input_pair,
+        branch=branch,
+        search=search,
+        path=path,
+        laws=laws,
+        duration=duration,
+        start=start,
+        torque=torque,
+    )
     if chosen.trades:
-        return _of_parameters(mechanism, chosen, asked, rounds, budget)
+        return _of_parameters(mechanism, chosen, asked, rounds, budget, made_for)
     if start is not None:
         few = min(asked, checked or CHECKED)
         course = course_of(mechanism, samples=few, path=None, **common)
@@ -120,15 +128,17 @@ def trade(
             "nothing to measure"
         )
     if start is not None:
-        return _of_simulation(bench, asked, settings, rounds, budget, torque, start)
+        every = of_simulation() if settings is None else settings
+        words, floor, reference, found = measured(
+            bench, start, torque, every, rounds, budget
+        )
+        return _trade(bench, asked, words, floor, reference, found, made_for)
     most = checked or max(FEWEST, CHECKED_ROWS // len(course.tracer.branches))
     bench = _at_fewer(bench, samples, min(most, CHECKED), search, common)
     course = bench.course
     right = bench.reference()
     reference = right.tables
-    words = f"the closure equations in {wide().name}"
-    if right.lacking:
-        words += f", {right.lacking} rows without"
+    words = f"the closure equations in {wide().name}{right.without}"
     every = of_samples() if settings is None else settings
 
     def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
@@ -142,7 +152,7 @@ def trade(
         rounds,
         budget,
     )
-    return _trade(bench, asked, words, EPS, reference, found)
+    return _trade(bench, asked, words, EPS, reference, found, made_for)
 
 
 def _at_fewer(
@@ -174,6 +184,7 @@ def _trade(
     floor: float,
     reference: Tables,
     found: Sequence[Measured],
+    made_for: Mapping[str, Any],
 ) -> Trade:
     mechanism = bench.course.tracer.mechanism
     own = [table.of(mechanism) for table in bench.analysis.tables]
@@ -203,91 +214,8 @@ def _trade(
         int(bench.needs.derivatives),
         gathered(columns),
         tuple(found),
+        made_for,
     )
-
-
-def _of_simulation(
-    bench: Bench,
-    asked: int,
-    settings: Sequence[Setting] | None,
-    rounds: int,
-    budget: float,
-    torque: str | None,
-    start: Start,
-) -> Trade:
-    """Return integrators and tolerances against the tightest that there is."""
-    course = bench.course
-    assert course.duration is not None and course.t is not None
-    t = np.linspace(0.0, course.duration, len(course))
-    tracer = course.tracer
-
-    def solved(setting: Setting) -> Course:
-        assert setting.tolerance is not None
-        simulation = simulate(
-            tracer.mechanism,
-            start,
-            course.duration or 0.0,
-            torque=torque,
-            branch=tracer.branches[0].number,
-            tolerance=setting.tolerance,
-            engine=setting.integrator,
-        )
-        return simulated_course(tracer, simulation, t, setting.tolerance)
-
-    def way(setting: Setting, judged: bool = True) -> tuple[Tables, float, float]:
-        del judged
-        started = time.process_time()
-        own = solved(setting)
-        solving = time.process_time() - started
-        tables, _, seconds = replace(bench, course=own).tables(Setting())
-        return tables, solving, solving + seconds
-
-    integrator: Integrator = "compiled" if available() else "numpy"
-    try:
-        reference, compiling = _tightest(way, integrator)
-    except EngineError:
-        integrator = "numpy"
-        reference, compiling = _tightest(way, integrator)
-    least = LEAST[integrator]
-    best = Setting(integrator=integrator, tolerance=least)
-    other = Setting(integrator=integrator, tolerance=10.0 * least)
-    near = bench.deviations(way(other)[0], reference)
-    floor = max((each.error for each in near), default=EPS)
-    every = of_simulation() if settings is None else list(settings)
-    ways = [(str(each), each, partial(way, each)) for each in every if each != best]
-    found = race(
-        ways,
-        partial(_against, bench, reference, floor),
-        len(course),
-        rounds,
-        budget,
-    )
-    found = [
-        replace(each, compile=compiling)
-        if each.setting and each.setting.integrator == "compiled" and not each.reason
-        else each
-        for each in found
-    ]
-    words = f"simulation {best}, known to {floor:.1e} from {other}"
-    return _trade(bench, asked, words, floor, reference, found)
-
-
-def _tightest(
-    way: Callable[[Setting], tuple[Tables, float, float]], integrator: Integrator
-) -> tuple[Tables, float]:
-    """Return the tables of the tightest tolerance, and what compiling took (s)."""
-    setting = Setting(integrator=integrator, tolerance=LEAST[integrator])
-    tables, _, fresh = way(setting)
-    again = way(setting)[2]
-    return tables, max(fresh - again, 0.0) if integrator == "compiled" else 0.0
-
-
-def _against(
-    bench: Bench, reference: Tables, floor: float, given: Tables
-) -> list[Deviation]:
-    """Return deviations, none below what is known of the reference."""
-    found = bench.deviations(given, reference)
-    return [replace(each, error=max(each.error, floor)) for each in found]
 
 
 def _of_parameters(
@@ -296,9 +224,10 @@ def _of_parameters(
     asked: int,
     rounds: int,
     budget: float,
+    made_for: Mapping[str, Any],
 ) -> Trade:
     """Return the values of an analysis's own parameters against the most accurate."""
-    measured: list[Measured] = []
+    every: list[Measured] = []
     columns: list[tuple[str, str, float]] = []
     for sweep in analysis.trades:
         estimates: dict[str, float] = {}
@@ -311,12 +240,12 @@ def _of_parameters(
             for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
         ]
         found = race(ways, partial(own.deviations, reference), 1, rounds, budget)
-        measured += [
+        every += [
             replace(each, estimate=estimates.get(each.name, np.nan)) for each in found
         ]
         scale = float(np.nanmax(np.abs(own.numbers(reference)), initial=0.0))
         columns.append((f"{sweep.table}.{sweep.column}", "over the largest", scale))
-    floor = float(np.nanmin([each.error for each in measured]))
+    floor = float(np.nanmin([each.error for each in every]))
     return Trade(
         mechanism.name,
         analysis.name,
@@ -328,7 +257,8 @@ def _of_parameters(
         floor,
         None,
         tuple(columns),
-        tuple(measured),
+        tuple(every),
+        made_for,
     )
 
 

@@ -1,0 +1,114 @@
+"""A simulation once more in numbers wider than float64, to know what others are off by."""
+
+import numpy as np
+
+from spherekit.conventions import listing
+from spherekit.dynamics.forward import LEAST, simulate
+from spherekit.dynamics.simulation import Simulation
+from spherekit.engine.loads import FULL_TURN
+from spherekit.errors import EngineError
+from spherekit.exact.arithmetic import Arithmetic, wide
+from spherekit.exact.simulation import ExactSimulation
+from spherekit.model.laws import Start
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
+
+ENDS = ("time", "stop", "sticking")
+"""The ends of simulations that a reference finds for itself."""
+
+
+def reference_simulation(
+    mechanism: Mechanism,
+    start: Start,
+    until: float,
+    *,
+    torque: str | None = None,
+    input_pair: str | None = None,
+    branch: int = 0,
+    arithmetic: Arithmetic | None = None,
+) -> ExactSimulation:
+    """Return the motion of a single-DOF mechanism under its loads in wide numbers.
+
+    Parameters
+    ----------
+    mechanism, start, until, torque, input_pair, branch
+        See `spherekit.dynamics.forward.simulate`.
+    arithmetic
+        By default the quickest that is wider than float64; `Digits(n)` for n digits.
+
+    Raises
+    ------
+    ModelError, SolveError
+        For what is missing or impossible.
+    EngineError
+        If the motion ends at a singularity, or changes too fast.
+    """
+    found = simulate(
+        mechanism,
+        start,
+        until,
+        torque=torque,
+        input_pair=input_pair,
+        branch=branch,
+        tolerance=LEAST["numpy"],
+    )
+    return refined(found, start, until, arithmetic)
+
+
+def refined(
+    simulation: Simulation,
+    start: Start,
+    until: float,
+    arithmetic: Arithmetic | None = None,
+    nodes: int | None = None,
+) -> ExactSimulation:
+    """Return a simulation in wide numbers: the same start, loads and stops.
+
+    Parameters
+    ----------
+    simulation
+        As good as float64 allows; the iteration starts from it.
+    start, until
+        Those it was made with. Both numbers of the start are taken as exact.
+    arithmetic, nodes
+        See `reference_simulation` and `spherekit.exact.simulation.ExactSimulation`.
+
+    Raises
+    ------
+    EngineError
+        If the simulation ended in a way that depends on tolerances, or no step of the
+        reference is short enough.
+    """
+    if simulation.end.kind not in ENDS:
+        raise EngineError(
+            f"{simulation.mechanism.name}: the simulation ended at "
+            f"{simulation.end.t:.6g} s ({simulation.end.message}); a reference is made "
+            f"for ends by {listing(ENDS)}: ask for a shorter time"
+        )
+    path, last = simulation.path, simulation.end.t
+    count = simulation.equation.variables
+
+    def near(t: Floats) -> tuple[Floats, Floats]:
+        traced = path.at(np.clip(t, 0.0, last))
+        rates = traced.rates[:, :count]
+        beyond = np.maximum(t - last, 0.0)[:, None]
+        values = traced.states[:, :count] + FULL_TURN * traced.turns
+        return values + rates * beyond, rates
+
+    found = ExactSimulation(
+        arithmetic or wide(),
+        simulation.mechanism,
+        simulation.driven,
+        start.q,
+        start.dq,
+        until,
+        near,
+        nodes,
+    )
+    if found.kind != simulation.end.kind:
+        raise EngineError(
+            f"{simulation.mechanism.name}: the reference ends by {found.kind} at "
+            f"{float(found.end):.6g} s, the simulation by {simulation.end.kind} at "
+            f"{last:.6g} s"
+        )
+    return found

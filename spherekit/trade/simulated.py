@@ -1,0 +1,204 @@
+"""Integrators and tolerances of a simulation, measured against one in wider numbers."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import final
+
+import numpy as np
+
+from spherekit.analysis.course import Course, simulated_course
+from spherekit.analysis.setting import Integrator, Setting
+from spherekit.conventions import EPS
+from spherekit.dynamics.forward import LEAST, simulate
+from spherekit.dynamics.reference import refined
+from spherekit.dynamics.simulation import Simulation
+from spherekit.engine.compiler import available
+from spherekit.errors import EngineError
+from spherekit.exact.arithmetic import Digits, wide
+from spherekit.exact.simulation import ExactSimulation
+from spherekit.model.laws import Start
+from spherekit.motion.timing import Timing
+from spherekit.sphere.rotation import Floats
+from spherekit.trade.deviation import Deviation
+from spherekit.trade.measure import Bench, Reference, Tables, race
+from spherekit.trade.record import Measured
+
+OTHER_NODES = 24
+"""Nodes of each step of the run that shows how well the reference is known."""
+
+Found = tuple[str, float, Tables, list[Measured]]
+"""What the reference is in words, how well it is known, its tables, and the settings."""
+
+
+def measured(
+    bench: Bench,
+    start: Start,
+    torque: str | None,
+    settings: Sequence[Setting],
+    rounds: int,
+    budget: float,
+) -> Found:
+    """Return integrators and tolerances with their times and errors.
+
+    `bench` has the course of a simulation; the others are those of
+    `spherekit.trade.trade.trade`. The reference is a simulation in numbers wider than
+    float64; where none can be made, the tightest float64 one, and the words say why.
+    """
+    solver = _Solver(bench, start, torque)
+    best, simulation, compiling = solver.tightest()
+    try:
+        words, near, right = solver.in_wide_numbers(simulation)
+        tables: Tables = right.tables
+    except EngineError as reason:
+        right = None
+        tables, _, _ = solver.tables(best)
+        tolerance = 10.0 * LEAST[best.integrator]
+        other = replace(best, tolerance=tolerance)
+        near = bench.deviations(solver.tables(other)[0], tables)
+        words = f"simulation {best}, known to {_largest(near):.1e} from {other} ({reason})"
+        settings = [each for each in settings if each != best]
+
+    def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
+        return solver.tables(setting, right if judged else None)
+
+    floors = {(each.table, each.column): each.error for each in near}
+
+    def judge(given: Tables) -> list[Deviation]:
+        found = bench.deviations(given, tables)
+        return [
+            replace(each, error=max(each.error, floors.get((each.table, each.column), EPS)))
+            for each in found
+        ]
+
+    ways = [(str(each), each, partial(way, each)) for each in settings]
+    found = race(ways, judge, len(bench.course), rounds, budget)
+    found = [
+        replace(each, compile=compiling)
+        if each.setting and each.setting.integrator == "compiled" and not each.reason
+        else each
+        for each in found
+    ]
+    return words, _largest(near), tables, found
+
+
+@final
+@dataclass(frozen=True)
+class _Solver:
+    """Runs one simulation by any setting, over the times of a bench's course."""
+
+    bench: Bench
+    start: Start
+    torque: str | None
+
+    @property
+    def t(self) -> Floats:
+        """The times (s) asked for."""
+        course = self.bench.course
+        assert course.duration is not None
+        return np.linspace(0.0, course.duration, len(course))
+
+    def simulation(self, setting: Setting) -> Simulation:
+        """Return the simulation by a setting."""
+        assert setting.tolerance is not None
+        tracer = self.bench.course.tracer
+        return simulate(
+            tracer.mechanism,
+            self.start,
+            float(self.t[-1]),
+            torque=self.torque,
+            branch=tracer.branches[0].number,
+            tolerance=setting.tolerance,
+            engine=setting.integrator,
+        )
+
+    def course(self, simulation: Simulation, setting: Setting) -> Course:
+        """Return a simulation as a course."""
+        assert setting.tolerance is not None
+        tracer = self.bench.course.tracer
+        return simulated_course(tracer, simulation, self.t, setting.tolerance)
+
+    def tables(
+        self, setting: Setting, toward: Reference | None = None
+    ) -> tuple[Tables, float, float]:
+        """Return the tables by a setting with processor times, see `Bench.tables`."""
+        started = time.process_time()
+        own = self.course(self.simulation(setting), setting)
+        solving = time.process_time() - started
+        if toward is not None and len(own) != _rows(toward):
+            toward = None
+        tables, _, seconds = replace(self.bench, course=own).tables(Setting(), toward)
+        return tables, solving, solving + seconds
+
+    def tightest(self) -> tuple[Setting, Simulation, float]:
+        """Return the tightest setting, its simulation, and what compiling took (s)."""
+        integrator: Integrator = "compiled" if available() else "numpy"
+        try:
+            return self._tightest(integrator)
+        except EngineError:
+            return self._tightest("numpy")
+
+    def _tightest(self, integrator: Integrator) -> tuple[Setting, Simulation, float]:
+        setting = Setting(integrator=integrator, tolerance=LEAST[integrator])
+        found = self.simulation(setting)
+        return setting, found, found.engine.compile_seconds
+
+    def in_wide_numbers(
+        self, simulation: Simulation
+    ) -> tuple[str, list[Deviation], Reference]:
+        """Return the reference in words, how far another is from it, and what it is.
+
+        Raises
+        ------
+        EngineError
+            If there is none; see `spherekit.dynamics.reference.refined`.
+        """
+        arithmetic = wide()
+        until = float(self.t[-1])
+        right = self._reference(simulation, refined(simulation, self.start, until))
+        words = f"a simulation in {arithmetic.name}"
+        if isinstance(arithmetic, Digits):
+            return words + right.without, [], right
+        other = refined(simulation, self.start, until, nodes=OTHER_NODES)
+        again = self._reference(simulation, other)
+        near = self.bench.deviations(again.tables, right.tables)
+        words += f", known to {_largest(near):.1e} from one with other steps"
+        return words + right.without, near, right
+
+    def _reference(self, simulation: Simulation, exact: ExactSimulation) -> Reference:
+        """Return the tables at the times of a simulation from one in wide numbers."""
+        own = self.course(simulation, Setting(tolerance=LEAST["numpy"]))
+        assert own.t is not None
+        (motion,) = own.blocks(len(own))
+        found, driven = exact.at(own.t), simulation.driven
+        floats = exact.arithmetic.floats
+        turn = 2 * exact.arithmetic.pi()
+        near = motion.values
+        turns = np.round((floats(found.values) - near) / (2.0 * np.pi))
+        values = floats(found.values - exact.arithmetic.exact(turns) * turn)
+        inputs = found.values[:, [driven]]
+        values[:, driven] = floats(inputs)[:, 0]
+        rates = [floats(x[:, [driven]]) for x in (found.rates, found.second)]
+        if exact.kind == "sticking":
+            # Dry friction jumps here, so nothing that depends on it is compared.
+            stuck = own.t >= min(float(exact.end), simulation.end.t)
+            for each in rates:
+                each[stuck] = np.nan
+        motion = replace(
+            motion,
+            values=values,
+            inputs=floats(inputs),
+            timing=Timing(floats(found.t), *rates),
+        )
+        return replace(self.bench, course=own).reference_at(motion, inputs)
+
+
+def _largest(near: Sequence[Deviation]) -> float:
+    """Return the largest error, no less than the rounding of float64."""
+    return max([EPS, *(each.error for each in near)])
+
+
+def _rows(reference: Reference) -> int:
+    """Return how many rows the fields of a reference have."""
+    return len(reference.fields[0].status) if reference.fields else 0

@@ -1,0 +1,154 @@
+"""Trades kept on disk: what run they were made for, and reading them back."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.journal import differences
+from spherekit.analysis.setting import Setting
+from spherekit.errors import AnalysisError
+from spherekit.files.write import mechanism_hash
+from spherekit.model.laws import Law, Start
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.inputs import driven_pairs
+from spherekit.sphere.rotation import Floats
+from spherekit.trade.record import Measured, Trade
+from spherekit.version import __version__
+
+FILE = "trade.json"
+
+
+def run_of(
+    mechanism: Mechanism,
+    analysis: AbstractAnalysis,
+    *,
+    samples: int | Sequence[int],
+    input_pair: str | Sequence[str] | None = None,
+    branch: int | None = None,
+    search: bool = True,
+    path: Floats | None = None,
+    laws: Mapping[str, Law] | None = None,
+    duration: float | None = None,
+    start: Start | None = None,
+    torque: str | None = None,
+) -> dict[str, Any]:
+    """Return what a trade for this run depends on, ready for JSON; see `spherekit.run`."""
+    if input_pair is not None:
+        names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
+        mechanism = mechanism.with_inputs(*names)
+    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    mechanism = mechanism.with_inputs(*inputs)
+    counts = [samples] if isinstance(samples, int) else list(samples)
+    values = None
+    if path is not None:
+        counts = [len(path)]
+        values = hashlib.sha256(np.ascontiguousarray(path).tobytes()).hexdigest()
+    given = asdict(analysis)  # type: ignore[call-overload]
+    return {
+        "spherekit": __version__,
+        "mechanism": mechanism.name,
+        "mechanism_hash": mechanism_hash(mechanism),
+        "analysis": analysis.name,
+        "analysis_version": analysis.version,
+        "parameters": {key: json.loads(_text(value)) for key, value in given.items()},
+        "inputs": inputs,
+        "samples": "x".join(map(str, counts)),
+        "input_values": values,
+        "branch": branch if start is None else branch or 0,
+        "search": search,
+        "laws": {pair: repr(law) for pair, law in (laws or {}).items()},
+        "duration": duration,
+        "start": None if start is None else [start.q, start.dq],
+        "torque": torque,
+    }
+
+
+def read_trade(path: str | os.PathLike[str]) -> Trade:
+    """Return the trade that `spherekit trade -o` wrote into a folder.
+
+    Raises
+    ------
+    AnalysisError
+        If there is none, or it cannot be read.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / FILE
+    again = f"write one with: spherekit trade FILE -a NAME -o {path}"
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise AnalysisError(f"{file}: there is no trade; {again}") from None
+    except (OSError, ValueError) as problem:
+        raise AnalysisError(f"{file}: is no trade ({problem}); {again}") from None
+    try:
+        return _trade(data)
+    except (KeyError, TypeError, ValueError) as problem:
+        raise AnalysisError(
+            f"{file}: is no trade that this version reads ({problem!r}); {again}"
+        ) from None
+
+
+def check_run(found: Trade, now: Mapping[str, Any], where: str) -> None:
+    """Raise `AnalysisError` unless a trade was made for a run, see `run_of`."""
+    differs = differences(found.made_for, now)
+    if differs:
+        raise AnalysisError(
+            f"{where}: the trade was made for another run ({differs}); make it for this "
+            f"one with: spherekit trade {now['mechanism']} -a {now['analysis']} -o {where} "
+            "and the options of the run, or leave --trade out"
+        )
+
+
+def _trade(data: Mapping[str, Any]) -> Trade:
+    rows = data["settings"]
+    return Trade(
+        mechanism=data["mechanism"],
+        analysis=data["analysis"],
+        samples=data["samples"],
+        checked=data["checked_samples"],
+        rows=data["checked_rows"],
+        reference=data["reference"],
+        floor=data["reference_error"],
+        derivatives=data["derivatives"],
+        columns=tuple(
+            (each["column"], each["measured"], each["scale"]) for each in data["columns"]
+        ),
+        settings=tuple(_measured(row, data["samples"]) for row in rows),
+        made_for=dict(data["made_for"]),
+    )
+
+
+def _measured(row: Mapping[str, Any], samples: int) -> Measured:
+    first = _number(row["first_seconds"])
+    return Measured(
+        name=row["name"],
+        setting=None if row["setting"] is None else Setting(**row["setting"]),
+        first=first,
+        each=1e-6 * _number(row["microseconds_per_sample"]),
+        each_median=(_number(row["seconds_median"]) - first) / samples,
+        compile=row["compile_seconds"],
+        error=_number(row["error"]),
+        column=row["worst_column"],
+        estimate=_number(row["own_estimate"]),
+        missing=row["missing"],
+        reason=row["reason"],
+    )
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _text(value: object) -> str:
+    """Return a parameter as JSON, sets in order, what else there is by its words."""
+    if isinstance(value, set | frozenset):
+        value = sorted(value)
+    return json.dumps(value, default=repr)

@@ -1,0 +1,459 @@
+"""Simulations in wide numbers against closed forms, and what a trade says of others."""
+
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.registry import create
+from spherekit.analysis.setting import Setting
+from spherekit.conventions import EPS, Status
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.reference import reference_simulation
+from spherekit.engine.compiler import available
+from spherekit.errors import EngineError
+from spherekit.exact.arithmetic import Digits
+from spherekit.exact.field import exact_direction
+from spherekit.exact.inertia import exact_inertia
+from spherekit.exact.rows import exact_rows
+from spherekit.model.dynamics import Gravity, Mass, PairTorque, Spring, Stop, TorqueTable
+from spherekit.model.laws import Start
+from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry
+from spherekit.motion.motion import Tracer
+from spherekit.trade.trade import trade
+
+WIDE = np.finfo(np.longdouble).eps < 1e-18
+wide = pytest.mark.skipif(not WIDE, reason="longdouble is no wider than float64 here")
+compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
+INERTIA, WEIGHT = 0.75, 2.5
+
+
+@pytest.fixture(autouse=True)
+def digits():
+    with mp.workdps(50):
+        yield
+
+
+def pendulum(*loads, stops=()):
+    """Return one link that turns about x in the ground, its centre below."""
+    made = Mechanism(
+        "pendulum",
+        "1",
+        ("1", "2"),
+        (Pair("12", "R", ("1", "2")),),
+        PoseGeometry({"12": (1.0, 0.0, 0.0)}),
+    )
+    tensor = ((INERTIA, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
+    mass = Mass("2", tensor, WEIGHT, (0.0, 0.0, -0.25))
+    return replace(made.with_inputs("12"), masses=(mass,), loads=loads, stops=stops)
+
+
+def many(number):
+    """Return a longdouble, or anything else, as a number of mpmath."""
+    if isinstance(number, mp.mpf):
+        return number
+    high = float(number)
+    return mp.mpf(high) + mp.mpf(float(number - type(number)(high)))
+
+
+def off(found, expected):
+    """Return the largest difference of wide numbers from those of mpmath."""
+    return max(
+        float(abs(many(a) - b)) for a, b in zip(np.ravel(found), expected, strict=True)
+    )
+
+
+def test_a_pendulum_swings_by_elliptic_functions():
+    t = np.linspace(0.0, 6.0, 13)
+    made = pendulum(Gravity("weight", (0.0, 0.0, -9.75)))
+    found = reference_simulation(made, Start(0.0, 3.5), 6.0)
+    at = found.at(t)
+    w = mp.sqrt(mp.mpf(WEIGHT) * 0.25 * 9.75 / INERTIA)
+    m = (mp.mpf(3.5) / (2 * w)) ** 2
+    sn, cn = ([mp.ellipfun(k, w * x, m=m) for x in t] for k in ("sn", "cn"))
+    angles = [2 * mp.asin(mp.sqrt(m) * x) for x in sn]
+    tolerance = 1e-17 if WIDE else 1e-18
+    assert off(at.values[:, 0], angles) < tolerance
+    assert off(at.rates[:, 0], [2 * w * mp.sqrt(m) * x for x in cn]) < 4 * tolerance
+    assert off(at.second[:, 0], [-w * w * mp.sin(x) for x in angles]) < 20 * tolerance
+
+
+@wide
+def test_kinks_stops_and_tables_by_closed_forms():
+    t = np.linspace(0.0, 2.0, 9)
+    # free to 0.5 rad, then pushed away from there
+    made = pendulum(PairTorque("push", "12", "3*max(0, theta_12 - 0.5)"))
+    found = reference_simulation(made, Start(0.0, 1.0), 2.0)
+    (kink,) = found.switches
+    assert off([kink], [mp.mpf(0.5)]) < 1e-18
+    angles = [mp.mpf(x) if x < 0.5 else 0.5 + mp.sinh(2 * (mp.mpf(x) - 0.5)) / 2 for x in t]
+    assert off(found.at(t).values[:, 0], angles) < 1e-17
+    # dry friction brings it to rest, where it sticks
+    made = pendulum(PairTorque("brake", "12", "-0.6*sign(dtheta_12)"))
+    found = reference_simulation(made, Start(0.0, 1.0), 2.0)
+    brake = mp.mpf(0.6) / INERTIA
+    assert found.kind == "sticking" and off([found.end], [1 / brake]) < 1e-18
+    last = found.at(np.array([2.0]))
+    assert off(last.values[:, 0], [1 / (2 * brake)]) < 1e-17
+    # a stop
+    made = pendulum(stops=(Stop("12", -1.0, 0.7),))
+    found = reference_simulation(made, Start(0.0, 0.9), 2.0)
+    assert found.kind == "stop" and off([found.end], [mp.mpf(0.7) / mp.mpf(0.9)]) < 1e-18
+    # a table that repeats: up to 1 N m in 0.1 s and down to 0 in 0.2 s
+    saw = TorqueTable("saw", "12", (0.0, 0.1, 0.3), (0.0, 1.0, 0.0), True)
+    found = reference_simulation(pendulum(saw), Start(0.0, 0.0), 2.0)
+    up, period = mp.mpf(0.1), mp.mpf(0.3)
+
+    def gained(x):
+        whole = int(x // period)
+        rest = x - whole * period
+        first = min(rest, up) ** 2 / (2 * up)
+        later = max(rest - up, 0)
+        second = later - later**2 / (2 * (period - up))
+        return (whole * period / 2 + first + second) / INERTIA
+
+    assert off(found.at(t).rates[:, 0], [gained(mp.mpf(x)) for x in t]) < 1e-17
+
+
+def four_bar_inertia(made, q):
+    """Return the equivalent inertia of each link at an input, by vectors in mpmath.
+
+    R. Di Gregorio (2024), eqs. (14), (22), with the branch of theta_41 that closes.
+    """
+    geometry = made.geometry.links
+    a1, a2, a3, a4 = (mp.mpf(geometry[name].arcs[0]) for name in "1234")
+    s1, s2, s4 = map(mp.sin, (a1, a2, a4))
+    c1, c2, c3, c4 = map(mp.cos, (a1, a2, a3, a4))
+    k1, k2 = mp.matrix([0, 0, 1]), mp.matrix([0, s1, c1])
+    j2 = mp.matrix([mp.sin(q), -mp.cos(q) * c1, mp.cos(q) * s1])
+    k3 = k2 * c2 + j2 * s2
+    p = c4 * (mp.cos(q) * s2 * s1 + c1 * c2) - c3
+    r, x = mp.sin(q) * s2 * s4, s4 * (mp.cos(q) * s2 * c1 - s1 * c2)
+    turn = 2 * mp.atan2(-r - mp.sqrt(r * r + x * x - p * p), p - x)
+    k4 = mp.matrix([s4 * mp.sin(turn), -s4 * mp.cos(turn), c4])
+    columns = mp.matrix(3, 3)
+    for row in range(3):
+        columns[row, 0], columns[row, 1], columns[row, 2] = k3[row], k4[row], -k1[row]
+    rates = mp.lu_solve(columns, -k2)
+    w = {"2": k2, "3": k2 + k3 * rates[0], "4": k1 * rates[2]}
+
+    def frame(first, second):
+        side = second - first * (first.T * second)[0]
+        side = side / mp.norm(side)
+        return [cross(side, first), side, first]
+
+    frames = {"2": frame(k2, k3), "3": frame(k3, k4), "4": frame(k4, k1)}
+    found = []
+    for mass in made.masses:
+        own = [(axis.T * w[mass.link])[0] for axis in frames[mass.link]]
+        tensor = mass.tensor
+        found.append(
+            mp.fsum(
+                own[i] * mp.mpf(tensor[i][j]) * own[j] for i in range(3) for j in range(3)
+            )
+        )
+    return found
+
+
+def cross(a, b):
+    return mp.matrix(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def inputs_at(t, start, inertia, potential, near, nodes):
+    """Return the input (n,) at times by conservation of energy, and its rates.
+
+    t = integral of sqrt(B / (2 (E - V))) dq by Gauss's quadrature between approximate
+    inputs `near`, and a step of Newton's method at each. `inertia` takes a list.
+    """
+    points = gauss(nodes)
+    (first,) = inertia([mp.mpf(start.q)])
+    energy = first * mp.mpf(start.dq) ** 2 / 2 + potential(mp.mpf(start.q))
+    q, rates, since = [mp.mpf(start.q)], [mp.mpf(start.dq)], mp.mpf(0)
+    before = mp.mpf(start.q)
+    for when, place in zip(t[1:], near[1:], strict=True):
+        place = mp.mpf(place)
+        half = (place - before) / 2
+        at = [before + half * (1 + node) for node, _ in points]
+        sizes = inertia([*at, place])
+        pace = [
+            mp.sqrt(2 * (energy - potential(x)) / B)
+            for x, B in zip([*at, place], sizes, strict=True)
+        ]
+        since += half * mp.fsum(
+            weight / v for (_, weight), v in zip(points, pace, strict=False)
+        )
+        q.append(place + (mp.mpf(when) - since) * pace[-1])
+        before = place
+    sizes = inertia(q)
+    rates = [
+        mp.sqrt(2 * (energy - potential(x)) / B) for x, B in zip(q, sizes, strict=True)
+    ]
+    return q, rates
+
+
+def gauss(count):
+    """Return nodes and weights of Gauss's quadrature in mpmath."""
+    found = []
+    for guess in np.polynomial.legendre.leggauss(count)[0]:
+        x = mp.findroot(lambda y: mp.legendre(count, y), mp.mpf(guess))
+        slope = count * mp.legendre(count - 1, x) / (1 - x * x)
+        found.append((x, 2 / ((1 - x * x) * slope * slope)))
+    return found
+
+
+STIFF, REST = 0.5, 0.2
+FOUR_BAR = replace(sk.load("four_bar"), loads=(Spring("coil", "21", STIFF, REST),))
+START = Start(0.5, 3.0)
+
+
+def potential(q):
+    return mp.mpf(STIFF) * (q - mp.mpf(REST)) ** 2 / 2
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    """Return times, true inputs and their rates of the four-bar, in 50 digits."""
+    with mp.workdps(50):
+        t = np.linspace(0.0, 0.5, 4)
+        near = simulate(FOUR_BAR, START, 0.5, tolerance=1e-13).at(t).q
+
+        def inertia(q):
+            return [mp.fsum(four_bar_inertia(FOUR_BAR, x)) for x in q]
+
+        return t, *inputs_at(t, START, inertia, potential, near, 30)
+
+
+@wide
+def test_a_four_bar_moves_by_conservation_of_energy(four_bar):
+    t, q, rates = four_bar
+    found = reference_simulation(FOUR_BAR, START, 0.5)
+    at = found.at(t)
+    assert off(at.values[:, 0], q) < 1e-18
+    assert off(at.rates[:, 0], rates) < 4e-18
+
+
+def true_tables(q, rates):
+    """Return the columns of `eksergian` for the four-bar, in 50 digits."""
+    parts = [four_bar_inertia(FOUR_BAR, x) for x in q]
+    slopes = [
+        [mp.diff(lambda y, k=k: four_bar_inertia(FOUR_BAR, y)[k], x) for k in range(3)]
+        for x in q
+    ]
+    force = [-STIFF * (x - mp.mpf(REST)) for x in q]
+    B, dB = ([mp.fsum(each) for each in rows] for rows in (parts, slopes))
+    pushes = [
+        (f - slope * v * v / 2) / b
+        for f, slope, v, b in zip(force, dB, rates, B, strict=True)
+    ]
+    main = {"q": q, "dq": rates, "ddq": pushes, "B": B, "dB_dq": dB, "Q": force}
+    return {
+        "eksergian": main | {"tau": [mp.mpf(0)] * len(q)},
+        "inertia": {
+            "B": [x for each in parts for x in each],
+            "dB_dq": [x for each in slopes for x in each],
+        },
+        "loads": {
+            "Q": force,
+            "power": [f * v for f, v in zip(force, rates, strict=True)],
+        },
+    }
+
+
+def scaled(tables, true):
+    """Return the largest error of a column, over the largest number of its kind."""
+    worst = EPS
+    for name, columns in true.items():
+        for column, numbers in columns.items():
+            given = np.asarray(tables[name][column], dtype=float)
+            alike = columns["Q"] if column == "tau" else numbers
+            scale = 1 if column == "q" else max(map(abs, alike))
+            worst = max(worst, off(given, numbers) / float(scale))
+    return worst
+
+
+SETTINGS = [
+    Setting(integrator="numpy", tolerance=1e-4),
+    Setting(integrator="numpy", tolerance=1e-9),
+    Setting(integrator="numpy", tolerance=1e-13),
+]
+SETTINGS += [
+    Setting(integrator="compiled", tolerance=tolerance)
+    for tolerance in (1e-12, 1e-15)
+    if available()
+]
+
+
+def tables_of(made, analysis, setting, t, start, toward=None):
+    """Return the tables of a simulation by a setting, as an ordinary run gives them."""
+    from spherekit.analysis.course import simulated_course
+    from spherekit.trade.measure import Bench
+
+    done = simulate(
+        made,
+        start,
+        float(t[-1]),
+        tolerance=setting.tolerance,
+        engine=setting.integrator,
+    )
+    tracer = Tracer(made, None, 0, samples=2)
+    course = simulated_course(tracer, done, t, setting.tolerance)
+    return Bench.of(course, create(analysis)).tables(Setting())[0]
+
+
+@wide
+def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):
+    t, q, rates = four_bar
+    found = trade(
+        FOUR_BAR,
+        "eksergian",
+        samples=len(t),
+        start=START,
+        duration=0.5,
+        settings=SETTINGS,
+        rounds=1,
+    )
+    assert "float128" in found.reference and found.floor < 1e-15
+    true = true_tables(q, rates)
+    for each in found.settings:
+        tables = tables_of(FOUR_BAR, "eksergian", each.setting, t, START)
+        error = scaled(tables, true)
+        assert 0.5 * error <= each.error <= 2.0 * error, (each.name, each.error, error)
+
+
+def with_masses(name, *links):
+    """Return a shipped mechanism with two different masses and no loads."""
+    tensors = (
+        ((1.5, 0.1, 0.0), (0.1, 0.9, -0.2), (0.0, -0.2, 0.8)),
+        ((0.4, 0.0, 0.1), (0.0, 0.7, 0.0), (0.1, 0.0, 0.6)),
+    )
+    masses = tuple(Mass(link, own) for link, own in zip(links, tensors, strict=True))
+    return replace(sk.load(name), masses=masses, loads=())
+
+
+def rows_in_digits(made, q):
+    """Return the exact rows at inputs of mpmath, branch 0."""
+    tracer = Tracer(made, None, 0, path=np.array([[float(x)] for x in q]))
+    motion = tracer.at(np.array([float(x) for x in q]))
+    arithmetic = Digits(50)
+    inputs = np.array([[x] for x in q], dtype=object)
+    every = np.ones(len(motion), dtype=bool)
+    driven = motion.assembly.inputs[0]
+    found = exact_rows(motion, every, driven, arithmetic, inputs=inputs)
+    assert np.all(found.status == Status.OK)
+    return found
+
+
+def free_motion(made, start, t, nodes):
+    """Return inputs and rates in 50 digits of a mechanism without loads."""
+    near = simulate(made, start, float(t[-1]), tolerance=1e-13).at(t).q
+
+    def inertia(q):
+        return list(exact_inertia(rows_in_digits(made, q))[0])
+
+    return inputs_at(t, start, inertia, lambda q: mp.mpf(0), near, nodes)
+
+
+def error_of_poles(tables, exact, poles):
+    """Return the largest scaled error of the table `poles`, see `spherekit.trade`."""
+    data = tables["poles"]
+    floats = exact.arithmetic.floats
+    worst = 0.0
+    size = {"rate": 0.0, "rate_dq": 0.0}
+    error = dict.fromkeys(size, 0.0)
+    for k, (i, j) in enumerate(poles):
+        own = {name: np.asarray(x)[k :: len(poles)] for name, x in data.items()}
+        u = np.stack([own[f"u{c}"] for c in "xyz"], axis=1)
+        right = exact_direction(exact, (i, j), u)
+        worst = max(worst, np.max(np.abs(floats(right - exact.arithmetic.exact(u)))))
+        for name, w in (("rate", exact.w), ("rate_dq", exact.dw)):
+            along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
+            off_by = np.abs(floats(along - exact.arithmetic.exact(own[name])))
+            error[name] = max(error[name], np.max(off_by))
+            size[name] = max(size[name], np.max(np.abs(floats(along))))
+    return max(worst, *(error[name] / size[name] for name in size), EPS)
+
+
+@wide
+def test_reported_errors_of_a_stephenson_mechanism_are_within_a_factor_two():
+    made = with_masses("stephenson", "3", "6")
+    start, t = Start(0.4, 2.0), np.linspace(0.0, 0.3, 2)
+    q, rates = free_motion(made, start, t, 13)
+    at = reference_simulation(made, start, float(t[-1])).at(t)
+    assert off(at.values[:, 0], q) < 1e-18
+    assert off(at.rates[:, 0], rates) < 4e-18
+    found = trade(
+        made,
+        "poles",
+        samples=len(t),
+        start=start,
+        duration=float(t[-1]),
+        settings=SETTINGS[1:4],
+        rounds=1,
+    )
+    exact = rows_in_digits(made, q)
+    for each in found.settings:
+        tables = tables_of(made, "poles", each.setting, t, start)
+        wanted = create("poles").poles(made)
+        angles = np.asarray(tables["poles"]["q"])[:: len(wanted)]
+        error = max(error_of_poles(tables, exact, wanted), off(angles, q))
+        assert 0.5 * error <= each.error <= 2.0 * error, (each.name, each.error, error)
+
+
+def short_trade():
+    """Return the trade of one tolerance of NumPy for a pendulum."""
+    return trade(
+        pendulum(Gravity("weight", (0.0, 0.0, -9.75))),
+        "eksergian",
+        samples=3,
+        start=Start(0.0, 3.5),
+        duration=0.05,
+        settings=SETTINGS[:1],
+        rounds=1,
+    )
+
+
+def test_the_table_says_what_the_reference_was(monkeypatch):
+    if WIDE:
+        assert "a simulation in float128, known to" in short_trade().reference
+    for module in ("trade.simulated", "dynamics.reference"):
+        monkeypatch.setattr(f"spherekit.{module}.wide", lambda: Digits(20))
+    assert short_trade().reference == "a simulation in 20 digits"
+
+    def none(*given, **more):
+        raise EngineError("there is none")
+
+    monkeypatch.setattr("spherekit.trade.simulated.refined", none)
+    monkeypatch.setattr("spherekit.trade.simulated.available", lambda: False)
+    found = short_trade()
+    assert found.reference.startswith("simulation numpy tolerance 1e-13, known to")
+    assert found.reference.endswith("from numpy tolerance 1e-12 (there is none)")
+    assert EPS <= found.floor < 1e-10
+
+
+@compiled
+def test_ends_that_depend_on_a_tolerance_have_no_reference():
+    made = pendulum(PairTorque("burst", "12", "1/(0.1 - t)"))
+    with pytest.raises(EngineError, match="ended at 0.1 s .* shorter time"):
+        reference_simulation(made, Start(0.0, 1.0), 0.2)
+
+
+@compiled
+@wide
+def test_dry_friction_is_compared_until_it_sticks():
+    brake = PairTorque("brake", "21", "-0.6*sign(dtheta_21)")
+    made = replace(FOUR_BAR, loads=(brake,))
+    found = trade(
+        made,
+        "eksergian",
+        samples=5,
+        start=Start(0.3, 0.5),
+        duration=6.0,
+        settings=[Setting(integrator="compiled", tolerance=1e-14)],
+        rounds=1,
+    )
+    assert "float128" in found.reference
+    assert found.settings[0].error < 1e-12
