@@ -1,6 +1,6 @@
 """The inverse problem: the torque that drives a mechanism through a given motion."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -137,8 +137,8 @@ def inverse_dynamics(
         if isinstance(motion.joints[pair], Revolute):
             values[:, number] = continued_angles(values[:, number], motion.samples)
     values[:, tracer.solver.single] = np.tile(q, count)
-    arc = by_arc_length(tracer.solver.closure, values)
-    found = arc.by_variable(tracer.solver.single)
+    arc = by_arc_length(tracer.solver.closure, motion.values)
+    found = replace(arc.by_variable(tracer.solver.single), values=values)
     t, q, dq, ddq = (np.tile(x, count) for x in (t, q, dq, ddq))
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, found)
