@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import Status
+from spherekit.conventions import SINGULAR_RATIO, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
@@ -16,6 +16,7 @@ from spherekit.model.geometry import Revolute
 from spherekit.model.laws import Law
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
+from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats
 
 DEAD_CENTRE = 1e-6
@@ -146,6 +147,10 @@ def inverse_dynamics(
         tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
     status = motion.status.copy()
     flat = ~(np.abs(arc.rates[:, tracer.solver.single]) >= DEAD_CENTRE)
+    held = ~motion.failed
+    # Where branches nearly cross, rounding of the configuration decides the derivatives.
+    kept = driven_rates(motion, held, tracer.assembly.input).flatness
+    flat[held] |= ~(kept >= SINGULAR_RATIO)
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     status[(status == Status.OK) & ~np.isfinite(tau)] = Status.OVERFLOW
     bad = status != Status.OK
