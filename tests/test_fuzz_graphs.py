@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from mechanism_strategies import mechanisms, reordered, turned
 from scipy.spatial.transform import Rotation
 
+import spherekit as sk
 from benchmarks.fuzz import Tally, judge
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
@@ -177,11 +179,16 @@ def walked(motion, row, steps=40):
 
 
 def check_branches(made):
-    """No row is in another mode than the row before, carried on in small steps."""
     try:
         motion, _ = fields(made, samples=9)
     except SpherekitError:
         return
+    check_one_mode(motion)
+
+
+def check_one_mode(motion):
+    """No row is in another mode than the row before, carried on in small steps."""
+    made = motion.mechanism
     angles = [made.pairs[p].type == "R" for p in made.variable_owners]
     good = motion.status == Status.OK
     for row in np.flatnonzero(good[:-1] & good[1:]):
@@ -224,6 +231,17 @@ def test_said_otherwise_it_is_the_same(data):
 @given(mechanisms(span=1.2))
 def test_no_branch_jumps_to_another_mode(made):
     check_branches(made)
+
+
+def test_a_jump_is_seen():
+    tracer = Tracer(sk.load("four_bar"), samples=9)
+    motion = tracer.motion()
+    first, other = (motion.rows(motion.branch == k) for k in (0, 1))
+    check_one_mode(first)
+    values = first.values.copy()
+    values[4:] = other.values[4:]
+    with pytest.raises(AssertionError):
+        check_one_mode(replace(first, values=values))
 
 
 @pytest.mark.long
