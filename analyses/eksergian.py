@@ -21,7 +21,7 @@ from spherekit.analysis.tables import (
     Table,
     TableData,
 )
-from spherekit.conventions import Status
+from spherekit.conventions import Status, listing
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import Inertia, inertia
 from spherekit.dynamics.inverse import driving_torque, need_terms
@@ -116,6 +116,12 @@ class Eksergian(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return rates of the links with mass, and what the loads depend on."""
         need_terms(mechanism)
+        if len(mechanism.inputs) > 1:
+            raise AnalysisError(
+                f"eksergian: {mechanism.name} has {len(mechanism.inputs)} inputs "
+                f"({listing(item.pair for item in mechanism.inputs)}), but the torque is "
+                "that of a single one; lock the others by merging the links of their pairs"
+            )
         links = frozenset(mass.link for mass in mechanism.masses)
         links |= used_links(mechanism)
         pairs = used_pairs(mechanism)

@@ -41,6 +41,8 @@ Floats = NDArray[np.float64]
 
 Row = dict[str, Any]
 
+MOST_INPUTS = 3
+"""The freedoms that an output has at most."""
 LINE_TONE = 4
 TONES = {"I": 1, "II": 2, "III": 3, "apparent": 0}
 RESTS = 1e-8
@@ -179,6 +181,12 @@ class SingularityAnalysis(AbstractAnalysis):
                     "the mechanism declares as [outputs.NAME]"
                 )
             self._several.outputs(mechanism)
+            if self.lattice and len(mechanism.inputs) > MOST_INPUTS:
+                raise AnalysisError(
+                    f"singularities: lattice: with {len(mechanism.inputs)} inputs an "
+                    f"output can always rest: it has {MOST_INPUTS} freedoms at most, so "
+                    "no part is free of type I; lattice=0 leaves the parts out"
+                )
         else:
             self.outputs(mechanism)
         return Needs(tracer=True)

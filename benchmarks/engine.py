@@ -165,7 +165,14 @@ def _exact(times: Floats) -> tuple[Floats, str]:
     tau = np.asarray(made.tau(problem.values[:, None]))[:, 0]
     momentum = float(state[len(problem.values)] * np.sign(tau @ problem.tangent))
     found = integrate(
-        made, equation.mechanism, problem.values, momentum, 1.0, [10.0], equation.closed
+        made,
+        equation.mechanism,
+        problem.values,
+        problem.turns,
+        momentum,
+        1.0,
+        [10.0],
+        equation.closed,
     )
     states, _, turns = found.at(times)
     values = states[:, : turns.shape[1]] + 2.0 * np.pi * turns

@@ -427,6 +427,7 @@ def reference_path(made, branch):
         exact,
         mechanism,
         problem.values,
+        problem.turns,
         sense * momentum,
         1.0,
         [10.0],

@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from closed_forms import four_bar_angles, four_bar_coefficients
 
+import spherekit as sk
 from benchmarks import extremes
 from benchmarks.__main__ import main
-from benchmarks.extremes.reference import DIGITS, exact, length, truth
+from benchmarks.extremes.reference import DIGITS, Reference, exact, length, truth
 from benchmarks.extremes.registry import ALLOWED, ROUNDOFF, TRUSTED, Row
 from benchmarks.extremes.shapes import four_bar, point_of
+from spherekit.errors import ModelError
 
 CASES = extremes.cases()
 FAST = {
@@ -119,3 +121,10 @@ def test_cases_can_be_listed_and_run_alone(capsys):
     with pytest.raises(SystemExit):
         main(["extremes", "--only", "no_such_case"])
     assert "no case is named no_such_case" in capsys.readouterr().err
+
+
+def test_the_reference_refuses_profiles_that_it_does_not_know():
+    """It raised NotImplementedError, which no caller takes for a refusal."""
+    with pytest.raises(ModelError, match='link cam is "fourier".*spherekit.exact.rows'):
+        Reference(sk.load("shaped_cam"))
+    assert Reference(sk.load("flat_cam")).data.radii.shape[0] == 2

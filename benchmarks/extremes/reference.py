@@ -11,6 +11,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.errors import ModelError
 from spherekit.model.geometry import Revolute, geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
@@ -152,13 +153,18 @@ class Reference:
             assert profiles is not None
             for which, curve in enumerate((joint.first, joint.second)):
                 profile = profiles[which]
-                if profile.kind != "circle" or profile.radius is None:
-                    raise NotImplementedError("contacts here are those of circles")
+                if profile.kind not in ("circle", "great_circle"):
+                    raise ModelError(
+                        f"{self.mechanism.name}: pairs.{self.mechanism.pairs[k].name}: the "
+                        f'profile of link {self.mechanism.pairs[k].links[which]} is "'
+                        f'{profile.kind}", but this reference is of circles alone; '
+                        "compare with spherekit.exact.rows, which knows all profiles"
+                    )
                 own = curve
                 if hasattr(curve, "forward"):
                     own, turns[which, k] = curve.forward, -1
                 frames[which, k] = own.axes  # type: ignore[attr-defined]
-                radii[which, k] = profile.radius
+                radii[which, k] = profile.radius or 0.5 * np.pi
         axis = exact(frames[..., 2])
         axis = axis / length(axis)[..., None]
         side = exact(frames[..., 0])

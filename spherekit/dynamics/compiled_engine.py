@@ -103,6 +103,7 @@ def by_taylor_series(
         made,
         mechanism,
         problem.values,
+        problem.turns,
         sense * unit * problem.speed,
         unit,
         (*problem.switches, problem.until),

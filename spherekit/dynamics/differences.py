@@ -5,6 +5,7 @@ input (Di Gregorio 2024, eqs. (30), (31)).
 """
 
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -54,7 +55,8 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         masses = inertia(problem.equation.mechanism, motion)
         B, dB = float(masses.B[0]), float(masses.dB[0])
         loads = problem.equation.loads
-        forces = loads.parts(motion, np.array([speed]), np.array([t]))[0]
+        seen = replace(motion, values=motion.values + problem.whole)
+        forces = loads.parts(seen, np.array([speed]), np.array([t]))[0]
         states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))
         tangents.append(tangent)
         if number == count:
@@ -86,7 +88,9 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     if not path:
         raise cannot_leave(problem, end.message)
     gap = closure.residual(*closure.place(np.array(states)[:, :variables]))
-    traced = CollocationPath(tuple(path), float(np.max(np.abs(gap), initial=0.0)))
+    traced = CollocationPath(
+        tuple(path), problem.turns, float(np.max(np.abs(gap), initial=0.0))
+    )
     seconds = time.perf_counter() - started
     report = EngineReport("numpy", REASON, 0.0, seconds, len(path))
     return Simulation(problem.equation, driven, traced, (), end, report)

@@ -19,10 +19,14 @@ from spherekit.sphere.rotation import Floats
 @final
 @dataclass(frozen=True)
 class StepEvents:
-    """An accepted step with the tangents (N, variables) of the curve at its nodes."""
+    """An accepted step with the tangents (N, variables) of the curve at its nodes.
+
+    `whole` (variables,) rad are turns by which its variables are less than those of stops.
+    """
 
     step: Step
     tangents: Floats
+    whole: Floats
 
     @cached_property
     def t(self) -> Floats:
@@ -48,7 +52,8 @@ class StepEvents:
         reached: list[tuple[float, Stop]] = []
         for stop in mechanism.stops:
             column = variable_of(mechanism, stop.pair)
-            for level, sense in ((stop.low, -1.0), (stop.high, 1.0)):
+            for limit, sense in ((stop.low, -1.0), (stop.high, 1.0)):
+                level = limit - self.whole[column]
                 beyond = sense * (self.states[:, column] - level)
                 beyond[0] = min(beyond[0], 0.0)
                 value = self._column(column, level)

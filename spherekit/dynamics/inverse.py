@@ -1,12 +1,12 @@
 """The inverse problem: the torque that drives a mechanism through a given motion."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import Status
+from spherekit.conventions import SINGULAR_RATIO, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
@@ -16,6 +16,7 @@ from spherekit.model.laws import Law
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Tracer
+from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats
 
 DEAD_CENTRE = 1e-6
@@ -139,8 +140,8 @@ def inverse_dynamics(
     for number, name in names.items():
         values[:, number] = angles[name]
     values[:, tracer.solver.single] = np.tile(q, count)
-    arc = by_arc_length(tracer.solver.closure, values)
-    found = arc.by_variable(tracer.solver.single)
+    arc = by_arc_length(tracer.solver.closure, motion.values)
+    found = replace(arc.by_variable(tracer.solver.single), values=values)
     t, q, dq, ddq = (np.tile(x, count) for x in (t, q, dq, ddq))
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, found)
@@ -148,6 +149,10 @@ def inverse_dynamics(
         tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
     status = motion.status.copy()
     flat = ~(np.abs(arc.rates[:, tracer.solver.single]) >= DEAD_CENTRE)
+    held = ~motion.failed
+    # Where branches nearly cross, rounding of the configuration decides the derivatives.
+    kept = driven_rates(motion, held, tracer.assembly.input).flatness
+    flat[held] |= ~(kept >= SINGULAR_RATIO)
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     status[(status == Status.OK) & ~np.isfinite(tau)] = Status.OVERFLOW
     bad = status != Status.OK

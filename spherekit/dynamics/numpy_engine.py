@@ -70,7 +70,7 @@ class Collocation:
 
     def field(self, t: Floats, states: Floats) -> Floats:
         """Return the rates of states, on the side of the last step's tangent."""
-        self.last = self.equation.at(t, states, self.tangent)
+        self.last = self.equation.at(t, states, self.tangent, self.problem.whole)
         return self.equation.rates(self.last)
 
     def advance(self) -> bool:
@@ -111,7 +111,7 @@ class Collocation:
         return Simulation(
             self.equation,
             problem.driven,
-            CollocationPath(tuple(self.path), self.drift),
+            CollocationPath(tuple(self.path), problem.turns, self.drift),
             tuple(self.events),
             end,
             EngineReport("numpy", reason, 0.0, self.seconds, len(self.path), forecast),
@@ -147,16 +147,17 @@ class Collocation:
                 state = self._closed(tried.step.end)
                 yield t
             if t < problem.until:
-                self._note("switch", t, float(state[problem.driven]), "")
+                self._note("switch", t, self._input(state), "")
                 before = None
         return End("time", problem.until, "the time asked for is over")
 
     def _first_length(self, state: Floats) -> float:
-        found = self.equation.at(np.zeros(1), state[None], self.tangent)
+        problem = self.problem
+        found = self.equation.at(np.zeros(1), state[None], self.tangent, problem.whole)
         pace = abs(float(found.speed[0])) / FIRST_ARC
         push = abs(float(np.sum(found.forces) / found.B[0]))
         pace = max(pace, np.sqrt(push / FIRST_ARC))
-        until = self.problem.until
+        until = problem.until
         length = min(until, 1.0 / max(pace, 1e-300), 1.0)
         return float(max(length, SHORTEST * until))
 
@@ -173,7 +174,7 @@ class Collocation:
         assert self.last is not None
         mechanism, driven = self.equation.mechanism, self.problem.driven
         tangents = self.last.motion.rates
-        within = StepEvents(step, tangents)
+        within = StepEvents(step, tangents, self.problem.whole)
         end = self._end(within)
         last = np.inf if end is None else end.t
         name = mechanism.pairs[mechanism.variable_owners[driven]].name
@@ -181,7 +182,7 @@ class Collocation:
         found += [("rest", t, "") for t in within.rests(self.equation.variables)]
         for kind, t, pair in sorted(found, key=lambda item: item[1]):
             if t < last:
-                self._note(kind, t, float(step.at(np.array([t]))[0, driven]), pair)
+                self._note(kind, t, self._input(step.at(np.array([t]))[0]), pair)
         self.path.append(Travelled(step, tangents))
         self.tangent = tangents[-1]
         return end
@@ -201,9 +202,14 @@ class Collocation:
             return None
         t, stop = reached
         state = within.step.at(np.array([t]))[0]
-        value = float(state[variable_of(self.equation.mechanism, stop.pair)])
-        self._note("stop", t, float(state[self.problem.driven]), stop.pair)
+        place = variable_of(self.equation.mechanism, stop.pair)
+        value = float(state[place] + self.problem.whole[place])
+        self._note("stop", t, self._input(state), stop.pair)
         return stop_end(t, stop.pair, value)
+
+    def _input(self, state: Floats) -> float:
+        driven = self.problem.driven
+        return float(state[driven] + self.problem.whole[driven])
 
     def _note(self, kind: str, t: float, q: float, pair: str) -> None:
         self.events.append(Event(kind, t, q, pair))  # type: ignore[arg-type]

@@ -56,9 +56,13 @@ class Travelled:
 @final
 @dataclass(frozen=True)
 class CollocationPath:
-    """Steps whose states are polynomials, in order of time."""
+    """Steps whose states are polynomials, in order of time.
+
+    The variables in them are less `turns` (variables,) whole turns.
+    """
 
     items: tuple[Travelled, ...]
+    turns: Floats
     drift: float
 
     @cached_property
@@ -83,4 +87,4 @@ class CollocationPath:
             place = (t[rows] - item.step.start) / item.step.length * len(item.tangents)
             nearest = np.clip(place.astype(int), 0, len(item.tangents) - 1)
             along[rows] = item.tangents[nearest]
-        return Traced(states, rates, along, np.zeros_like(along))
+        return Traced(states, rates, along, np.broadcast_to(self.turns, along.shape))

@@ -9,6 +9,7 @@ import numpy as np
 from spherekit.conventions import STATUS_MEANING, Status, listing
 from spherekit.dynamics.inertia import need_inertia
 from spherekit.dynamics.state import EquationOfMotion
+from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
 from spherekit.model.dynamics import DRIVE, PairTorque, TorqueTable
 from spherekit.model.geometry import geometry_of
@@ -23,6 +24,9 @@ from spherekit.sphere.rotation import Floats
 NEAR = 0.1
 """A given configuration may be this far (rad) from one that closes."""
 
+FARTHEST = 1e9
+"""Angles (rad) beyond it are held by a float64 to no better than 1e-7 rad."""
+
 STANDSTILL = 1e-9
 """A pair variable whose rate along the curve is smaller cannot be given a rate."""
 
@@ -33,7 +37,8 @@ class PoseStart:
     """A start from a whole configuration, which may be a dead centre of the input.
 
     `values` (variables,) in the order of the mechanism's `variable_names`, closed to
-    `NEAR`; `rate` (rad/s) is that of the R pair `pair`.
+    `NEAR`, angles with any number of whole turns; `rate` (rad/s) is that of the R pair
+    `pair`.
     """
 
     values: Sequence[float]
@@ -46,17 +51,24 @@ class PoseStart:
 class Problem:
     """A direct problem that has passed all checks.
 
-    `values` (variables,) closed at the start; `speed` along `tangent` (variables,);
-    `switches` times within the run at which steps begin anew.
+    `values` (variables,) closed at the start, less `turns` (variables,) whole turns, so
+    that they keep their digits; `speed` along `tangent` (variables,); `switches` times
+    within the run at which steps begin anew.
     """
 
     equation: EquationOfMotion
     driven: int
     values: Floats
+    turns: Floats
     tangent: Floats
     speed: float
     until: float
     switches: tuple[float, ...]
+
+    @property
+    def whole(self) -> Floats:
+        """The angles (variables,) of `turns`, rad."""
+        return FULL_TURN * self.turns
 
 
 def prepare(
@@ -93,10 +105,10 @@ def prepare(
     equation = EquationOfMotion(mechanism, closure)
     if isinstance(start, PoseStart):
         moved = variable_of(mechanism, start.pair)
-        values = _closed(closure, name, start.values)
+        values, turns = _closed(closure, mechanism, start.values)
     else:
         moved = driven
-        values = _configuration(Tracer(mechanism), start.q, branch)
+        values, turns = _configuration(Tracer(mechanism), start.q, branch)
     vectors = closure.vectors(*closure.place(values[None]))
     if rank_mobility(closure.tree, vectors)[0] != 1:
         raise SolveError(
@@ -112,9 +124,9 @@ def prepare(
             "another pair"
         )
     speed = rate / tangent[moved] if rate != 0.0 else 0.0
-    _check_stops(mechanism, values)
+    _check_stops(mechanism, values + FULL_TURN * turns)
     inside = tuple(t for t in times if 0.0 < t < until)
-    return Problem(equation, driven, values, tangent, speed, until, inside)
+    return Problem(equation, driven, values, turns, tangent, speed, until, inside)
 
 
 def variable_of(mechanism: Mechanism, pair: str) -> int:
@@ -124,7 +136,11 @@ def variable_of(mechanism: Mechanism, pair: str) -> int:
     return mechanism.variables_of(mechanism.pair_number[pair])[0]
 
 
-def _closed(closure: Closure, name: str, values: Sequence[float]) -> Floats:
+def _closed(
+    closure: Closure, mechanism: Mechanism, values: Sequence[float]
+) -> tuple[Floats, Floats]:
+    """Return the closed configuration, and the whole turns that it is less (variables,)."""
+    name = mechanism.name
     given = np.asarray(values, dtype=float)
     count = len(closure.tree.owners)
     if given.shape != (count,) or not np.all(np.isfinite(given)):
@@ -132,6 +148,10 @@ def _closed(closure: Closure, name: str, values: Sequence[float]) -> Floats:
             f"{name}: values at the start must be {count} finite numbers, one for each "
             "variable"
         )
+    _need_digits(name, given)
+    angles = [mechanism.pairs[pair].type == "R" for pair in mechanism.variable_owners]
+    turns = np.where(angles, whole_turns(given), 0.0)
+    given = np.where(angles, reduced(given), given)
     found = closure.solve(given[None])
     moved = float(np.max(np.abs(found.values[0] - given)))
     if not (found.residual[0] < 1e-12 and moved < NEAR):
@@ -140,10 +160,22 @@ def _closed(closure: Closure, name: str, values: Sequence[float]) -> Floats:
             f"configuration found is {moved:.2g} rad away (residual "
             f"{found.residual[0]:.2g} rad), allowed is {NEAR} rad"
         )
-    return np.asarray(found.values[0])
+    return np.asarray(found.values[0]), turns
 
 
-def _configuration(tracer: Tracer, q: float, branch: int) -> Floats:
+def _need_digits(name: str, values: Floats) -> None:
+    """Raise `SolveError` where angles are so large that they say no configuration."""
+    largest = float(np.max(np.abs(values), initial=0.0))
+    if largest > FARTHEST:
+        raise SolveError(
+            f"{name}: an angle at the start is {largest:.6g} rad, which a float64 holds to "
+            f"{np.spacing(largest):.2g} rad only; allowed is up to {FARTHEST:g} rad. Leave "
+            "out whole turns"
+        )
+
+
+def _configuration(tracer: Tracer, q: float, branch: int) -> tuple[Floats, Floats]:
+    """Return the configuration at an input, and the whole turns that it is less."""
     name = tracer.mechanism.name
     numbers = [item.number for item in tracer.branches]
     if branch not in numbers:
@@ -153,7 +185,8 @@ def _configuration(tracer: Tracer, q: float, branch: int) -> Floats:
         )
     if not np.isfinite(q):
         raise SolveError(f"{name}: the input at the start is {q}, give a finite number")
-    motion = tracer.at(np.array([into_range(tracer, np.array([q]))[0]]))
+    _need_digits(name, np.array([q]))
+    motion = tracer.at(into_range(tracer, np.array([q])))
     row = numbers.index(branch)
     if motion.failed[row]:
         status = Status(int(motion.status[row]))
@@ -162,18 +195,30 @@ def _configuration(tracer: Tracer, q: float, branch: int) -> Floats:
             f"({status.name}): {STATUS_MEANING[status]}"
         )
     values: Floats = motion.values[row].copy()
-    values[tracer.solver.single] = q
-    return values
+    turns = np.zeros(len(values))
+    driven = tracer.solver.single
+    values[driven], turns[driven] = reduced(np.array(q)), whole_turns(np.array(q))
+    return values, turns
+
+
+def reduced(angles: Floats) -> Floats:
+    """Return angles (rad) less whole turns, between -pi and pi, to the last digit."""
+    turned = np.arctan2(np.sin(angles), np.cos(angles))
+    return np.asarray(np.where(np.abs(angles) <= np.pi, angles, turned))
+
+
+def whole_turns(angles: Floats) -> Floats:
+    """Return the number of whole turns by which angles (rad) exceed the reduced ones."""
+    return np.asarray(np.round((angles - reduced(angles)) / FULL_TURN))
 
 
 def into_range(tracer: Tracer, q: Floats) -> Floats:
-    """Return inputs moved by whole turns into the input's range, if that is a turn."""
-    turn = 2.0 * np.pi
+    """Return inputs moved by whole turns into the input's range, where those reach it."""
     low, high = tracer.range
-    if high - low < turn * (1.0 - 1e-12):
-        return q
     inside = (q >= low) & (q <= high)
-    return np.asarray(np.where(inside, q, low + np.mod(q - low, turn)))
+    least = reduced(q)
+    moved = least + FULL_TURN * np.ceil((low - least) / FULL_TURN)
+    return np.asarray(np.where(inside | ~(moved <= high), q, moved))
 
 
 def _check_stops(mechanism: Mechanism, values: Floats) -> None:

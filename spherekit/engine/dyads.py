@@ -5,6 +5,8 @@ any other pair is formed.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
@@ -85,12 +87,11 @@ def _close(structure: Structure, group: Group, sign: Expr, within: list[Placemen
     first, second = axis(near, 0), axis(far, 0)
     bodies = [(near, 1), (far, 2)]
     own = [(held(outer, body), held(middle, body)) for outer, body in bodies]
-    sides = [_versine(within, *both) for both in own]
+    sides = [_side(within, *both) for both in own]
     reached = _third_axis(first, second, sides, sign if even else -1.0 * sign)
     depth = 1 + max(each.depth for each in within)
     for (_, body), ((one, outer), (other, mid)) in zip(bodies, own, strict=True):
-        given = first if body == 1 else second
-        basis = np.stack([given, reached, cross(given, reached)], axis=1)
+        basis = _frame(first if body == 1 else second, reached)
         links = group.bodies[body]
         if len(links) == 1:
             within[links[0]] = _single(basis, outer, mid, depth)
@@ -104,44 +105,94 @@ def _close(structure: Structure, group: Group, sign: Expr, within: list[Placemen
             )
 
 
+def _frame(a: Exprs, b: Exprs) -> Exprs:
+    """Return the columns a + b, a - b, a x b, at right angles to each other (unit a, b).
+
+    Unlike a and b themselves they keep their digits where those nearly coincide.
+    """
+    return np.stack([a + b, a - b, cross(a, b)], axis=1)
+
+
 def _single(basis: Exprs, outer: Floats, middle: Floats, depth: int) -> Placement:
-    """Return the placement of one link by two of its axes and their product."""
-    own = np.stack([outer, middle, np.cross(outer, middle)], axis=1)
-    return Placement(basis, np.linalg.inv(own), own.T @ own, depth)
+    """Return the placement of one link by the frame of two of its axes."""
+    own = np.stack([outer + middle, outer - middle, np.cross(outer, middle)], axis=1)
+    sizes = np.linalg.norm(own, axis=0)
+    within = np.linalg.inv(own / sizes) / sizes[:, None]
+    return Placement(basis, within, own.T @ own, depth)
 
 
 def _inverse(a: Exprs, b: Exprs) -> Exprs:
-    """Return the inverse of the matrix with the columns a, b, a x b (unit a, b)."""
-    g = dot(a, b)
-    share = 1.0 / (1.0 - g * g)
-    rows = [(a - b * g) * share, (b - a * g) * share, cross(a, b) * share]
-    return np.stack(rows, axis=0)
+    """Return the inverse of the frame of a and b.
 
-
-def _versine(
-    within: Sequence[Placement], one: tuple[int, Floats], other: tuple[int, Floats]
-) -> Expr:
-    """Return 1 - cos of the arc between two axes (link, direction) of a body."""
-    if one[0] == other[0]:
-        return 0.5 * float(np.sum((one[1] - other[1]) ** 2))
-    gap = within[one[0]].direction(one[1]) - within[other[0]].direction(other[1])
-    return 0.5 * dot(gap, gap)
-
-
-def _third_axis(first: Exprs, second: Exprs, sides: Sequence[Expr], sign: Expr) -> Exprs:
-    """Return the unit vector at given arcs from two others.
-
-    With X, Y, Z the versines of base and sides, b = p a + q c + r (a x c), where
-    p = (cos Y - cos X cos Z) / sin^2 and so on, and r^2 sin^4 is the Gram determinant
-    4 X Y - (X + Y - Z)^2 - 2 X Y Z: no difference of nearly equal cosines is formed.
+    Rounding of their lengths tilts a + b and a - b against each other; where one of them
+    is short that counts, so they are not taken to be at right angles.
     """
-    gap = first - second
-    x, (y, z) = 0.5 * dot(gap, gap), sides
-    sine = x * (2.0 - x)
-    share = 1.0 / sine
-    middle = x + y - z
-    gram = 4.0 * (x * y) - middle * middle - 2.0 * (x * y * z)
-    p = (x + z - y - x * z) * share
-    q = (middle - x * y) * share
-    r = function("sqrt", gram) * share * sign
-    return np.asarray(first * p + second * q + cross(first, second) * r)
+    more, less = a + b, a - b
+    u, v = 1.0 / dot(more, more), 1.0 / dot(less, less)
+    tilt = dot(more, less) * u * v
+    third = cross(a, b) * (4.0 * (u * v))
+    return np.stack([more * u - less * tilt, less * v - more * tilt, third], axis=0)
+
+
+@final
+@dataclass(frozen=True)
+class _Side:
+    """The arc between the two axes of a dyad's body, by sine and cosine of its half."""
+
+    sine: Expr
+    cosine: Expr
+
+
+def _side(
+    within: Sequence[Placement], one: tuple[int, Floats], other: tuple[int, Floats]
+) -> _Side:
+    """Return the arc between two axes (link, direction) of a body."""
+    if one[0] == other[0]:
+        more, less = (float(np.linalg.norm(one[1] + k * other[1])) for k in (1, -1))
+        half = float(np.arctan2(less, more))
+        return _Side(float(np.sin(half)), float(np.cos(half)))
+    a, b = (within[link].direction(axis) for link, axis in (one, other))
+    more, less = a + b, a - b
+    return _Side(
+        0.5 * function("sqrt", dot(less, less)), 0.5 * function("sqrt", dot(more, more))
+    )
+
+
+def _third_axis(first: Exprs, second: Exprs, sides: Sequence[_Side], sign: Expr) -> Exprs:
+    """Return the unit vector at given arcs A and C from two others, a and c.
+
+    It is (cos A + cos C) (a + c) / |a + c|^2 + (cos A - cos C) (a - c) / |a - c|^2
+    + t (a x c) / |a x c|^2 with t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)), as in
+    `spherekit.output.dyads`.
+    """
+    near, far = sides
+    total = _Side(
+        near.sine * far.cosine + near.cosine * far.sine,
+        near.cosine * far.cosine - near.sine * far.sine,
+    )
+    rest = _Side(
+        near.sine * far.cosine - near.cosine * far.sine,
+        near.cosine * far.cosine + near.sine * far.sine,
+    )
+    more, less = first + second, first - second
+    squares = dot(more, more), dot(less, less)
+    u, v = 1.0 / squares[0], 1.0 / squares[1]
+    gram = _over(rest, squares) * (-1.0 * _over(total, squares))
+    height = 4.0 * (function("sqrt", gram) * (u * v)) * sign
+    along = 2.0 * (total.cosine * rest.cosine) * u, -2.0 * (total.sine * rest.sine) * v
+    return np.asarray(more * along[0] + less * along[1] + cross(first, second) * height)
+
+
+def _over(side: _Side, squares: tuple[Expr, Expr]) -> Expr:
+    """Return the cosine of an arc less a . c, from |a + c|^2 and |a - c|^2.
+
+    It is |a - c|^2 / 2 - 2 sin^2 of half the arc, and 2 cos^2 of it - |a + c|^2 / 2. The
+    first keeps its digits where a and c nearly coincide, the second where they are nearly
+    opposite. Of an arc that varies both are taken, each with the other's square as weight;
+    the squares add up to 4.
+    """
+    one = 0.5 * squares[1] - 2.0 * (side.sine * side.sine)
+    other = 2.0 * (side.cosine * side.cosine) - 0.5 * squares[0]
+    if isinstance(side.sine, float):
+        return one if abs(side.sine) < abs(side.cosine) else other
+    return 0.25 * (one * squares[0] + other * squares[1])

@@ -149,6 +149,7 @@ def integrate(
     equation: CompiledEquation,
     mechanism: Mechanism,
     values: Floats,
+    turns: Floats,
     momentum: float,
     unit: float,
     targets: Sequence[float],
@@ -162,9 +163,9 @@ def integrate(
     ----------
     equation, mechanism
         The equation compiled for this mechanism, whose tables and stops are used.
-    values, momentum
-        (variables,) a closed configuration (rad), and sqrt(B) u, positive in the sense
-        of the homogeneous rates.
+    values, turns, momentum
+        (variables,) a closed configuration (rad) less whole turns, and sqrt(B) u, positive
+        in the sense of the homogeneous rates.
     unit
         A momentum of usual size, not zero.
     targets
@@ -173,7 +174,8 @@ def integrate(
         Puts a configuration back onto its curve, and says what its residual was.
     """
     with equation.lock:
-        return _Integration(equation, mechanism, values, momentum, unit, close).run(targets)
+        made = _Integration(equation, mechanism, values, turns, momentum, unit, close)
+        return made.run(targets)
 
 
 @final
@@ -185,6 +187,7 @@ class _Integration:
         equation: CompiledEquation,
         mechanism: Mechanism,
         values: Floats,
+        turns: Floats,
         momentum: float,
         unit: float,
         close: Callable[[Floats], tuple[Floats, float]],
@@ -193,7 +196,7 @@ class _Integration:
         self.close, self.drift = close, 0.0
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.count = len(values)
-        self.turns = np.zeros(self.count)
+        self.turns = turns
         self.work = np.zeros(len(mechanism.loads))
         self.unit = max(unit, abs(momentum))
         kinds = [mechanism.pairs[owner].type for owner in mechanism.variable_owners]

@@ -201,7 +201,7 @@ def _started(closure: Closure, values: Floats) -> _Node:
     """Return the node of a configuration, after closing it exactly."""
     if not np.all(np.isfinite(values)):
         raise SolveError("the configuration to follow has to be finite, but is not")
-    gap = float(np.max(np.abs(closure.linearise(values[None])[0])))
+    gap = float(np.max(np.abs(closure.linearise(values[None])[0]), initial=0.0))
     if not gap < CLOSED_START:
         raise SolveError(
             f"the configuration to follow does not close: its residual is {gap:.3g} rad, "
@@ -222,7 +222,7 @@ def _motion(closure: Closure, values: Floats) -> Floats:
     _, jacobian = closure.linearise(values[None])
     _, sizes, right = np.linalg.svd(jacobian[0])
     sizes = np.append(sizes, np.zeros(max(0, len(right) - len(sizes))))
-    if sizes[-2] < SINGULAR * sizes[0]:
+    if len(sizes) > 1 and sizes[-2] < SINGULAR * sizes[0]:
         raise SolveError(SINGULAR_START)
     if sizes[-1] > MOVING * sizes[0]:
         raise SolveError(

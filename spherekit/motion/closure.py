@@ -127,7 +127,7 @@ class Closure:
         for step in range(iterations + 1):
             part = self.take(active)
             gap, jacobian = part.linearise(values[active])
-            size = np.max(np.abs(gap), axis=1)
+            size = np.max(np.abs(gap), axis=1, initial=0.0)
             better = size < residual[active]
             improved = active[better]
             best[improved], residual[improved] = values[improved], size[better]

@@ -96,7 +96,7 @@ def dead_inputs(
     meetings = meetings_of(solver, most_cost) if low < high else None
     if meetings is None:
         return DeadInputs(low, high, np.zeros(0), np.array([[low, high]]))
-    if not meetings.groups:
+    if not meetings.groups:  # an open chain has one mode
         return DeadInputs(low, high, np.zeros(0), np.zeros((0, 2)))
     most = int(np.clip(MOST_TIME / (36.0 * meetings.cost), 12, MOST_CELLS))
     found = [

@@ -56,7 +56,8 @@ class Distinct:
         exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
         jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
         least = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
-        gap = np.max(np.abs(self.closure.residual(placed, states)), axis=1)
+        residual = self.closure.residual(placed, states)
+        gap = np.max(np.abs(residual), axis=1, initial=0.0)
         error = np.maximum(gap, EPS) / np.maximum(least, EPS)
         tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled = [variable for variable, _ in self._rolling]

@@ -114,7 +114,7 @@ def curve_points(
     `values`, `borders` (n, variables); a border only has to have a part along the curve.
     """
     placed, states = closure.place(values)
-    gap = np.max(np.abs(closure.residual(placed, states)), axis=1)
+    gap = np.max(np.abs(closure.residual(placed, states)), axis=1, initial=0.0)
     frames = closure.frames(placed, states)
     vectors = variable_vectors(closure.joints, frames, states.curvatures)
     jacobian = bordered(closure.tree.jacobian(vectors), borders)

@@ -86,7 +86,11 @@ def nodes_at(
     free = [v for v in range(values.shape[1]) if v not in driven]
     square = jacobian[:, :, free]
     finite = np.all(np.isfinite(square), axis=(1, 2))
-    singular = np.linalg.svd(np.where(finite[:, None, None], square, 1.0), compute_uv=False)
+    flatness = np.ones(len(values))
+    if free:
+        known = np.where(finite[:, None, None], square, 1.0)
+        sizes = np.linalg.svd(known, compute_uv=False)
+        flatness = np.where(finite, sizes[:, -1] / sizes[:, 0], 0.0)
     slope, bend = np.zeros_like(values), np.zeros_like(values)
     inverse = left_inverse(square)
     slope[:, held] = direction
@@ -103,7 +107,7 @@ def nodes_at(
         slope,
         bend,
         determinant_sign(square),
-        np.where(finite, singular[:, -1] / singular[:, 0], 0.0),
+        flatness,
     )
 
 

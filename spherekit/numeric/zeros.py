@@ -61,7 +61,8 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     edge = np.abs(value[[0, -1]]) <= floor
     bends = np.abs(np.diff(slope)[[0, -1]] / np.diff(grid)[[0, -1]])
     touched = edge & (slopes**2 <= 2.0 * floor * bends)
-    for end, way in zip(ends[touched], 2.0 * slopes[touched] / bends[touched], strict=True):
+    ways = 2.0 * slopes[touched] / np.maximum(bends[touched], np.finfo(float).tiny)
+    for end, way in zip(ends[touched], ways, strict=True):
         tops = tops[np.abs(tops - end) > way]
     places = np.concatenate([tops, ends[touched], simple, ends[edge]])
     double = np.arange(len(places)) < len(tops) + np.sum(touched)

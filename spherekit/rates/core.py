@@ -108,7 +108,10 @@ def _driven(motion: Motion, driven: int) -> tuple[Floats, Floats, Floats, Floats
     change[:, free], bent = _solved(matrix, inverse, -bias)
     dw = tree.body_rates(vectors, change) + tree.body_rates(turned, rates)
     size = np.linalg.norm(matrix, axis=(1, 2))
-    flatness = 1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)
+    # An open chain whose pairs are all driven has no equations, and nothing to lose.
+    flatness = np.ones(len(w))
+    if free:
+        flatness = 1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)
     # Redundant constraints may admit a velocity, but no motion that goes on with it.
     flatness[~(np.maximum(over, bent) < INCONSISTENT)] = 0.0
     rounding = np.einsum("nij,nj->ni", np.abs(matrix), np.abs(rates[:, free]))

@@ -107,7 +107,8 @@ def aspects(
     Raises
     ------
     AnalysisError
-        If a type is unknown, or there is no such output.
+        If a type is unknown, or there is no such output, or it has fewer freedoms than
+        there are inputs.
     PlanError
         If the mechanism has not one freedom for each input.
     """
@@ -119,6 +120,11 @@ def aspects(
         rest = output_of(mechanism, output, pointing)
     solver = solver_of(mechanism)
     count = len(solver.driven)
+    if rest is not None and "I" in free_of and count > rest.count:
+        raise AnalysisError(
+            f"{mechanism.name}: the output has {rest.count} freedoms: {count} inputs can "
+            "always move while it rests: no aspect is free of type I; leave that out"
+        )
     each = list(samples) if isinstance(samples, Sequence) else [samples] * count
     lattice, beside = _lattice(mechanism, each, whole_turn)
     spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None)

@@ -79,13 +79,17 @@ def singular_values(
     -------
     smallest, ratio
         (n,) of the Jacobian by the passive variables, and its part of the greatest one.
-        Both vanish exactly where the passive variables can move with the inputs at rest.
+        Both vanish exactly where the passive variables can move with the inputs at rest;
+        without passive variables they are infinite and 1.
     """
     free = [v for v in range(vectors.shape[1]) if v not in driven]
     smallest = np.full(len(vectors), np.nan)
     ratio = smallest.copy()
     jacobian = tree.jacobian(vectors)[:, :, free]
     known = np.all(np.isfinite(jacobian), axis=(1, 2))
+    if not free:
+        smallest[known], ratio[known] = np.inf, 1.0
+        return smallest, ratio
     sizes = np.linalg.svd(jacobian[known], compute_uv=False)[:, : len(free)]
     smallest[known] = sizes[:, -1]
     ratio[known] = sizes[:, -1] / sizes[:, 0]

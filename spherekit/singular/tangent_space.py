@@ -43,8 +43,8 @@ class TangentSpace:
         (n, g + 1, V, V): along direction j of those, rates x that close the loops have to
         change by bends[j] x at least, to go on closing them.
     flatness
-        (n,) smallest singular value of J over its greatest; 0 where the motion of the
-        mechanism itself is singular.
+        (n,) smallest singular value of J over its greatest, 1 without loops; 0 where the
+        motion of the mechanism itself is singular.
     oriented
         Whether the sense of the basis is fixed everywhere by J alone.
     """
@@ -126,6 +126,9 @@ def tangent_space(
     frames = np.repeat(frames, many, axis=0)
     turned = pair_rates(closure.joints, frames, repeated, first, second).vectors
     bends = -inverse[:, None] @ closure.tree.jacobian(turned).reshape(n, many, rows, count)
+    flatness = np.ones(n)
+    if rank:
+        flatness = sizes[:, rank - 1] / np.maximum(sizes[:, 0], np.finfo(float).tiny)
     return TangentSpace(
         closure,
         values,
@@ -137,6 +140,6 @@ def tangent_space(
         closing,
         turned.reshape(n, many, count, 3),
         bends,
-        sizes[:, rank - 1] / np.maximum(sizes[:, 0], np.finfo(float).tiny),
+        flatness,
         rows == rank and like is None,
     )

@@ -1,0 +1,62 @@
+"""Torque beside the points at which the branches of a four-bar cross, in 50 digits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.exact.arithmetic import Digits
+from spherekit.exact.inertia import exact_inertia
+from spherekit.exact.rows import exact_rows
+from spherekit.model.dynamics import Mass
+from spherekit.model.laws import Polynomial
+from spherekit.motion.motion import Tracer
+
+CHANGE_POINTS = {
+    "equal opposite arcs": (60.0, 40.0, 60.0, 40.0),
+    "equal sums": (70.0, 40.0, 50.0, 80.0),
+    "equal sums of neighbours": (40.0, 60.0, 65.0, 45.0),
+}
+TENSOR = ((2.0, 0.1, 0.0), (0.1, 1.5, 0.2), (0.0, 0.2, 1.0))
+DISTANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
+
+
+def four_bar(arcs):
+    made = sk.load("four_bar")
+    links = {
+        name: replace(size, arcs=(float(np.radians(arc)),))
+        for (name, size), arc in zip(made.geometry.links.items(), arcs, strict=True)
+    }
+    geometry = replace(made.geometry, links=links, zeros={})
+    masses = tuple(Mass(link, TENSOR) for link in made.links[1:])
+    return replace(made, geometry=geometry, masses=masses, loads=())
+
+
+@pytest.mark.parametrize("arcs", CHANGE_POINTS.values(), ids=CHANGE_POINTS)
+def test_no_wrong_torque_without_a_status(arcs):
+    """At 1e-6 rad it was wrong by the hundredfold, and OK."""
+    made = four_bar(arcs)
+    tracer = Tracer(made)
+    seen = set()
+    for q in DISTANCES:
+        solved = inverse_dynamics(made, Polynomial((q, 1.0, 0.3)), [0.0])
+        motion = tracer.at(np.array([q]))
+        assert len(motion) == len(solved.status) == 2
+        good = solved.status == Status.OK
+        seen |= {Status(code).name for code in solved.status}
+        assert np.array_equal(np.isfinite(solved.tau), good)
+        if not np.any(good):
+            continue
+        exact = exact_rows(motion, good, motion.assembly.input, Digits(50))
+        assert np.all(exact.status == Status.OK)
+        inertia, slope = map(exact.arithmetic.floats, exact_inertia(exact))
+        torque = 0.6 * inertia + 0.5 * slope
+        scale = np.maximum(np.maximum(np.abs(torque), np.abs(slope)), inertia)
+        assert np.max(np.abs(solved.B[good] - inertia) / inertia) < 1e-3
+        assert np.max(np.abs(solved.tau[good] - torque) / scale) < 5e-3
+        if q >= 1e-3:
+            assert np.max(np.abs(solved.tau[good] - torque) / scale) < 1e-6
+    assert seen == {"OK", "AT_SINGULARITY"}

@@ -1,0 +1,83 @@
+"""Dyads between axes that nearly coincide or are nearly opposite, against 50 digits."""
+
+import numpy as np
+import pytest
+from chains import FOUR_BAR, WATT, joints, mechanism, random_axes
+
+from spherekit.conventions import EPS
+from spherekit.engine.kernels import kernel
+from spherekit.exact.arithmetic import Digits
+from spherekit.exact.rows import exact_rows
+from spherekit.motion.motion import Tracer
+
+FIFTY = Digits(50)
+NEAR = {"nearly coinciding": 1.0, "nearly opposite": -1.0}
+COMPOSITE = WATT
+"""Driven at 2-3, a body of its dyads is several links."""
+
+
+def tilted(random, axis, angle):
+    across = np.cross(axis, random.normal(size=3))
+    across /= np.linalg.norm(across)
+    return np.cos(angle) * axis + np.sin(angle) * across
+
+
+def digits_lost(made):
+    """Return the error of the links' rates, over roundoff times the condition."""
+    tracer = Tracer(made, search=False, samples=3)
+    motion = tracer.at(np.zeros(1))
+    (driven,) = motion.assembly.inputs
+    exact = exact_rows(motion, motion.sample >= 0, driven, FIFTY, order=1)
+    links = tuple(range(1, len(made.links)))
+    name = made.pairs[driven].name
+    function = kernel(
+        tracer.mechanism, name, (), source="input", links=links, engine="numpy"
+    )
+    signs = np.array(tracer.branches[0].signs, dtype=float)
+    found = function.values(np.concatenate([[0.0], signs])[:, None])
+    want = exact.arithmetic.floats(exact.w)[0]
+    off = max(np.max(np.abs(found.w[k][0] - want[k])) for k in links)
+    scale = max(1.0, np.max(np.abs(want)))
+    return off / scale / (EPS * exact.condition[0])
+
+
+@pytest.mark.parametrize("sense", NEAR.values(), ids=NEAR)
+@pytest.mark.parametrize("pair", [1, 2], ids=["outer axes", "axes of one link"])
+@pytest.mark.parametrize("angle", [1e-3, 1e-5])
+def test_no_more_digits_are_lost_than_the_configuration_has_not(pair, sense, angle):
+    """Twice as many were: 1 / sin^2 of the angle."""
+    random = np.random.default_rng(3)
+    lost = []
+    for _ in range(4):
+        axes = random_axes(random, 4)
+        axes[pair] = sense * tilted(random, axes[3], angle)
+        lost.append(digits_lost(mechanism(FOUR_BAR, axes)))
+    assert np.median(lost) < 10.0
+
+
+@pytest.mark.parametrize("sense", NEAR.values(), ids=NEAR)
+@pytest.mark.parametrize("which", [0, 1], ids=["axes of one body", "outer axes"])
+def test_bodies_of_several_links(which, sense):
+    random = np.random.default_rng(4)
+    lost = []
+    for _ in range(4):
+        axes = random_axes(random, len(joints(COMPOSITE)))
+        made = mechanism(COMPOSITE, axes, driven="p2_3")
+        outer, other = outer_and_other(made, which)
+        axes[other] = sense * tilted(random, axes[outer], 1e-3)
+        lost.append(digits_lost(mechanism(COMPOSITE, axes, driven="p2_3")))
+    assert np.median(lost) < 10.0
+
+
+def outer_and_other(made, which):
+    """Return the outer pair of a body of several links, and its middle or far pair."""
+    groups = Tracer(made, search=False, samples=3).assembly.groups
+    group, body = next(
+        (group, body) for group in groups for body in (1, 2) if len(group.bodies[body]) > 1
+    )
+
+    def joining(a, b):
+        ends = next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
+        return group.pairs[ends]
+
+    return joining(0, body), joining(1, 2) if which == 0 else joining(0, 3 - body)

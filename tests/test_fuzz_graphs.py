@@ -1,0 +1,261 @@
+"""Graphs and geometries made by hypothesis: the laws of poles, or a refusal in words."""
+
+import json
+import warnings
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from mechanism_strategies import mechanisms, reordered, turned
+from scipy.spatial.transform import Rotation
+
+import spherekit as sk
+from benchmarks.fuzz import Tally, judge
+from spherekit.conventions import Status
+from spherekit.errors import SpherekitError
+from spherekit.motion.closure import Closure
+from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import (
+    BlockPoles,
+    CoaxialPole,
+    LinePole,
+    PrimaryPole,
+    all_poles,
+    plans,
+)
+from spherekit.planning.table import as_dict, as_text
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import request
+
+TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+
+
+def fields(made, samples=3):
+    """Return the motion and the field of each input."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        tracer = Tracer(made, search=False, samples=samples, branch=0)
+        motion = tracer.motion()
+        poles = all_poles(len(made.links))
+        found = {
+            name: evaluate(
+                motion,
+                request(tracer.mechanism, name, poles, poles, by_rank=tracer.by_rank),
+            )
+            for name in tracer.inputs
+        }
+    return motion, found
+
+
+def check_plan(plan):
+    """Every pole is found once, from poles found before it."""
+    known = set()
+    for step in plan.steps:
+        if isinstance(step, LinePole):
+            assert set(step.sources) <= known
+        poles = step.poles if isinstance(step, BlockPoles) else (step.pole,)
+        assert isinstance(step, PrimaryPole | CoaxialPole | LinePole | BlockPoles)
+        assert not known & set(poles)
+        known |= set(poles)
+    assert known >= {tuple(sorted(pair)) for pair in combinations(plan.bodies, 2)}
+    shown = as_dict(plan)
+    assert json.loads(json.dumps(shown, allow_nan=False)) == shown
+    assert len(shown["steps"]) == len(plan.steps)
+    assert as_text(plan)
+
+
+def check_legal(made):
+    for plan in plans(made):
+        check_plan(plan)
+
+
+def check_rates(made):
+    """All values agree with the velocity equations, or have a status that says why."""
+    try:
+        motion, found = fields(made)
+    except SpherekitError as refusal:
+        assert len(str(refusal)) > 30
+        return
+    tally = Tally()
+    for name, field in found.items():
+        assert judge(motion, field, made.pair_number[name], tally) == []
+        check_kennedy(field, len(made.links))
+
+
+def check_kennedy(field, links):
+    """Three poles lie on a great circle, and their angular velocities add up.
+
+    Links that rest relative to each other have no pole but the axis of a pair they share,
+    which may lie anywhere.
+    """
+    good = field.status == Status.OK
+    for i, j, k in combinations(range(links), 3):
+        poles = [(i, j), (j, k), (i, k)]
+        sure = good.copy()
+        for pole in poles:
+            sure &= (field.pole_status[pole] == Status.OK) & (field.error[pole] < 1e-9)
+        w = [field.direction[p][sure] * field.rate[p][sure][:, None] for p in poles]
+        scale = np.maximum(1.0, np.max(np.abs(w), axis=(0, 2), initial=0.0))
+        gap = np.max(np.abs(w[0] + w[1] - w[2]), axis=1, initial=0.0)
+        assert np.max(gap / scale, initial=0.0) < 1e-8
+        rates = [np.abs(field.rate[pole][sure]) for pole in poles]
+        moving = np.min(rates, axis=0) > 1e-6 * scale
+        one, other, third = (field.direction[pole][sure][moving] for pole in poles)
+        triple = np.sum(np.cross(one, other) * third, axis=1)
+        assert np.max(np.abs(triple), initial=0.0) < 1e-8
+
+
+def check_same(made, order):
+    """Names, orders, exchanged links and a rotation change nothing but how it is said."""
+    other, names = reordered(turned(made, TURN), order)
+    try:
+        _, found = fields(made)
+    except SpherekitError as refusal:
+        with pytest.raises(type(refusal)):
+            fields(other)
+        return
+    _, again = fields(other)
+    number = {made.link_number[old]: other.link_number[new] for old, new in names.items()}
+    for name, field in found.items():
+        moved = again[name]
+        both = (field.status == Status.OK) & (moved.status == Status.OK)
+        for link, w in field.w.items():
+            want = w[both] @ TURN.T
+            scale = np.maximum(1.0, np.max(np.abs(want), axis=1, initial=0.0))
+            off = np.max(np.abs(moved.w[number[link]][both] - want), axis=1, initial=0.0)
+            assert np.max(off / scale, initial=0.0) < 1e-7
+        if np.any(field.status != moved.status):
+            # Only at the edge of what rounding decides may one say more than the other.
+            unsure = {Status.AT_SINGULARITY, Status.OUT_OF_REACH, Status.NOT_CONVERGED}
+            unsure |= {Status.BRANCH_LOST, Status.NOT_CLOSED}
+            for status in (field.status, moved.status):
+                assert {Status(code) for code in status} <= unsure | {Status.OK}
+
+
+def turning(motion, row):
+    """Return the determinant of the closure equations, inputs held, and its flatness."""
+    mechanism = motion.mechanism
+    held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    free = [v for v in range(motion.values.shape[1]) if v not in held]
+    jacobian = _closure(motion).linearise(motion.values[row : row + 1])[1][0][:, free]
+    sizes = np.linalg.svd(jacobian, compute_uv=False)
+    if jacobian.shape[0] != jacobian.shape[1] or not sizes.size:
+        return 1.0, 1.0
+    return np.sign(np.linalg.det(jacobian)), sizes[-1] / sizes[0]
+
+
+def _closure(motion):
+    return Closure.of(motion.mechanism, motion.joints)
+
+
+def walked(motion, row, steps=40):
+    """Return the next sample reached by small steps from a row, None near singularities.
+
+    Euler's steps and Newton's corrections with the inputs held, written here.
+    """
+    mechanism, closure = motion.mechanism, _closure(motion)
+    held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    free = [v for v in range(motion.values.shape[1]) if v not in held]
+    values = motion.values[row].copy()
+    goal = motion.inputs[row + 1] - motion.inputs[row]
+    for _ in range(steps):
+        _, jacobian = closure.linearise(values[None])
+        own = jacobian[0][:, free]
+        sizes = np.linalg.svd(own, compute_uv=False)
+        if sizes.size and not sizes[-1] > 1e-2 * sizes[0]:
+            return None
+        slope = -np.linalg.pinv(own) @ jacobian[0][:, held] @ goal
+        if np.max(np.abs(slope), initial=0.0) > steps:
+            return None
+        values[free] += slope / steps
+        values[held] += goal / steps
+        for _ in range(6):
+            gap, jacobian = closure.linearise(values[None])
+            values[free] -= np.linalg.pinv(jacobian[0][:, free]) @ gap[0]
+    return values
+
+
+def check_branches(made):
+    try:
+        motion, _ = fields(made, samples=9)
+    except SpherekitError:
+        return
+    check_one_mode(motion)
+
+
+def check_one_mode(motion):
+    """No row is in another mode than the row before, carried on in small steps."""
+    made = motion.mechanism
+    angles = [made.pairs[p].type == "R" for p in made.variable_owners]
+    good = motion.status == Status.OK
+    for row in np.flatnonzero(good[:-1] & good[1:]):
+        reached = walked(motion, row)
+        if reached is None:
+            continue
+        away = motion.values[row + 1] - reached
+        away = np.where(angles, np.angle(np.exp(1j * away)), away)
+        assert np.max(np.abs(away)) < 1e-6, row
+        assert turning(motion, row)[0] == turning(motion, row + 1)[0]
+
+
+@settings(max_examples=60)
+@given(mechanisms())
+def test_legal_graphs_have_a_whole_plan(made):
+    check_legal(made)
+
+
+@settings(max_examples=40)
+@given(st.booleans().flatmap(lambda special: mechanisms(special=special)))
+def test_poles_and_rates_of_legal_graphs(made):
+    check_rates(made)
+
+
+@settings(max_examples=50)
+@given(mechanisms(legal=False, special=True))
+def test_illegal_graphs_are_refused_or_right(made):
+    check_rates(made)
+
+
+@settings(max_examples=15)
+@given(st.data())
+def test_said_otherwise_it_is_the_same(data):
+    made = data.draw(mechanisms())
+    assume(len(made.links) > 2)
+    check_same(made, data.draw(st.permutations(range(len(made.links) - 1))))
+
+
+@settings(max_examples=8)
+@given(mechanisms(span=1.2))
+def test_no_branch_jumps_to_another_mode(made):
+    check_branches(made)
+
+
+def test_a_jump_is_seen():
+    tracer = Tracer(sk.load("four_bar"), samples=9)
+    motion = tracer.motion()
+    first, other = (motion.rows(motion.branch == k) for k in (0, 1))
+    check_one_mode(first)
+    values = first.values.copy()
+    values[4:] = other.values[4:]
+    with pytest.raises(AssertionError):
+        check_one_mode(replace(first, values=values))
+
+
+@pytest.mark.long
+@settings(max_examples=1500)
+@given(mechanisms(), mechanisms(legal=False, special=True), mechanisms(special=True))
+def test_thousands_of_graphs(legal, illegal, special):
+    check_legal(legal)
+    for made in (legal, illegal, special):
+        check_rates(made)
+
+
+@pytest.mark.long
+@settings(max_examples=300)
+@given(mechanisms(span=1.2), mechanisms(span=1.5, special=True))
+def test_no_branch_jumps_in_hundreds(made, special):
+    check_branches(made)
+    check_branches(special)
