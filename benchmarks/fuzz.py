@@ -235,10 +235,10 @@ def _judge_row(
     flat = values[-1] / values[0]
     if flat < DETERMINED:
         return [f"row {row}: OK, but the motion is not determined ({flat:.1e})"]
-    if not over < max(1e-9, CONDITIONED * EPS / flat):
+    scale = max(1.0, float(np.max(np.linalg.norm(w, axis=1))))
+    if not over < scale * max(TOLERANCE, CONDITIONED * EPS / flat):
         return [f"row {row}: OK, but the pairs cannot move so ({over:.1e})"]
     faults = []
-    scale = max(1.0, float(np.max(np.linalg.norm(w, axis=1))))
     steep = max(scale**2, float(np.max(np.linalg.norm(dw, axis=1))))
     least = max(TOLERANCE, CONDITIONED * EPS / flat)
     allowed = max(least, SPREAD * spread[0] / scale)

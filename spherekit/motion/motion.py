@@ -149,26 +149,34 @@ class Motion:
         return LoopTree.of(self.mechanism).jacobian(self.vectors)[:, :, free]
 
     @cached_property
+    def sensitivity(self) -> Floats:
+        """(n,) how far variables move when loops open by one unit.
+
+        The Frobenius norm of the inverse of the closure Jacobian without the inputs:
+        infinite where loops do not hold the links, 0 where nothing is left to hold, NaN
+        where the row failed.
+        """
+        jacobian = self._free_jacobian
+        _, equations, free = jacobian.shape
+        found = np.full(len(self), np.inf if free else 0.0)
+        if 0 < free <= equations:
+            inverse = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
+            found = np.where(np.isfinite(inverse), inverse, np.inf)
+        found[self.failed] = np.nan
+        return found
+
+    @cached_property
     def configuration_error(self) -> Floats:
         """(n,) rad, about how far variables and orientations may be off, to first order.
 
-        What loops stay open by, and two roundings for the loops themselves, through the
-        inverse of the closure Jacobian without the inputs (its Frobenius norm); two
-        roundings more for the numbers. Infinite where loops do not hold the links, NaN
-        where the row failed or was not constructed.
+        What loops stay open by, and two roundings for the loops themselves, times
+        `sensitivity`; two roundings more for the numbers. NaN where the row failed or was
+        not constructed.
         """
         if np.all(np.isnan(self.residual)):
             return np.full(len(self), np.nan)
-        jacobian = self._free_jacobian
-        _, equations, free = jacobian.shape
-        if not free:
-            return np.where(self.failed, np.nan, 2.0 * EPS)
-        inverse = np.full(len(self), np.inf)
-        if equations >= free:
-            found = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
-            inverse[np.isfinite(found)] = found[np.isfinite(found)]
-        inverse[self.failed] = np.nan
-        return np.asarray(2.0 * EPS + inverse * (self.residual + 2.0 * EPS))
+        moved = self.sensitivity * (self.residual + 2.0 * EPS)
+        return np.where(self.failed, np.nan, 2.0 * EPS + moved)
 
     def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
         """Return how vectors and axes change, see `spherekit.motion.pairs.pair_rates`."""

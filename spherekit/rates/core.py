@@ -17,7 +17,7 @@ from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
 
-INCONSISTENT = 1e-6
+INCONSISTENT = 1e-10
 """Velocity or acceleration equations that leave over more, relatively, have no solution."""
 NEARLY_FLAT = 1e-3
 """Equations flatter than this are solved once more beside, to see what rounding does."""

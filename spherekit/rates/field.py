@@ -42,6 +42,9 @@ from spherekit.sphere.rotation import Floats
 TRUSTED_ERROR = 1e-12
 """Samples whose propagated error bound exceeds this use the velocity equations."""
 
+NEARLY_LOOSE = 0.1 / SINGULAR_RATIO
+"""And those where the loops are this sensitive: the equations say whether they hold."""
+
 
 @final
 @dataclass(frozen=True)
@@ -232,7 +235,9 @@ def _by_lines(
         doubt = np.maximum(doubt, np.nan_to_num(lines.error[pole], nan=1.0))
     # Only the equations say whether redundant constraints agree with each other.
     redundant = any(group.redundant for group in motion.assembly.groups)
-    weak = ((doubt > TRUSTED_ERROR) | redundant) & ~motion.failed
+    # Groups that this input does not move may be loose all the same.
+    loose = motion.sensitivity > NEARLY_LOOSE
+    weak = ((doubt > TRUSTED_ERROR) | redundant | loose) & ~motion.failed
     flat = np.zeros(len(motion), dtype=bool)
     if np.any(weak):
         exact = driven_rates(motion, weak, wanted.plan.input)
