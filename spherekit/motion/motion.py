@@ -167,7 +167,7 @@ class Motion:
 
     @cached_property
     def configuration_error(self) -> Floats:
-        """(n,) rad, about how far variables and orientations may be off, to first order.
+        """(n,) rad, how far variables may be off, to first order.
 
         What loops stay open by, and two roundings for the loops themselves, times
         `sensitivity`; two roundings more for the numbers. NaN where the row failed or was
@@ -177,6 +177,12 @@ class Motion:
             return np.full(len(self), np.nan)
         moved = self.sensitivity * (self.residual + 2.0 * EPS)
         return np.where(self.failed, np.nan, 2.0 * EPS + moved)
+
+    @property
+    def orientation_error(self) -> Floats:
+        """(n,) rad, how far any link may be off: every variable on the way to it adds up."""
+        paths = LoopTree.of(self.mechanism).paths
+        return self.configuration_error * np.max(np.count_nonzero(paths, axis=1))
 
     def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
         """Return how vectors and axes change, see `spherekit.motion.pairs.pair_rates`."""

@@ -87,9 +87,9 @@ def direction_error(motion: Motion, field: PoleField, pole: Pole) -> Floats:
     """Return (n,) a bound of the error of a pole's direction, rad, to first order.
 
     `field.error` grows in proportion to the error of the axes that poles are found from:
-    rounding by itself, and what the configuration is off by.
+    rounding by itself, and what links are off by.
     """
-    return field.error[pole] * (1.0 + motion.configuration_error / EPS)
+    return field.error[pole] * (1.0 + motion.orientation_error / EPS)
 
 
 @final
