@@ -103,7 +103,7 @@ def test_analyses_describe_their_tables(capsys):
     _, out, _ = run(capsys, "analyses", "poles")
     assert re.search(r"rate_dq +\[1/rad\] +derivative of rate by q", out)
     _, out, _ = run(capsys, "analyses", "poles", "--json")
-    assert json.loads(out)["parameters"] == {"only": "tuple[str, ...]", "show": "str"}
+    assert json.loads(out)["parameters"] == {"only": "text+...", "show": "text"}
 
 
 def test_run_writes_tables_and_recording(capsys, tmp_path):

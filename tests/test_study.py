@@ -226,7 +226,7 @@ FAULTS = {
         "only =",
         "onyl =",
         "13: analyses.poles.onyl: unknown parameter",
-        ['did you mean "only"?', "allowed for poles: only (tuple[str, ...]), show (st"],
+        ['did you mean "only"?', "allowed for poles: only (text+...), show (text)"],
     ),
     "text for a list": (
         '["6/1", "5/1"]',

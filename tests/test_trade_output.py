@@ -37,7 +37,7 @@ def made():
     ]
     columns = (("poles.q", "absolute rad", 1.0), ("poles.rate", "relative to all", 1.5))
     settings = (*every, *read, *without, Measured("compiled", None, reason="no heyoka"))
-    return Trade("m", "poles", 361, 361, 722, "truth", 2e-16, 1, columns, settings)
+    return Trade("m", "poles", 361, 361, 722, "truth", 2e-16, 1, columns, settings, {})
 
 
 def test_times_have_three_digits():
@@ -96,7 +96,7 @@ def test_everything_is_in_the_chart():
         assert rings == ([] if chosen is None else [f"ring: taken, {chosen.name}"])
         circles = [node for node in picture.iter() if node.tag.endswith("}circle")]
         assert len(circles) == 12 + 8 + len(rings)
-    empty = Trade("m", "poles", 9, 9, 9, "truth", 2e-16, 1, (), ())
+    empty = Trade("m", "poles", 9, 9, 9, "truth", 2e-16, 1, (), (), {})
     assert ElementTree.fromstring(svg(empty)) is not None
 
 

@@ -180,9 +180,10 @@ class Motion:
 
     @property
     def orientation_error(self) -> Floats:
-        """(n,) rad, how far any link may be off: every variable on the way to it adds up."""
+        """(n,) rad, how far links may be off: all variables on the way to one add up."""
         paths = LoopTree.of(self.mechanism).paths
-        return self.configuration_error * np.max(np.count_nonzero(paths, axis=1))
+        longest = int(np.max(np.count_nonzero(paths, axis=1)))
+        return self.configuration_error * longest
 
     def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
         """Return how vectors and axes change, see `spherekit.motion.pairs.pair_rates`."""

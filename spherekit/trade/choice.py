@@ -16,7 +16,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 from spherekit.trade.deviation import Deviation, worst
 from spherekit.trade.measure import Bench
-from spherekit.trade.record import MARGIN, Trade, check_tolerance
+from spherekit.trade.record import MARGIN, Trade, check_tolerance, recommended
 from spherekit.trade.stored import check_run, read_trade
 from spherekit.trade.trade import trade
 
@@ -240,7 +240,7 @@ def _of_trades(
     names = listing(each.analysis for each in trades)
     good = [s for s, error in errors.items() if MARGIN * error <= tolerance]
     if good:
-        chosen = min(good, key=lambda s: seconds[s])
+        chosen = recommended({s: (seconds[s], errors[s]) for s in good})
         return chosen, errors[chosen], f"the cheapest of a {kind} trade of {names}"
     if not errors:
         return Setting(), np.nan, f"no setting of a {kind} trade of {names} gives all rows"

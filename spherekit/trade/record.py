@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, final
+from typing import Any, TypeVar, final
 
 import numpy as np
 
 from spherekit.analysis.setting import Setting
 from spherekit.errors import AnalysisError
+
+Way = TypeVar("Way")
 
 MARGIN = 4.0
 """A setting is recommended for a tolerance this many times its measured error, for errors
@@ -53,6 +55,16 @@ class Measured:
     def counts(self) -> bool:
         """Whether it can be chosen: it applies, and gives every number there is."""
         return not self.reason and not self.missing and bool(np.isfinite(self.error))
+
+
+def recommended(measured: Mapping[Way, tuple[float, float]]) -> Way:
+    """Return the most accurate of the ways that are about as quick as the quickest.
+
+    `measured` has the time and the error of each.
+    """
+    limit = ALIKE * min(time for time, _ in measured.values())
+    alike = [way for way, (time, _) in measured.items() if time <= limit]
+    return min(alike, key=lambda way: measured[way][::-1])
 
 
 @final
@@ -106,11 +118,12 @@ class Trade:
             If the tolerance is no positive number.
         """
         check_tolerance(self.mechanism, tolerance)
-        within = [each for each in self.pareto if MARGIN * each.error <= tolerance]
-        if not within:
-            return None
-        limit = ALIKE * within[0].total(self.samples)
-        return [each for each in within if each.total(self.samples) <= limit][-1]
+        within = {
+            each: (each.total(self.samples), each.error)
+            for each in self.pareto
+            if MARGIN * each.error <= tolerance
+        }
+        return recommended(within) if within else None
 
     def as_dict(self, tolerance: float | None = None) -> dict[str, Any]:
         """Return everything ready for JSON."""
