@@ -41,6 +41,10 @@ def test_no_wrong_value_in_thousands(part):
         5143,
         7454,  # a link of 1e-14 rad was turned by rounding, and OK
         110346,  # judged by a motion that its loops have to 4e-10 only
+        115714,
+        118701,
+        155342,
+        161281,
         143157,  # loops that agree to 1e-9 of the rates, which are above 1
         144981,  # a loose dyad that the input does not move, OK
     ],
