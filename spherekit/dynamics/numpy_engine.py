@@ -29,6 +29,7 @@ from spherekit.dynamics.simulation import (
     Forecast,
     Simulation,
     cannot_leave,
+    given_up,
     stop_end,
     too_many,
 )
@@ -125,10 +126,11 @@ class Collocation:
         return Simulation(
             self.equation,
             problem.driven,
-            CollocationPath(tuple(self.path), problem.turns, self.drift),
+            self._travelled(),
             tuple(self.events),
             end,
             EngineReport("numpy", reason, 0.0, self.seconds, len(self.path), forecast),
+            tolerance=self.tolerance,
         )
 
     def _integrate(self) -> Generator[float, None, End]:
@@ -273,8 +275,10 @@ class Collocation:
         least = float(sizes[-1] / sizes[0]) if len(sizes) else 1.0
         if least < 1e-5:
             return End("singularity", t, CROSSING)
-        return End(
-            "too_fast",
-            t,
-            f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}",
-        )
+        why = f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}"
+        if not self.path:
+            return End("too_fast", t, why)
+        return given_up(self.equation, self._travelled(), t, why)
+
+    def _travelled(self) -> CollocationPath:
+        return CollocationPath(tuple(self.path), self.problem.turns, self.drift)
