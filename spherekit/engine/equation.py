@@ -208,6 +208,9 @@ def _request(tolerance: float, compact: bool, number: type[Any]) -> str:
 
 def _common(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without what is set for each run."""
+    tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
+    if not tables and not mechanism.stops:
+        return mechanism
     return replace(
         mechanism,
         loads=tuple(
