@@ -146,7 +146,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave out links and pairs that no analysis needs; branches are then those "
         "of the part that is left",
     )
-    parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
+    parser.add_argument(
+        "--deg",
+        action="store_true",
+        help="angles in tables, their rates and accelerations in degrees; what is per rad "
+        "stays so",
+    )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
         "--strict",
@@ -236,9 +241,16 @@ def execute(options: argparse.Namespace) -> int:
 
 def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and what else there is to say to stderr."""
+    from spherekit.analysis.tables import COLUMNS
+
     summary = result.summary
     if study.folder is not None and not options.quiet:
-        print(f"{len(result.files)} files in {study.folder}", file=sys.stderr)
+        angles = "deg" if study.degrees else "rad"
+        print(
+            f"{len(result.files)} files in {study.folder}, angles in {angles}; the unit of "
+            f"every column is in {COLUMNS}",
+            file=sys.stderr,
+        )
     if options.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
     else:
