@@ -237,16 +237,14 @@ class SeveralInputs:
         """Return the singular curves in the plane of both inputs."""
         curves: list[tuple[Floats, int]] = []
         marks: list[Mark] = []
-        low = np.array([item.start for item in batch.mechanism.inputs])
         for found in self._curves(batch, output):
             for each in found.curves:
-                drawn = self._drawn(batch, each)
-                line = np.degrees(low + np.mod(drawn.inputs - low, 2.0 * np.pi))
+                line = np.degrees(self._drawn(batch, each).inputs)
                 jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > 180.0
                 line[np.any(jumps, axis=1)] = np.nan
                 curves.append((line, TONES[found.kind]))
-                both = low + np.mod(each.both.inputs - low, 2.0 * np.pi)
-                marks += [Mark("III", place, TONES["III"]) for place in np.degrees(both)]
+                both = np.degrees(each.both.inputs)
+                marks += [Mark("III", place, TONES["III"]) for place in both]
         here = np.degrees(batch.inputs)
         every = np.concatenate([here, *(line for line, _ in curves)])
         (left, bottom), (right, top) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
@@ -379,12 +377,12 @@ def _rows(
     note: str,
 ) -> Row:
     n = len(points.values)
-    inside = np.where(points.inside, note, note + "; outside the declared ranges")
     return {
         "kind": np.full(n, points.kind, dtype="<U8"),
         "condition": _conditions(batch, points, output),
         "branch": np.full(n, ""),
         **input_columns(batch.mechanism, points.inputs),
+        "inside": np.where(points.inside, "yes", "no"),
         "output": np.full(n, _named(output)),
         "curve": np.full(n, curve),
         "s": s,
@@ -394,7 +392,7 @@ def _rows(
         "double": np.full(n, "no"),
         "decided": np.full(n, "yes"),
         "guarantee": np.full(n, Guarantee.TO_BOX.value),
-        "note": inside.astype(str),
+        "note": np.full(n, note),
     }
 
 

@@ -161,7 +161,7 @@ def singular_curves(
                     continue
                 traced.append(found)
                 left[left] &= ~found.find(points.values[left], points.motions[left])
-    view = View(mechanism, solver.driven, rest, kind)
+    view = View(solver, rest, kind)
     return SingularCurves(
         kind,
         tuple(_found(curve, other, view) for curve in traced),

@@ -140,7 +140,7 @@ def singular_surface(
             "ask for type I of the link's orientation, without `pointing`"
         )
     locus, _ = loci_of(solver, rest, kind)
-    view = View(mechanism, solver.driven, rest, kind)
+    view = View(solver, rest, kind)
     front = _Front(locus, None if whole_turn else view, side, most)
     ranges = [
         (-np.pi, np.pi) if whole_turn else (item.start, item.stop)
