@@ -60,12 +60,13 @@ class SingularityAnalysis(AbstractAnalysis):
     input `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by
     default the outputs that the mechanism declares.
 
-    With several inputs the outputs are those declared. Singular curves of two inputs are
-    looked for on `slices` values of each, 0 for none: by default 12 if the mechanism is one
-    of dyads, and none else, since each slice then costs seconds to minutes. Surfaces of
-    three inputs are looked for on as many, or 4, if `mesh` gives the length of their
-    triangles' edges (degrees). Aspects are found over `lattice` values of each input, 0
-    for none.
+    With several inputs the outputs are those declared. Singular curves of two inputs and
+    surfaces of three are looked for on `slices` values of each, 0 for none: by default 12
+    if there are two inputs and all groups are dyads, else from random starts, since each
+    slice then costs seconds to minutes. `mesh` is the length of the edges of surfaces
+    (degrees), 0 for none, by default a quarter of the narrowest range. Aspects are found
+    over `lattice` values of each input, 0 for none. All that ends after `seconds` of
+    processor time with what it has.
     """
 
     name: ClassVar[str] = "singularities"
@@ -140,8 +141,9 @@ class SingularityAnalysis(AbstractAnalysis):
     output: tuple[str, ...] = ()
     near: float = 5.0
     slices: int | None = None
-    mesh: float = 0.0
+    mesh: float | None = None
     lattice: int = 11
+    seconds: float = 40.0
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
         """Return the relative motions wanted, as numbers of links."""
@@ -172,6 +174,7 @@ class SingularityAnalysis(AbstractAnalysis):
             ("slices", self.slices),
             ("mesh", self.mesh),
             ("lattice", self.lattice),
+            ("seconds", self.seconds),
         ):
             if value is not None and not value >= 0:
                 raise AnalysisError(
@@ -277,7 +280,8 @@ class SingularityAnalysis(AbstractAnalysis):
 
     @property
     def _several(self) -> SeveralInputs:
-        return SeveralInputs(self.slices, np.radians(self.mesh), self.lattice, self.near)
+        side = None if self.mesh is None else float(np.radians(self.mesh))
+        return SeveralInputs(self.slices, side, self.lattice, self.near, self.seconds)
 
     def _found(self, batch: Batch) -> SampledSingularities:
         return batch.once(

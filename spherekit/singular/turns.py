@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.geometry import Contact
 from spherekit.motion.branches import Solver
 from spherekit.sphere.rotation import Floats
 
@@ -17,8 +16,9 @@ def input_periods(solver: Solver) -> Floats:
 
     A turn; where wheels in mesh count the turns more, infinite where they never return.
     """
-    rolling = any(isinstance(joint, Contact) and joint.rolling for joint in solver.joints)
-    return np.full(len(solver.driven), np.inf if rolling else TURN)
+    if solver.meshes is None:
+        return np.full(len(solver.driven), TURN)
+    return solver.meshes.periods
 
 
 def into_range(
