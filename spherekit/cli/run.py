@@ -240,6 +240,9 @@ def execute(options: argparse.Namespace) -> int:
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     if not result.summary.get("accuracy", {"met": True})["met"]:
         failed.add("tolerance")
+    simulation = result.summary.get("simulation")
+    if simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast"):
+        failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
@@ -544,7 +547,7 @@ def report(summary: Any) -> str:
             f"({done['end']['reason']}), {done['events']} events, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}, energy balanced to "
+            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, energy balanced to "
             f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
