@@ -1,4 +1,4 @@
-"""Every analysis by its default command: does it answer, and agree with itself?"""
+"""Every analysis by its default command: whether it answers, and agrees with itself."""
 
 import numpy as np
 import pandas as pd
@@ -135,7 +135,8 @@ def judge_counts(ran: Ran, notes: Notes) -> None:
             told = {k: v for k, v in branch["status"].items() if v}
             notes.contradiction(
                 counted != told,
-                f"branch {branch['number']}: the summary counts {told}, the table {counted}",
+                f"branch {branch['number']}: the summary counts {told}, the table "
+                f"{counted}",
             )
     found = ran.tables.get("singularities")
     if found is None:

@@ -15,7 +15,6 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.simulation import History, Simulation
 from spherekit.errors import EngineError
 from spherekit.model.laws import Start, States
-from spherekit.motion.branches import wrap
 from spherekit.sphere.rotation import Floats
 
 UNTIL = 1.5
@@ -57,7 +56,9 @@ def _started(evidence: Evidence) -> tuple[Start, int, str] | None:
     if not len(good):
         return None
     row = int(good[evidence.numbers("start").integers(len(good))])
-    size = 1e-3 * float(sum(np.trace(np.array(m.tensor)) for m in evidence.mechanism.masses))
+    size = 1e-3 * float(
+        sum(np.trace(np.array(m.tensor)) for m in evidence.mechanism.masses)
+    )
     start = Start(float(motion.q[row]), SPEED)
     return start, int(motion.branch[row]), TORQUE.format(size=f"{1e3 * size:.6g}")
 
@@ -95,13 +96,12 @@ def simulation_and_inverse(evidence: Evidence, notes: Notes) -> None:
     mechanism = evidence.mechanism.with_inputs(*evidence.tracer.inputs)
     solved = inverse_dynamics(mechanism, Moved(history), t)
     applied = [load.name for load in found.mechanism.loads].index("driving_torque")
-    variables = evidence.mechanism.variable_names
-    angles = [k for k, name in enumerate(variables) if name.startswith("theta_")]
     torque = history.power[:, applied] / history.dq
-    conditioning = evidence.tracer.given(_whole(evidence, history.values)).conditioning
+    conditioning = evidence.tracer.given(history.values).conditioning
     for branch in np.unique(solved.branch):
         own = solved.branch == branch
-        gap = np.max(np.abs(wrap(solved.values[own] - history.values))[:, angles], axis=1)
+        there = evidence.tracer.given(solved.values[own]).rotations
+        gap = np.max(np.abs(there - history.rotations), axis=(1, 2, 3))
         fine = (gap < 1e-7) & (solved.status[own] == Status.OK) & (conditioning < CLEAR)
         fine &= np.abs(history.dq) > 1e-2
         if not np.any(fine):
@@ -115,13 +115,10 @@ def simulation_and_inverse(evidence: Evidence, notes: Notes) -> None:
         if np.max(off) > AGREE * scale:
             k = int(np.argmax(off))
             notes.found(
-                f"branch {branch}, t = {t[k]:.6g} s, q = {history.q[k]:.9g} rad: the torque is "
+                f"branch {branch}, t = {t[k]:.6g} s, q = {history.q[k]:.9g} rad: the "
+                f"torque is "
                 f"{torque[k]:.9g} N m, inverse dynamics says {tau[k]:.9g}"
             )
-
-
-def _whole(evidence: Evidence, values: Floats) -> Floats:
-    return np.ascontiguousarray(values[:, : len(evidence.mechanism.variable_names)])
 
 
 @check("energy", "a simulation's energy is what its loads have done")
@@ -133,7 +130,8 @@ def energy(evidence: Evidence, notes: Notes) -> None:
     checks = found.checks
     notes.contradiction(
         not checks.energy <= BALANCED * max(checks.energy_scale, 1e-12),
-        f"{checks.energy:.2e} J of {checks.energy_scale:.2e} J are missing at the tolerance "
+        f"{checks.energy:.2e} J of {checks.energy_scale:.2e} J are missing at the "
+        f"tolerance "
         f"{TOLERANCE:g}",
     )
 
@@ -153,8 +151,10 @@ def both_engines(evidence: Evidence, notes: Notes) -> None:
     last = min(one.end.t, other.end.t)
     t = np.linspace(0.0, last, ROWS)
     first, second = one.at(t), other.at(t)
-    conditioning = evidence.tracer.given(_whole(evidence, first.values)).conditioning
-    cross = int(np.argmax(~(conditioning < CLEAR))) if np.any(conditioning >= CLEAR) else ROWS
+    conditioning = evidence.tracer.given(first.values).conditioning
+    cross = (
+        int(np.argmax(~(conditioning < CLEAR))) if np.any(conditioning >= CLEAR) else ROWS
+    )
     gap = np.max(np.abs(first.values - second.values), axis=1)[:cross]
     notes.judged(len(gap))
     if len(gap) and np.max(gap) > ALIKE * TOLERANCE:

@@ -1,4 +1,4 @@
-"""Assembly modes: a run, the configuration curves, one input alone: the same ones?"""
+"""Assembly modes: those of a run, of the configuration curves, and at one input alone."""
 
 from dataclasses import replace
 
@@ -128,7 +128,12 @@ def run_and_narrow_run(evidence: Evidence, notes: Notes) -> None:
         where = place_of(q)
         _lack(notes, lacking(rows, alone), "a narrow run", narrow.claim, "a run", where)
         _lack(
-            notes, lacking(alone, rows), "a run", evidence.tracer.claim, "a narrow one", where
+            notes,
+            lacking(alone, rows),
+            "a run",
+            evidence.tracer.claim,
+            "a narrow one",
+            where,
         )
 
 

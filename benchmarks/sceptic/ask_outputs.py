@@ -1,4 +1,4 @@
-"""Outputs: inverse against forward kinematics, closed forms against the graph, workspaces."""
+"""Outputs: inverse and forward kinematics, closed forms and the graph, workspaces."""
 
 from functools import cached_property
 from typing import final
@@ -122,7 +122,8 @@ def forward_and_inverse(evidence: Evidence, notes: Notes) -> None:
         off = float(np.min(np.max(gap.reshape(len(gap), -1), axis=1), initial=np.inf))
         notes.contradiction(
             not off < SAME,
-            f"the inputs {place_of(rows.inputs[row])} of a pose in mode {rows.mode[row]} lead "
+            f"the inputs {place_of(rows.inputs[row])} of a pose in mode "
+            f"{rows.mode[row]} lead "
             f"back to poses of which the nearest is {off:.2e} off",
         )
 
@@ -147,7 +148,9 @@ def inverse_and_rates(evidence: Evidence, notes: Notes) -> None:
         for row in good:
             near = []
             for end in ends:
-                own = np.flatnonzero((end.pose == rows.pose[row]) & (end.status == Status.OK))
+                own = np.flatnonzero(
+                    (end.pose == rows.pose[row]) & (end.status == Status.OK)
+                )
                 gap = apart(rows.inputs[row][None], end.inputs[own])
                 if not len(own) or not np.min(gap) < 0.01:
                     break
@@ -189,12 +192,14 @@ def closed_form_and_graph(evidence: Evidence, notes: Notes) -> None:
         less = int(np.sum(np.min(apart(one, other_all), axis=1, initial=np.inf) > SAME))
         more = int(np.sum(np.min(apart(other, one_all), axis=1, initial=np.inf) > SAME))
         notes.contradiction(
-            less > 0, f"pose {k}: the graph lacks {less} of {len(one)} inputs of a closed form"
+            less > 0,
+            f"pose {k}: the graph lacks {less} of {len(one)} inputs of a closed form",
         )
         notes.judged()
         if more:
             notes.found(
-                f"pose {k}: the closed form lacks {more} of {len(other)} inputs of the graph",
+                f"pose {k}: the closed form lacks {more} of {len(other)} inputs of the "
+                f"graph",
                 Kind.SHORT,
             )
 
@@ -219,7 +224,9 @@ def workspace_and_inverse(evidence: Evidence, notes: Notes) -> None:
         found = made.solver.inverse(places, [str(mode)])
         inside = some["inside"].astype(str).to_numpy() == "yes"
         reached = np.zeros(len(some), dtype=bool)
-        solved = (found.status != Status.OUT_OF_REACH) & np.isfinite(found.inputs).all(axis=1)
+        solved = (found.status != Status.OUT_OF_REACH) & np.isfinite(found.inputs).all(
+            axis=1
+        )
         reached[found.pose[solved]] = True
         margin = some["margin"].to_numpy()
         wrong = (inside != reached) & (np.abs(margin) > EDGE)
@@ -228,8 +235,10 @@ def workspace_and_inverse(evidence: Evidence, notes: Notes) -> None:
             k = int(np.flatnonzero(wrong)[0])
             notes.found(
                 f"mode {mode}: {some[names].iloc[k].to_list()} is "
-                f"{'inside' if inside[k] else 'outside'} with a margin of {margin[k]:.3g}, the "
-                f"inverse says the opposite; {int(np.sum(wrong))} of {len(some)} such places"
+                f"{'inside' if inside[k] else 'outside'} with a margin of "
+                f"{margin[k]:.3g}, the "
+                f"inverse says the opposite; {int(np.sum(wrong))} of {len(some)} such "
+                f"places"
             )
         if not made.solver.points:
             continue
@@ -248,7 +257,8 @@ def _area(made: Outputs, mode: str, size: float, error: float, notes: Notes) -> 
     spread = np.sqrt(max(told * (1.0 - told), 1.0 / DIRECTIONS) / DIRECTIONS)
     notes.contradiction(
         abs(share - told) > DEVIATIONS * spread + error,
-        f"mode {mode}: the area is {size:.5g} sr, {told:.4f} of the sphere, but the inverse "
+        f"mode {mode}: the area is {size:.5g} sr, {told:.4f} of the sphere, but the "
+        f"inverse "
         f"reaches {share:.4f} of {DIRECTIONS} random directions",
     )
 
@@ -290,6 +300,7 @@ def rotation_and_forward(evidence: Evidence, notes: Notes) -> None:
         off = float(np.min(np.max(gap, axis=(2, 3)), initial=np.inf))
         notes.contradiction(
             not off < SAME,
-            f"theta = {np.degrees(theta[n]):.6f} deg of the rotation {text}: at its inputs no "
+            f"theta = {np.degrees(theta[n]):.6f} deg of the rotation {text}: at its "
+            f"inputs no "
             f"orientation is the start's turned by theta, the nearest is {off:.2e} off",
         )

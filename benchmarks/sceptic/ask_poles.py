@@ -38,7 +38,10 @@ def around(evidence: Evidence, analysis: str) -> list[tuple[str, RunResult]]:
     runs = []
     for k in range(PLACES):
         moved = k % len(inputs)
-        q = [item.start + evidence.random.random() * (item.stop - item.start) for item in inputs]
+        q = [
+            item.start + evidence.random.random() * (item.stop - item.start)
+            for item in inputs
+        ]
         path = np.tile(np.array(q), (9, 1))
         path[:, moved] += STEP * np.arange(-4, 5)
         try:
@@ -75,8 +78,10 @@ def poles_and_pairs(evidence: Evidence, notes: Notes) -> None:
                 off = abs(rate - abs(float(slope)))
                 notes.contradiction(
                     not off <= LEAST * max(1.0, rate) + SPREAD * float(doubt),
-                    f"{moved} moves, branch {branch}, q = {rows.iloc[4, 2]:.9f} rad: the rate of "
-                    f"{pair.name} is {rate:.9g}, its variable changes by {abs(float(slope)):.9g}",
+                    f"{moved} moves, branch {branch}, q = {rows.iloc[4, 2]:.9f} rad: "
+                    f"the rate of "
+                    f"{pair.name} is {rate:.9g}, its variable changes by "
+                    f"{abs(float(slope)):.9g}",
                 )
 
 
@@ -100,7 +105,8 @@ def rates_and_derivatives(evidence: Evidence, notes: Notes) -> None:
             off = abs(given - slope)
             notes.contradiction(
                 not off <= LEAST * scale + SPREAD * float(np.max(doubt)),
-                f"{moved} moves, branch {branch}, q = {rows['q'].iloc[4]:.9f} rad: rate_dq of "
+                f"{moved} moves, branch {branch}, q = {rows['q'].iloc[4]:.9f} rad: "
+                f"rate_dq of "
                 f"{link} to {base} is {given:.9g}, rate changes by {slope:.9g}",
             )
 
@@ -126,7 +132,8 @@ def inertia_and_derivative(evidence: Evidence, notes: Notes) -> None:
             scale = max(float(rows["B"].abs().max()), abs(given), 1e-12)
             notes.contradiction(
                 not abs(given - slope) <= LEAST * scale + SPREAD * float(doubt),
-                f"branch {branch}, q = {rows['q'].iloc[4]:.9f} rad: dB_dq is {given:.9g}, B "
+                f"branch {branch}, q = {rows['q'].iloc[4]:.9f} rad: dB_dq is "
+                f"{given:.9g}, B "
                 f"changes by {float(slope):.9g}",
             )
 
@@ -148,5 +155,6 @@ def verify(evidence: Evidence, notes: Notes) -> None:
         notes.found(
             f"a direction is off by {directions['error_rad']:.2e} rad, "
             f"{directions['over_bound']:.3g} times its bound, at sample "
-            f"{directions['sample']}, branch {directions['branch']}, {directions['subject']}"
+            f"{directions['sample']}, branch {directions['branch']}, "
+            f"{directions['subject']}"
         )

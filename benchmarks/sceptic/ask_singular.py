@@ -72,7 +72,8 @@ def _on_curves(evidence: Evidence, points: pd.DataFrame, notes: Notes) -> None:
         off = abs(off - 2.0 * np.pi * round(off / (2.0 * np.pi)))
         notes.contradiction(
             not off < AGREE,
-            f"{row.kind} of {row.output}: the curve is at {off:.2e} rad from q = {row.q:.9g}",
+            f"{row.kind} of {row.output}: the curve is at {off:.2e} rad from q = "
+            f"{row.q:.9g}",
         )
 
 
@@ -112,10 +113,12 @@ def branches_end_at_places(evidence: Evidence, notes: Notes) -> None:
         held = status == "OK"
         lost = status == "OUT_OF_REACH"
         for k in range(len(q) - 1):
-            if not (held[k] and lost[k + 1] or lost[k] and held[k + 1]):
+            if not ((held[k] and lost[k + 1]) or (lost[k] and held[k + 1])):
                 continue
             low, high = sorted((q[k], q[k + 1]))
-            own = points["branch"].map(lambda text, b=branch: _among(b, text)).to_numpy(bool)
+            own = (
+                points["branch"].map(lambda text, b=branch: _among(b, text)).to_numpy(bool)
+            )
             inside = (points["q"] >= low - AGREE) & (points["q"] <= high + AGREE)
             notes.judged()
             if not (ends & own & (inside | whole)).any():
@@ -215,7 +218,9 @@ def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
         own = points[points["output"].astype(str).isin((output, "", "nan"))]
         turning = own["turns"].astype(str).str.contains("output").to_numpy(bool)
         for branch, rows in there.groupby("branch"):
-            on_branch = own["branch"].map(lambda text, b=branch: _among(b, text)).to_numpy(bool)
+            on_branch = (
+                own["branch"].map(lambda text, b=branch: _among(b, text)).to_numpy(bool)
+            )
             at = np.sort(own.loc[turning & on_branch, "q"].to_numpy())
             _parities(evidence, output, int(branch), rows, at, sampled, notes)
 
@@ -251,7 +256,8 @@ def _parities(
         if fine is None or fine % 2 == count % 2:
             continue
         notes.found(
-            f"branch {branch}, q = {np.degrees(q[k]):.6f} to {np.degrees(q[k + 1]):.6f} deg: "
+            f"branch {branch}, q = {np.degrees(q[k]):.6f} to {np.degrees(q[k + 1]):.6f} "
+            f"deg: "
             f"the rate of {output} reverses {fine} times, {count} reversals are listed",
             Kind.SHORT if sampled else Kind.CONTRADICTION,
         )
@@ -277,7 +283,9 @@ def _reversals(
         [evidence.mechanism.variable_names.index(name) for name in names]
     ]
     middle = frames[frames["sample"] == FINER // 2]
-    gap = np.max(np.abs(np.exp(1j * middle[names].to_numpy()) - np.exp(1j * wanted)), axis=1)
+    gap = np.max(
+        np.abs(np.exp(1j * middle[names].to_numpy()) - np.exp(1j * wanted)), axis=1
+    )
     if not len(gap) or not np.nanmin(gap) < 1e-6:
         return None
     number = middle["branch"].to_numpy()[int(np.nanargmin(gap))]
@@ -326,7 +334,9 @@ def distances_lead_to_places(evidence: Evidence, notes: Notes) -> None:
             row = relation.iloc[rows[int(np.argmax(gap))]]
             notes.found(
                 f"sample {row['sample']}, branch {row['branch']}: to_{kind} = "
-                f"{row[f'to_{kind}']:.9g} of {row['output']} leads from q = {row['q']:.9g} rad "
-                f"to no place of type {kind} or III (the nearest {np.max(gap):.2e} rad off); "
+                f"{row[f'to_{kind}']:.9g} of {row['output']} leads from q = "
+                f"{row['q']:.9g} rad "
+                f"to no place of type {kind} or III (the nearest {np.max(gap):.2e} rad "
+                f"off); "
                 f"{int(np.sum(gap > LEADS))} such rows"
             )

@@ -19,6 +19,8 @@ from spherekit.sphere.rotation import Floats
 
 SAMPLES = 7
 SAME = 1e-6
+STILL = 1e-9
+"""Rates below this have no sign."""
 AGREE = 1e-7
 """Part of the largest rate by which rates may differ, over the conditioning of rows."""
 
@@ -67,7 +69,9 @@ def _angles(motion: Motion, sample: int) -> Floats:
     cosines = axes @ axes.transpose(0, 2, 1)
     mixed = np.sin(np.arange(1.0, 3.0 * axes.shape[1] + 1.0)).reshape(3, -1) @ axes
     triple = np.linalg.det(mixed)
-    return np.concatenate([cosines.reshape(len(axes), len(order) ** 2), triple[:, None]], axis=1)
+    return np.concatenate(
+        [cosines.reshape(len(axes), len(order) ** 2), triple[:, None]], axis=1
+    )
 
 
 @check("told otherwise: modes", "by its pose, turned and renamed it has the same modes")
@@ -96,7 +100,7 @@ def same_modes(evidence: Evidence, notes: Notes) -> None:
             if lost:
                 complete = claim.guarantee is Guarantee.COMPLETE
                 notes.found(
-                    f'{lost} of {len(here)} modes at inputs {where} deg are missing {who}; '
+                    f"{lost} of {len(here)} modes at inputs {where} deg are missing {who}; "
                     f'it claims "{claim}"',
                     Kind.CONTRADICTION if complete else Kind.SHORT,
                 )
@@ -146,12 +150,16 @@ def _rates(made: Mechanism) -> dict[tuple[int, str], tuple[Floats, Floats, Float
     columns = {}
     together = [
         frozenset(pair)
-        for pair in zip(poles["link"].astype(str), poles["relative_to"].astype(str), strict=True)
+        for pair in zip(
+            poles["link"].astype(str), poles["relative_to"].astype(str), strict=True
+        )
     ]
     poles = poles.assign(both=together)
     for name in names:
         rows = poles[poles["both"] == frozenset(ends[name])]
-        columns[name] = rows.set_index(["sample", "branch", "moved"])[["rate", "rate_dq", "status"]]
+        columns[name] = rows.set_index(["sample", "branch", "moved"])[
+            ["rate", "rate_dq", "status"]
+        ]
     found: dict[tuple[int, str], tuple[Floats, Floats, Floats]] = {}
     for sample in range(1, SAMPLES - 1):
         fine = (motion.sample == sample) & (motion.status == Status.OK)
@@ -159,10 +167,7 @@ def _rates(made: Mechanism) -> dict[tuple[int, str], tuple[Floats, Floats, Float
         cosines = _angles(motion, sample)
         for item in made.inputs:
             rates = [
-                [
-                    _at(columns[name], (sample, int(branch), item.pair))
-                    for name in names
-                ]
+                [_at(columns[name], (sample, int(branch), item.pair)) for name in names]
                 for branch in motion.branch[fine]
             ]
             both = np.array(rates, dtype=float).reshape(-1, len(names), 2)
@@ -176,7 +181,7 @@ def _at(rows, key: tuple[int, int, str]) -> tuple[float, float]:  # type: ignore
     row = rows.loc[key]
     if str(row["status"]) != "OK":
         return np.nan, np.nan
-    # A pole's axis has a sense of its own: its rate has a size, and the product of both
-    # derivatives a sign, that do not depend on it.
-    sign = np.sign(row["rate"]) or 1.0
-    return abs(float(row["rate"])), float(row["rate_dq"]) * sign
+    # A pole's axis has a sense of its own: its rate has a size, and rate * rate_dq a
+    # value, that do not depend on it.
+    rate, change = float(row["rate"]), float(row["rate_dq"])
+    return abs(rate), change * np.sign(rate) if abs(rate) > STILL else abs(change)

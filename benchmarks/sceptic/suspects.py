@@ -141,7 +141,10 @@ def _six_bar(random: np.random.Generator) -> Mechanism:
         Pair("p6", "R", (str(stands[1]), "6")),
     ]
     return replace(
-        base, links=(*base.links, "5", "6"), pairs=tuple(pairs), geometry=SizeGeometry(sizes)
+        base,
+        links=(*base.links, "5", "6"),
+        pairs=tuple(pairs),
+        geometry=SizeGeometry(sizes),
     )
 
 
@@ -169,7 +172,9 @@ def _geared(random: np.random.Generator) -> Mechanism:
             ),
         ),
     )
-    given = dict(zip(("left", "right", "ac", "cd", "bd"), (left, right, *axes), strict=True))
+    given = dict(
+        zip(("left", "right", "ac", "cd", "bd"), (left, right, *axes), strict=True)
+    )
     span = ((0.0, 2 * TURN), (-TURN, TURN), (0.0, 3 * TURN))[random.integers(3)]
     return Mechanism(
         "made",
