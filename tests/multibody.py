@@ -32,7 +32,7 @@ class Hinge:
 
 @final
 class MultiBody:
-    """Bodies 1 to n with tensors (n, 3, 3) about the centre, in ground axes at the start."""
+    """Bodies with tensors (n, 3, 3) about the centre at the start, in ground axes."""
 
     def __init__(self, tensors: Sequence[Floats], hinges: Sequence[Hinge]) -> None:
         self.tensors = np.array(tensors)

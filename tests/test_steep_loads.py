@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from multibody import Hinge, MultiBody
 
-from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
 from spherekit.engine.compiler import available
 from spherekit.files.read import load
@@ -34,7 +33,7 @@ def lonlat(lon, lat):
 
 
 def tensors(mechanism):
-    """Return physical inertia tensors (links, 3, 3) in link axes, that of the ground too."""
+    """Return physical inertia tensors (links, 3, 3) in link axes."""
     random = np.random.default_rng(3)
     points = random.normal(size=(len(mechanism.links), 5, 3)) * 0.4
     square = np.einsum("lni,lnj->lij", points, points)
@@ -149,6 +148,7 @@ def holds(name, speed, until, engine, dry=DRY):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(
     ("name", "speed"), [("four_bar", 0.5), ("stephenson", 0.05), ("cam", 0.01)]

@@ -115,8 +115,8 @@ class CompiledEquation:
     what the switches depend on, then its rates by time, from the state, the time and all
     parameters. `steep` gives from the same the rate of the momentum, then the arguments at
     whose zeros and turns loads may change faster than a series shows, None where no load
-    does; `tolerance` is that of a step. The integrator holds the state of a run, so `lock` is held while one
-    lasts; the functions may be called by several threads at once.
+    does; `tolerance` is that of a step. The integrator holds the state of a run, so `lock`
+    is held while one lasts; the functions may be called by several threads at once.
     """
 
     structure: Structure
