@@ -548,7 +548,8 @@ def report(summary: Any) -> str:
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
             f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
-            f"energy balanced to {done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
+            f"energy balanced to {done['energy_imbalance_J']:.1e} of "
+            f"{done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
         line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
