@@ -517,13 +517,21 @@ def report(summary: Any) -> str:
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
     count = len(summary["branches"])
-    lines = [
-        f"{summary['mechanism']}: {summary['sampling']} samples of "
-        f"{'inputs' if len(summary['inputs']) > 1 else 'input'} "
-        f"{', '.join(summary['inputs'])}, {count} branch{'' if count == 1 else 'es'}; "
-        f"mobility {mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
-        f"{', '.join(summary['groups'])}"
-    ]
+    names = f"{'inputs' if len(summary['inputs']) > 1 else 'input'} " + ", ".join(
+        summary["inputs"]
+    )
+    if count:
+        first = (
+            f"{summary['sampling']} samples of {names}, {count} "
+            f"branch{'' if count == 1 else 'es'}; mobility {mobility['graph']} by the "
+            f"graph, {mobility['rank']} by rank"
+        )
+    else:
+        first = (
+            f"{names}; no motion was traced, as no analysis reads samples; mobility "
+            f"{mobility['graph']} by the graph"
+        )
+    lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
     repeated = summary["redundant_constraints"]
     if repeated and repeated["count"]:
         lines.append(
