@@ -195,6 +195,7 @@ class SeveralInputs:
                 beyond = len(found.curves) - len(met)
                 words = f"{len(met)} curves of type {found.kind}"
                 words += f" and {beyond} outside the ranges" if beyond else ""
+                words += _irregular(len(found.stray), "curve")
                 remarks.append(f"output {name}: {words}; {found.claim}")
             for mesh in self._surfaces(batch, output):
                 own[f"vertices_{mesh.kind}"] = len(mesh.points.values)
@@ -202,11 +203,7 @@ class SeveralInputs:
                 own[f"claim_{mesh.kind}"] = mesh.guarantee
                 count = len(mesh.points.values)
                 words = f"{count} vertices of surfaces of type {mesh.kind}"
-                if mesh.irregular:
-                    words += (
-                        f"; {mesh.irregular} configurations met are singular where the "
-                        "locus is no regular surface, and have no mesh"
-                    )
+                words += _irregular(mesh.irregular, "surface")
                 remarks.append(f"output {name}: {words}; {mesh.guarantee}")
             figures[name] = own
             rows = self._coefficients(batch, output)
@@ -227,8 +224,12 @@ class SeveralInputs:
         if parts is not None:
             figures["aspects"] = [int(size) for size in parts.sizes]
             figures["aspects_guarantee"] = parts.guarantee
-            if parts.note:
-                remarks.append(f"{len(parts.sizes)} aspects; {parts.note}")
+            figures["singular_on_lattice"] = parts.singular
+            if parts.note or not len(parts.sizes):
+                words = f"{len(parts.sizes)} aspects"
+                if parts.singular:
+                    words += f"; {parts.singular} configurations met are singular"
+                remarks.append("; ".join(filter(None, [words, parts.note])))
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scenes(self, batch: Batch) -> tuple[Scene, ...]:
@@ -428,6 +429,16 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
         three = ", ".join(batch.moved_pairs[k] for k in at.triplets[triple])
         words[row].append(f"u of {three} coplanar")
     return np.array([" ".join(own) for own in words], dtype=str)
+
+
+def _irregular(count: int, what: str) -> str:
+    """Return in words how many singular configurations lie on no regular part."""
+    if not count:
+        return ""
+    return (
+        f"; {count} configurations met are singular where the locus is no regular {what}, "
+        "and not listed"
+    )
 
 
 def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:

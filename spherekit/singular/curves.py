@@ -66,7 +66,8 @@ class SingularCurves:
 
     `slices` counts the configuration curves that were searched, `starts` the random starts
     instead, and `seeds` the singular configurations met. `stray` (n, V) are singular
-    configurations that no curve could be followed from. `branching` (n, V) are
+    configurations that no curve could be followed from: the locus crosses itself there, or
+    fills a part of the configurations. `branching` (n, V) are
     configurations next to those in which slices end, as the motions of the mechanism
     branch there: its closure equations lose rank, and no type is defined.
     """
@@ -151,6 +152,9 @@ def singular_curves(
         left = np.ones(len(points), dtype=bool)
         if made is None and not whole_turn:
             left = view.points(locus, points).inside
+        irregular = left & (points.flatness < NEARLY_FLAT)
+        stray.append(points.values[irregular])
+        left &= ~irregular
         for curve in traced:
             left[left] &= ~curve.find(points.values[left], points.motions[left])
         while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
