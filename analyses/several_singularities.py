@@ -154,7 +154,7 @@ class SeveralInputs:
                         "transmission": np.full(n, np.nan),
                         "to_I": np.full(n, np.nan),
                         "to_II": np.full(n, np.nan),
-                        "sigma": found.type_two,
+                        "sigma": found.hold,
                         "flatness": found.flatness,
                         "status": batch.status,
                         "moved": np.full(n, pair),

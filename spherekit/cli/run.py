@@ -150,7 +150,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave out links and pairs that no analysis needs; branches are then those "
         "of the part that is left",
     )
-    parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
+    parser.add_argument(
+        "--deg",
+        action="store_true",
+        help="angles in tables, their rates and accelerations in degrees; what is per rad "
+        "stays so",
+    )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
         "--strict",
@@ -235,14 +240,24 @@ def execute(options: argparse.Namespace) -> int:
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     if not result.summary.get("accuracy", {"met": True})["met"]:
         failed.add("tolerance")
+    simulation = result.summary.get("simulation")
+    if simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast"):
+        failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
 def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and what else there is to say to stderr."""
+    from spherekit.analysis.tables import COLUMNS
+
     summary = result.summary
     if study.folder is not None and not options.quiet:
-        print(f"{len(result.files)} files in {study.folder}", file=sys.stderr)
+        angles = "deg" if study.degrees else "rad"
+        print(
+            f"{len(result.files)} files in {study.folder}, angles in {angles}; the unit of "
+            f"every column is in {COLUMNS}",
+            file=sys.stderr,
+        )
     if options.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
     else:
@@ -532,7 +547,7 @@ def report(summary: Any) -> str:
             f"({done['end']['reason']}), {done['events']} events, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}, energy balanced to "
+            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, energy balanced to "
             f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:

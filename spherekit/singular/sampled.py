@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.motion.configuration import Configurations
 from spherekit.motion.motion import Tracer
-from spherekit.singular.nearness import nearness, singular_values
+from spherekit.rates.transmission import hold
+from spherekit.singular.nearness import nearness
 from spherekit.singular.record import AlongOutput, Singularities, Type
 from spherekit.singular.relation import Form
 from spherekit.singular.single import SingleFreedom
@@ -189,7 +190,10 @@ class SampledSingularities:
         ]
 
     def singular_values(self) -> tuple[Floats, Floats]:
-        """Return (n,) what `spherekit.singular.nearness.singular_values` does."""
+        """Return (n,) how surely the locked input holds all links, and that of the best.
+
+        See `spherekit.rates.transmission.hold`.
+        """
         smallest = np.full(len(self.s), np.nan)
         ratio = smallest.copy()
         for number, curve in enumerate(self.curves):
@@ -197,10 +201,10 @@ class SampledSingularities:
             if len(rows):
                 closure = curve.segments.closure
                 placed, states = closure.place(curve.at(self.s[rows]).values)
-                smallest[rows], ratio[rows] = singular_values(
+                smallest[rows], ratio[rows] = hold(
                     closure.tree,
-                    closure.vectors(placed, states),
                     [self.tracer.solver.single],
+                    closure.vectors(placed, states),
                 )
         return smallest, ratio
 
