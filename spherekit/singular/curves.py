@@ -17,7 +17,13 @@ from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.curve import SingularCurve
 from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
+from spherekit.singular.points import (
+    CurveSeen,
+    SingularPoints,
+    TypeName,
+    View,
+    loci_of,
+)
 from spherekit.singular.rest import output_of
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import Seeding
@@ -39,6 +45,7 @@ class FoundCurve:
     cusps: SingularPoints
     both: SingularPoints
     view: View
+    why: str = ""
 
     def dense(self, parts: int) -> SingularPoints:
         """Return the whole curve, each way between two nodes divided into parts."""
@@ -73,7 +80,7 @@ class SingularCurves:
     """
 
     kind: TypeName
-    curves: tuple[FoundCurve, ...]
+    curves: tuple[CurveSeen, ...]
     claim: Claim
     slices: int
     starts: int
