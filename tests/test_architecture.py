@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
-    ("errors", "conventions", "guarantee", "version"),
+    ("errors", "conventions", "guarantee", "progress", "version"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),
