@@ -108,7 +108,10 @@ def prepare(
         values, turns = _closed(closure, mechanism, start.values)
     else:
         moved = driven
-        values, turns = _configuration(Tracer(mechanism), start.q, branch)
+        tracer = Tracer(mechanism)
+        if np.isfinite(start.q) and abs(start.q) <= FARTHEST:
+            tracer = reaching(tracer, np.array([start.q]))
+        values, turns = _configuration(tracer, start.q, branch)
     vectors = closure.vectors(*closure.place(values[None]))
     if rank_mobility(closure.tree, vectors)[0] != 1:
         raise SolveError(
@@ -213,12 +216,38 @@ def whole_turns(angles: Floats) -> Floats:
 
 
 def into_range(tracer: Tracer, q: Floats) -> Floats:
-    """Return inputs moved by whole turns into the input's range, where those reach it."""
+    """Return inputs moved by whole turns into the input's range, where those reach it.
+
+    Where wheels count the turns, only by those after which all are as before, and as near
+    to the range as can be.
+    """
     low, high = tracer.range
     inside = (q >= low) & (q <= high)
-    least = reduced(q)
-    moved = least + FULL_TURN * np.ceil((low - least) / FULL_TURN)
-    return np.asarray(np.where(inside | ~(moved <= high), q, moved))
+    (period,) = tracer.solver.periods
+    if not np.isfinite(period):
+        return q
+    least = reduced(q * (FULL_TURN / period)) * (period / FULL_TURN)
+    above = least + period * np.ceil((low - least) / period)
+    below = above - period
+    beyond = q
+    if tracer.solver.meshes is not None:
+        beyond = np.where(low - below < above - high, below, above)
+    return np.asarray(np.where(inside, q, np.where(above <= high, above, beyond)))
+
+
+def reaching(
+    tracer: Tracer, q: Floats, branch: int | None = None, search: bool = True
+) -> Tracer:
+    """Return a tracer over a range that holds inputs q (n,) where wheels count the turns.
+
+    It is the one given where no contact rolls, or whole turns lead into its range.
+    """
+    low, high = tracer.range
+    moved = into_range(tracer, q)
+    if tracer.solver.meshes is None or np.all((moved >= low) & (moved <= high)):
+        return tracer
+    path = np.array([min(low, np.min(moved)), max(high, np.max(moved))])
+    return Tracer(tracer.mechanism, None, branch, search, path=path)
 
 
 def _check_stops(mechanism: Mechanism, values: Floats) -> None:

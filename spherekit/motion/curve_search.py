@@ -10,6 +10,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Solver
+from spherekit.motion.crossing import ways_out
 from spherekit.motion.dead_inputs import DeadInputs
 from spherekit.motion.modes import assemblies
 from spherekit.motion.stretches import Stretches, turning_inputs
@@ -64,6 +65,16 @@ class CurveSearch:
                 self.problems.append(words)
         return len(self.curves) - known
 
+    def cross(self) -> None:
+        """Follow the curves that cross those found, until there are no new ones.
+
+        On some of them the input may stand still, so that no input leads to them.
+        """
+        for curve in self.curves:  # which grow on the way
+            for why, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
+                if why == Status.AT_SINGULARITY:
+                    self.add(ways_out(self.solver.closure, end))
+
     def sweep(self, drive: Solver, dead: DeadInputs, step: float) -> Claim:
         """Follow the curves of all modes of `drive` between its dead inputs."""
         for q in dead.probes(step):
@@ -85,11 +96,12 @@ class CurveSearch:
             return Claim(Guarantee.COMPONENT, "wheels in mesh as in the branches given")
         random = np.random.default_rng(20240616)
         dry = searches = known = met = 0
+        (period,) = self.solver.periods
         while dry < DRY and searches < MOST_SEARCHES:
             q = float(random.uniform(self.low, self.high))
             values, _ = _modes(self.solver, q)
             for curve in self.curves:
-                known += len(curve.at_input(self.solver.single, q).places)
+                known += len(curve.at_input(self.solver.single, q, period).places)
                 met += int(np.sum(~np.isnan(curve.find(values))))
             self.counted.append((q, len(values)))
             searches += 1

@@ -82,13 +82,24 @@ class Meshes:
 
     def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
         """Return the closed configurations (variables,) found at inputs q (k,)."""
+        far, q = q, self._less_periods(q)
         held = dict(zip(driven, map(float, q), strict=True)) | self.at(q)
         locked = lock(closure, held)
         found = Distinct(locked.closure)
         search(locked.closure, found)
         if not found.values:
             return []
-        return list(locked.whole(np.array(found.values)))
+        return [
+            self.moved(values, driven, far)
+            for values in locked.whole(np.array(found.values))
+        ]
+
+    def _less_periods(self, q: Floats) -> Floats:
+        """Return inputs (k,) as near to the anchor as whole periods bring them."""
+        finite = np.isfinite(self.periods)
+        periods = np.where(finite, self.periods, 1.0)
+        laps = np.where(finite, np.round((q - self.anchor) / periods), 0.0)
+        return np.asarray(q - laps * periods)
 
     def moved(self, values: Floats, driven: Sequence[int], q: Floats) -> Floats:
         """Return the same configuration (variables,) at inputs nearest to q (k,).
@@ -282,7 +293,7 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
     pairs = [pair for pair, own in of_pair.items() if np.all(linear[own])]
     left = set(pairs)
     while left:
-        bodies, part = set(tree.ends[min(left)]), set()
+        bodies, part = set(tree.ends[min(left)]), set[int]()
         while new := {pair for pair in left if bodies & set(tree.ends[pair])} - part:
             part |= new
             bodies |= {body for pair in new for body in tree.ends[pair]}

@@ -282,7 +282,9 @@ def _beyond_dead_centres(
             curves.append(follow_arc(solver.closure, values))
         except SolveError:
             continue
-        yield from Stretches.of(curves[-1], solver.single, *_range(lattice)).middles
+        (period,) = solver.periods
+        found = Stretches.of(curves[-1], solver.single, *_range(lattice), period)
+        yield from found.middles
 
 
 def _inputs(count: int) -> str:
