@@ -160,7 +160,9 @@ class Solver:
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.BRANCH_LOST)
             determinant, flatness = determinant_signs(jacobian)
             if branch.determinants:
+                # of a flat group the sign is rounding
                 flipped = determinant != branch.determinants[number]
+                flipped &= flatness >= FLAT_GROUP
                 _mark(status, flipped, Status.BRANCH_LOST)
             _mark(status, flatness < FLAT_GROUP, Status.AT_SINGULARITY)
             _mark(status, ~np.all(states.inside, axis=1), Status.OFF_PROFILE)

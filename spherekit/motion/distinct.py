@@ -16,6 +16,10 @@ SAME_DEAD_CENTRE = 1e-3
 """The same where rounding is felt most: solutions that are multiple."""
 MOST_MODES = 64
 """Configurations of one group that are kept; where it can move there is no end of them."""
+MOST_LOOSE = 4
+"""Of configurations in which the group can move, or nearly so, no more are kept."""
+LOOSE = 1e-9
+"""Smallest singular value, over the largest, of those."""
 SPREAD = 8.0
 """Copies of one solution differ by less than this times their first-order error."""
 
@@ -40,6 +44,7 @@ class Distinct:
         self.closure = closure
         self.values: list[Floats] = []
         self._poses: list[tuple[Floats, float]] = []
+        self._loose = 0
         self._rolling = [
             (variable, joint)
             for variable, pair in enumerate(closure.tree.owners)
@@ -55,7 +60,8 @@ class Distinct:
         placed, states = self.closure.place(values)
         exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
         jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
-        least = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
+        sizes = np.linalg.svd(jacobian, compute_uv=False)
+        least, loose = sizes[:, -1], sizes[:, -1] < LOOSE * sizes[:, 0]
         residual = self.closure.residual(placed, states)
         gap = np.max(np.abs(residual), axis=1, initial=0.0)
         error = np.maximum(gap, EPS) / np.maximum(least, EPS)
@@ -67,10 +73,13 @@ class Distinct:
                 return
             if any(self._meshes_again(values[row], mode) for mode in self.values):
                 continue
+            if loose[row] and self._loose == MOST_LOOSE:
+                continue
             if all(
                 are_far(placed[row], pose, max(tolerance[row], other))
                 for pose, other in self._poses
             ):
+                self._loose += int(loose[row])
                 self.values.append(values[row])
                 self._poses.append((placed[row], tolerance[row]))
 

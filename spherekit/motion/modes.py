@@ -179,6 +179,8 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
         guide = _guide(solver, lattice, values)
         if guide is not None:
             branch = Branch(len(branches), _signs_at(solver, values), guide)
+            if isinstance(guide, Curve):  # where the pose itself may be a dead centre
+                values = guide.values[len(guide.values) // 2]
             branches.append(_with_determinants(solver, branch, values))
 
     meshes = solver.meshes
