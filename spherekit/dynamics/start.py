@@ -18,6 +18,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
+from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 
@@ -216,23 +217,17 @@ def whole_turns(angles: Floats) -> Floats:
 
 
 def into_range(tracer: Tracer, q: Floats) -> Floats:
-    """Return inputs moved by whole turns into the input's range, where those reach it.
+    """Return inputs moved by whole turns into the input's range, or as near as these lead.
 
-    Where wheels count the turns, only by those after which all are as before, and as near
-    to the range as can be.
+    Where wheels count the turns, only by those after which all are as before.
     """
     low, high = tracer.range
-    inside = (q >= low) & (q <= high)
     (period,) = tracer.solver.periods
     if not np.isfinite(period):
         return q
-    least = reduced(q * (FULL_TURN / period)) * (period / FULL_TURN)
-    above = least + period * np.ceil((low - least) / period)
-    below = above - period
-    beyond = q
-    if tracer.solver.meshes is not None:
-        beyond = np.where(low - below < above - high, below, above)
-    return np.asarray(np.where(inside, q, np.where(above <= high, above, beyond)))
+    scale = period / FULL_TURN
+    moved = turned_into(scale * reduced(q / scale), low, high, period)
+    return np.asarray(np.where((q >= low) & (q <= high), q, moved))
 
 
 def reaching(
