@@ -10,6 +10,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Solver
+from spherekit.motion.crossing import ways_out
 from spherekit.motion.dead_inputs import DeadInputs
 from spherekit.motion.modes import assemblies
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
@@ -65,6 +66,16 @@ class CurveSearch:
             if not any(_ends_at(curve, given) for curve in self.curves):
                 self.problems.append(words)
         return len(self.curves) - known
+
+    def cross(self) -> None:
+        """Follow the curves that cross those found, until there are no new ones.
+
+        On some of them the input may stand still, so that no input leads to them.
+        """
+        for curve in self.curves:  # which grow on the way
+            for why, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
+                if why == Status.AT_SINGULARITY:
+                    self.add(ways_out(self.solver.closure, end))
 
     def sweep(self, drive: Solver, dead: DeadInputs, step: float) -> Claim:
         """Follow the curves of all modes of `drive` between its dead inputs."""

@@ -17,6 +17,10 @@ SAME_DEAD_CENTRE = 1e-3
 """The same where rounding is felt most: solutions that are multiple."""
 MOST_MODES = 64
 """Configurations of one group that are kept; where it can move there is no end of them."""
+MOST_LOOSE = 4
+"""Of configurations in which the group can move, or nearly so, no more are kept."""
+LOOSE = 1e-9
+"""Smallest singular value, over the largest, of those."""
 SPREAD = 8.0
 """Copies of one solution differ by less than this times their first-order error."""
 
@@ -41,6 +45,7 @@ class Distinct:
         self.closure = closure
         self.values: list[Floats] = []
         self._poses: list[tuple[Floats, float]] = []
+        self._loose = 0
         self._rolling = [
             (variable, joint)
             for variable, pair in enumerate(closure.tree.owners)
@@ -59,7 +64,8 @@ class Distinct:
         placed, states = self.closure.place(values)
         exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
         jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
-        least = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
+        sizes = np.linalg.svd(jacobian, compute_uv=False)
+        least, loose = sizes[:, -1], sizes[:, -1] < LOOSE * sizes[:, 0]
         residual = self.closure.residual(placed, states)
         gap = np.max(np.abs(residual), axis=1, initial=0.0)
         error = np.maximum(gap, EPS) / np.maximum(least, EPS)
@@ -74,6 +80,10 @@ class Distinct:
             left = left[~same]
         while len(left) and len(self.values) < MOST_MODES:
             number, row = len(self.values), left[0]
+            if loose[row] and self._loose == MOST_LOOSE:
+                left = left[1:]
+                continue
+            self._loose += int(loose[row])
             self.values.append(values[row])
             self._poses.append((placed[row], tolerance[row]))
             near = self._near(number, values[left], placed[left], placed[row])

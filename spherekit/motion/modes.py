@@ -218,6 +218,8 @@ class _Gathering:
         guide = _guide(self.solver, self.lattice, values)
         if guide is not None:
             branch = Branch(len(self.branches), _signs_at(self.solver, values), guide)
+            if isinstance(guide, Curve):  # where the pose itself may be a dead centre
+                values = guide.values[len(guide.values) // 2]
             self.branches.append(_with_determinants(self.solver, branch, values))
             new = max(self.families, default=-1) + 1
             self.families.append(new if family is None else family)
@@ -350,8 +352,9 @@ class _Gathering:
                 self._curves.append(follow_arc(self.solver.closure, values))
             except SolveError:
                 continue
+            (period,) = self.solver.periods
             parts = Stretches.of(
-                self._curves[-1], self.solver.single, *_range(self.lattice)
+                self._curves[-1], self.solver.single, *_range(self.lattice), period
             )
             rows = np.zeros(len(parts.middles), dtype=np.intp)
             self.add_new(parts.middles, rows, self.families[branch.number])
