@@ -567,10 +567,15 @@ def report(summary: Any) -> str:
             line += f"; configurations known to {off:.1e} rad"
         lines.append(line)
     if errors["largest_direction_error_bound_rad"] is not None:
-        lines.append(
+        line = (
             "largest error bound of a pole direction "
             f"{errors['largest_direction_error_bound_rad']:.1e} rad"
         )
+        if errors["largest_rate_error_bound"] is not None:
+            line += f", of a rate {errors['largest_rate_error_bound']:.1e}"
+        if errors["largest_rate_dq_error_bound"] is not None:
+            line += f", of its derivative {errors['largest_rate_dq_error_bound']:.1e} 1/rad"
+        lines.append(line)
     if "verified" in summary:
         from spherekit.analysis.verify import told
 
