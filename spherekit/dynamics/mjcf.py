@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from spherekit.conventions import listing
 from spherekit.dynamics.inertia import need_inertia
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Damper, Gravity, Spring
@@ -181,7 +182,7 @@ def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
     Joint positions are the pair variables. Each cut loop is held by one `connect` at unit
     distance on the pair's axis, as stiff as the step allows. Gravity, springs and dampers
     at hinges are exported, other loads are not: every hinge has a motor whose control is
-    a torque (N m).
+    a torque (N m). What is left out is said in comments, and by `left_out`.
 
     Parameters
     ----------
@@ -191,30 +192,11 @@ def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
         Step (s) of MuJoCo's integrator; the stiffness of the loops follows from it.
     """
     made = rigid_bodies(mechanism, values)
-    loads = {hinge.pair: [0.0, 0.0, 0.0] for hinge in made.hinges}
-    left = []
-    for load in mechanism.loads:
-        if isinstance(load, Spring) and load.pair in loads:
-            if loads[load.pair][0] == 0.0:
-                loads[load.pair][:2] = [load.stiffness, load.rest]
-                continue
-        elif isinstance(load, Damper) and load.pair in loads:
-            loads[load.pair][2] += load.damping
-            continue
-        elif isinstance(load, Gravity):
-            continue
-        left.append(load.name)
+    loads, _ = _at_hinges(made)
     falls = [m.acceleration for m in mechanism.loads if isinstance(m, Gravity)]
     gravity = np.sum(np.array(falls).reshape(-1, 3), axis=0)
-    unknown = [body.link for body in made.bodies if not body.known]
     notes = [f"cut at pair {cut.pair}: connect, of rank two" for cut in made.cuts]
-    if unknown:
-        notes.append(
-            f"links {', '.join(unknown)}: mass and centre unknown, chosen so that the "
-            "tensor about the centre of the sphere is right"
-        )
-    if left:
-        notes.append(f"loads not exported: {', '.join(left)}; use the motors")
+    notes += left_out(made)
     lines = [f"<mujoco model={quoteattr(mechanism.name)}>"]
     lines += [f"  <!-- {note.replace('--', '- -')} -->" for note in notes]
     lines += [
@@ -237,6 +219,60 @@ def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
     lines += ["  </equality>", "  <actuator>"]
     lines += [f'    <motor name="{h.pair}" joint="{h.pair}"/>' for h in made.hinges]
     return "\n".join([*lines, "  </actuator>", "</mujoco>", ""])
+
+
+def left_out(made: RigidBodies) -> tuple[str, ...]:
+    """Return what of a mechanism its MuJoCo model has otherwise or not, in sentences."""
+    mechanism = made.mechanism
+    weighed = {mass.link for mass in mechanism.masses}
+    massless = [body.link for body in made.bodies if body.link not in weighed]
+    unknown = [b.link for b in made.bodies if not b.known and b.link in weighed]
+    _, lost = _at_hinges(made)
+    notes = []
+    if lost:
+        notes.append(
+            f"loads left out: {', '.join(lost)}; give them as controls of the motors"
+        )
+    if mechanism.stops:
+        pairs = listing(stop.pair for stop in mechanism.stops)
+        notes.append(f"stops left out, hinges turn freely: {pairs}")
+    if mechanism.outputs:
+        names = listing(output.name for output in mechanism.outputs)
+        notes.append(f"outputs left out: {names}")
+    if unknown:
+        notes.append(
+            f"mass and centre are not known and were chosen so that the tensor about the "
+            f"centre of the sphere is right: links {listing(unknown)}"
+        )
+    if massless:
+        notes.append(
+            f"links without mass were given {SMALL:g} of the largest inertia: "
+            f"{listing(massless)}"
+        )
+    return tuple(notes)
+
+
+def _at_hinges(made: RigidBodies) -> tuple[dict[str, list[float]], list[str]]:
+    """Return stiffness, rest and damping at every hinge, and the loads left out."""
+    found = {hinge.pair: [0.0, 0.0, 0.0] for hinge in made.hinges}
+    left = []
+    for load in made.mechanism.loads:
+        if isinstance(load, Gravity):
+            continue
+        reason = "MuJoCo has none of its kind"
+        if isinstance(load, Spring | Damper):
+            if load.pair not in found:
+                reason = f"pair {load.pair}, where the loop is cut, has no hinge"
+            elif isinstance(load, Damper):
+                found[load.pair][2] += load.damping
+                continue
+            elif found[load.pair][0] == 0.0:
+                found[load.pair][:2] = [load.stiffness, load.rest]
+                continue
+            else:
+                reason = f"a hinge has one spring, and pair {load.pair} has another"
+        left.append(f"{load.name} ({reason})")
+    return found, left
 
 
 def _children(

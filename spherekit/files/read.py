@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 from spherekit.errors import FileError, ModelError
-from spherekit.files.angles import Vector
+from spherekit.files.angles import AngleUnit, Vector
 from spherekit.files.check import check
 from spherekit.files.contact import Contacts
 from spherekit.files.document import Document, parse, read_text
@@ -53,6 +53,15 @@ def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
             "with spherekit run"
         )
     return loads(read_text(path), str(path))
+
+
+def angle_unit_of(name_or_path: str | os.PathLike[str]) -> AngleUnit:
+    """Return the unit of the angles in a mechanism file; errors as of `load`."""
+    path = find(name_or_path)
+    document = parse(read_text(path), str(path))
+    check(document)
+    unit: AngleUnit = document.data["angle_unit"]
+    return unit
 
 
 def loads(text: str, name: str = "text") -> Mechanism:
