@@ -18,34 +18,41 @@ from spherekit.analysis.scene import (
     Surface,
 )
 from spherekit.analysis.tables import input_columns
-from spherekit.guarantee import Guarantee
+from spherekit.budget import Budget
+from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.singular.aspects import Aspects, aspects
-from spherekit.singular.curves import FoundCurve, SingularCurves, singular_curves
+from spherekit.singular.curves import (
+    FoundCurve,
+    SingularCurves,
+    ranges_of,
+    singular_curves,
+)
 from spherekit.singular.points import SingularPoints, TypeName
 from spherekit.singular.rest import output_of
 from spherekit.singular.several import OutputCoefficients, RowType, coefficients
+from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.surface import SingularSurface, singular_surface
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 KINDS: tuple[TypeName, ...] = ("II", "I")
+FOR_SLICES = 0.4
+"""Part of the time that slices may take."""
 VANISHES = 1e-8
 """A coefficient or triple product below this vanishes."""
-_FOUND = {
-    "curves_II": "curves of type II",
-    "curves_I": "curves of type I",
-    "vertices_II": "vertices of surfaces of type II",
-    "vertices_I": "vertices of surfaces of type I",
-}
 SAME = 1e-6
 """Points of type III whose variables differ by less (rad) are one, met on two curves."""
 SLICES = 12
-SLICES_OF_MESH = 4
+"""Values of each input at which dyads are cut by default."""
+SIDES = 4.0
+"""Edges of a mesh by default along the narrowest range of an input, and the longest."""
+LONGEST_SIDE = np.radians(15.0)
 DRAWN = 8
 """Parts of each way between two nodes of a curve that is drawn."""
 TONES = {"I": 1, "II": 2, "III": 3}
+_WORDS = {"loose": "loose", "branching": "branching"}
 NAMES = {
     RowType.REGULAR: "regular",
     RowType.LOOSE: "loose",
@@ -61,21 +68,30 @@ class SeveralInputs:
 
     `slices` is the number of values at which each input is locked to look for singular
     curves, or surfaces where `mesh` (rad) is the length of their triangles' edges; with 0
-    there is none. `lattice` is the number of values of each input for aspects.
+    there is none, and by default random starts are the seeds of what no dyads cut quickly.
+    `lattice` is the number of values of each input for aspects, and `seconds` the
+    processor time that all this may take.
     """
 
     slices: int | None
-    mesh: float
+    mesh: float | None
     lattice: int
     near: float
+    seconds: float
 
     def slices_of(self, batch: Batch) -> int:
-        """Return the number of slices, by default what dyads or a mesh allow."""
+        """Return the number of slices, by default what dyads of two inputs allow."""
         if self.slices is not None:
             return self.slices
-        if len(batch.moved_pairs) == 3:
-            return SLICES_OF_MESH if self.mesh else 0
-        return SLICES if batch.tracer.assembly.has_closed_form else 0
+        two = len(batch.moved_pairs) == 2
+        return SLICES if two and batch.tracer.assembly.has_closed_form else 0
+
+    def side_of(self, batch: Batch) -> float:
+        """Return the length (rad) of a mesh's edges, 0 for no mesh."""
+        if self.mesh is not None:
+            return self.mesh
+        widths = [item.stop - item.start for item in batch.mechanism.inputs]
+        return float(min(LONGEST_SIDE, min(widths) / SIDES))
 
     def outputs(self, mechanism: Mechanism) -> tuple[Output, ...]:
         """Return the outputs that the mechanism declares."""
@@ -88,13 +104,16 @@ class SeveralInputs:
         for output in self.outputs(batch.mechanism):
             met = np.zeros((0, len(batch.mechanism.variable_names)))
             curves = [
-                each for found in self._curves(batch, output) for each in found.curves
+                (each, found.claim)
+                for found in self._curves(batch, output)
+                for each in found.curves
             ]
-            for number, each in enumerate(curves):
+            for number, (each, claim) in enumerate(curves):
                 notes = "closed" if each.closed else "open"
-                parts.append(_rows(batch, each.points, output, number, each.s, notes))
-                nowhere = np.full(len(each.both.values), np.nan)
-                both = _rows(batch, each.both, output, number, nowhere, "of both types")
+                where = number, each.s
+                parts.append(_rows(batch, each.points, output, *where, notes, claim))
+                where = number, np.full(len(each.both.values), np.nan)
+                both = _rows(batch, each.both, output, *where, "of both types", claim)
                 both["kind"][:] = "III"
                 away = each.both.values[:, None] - met
                 lap = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
@@ -103,7 +122,8 @@ class SeveralInputs:
                 met = np.concatenate([met, each.both.values])
             for mesh in self._surfaces(batch, output):
                 s = np.full(len(mesh.points.values), np.nan)
-                made = _rows(batch, mesh.points, output, 0, s, "vertex of a surface")
+                words = "vertex of a surface"
+                made = _rows(batch, mesh.points, output, 0, s, words, mesh.claim)
                 made["curve"] = mesh.component.astype(np.int64)
                 parts.append(made)
         return _stacked(parts)
@@ -134,7 +154,7 @@ class SeveralInputs:
                         "transmission": np.full(n, np.nan),
                         "to_I": np.full(n, np.nan),
                         "to_II": np.full(n, np.nan),
-                        "sigma": found.type_two,
+                        "sigma": found.hold,
                         "flatness": found.flatness,
                         "status": batch.status,
                         "moved": np.full(n, pair),
@@ -160,20 +180,37 @@ class SeveralInputs:
         }
 
     def findings(self, batch: Batch) -> Findings:
-        """Return curves, aspects and guarantees, and where rows come near a type."""
+        """Return curves, aspects and claims, and where rows come near a type."""
         figures: dict[str, Any] = {"slices": self.slices_of(batch)}
         warnings: list[str] = []
+        remarks: list[str] = []
         for output in self.outputs(batch.mechanism):
             name = _named(output)
             own: dict[str, Any] = {}
             for found in self._curves(batch, output):
-                own[f"curves_{found.kind}"] = len(found.curves)
-                own["guarantee"] = found.guarantee
+                met = [each for each in found.curves if np.any(each.points.inside)]
+                own[f"curves_{found.kind}"] = len(met)
+                own[f"curves_outside_{found.kind}"] = len(found.curves) - len(met)
+                own[f"claim_{found.kind}"] = str(found.claim)
+                beyond = len(found.curves) - len(met)
+                words = f"{len(met)} curves of type {found.kind}"
+                words += f" and {beyond} outside the ranges" if beyond else ""
+                remarks.append(f"output {name}: {words}; {found.claim}")
             for mesh in self._surfaces(batch, output):
                 own[f"vertices_{mesh.kind}"] = len(mesh.points.values)
-                own["guarantee"] = mesh.guarantee
+                own[f"irregular_{mesh.kind}"] = mesh.irregular
+                own[f"claim_{mesh.kind}"] = mesh.guarantee
+                count = len(mesh.points.values)
+                words = f"{count} vertices of surfaces of type {mesh.kind}"
+                if mesh.irregular:
+                    words += (
+                        f"; {mesh.irregular} configurations met are singular where the "
+                        "locus is no regular surface, and have no mesh"
+                    )
+                remarks.append(f"output {name}: {words}; {mesh.guarantee}")
             figures[name] = own
             rows = self._coefficients(batch, output)
+            remarks += _throughout(batch, rows, name)
             for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
                 angles = np.degrees(_angle(sizes))
                 near = angles <= self.near
@@ -190,15 +227,8 @@ class SeveralInputs:
         if parts is not None:
             figures["aspects"] = [int(size) for size in parts.sizes]
             figures["aspects_guarantee"] = parts.guarantee
-        remarks = [
-            f"output {name}: "
-            + ", ".join(
-                f"{own[key]} {words}" for key, words in _FOUND.items() if key in own
-            )
-            + f"; {own['guarantee']}"
-            for name, own in figures.items()
-            if isinstance(own, dict) and "guarantee" in own
-        ]
+            if parts.note:
+                remarks.append(f"{len(parts.sizes)} aspects; {parts.note}")
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scenes(self, batch: Batch) -> tuple[Scene, ...]:
@@ -237,16 +267,14 @@ class SeveralInputs:
         """Return the singular curves in the plane of both inputs."""
         curves: list[tuple[Floats, int]] = []
         marks: list[Mark] = []
-        low = np.array([item.start for item in batch.mechanism.inputs])
         for found in self._curves(batch, output):
             for each in found.curves:
-                drawn = self._drawn(batch, each)
-                line = np.degrees(low + np.mod(drawn.inputs - low, 2.0 * np.pi))
+                line = np.degrees(self._drawn(batch, each).inputs)
                 jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > 180.0
                 line[np.any(jumps, axis=1)] = np.nan
                 curves.append((line, TONES[found.kind]))
-                both = low + np.mod(each.both.inputs - low, 2.0 * np.pi)
-                marks += [Mark("III", place, TONES["III"]) for place in np.degrees(both)]
+                both = np.degrees(each.both.inputs)
+                marks += [Mark("III", place, TONES["III"]) for place in both]
         here = np.degrees(batch.inputs)
         every = np.concatenate([here, *(line for line, _ in curves)])
         (left, bottom), (right, top) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
@@ -288,8 +316,29 @@ class SeveralInputs:
             )
         return parts
 
+    def _cut(self, batch: Batch) -> Cut | None:
+        """Return the slices for curves or surfaces of both types and all outputs."""
+        each = self.slices_of(batch)
+        if not each:
+            return None
+        return batch.once(
+            "cut",
+            lambda: cut(
+                solver_of(batch.mechanism),
+                ranges_of(batch.mechanism),
+                each,
+                Budget(FOR_SLICES * self.seconds, "slices"),
+            ),
+        )
+
+    def _share(self, batch: Batch, what: str) -> Budget:
+        """Return the budget of one set of curves or surfaces, or of the aspects."""
+        parts = len(KINDS) * len(self.outputs(batch.mechanism)) + (self.lattice > 0)
+        left = 1.0 - (FOR_SLICES if self.slices_of(batch) else 0.0)
+        return Budget(left * self.seconds / parts, what)
+
     def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
-        if len(batch.moved_pairs) != 2 or not self.slices_of(batch):
+        if len(batch.moved_pairs) != 2 or self.slices == 0:
             return ()
         return batch.once(
             ("curves", output.name),
@@ -298,7 +347,9 @@ class SeveralInputs:
                     batch.mechanism,
                     kind,
                     output.name,
-                    slices_of_each=self.slices_of(batch),
+                    slices_of_each=0,
+                    made=self._cut(batch),
+                    budget=self._share(batch, f"curves of type {kind}"),
                 )
                 for kind in KINDS
             ),
@@ -308,7 +359,8 @@ class SeveralInputs:
         return batch.once(("drawn", id(curve)), lambda: curve.dense(DRAWN))
 
     def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
-        if len(batch.moved_pairs) != 3 or not self.slices_of(batch) or not self.mesh:
+        side = self.side_of(batch)
+        if len(batch.moved_pairs) != 3 or self.slices == 0 or not side:
             return ()
         return batch.once(
             ("surfaces", output.name),
@@ -317,8 +369,10 @@ class SeveralInputs:
                     batch.mechanism,
                     kind,
                     output.name,
-                    side=self.mesh,
-                    slices_of_each=self.slices_of(batch),
+                    side=side,
+                    slices_of_each=0,
+                    made=self._cut(batch),
+                    budget=self._share(batch, f"surfaces of type {kind}"),
                 )
                 for kind in KINDS
             ),
@@ -327,10 +381,16 @@ class SeveralInputs:
     def _aspects(self, batch: Batch) -> Aspects | None:
         if not self.lattice:
             return None
-        names = self.outputs(batch.mechanism)
+        name = self.outputs(batch.mechanism)[0].name
         return batch.once(
             "aspects",
-            lambda: aspects(batch.mechanism, self.lattice, ("I", "II"), names[0].name),
+            lambda: aspects(
+                batch.mechanism,
+                self.lattice,
+                ("I", "II"),
+                name,
+                budget=self._share(batch, "aspects"),
+            ),
         )
 
     def _coefficients(self, batch: Batch, output: Output) -> OutputCoefficients:
@@ -370,6 +430,20 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
     return np.array([" ".join(own) for own in words], dtype=str)
 
 
+def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
+    """Return in words which branches are singular in every row that is known."""
+    found: dict[str, list[int]] = {}
+    for number, own in batch.branch_rows().items():
+        kinds = set(rows.type[own].tolist()) - {int(RowType.UNKNOWN)}
+        if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
+            found.setdefault(_type(kinds.pop()), []).append(number)
+    return [
+        f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of branches "
+        + ", ".join(map(str, numbers))
+        for kind, numbers in found.items()
+    ]
+
+
 def _rows(
     batch: Batch,
     points: SingularPoints,
@@ -377,14 +451,15 @@ def _rows(
     curve: int,
     s: Floats,
     note: str,
+    claim: Claim,
 ) -> Row:
     n = len(points.values)
-    inside = np.where(points.inside, note, note + "; outside the declared ranges")
     return {
         "kind": np.full(n, points.kind, dtype="<U8"),
         "condition": _conditions(batch, points, output),
         "branch": np.full(n, ""),
         **input_columns(batch.mechanism, points.inputs),
+        "inside": np.where(points.inside, "yes", "no"),
         "output": np.full(n, _named(output)),
         "curve": np.full(n, curve),
         "s": s,
@@ -393,8 +468,8 @@ def _rows(
         "turns": np.full(n, ""),
         "double": np.full(n, "no"),
         "decided": np.full(n, "yes"),
-        "guarantee": np.full(n, Guarantee.TO_BOX.value),
-        "note": inside.astype(str),
+        "guarantee": np.full(n, claim.guarantee.value),
+        "note": np.full(n, note),
     }
 
 

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
-    ("errors", "conventions", "guarantee", "version"),
+    ("errors", "conventions", "guarantee", "version", "budget"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),
@@ -44,6 +44,7 @@ SIBLINGS = {
 }
 PLUGINS_MAY_IMPORT = {
     "guidance",
+    "budget",
     "guarantee",
     "singular",
     "analysis",

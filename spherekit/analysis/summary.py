@@ -67,7 +67,8 @@ def summary_of(job: Job, standing: Standing) -> dict[str, Any]:
             f"{name}: {text}" for name, own in findings.items() for text in own.remarks
         ],
         "warnings": [
-            f"{name}: {text}" for name, own in findings.items() for text in own.warnings
+            *course.warnings,
+            *(f"{name}: {text}" for name, own in findings.items() for text in own.warnings),
         ],
     }
 

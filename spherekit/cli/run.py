@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import logging
 import shlex
 import signal
 import sys
@@ -14,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spherekit.budget import PROGRESS
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from spherekit.model.laws import Law, Start
 
 BAR = 30
+TELL = 3.0
+"""Seconds between two lines that say what a search does."""
 STOPPED = 128
 """Added to the number of the signal that stopped a run, for the exit status."""
 
@@ -193,7 +197,7 @@ def execute(options: argparse.Namespace) -> int:
     if study.folder is not None:
         make_folder(study.folder)
     try:
-        with _stoppable(), _recorder(options, study) as recorder:
+        with _stoppable(), _telling(options), _recorder(options, study) as recorder:
             chosen = _accuracy(study, analyses, options)
             result = run_study(
                 _by_choice(study, chosen),
@@ -235,6 +239,9 @@ def execute(options: argparse.Namespace) -> int:
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     if not result.summary.get("accuracy", {"met": True})["met"]:
+        failed.add("tolerance")
+    simulation = result.summary.get("simulation")
+    if simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast"):
         failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
 
@@ -540,7 +547,7 @@ def report(summary: Any) -> str:
             f"({done['end']['reason']}), {done['events']} events, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}, energy balanced to "
+            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, energy balanced to "
             f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
@@ -649,6 +656,35 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
             file=sys.stderr,
         )
     recorder.serve_until_interrupted()
+
+
+@contextmanager
+def _telling(options: argparse.Namespace) -> Iterator[None]:
+    """Print to stderr what long searches do, a line every few seconds."""
+    teller = logging.getLogger(PROGRESS)
+    before = teller.level
+    handler = _Told(sys.stderr)
+    if not options.quiet:
+        teller.addHandler(handler)
+        teller.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        teller.removeHandler(handler)
+        teller.setLevel(before)
+
+
+class _Told(logging.StreamHandler[Any]):
+    """Prints what it is told if the last line was printed `TELL` seconds ago."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__(stream)
+        self._last = time.monotonic()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if time.monotonic() - self._last >= TELL:
+            self._last = time.monotonic()
+            super().emit(record)
 
 
 def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:

@@ -12,10 +12,12 @@ from functools import cached_property
 from typing import Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.engine.compiler import MOST_SWITCHES, End, Integrator
 from spherekit.engine.equation import CompiledEquation, EventKind
 from spherekit.engine.loads import FULL_TURN
+from spherekit.engine.probes import good_until
 from spherekit.model.dynamics import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
@@ -38,6 +40,12 @@ CROSSED = 1e-5
 A configuration off its curve by d misses a crossing by sqrt(d), so this suits
 `spherekit.engine.equation.LOOSEST`.
 """
+
+MISSED = 100.0
+"""Tolerances of a step by which its series may miss the momentum within it."""
+
+SHRUNK, GROWN = 0.03, 4.0
+"""Parts by which a step that missed is shortened at most, and lengthened after it."""
 
 BLOCK = 1024
 """Times at which the series are evaluated together."""
@@ -132,16 +140,23 @@ def _evaluate(stretch: Stretch, t: Floats, variables: int) -> tuple[Floats, Floa
     step = np.searchsorted(stretch.starts, t, side="right") - 1
     step = np.clip(step, 0, len(stretch.starts) - 1)
     series = stretch.series[step]
-    h = (t - stretch.starts[step])[:, None]
+    h = t - stretch.starts[step]
+    value, rate = _powers(series, h)
+    for each in (value, rate):
+        each[:, variables] *= stretch.unit
+        each[:, variables + 1 :] *= stretch.unit**2
+    value[:, variables + 1 :] += stretch.work
+    return value, rate
+
+
+def _powers(series: Floats, h: Floats) -> tuple[Floats, Floats]:
+    """Return values and rates (n, states) of Taylor series (n, states, order + 1) at h."""
+    h = h[:, None]
     value = series[:, :, -1]
     rate = np.zeros_like(value)
     for order in range(series.shape[2] - 2, -1, -1):
         rate = rate * h + value
         value = value * h + series[:, :, order]
-    for each in (value, rate):
-        each[:, variables] *= stretch.unit
-        each[:, variables + 1 :] *= stretch.unit**2
-    value[:, variables + 1 :] += stretch.work
     return value, rate
 
 
@@ -179,6 +194,39 @@ def integrate(
 
 
 @final
+class _Taken:
+    """Steps of a stretch while it goes on: their start, length and series.
+
+    `seen` and `sides` are the events seen and the sides of the switches before each;
+    the first `checked` of them are right.
+    """
+
+    def __init__(self) -> None:
+        self.starts: list[float] = []
+        self.lengths: list[float] = []
+        self.series: list[Floats] = []
+        self.seen: list[int] = []
+        self.sides: list[Floats | None] = []
+        self.checked = 0
+
+    def add(
+        self, start: float, length: float, series: Floats, seen: int, sides: Floats | None
+    ) -> None:
+        """Add a step."""
+        self.starts.append(start)
+        self.lengths.append(length)
+        self.series.append(series)
+        self.seen.append(seen)
+        self.sides.append(sides)
+
+    def cut(self, count: int) -> None:
+        """Leave the first steps only."""
+        for each in (self.starts, self.lengths, self.series, self.seen, self.sides):
+            del each[count:]
+        self.checked = count
+
+
+@final
 class _Integration:
     """A run while it goes on."""
 
@@ -209,6 +257,8 @@ class _Integration:
         self.first = np.array([*values, momentum / self.unit, *self.work])
         self.stretches: list[Stretch] = []
         self.time = 0.0
+        self.longest = np.inf
+        """Longest step that is tried, where longer ones missed what a load does."""
 
     def run(self, targets: Sequence[float]) -> Run:
         """Integrate from target to target."""
@@ -241,27 +291,35 @@ class _Integration:
         self, integrator: Integrator, target: float, shortest: float
     ) -> tuple[int, RunEnd | None]:
         self._reduce(integrator)
-        starts: list[float] = []
-        lengths: list[float] = []
-        series: list[Floats] = []
+        taken = _Taken()
         end: RunEnd | None = None
-        while end is None and len(starts) < STRETCH:
+        tried, looks = 0, self.equation.steep is not None
+        while end is None and len(taken.starts) < STRETCH:
+            tried += 1
             start = integrator.time
-            outcome, length = integrator.step(target - start)
+            limited = self.longest < target - start
+            mark = (len(integrator.seen), self._sides(integrator)) if looks else (0, None)
+            outcome, length = integrator.step(min(target - start, self.longest))
             if outcome is End.NOT_FINITE:
                 end = "too_fast"
-                break
-            if length > 0.0 or outcome is End.EVENT:
+            elif length > 0.0 or outcome is End.EVENT:
                 self.time = integrator.time
-                starts.append(start)
-                lengths.append(length)
-                series.append(integrator.coefficients)
-            if outcome is End.LIMIT:
+                taken.add(start, length, integrator.coefficients, *mark)
+            if outcome is End.LIMIT and not limited:
                 end = "time"
             elif outcome is End.EVENT:
                 end = self._event(integrator)
-            elif outcome is End.STEP and length < shortest:
+            elif outcome is not End.SWITCH and length < shortest:
                 end = "too_fast"
+            if limited and outcome is not End.LIMIT:
+                self.longest = np.inf
+            if limited or end is not None or len(taken.starts) == STRETCH:
+                missed = self._missed(integrator, taken)
+                if missed:
+                    end = None if self.longest > shortest else "too_fast"
+                elif limited and outcome is End.LIMIT:
+                    self.longest *= GROWN
+        starts, lengths, series = taken.starts, taken.lengths, taken.series
         if starts:
             kept = np.array(starts), np.array(lengths), np.array(series)
             self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
@@ -270,7 +328,54 @@ class _Integration:
             )
             largest = float(np.max(np.sum(tau**2, axis=0)))
             self.least = max(self.least, CROSSED**2 * largest)
-        return len(starts), end
+        return tried, end
+
+    def _constants(self, integrator: Integrator) -> Floats:
+        """Return the parameters, 0 for those beyond the last that occurs."""
+        found = np.zeros(self.equation.layout.side + len(self.sides))
+        known = integrator.parameters
+        found[: len(known)] = known
+        return found
+
+    def _sides(self, integrator: Integrator) -> Floats:
+        return self._constants(integrator)[self.equation.layout.side :]
+
+    def _missed(self, integrator: Integrator, taken: "_Taken") -> bool:
+        """Return whether steps missed what the loads do; the first goes back to its start.
+
+        The next is then as short as the part of it that was right.
+        """
+        first, steep = taken.checked, self.equation.steep
+        taken.checked = len(taken.starts)
+        if steep is None or first == taken.checked:
+            return False
+        series, lengths = np.array(taken.series[first:]), np.array(taken.lengths[first:])
+        starts, sides = np.array(taken.starts[first:]), np.array(taken.sides[first:])
+        count, constants = self.count, self._constants(integrator)
+
+        def look(step: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
+            h = x * lengths[step]
+            states, rates = _powers(series[step], h)
+            rows = np.empty((states.shape[1] + 1 + len(constants), len(x)))
+            rows[: states.shape[1]] = states.T
+            rows[states.shape[1]] = starts[step] + h
+            rows[states.shape[1] + 1 :] = constants[:, None]
+            rows[len(rows) - sides.shape[1] :] = sides[step].T
+            found = np.asarray(steep(rows))
+            missed = np.abs(rates[:, count] - found[0]) * lengths[step]
+            return missed / (MISSED * self.equation.tolerance), found[1:].T
+
+        good = good_until(look, len(starts))
+        wrong = np.flatnonzero(good < 1.0)
+        if not len(wrong):
+            return False
+        bad = first + int(wrong[0])
+        self.longest = taken.lengths[bad] * max(float(good[wrong[0]]), SHRUNK)
+        self.time = taken.starts[bad]
+        constants[self.equation.layout.side :] = taken.sides[bad]
+        integrator.go_back(taken.series[bad][:, 0], self.time, constants, taken.seen[bad])
+        taken.cut(bad)
+        return True
 
     def _event(self, integrator: Integrator) -> RunEnd:
         kind, _ = self.equation.events[integrator.seen[-1].event]

@@ -19,7 +19,7 @@ from spherekit.guidance.follow import follow_rotation, follow_to
 from spherekit.guidance.form import MidPlaneForm, MidPlaneRotation
 from spherekit.guidance.march import UNFIXED
 from spherekit.guidance.nearest import Target
-from spherekit.guidance.rotation import FixedAxisRotation, control, unit
+from spherekit.guidance.rotation import FixedAxisRotation, unit
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.branches import Solver, wrap
@@ -28,6 +28,7 @@ from spherekit.motion.modes import assemblies
 from spherekit.motion.motion import Motion
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.solutions import pose_of
+from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.mirror import mirror_angles, normal_at, upward
 from spherekit.sphere.poses import turns_between
 from spherekit.sphere.rotation import Floats, arc
@@ -214,7 +215,7 @@ class PoseFinder:
             wrap(values[:, driven]),
             pose_of(self.mechanism, self.output, placed),
             tuple(labels),
-            self._singular(driven, values),
+            self._singular(values),
         )
         return found.singular_last()
 
@@ -224,11 +225,12 @@ class PoseFinder:
         closure = Closure.of(made, geometry_of(made).joints)
         return Target(closure, made.link_number[self.output.link], len(made.inputs))
 
-    def _singular(self, driven: Sequence[int], values: Floats) -> NDArray[np.bool_]:
+    def _singular(self, values: Floats) -> NDArray[np.bool_]:
         near = self._target.at(values, np.broadcast_to(np.eye(3), (len(values), 3, 3)))
-        held = np.minimum(near.grasp, near.looseness)
-        held = np.fmin(held, control(self._target.closure, driven, values))
-        return np.asarray(~(held > UNFIXED))
+        free = np.minimum(near.grasp, near.looseness) > UNFIXED
+        own = Transmission.of(self.mechanism, self.output)
+        held = own.of_values(self.solver.closure, values) > SINGULAR
+        return np.asarray(~(free & held))
 
     def _inverse(self, pose: Floats, points: bool) -> Candidates:
         """Return the configurations at an orientation (3, 3) or direction (3,)."""

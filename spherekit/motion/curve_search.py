@@ -7,7 +7,6 @@ import numpy as np
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.model.geometry import Contact
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Solver
@@ -82,7 +81,7 @@ class CurveSearch:
 
         The modes that curves from other inputs lead to say how many a search misses.
         """
-        if any(isinstance(j, Contact) and j.rolling for j in self.solver.joints):
+        if self.solver.meshes is not None and not self.solver.meshes.all_known:
             return Claim(Guarantee.COMPONENT, "wheels in mesh as in the branches given")
         random = np.random.default_rng(20240616)
         dry = searches = known = met = 0

@@ -6,8 +6,8 @@ import numpy as np
 
 from spherekit.conventions import EPS
 from spherekit.model.geometry import Contact
-from spherekit.motion.branches import penetrates
 from spherekit.motion.closure import Closure
+from spherekit.motion.pairs import penetrates
 from spherekit.sphere.rotation import Floats
 
 SAME_MODE = 1e-6

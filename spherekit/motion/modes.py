@@ -15,7 +15,6 @@ import numpy as np
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.model.geometry import Contact
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Branch, Solver, determinant_signs
@@ -182,7 +181,12 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
             branch = Branch(len(branches), _signs_at(solver, values), guide)
             branches.append(_with_determinants(solver, branch, values))
 
-    if reference is not None:
+    meshes = solver.meshes
+    rolls = meshes is not None and not meshes.all_known
+    if reference is not None and meshes is not None:
+        middle = 0.5 * (np.min(lattice.q, axis=0) + np.max(lattice.q, axis=0))
+        add(meshes.moved(reference, driven, middle))
+    elif reference is not None:
         values = reference.copy()
         middle = 0.5 * (np.min(lattice.q, axis=0) + np.max(lattice.q, axis=0))
         half = 0.5 * np.ptp(lattice.q, axis=0)
@@ -190,14 +194,13 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
         outside = np.abs(reference[driven] - middle) > half
         values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
         add(values)
-        if freedoms and freedoms[0] < len(driven):
-            # Where the pose given cannot move, a search of other modes takes long and is
-            # not what was asked.
-            raise _other_rank(solver, freedoms[0])
+    if reference is not None and freedoms and freedoms[0] < len(driven):
+        # Where the pose given cannot move, a search of other modes takes long and is not
+        # what was asked.
+        raise _other_rank(solver, freedoms[0])
     probes = 0
     methods: list[Method | None] = [None] * len(solver.assembly.groups)
     claim = REFERENCE_ONLY
-    rolls = any(isinstance(j, Contact) and j.rolling for j in solver.joints)
 
     def probe(inputs: Floats) -> None:
         nonlocal probes, methods
@@ -407,6 +410,10 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
         for sign, further in grown:
             extend(further, (*signs, sign))
 
+    if solver.meshes is not None and solver.meshes.all_known:
+        there = solver.meshes.modes(solver.closure, solver.driven, q)
+        modes = tuple((_signs_at(solver, values), values) for values in there)
+        return Assemblies(modes, (Method(0),) * len(groups))
     with np.errstate(invalid="ignore", divide="ignore"):
         extend(solver.start(q[None]), ())
     return Assemblies(tuple(found), tuple(methods))

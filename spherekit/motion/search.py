@@ -19,7 +19,7 @@ def search(closure: Closure, found: Distinct) -> None:
     The starts are the same ones every time.
     """
     random = np.random.default_rng(20240616)
-    low, high = _starting_range(closure)
+    low, high = starting_range(closure)
     dry = 0
     for _ in range(MOST_ROUNDS):
         starts = random.uniform(low, high, (STARTS, len(low)))
@@ -31,7 +31,7 @@ def search(closure: Closure, found: Distinct) -> None:
             break
 
 
-def _starting_range(closure: Closure) -> tuple[Floats, Floats]:
+def starting_range(closure: Closure) -> tuple[Floats, Floats]:
     """Return the limits (variables,) between which random starts are drawn."""
     low: list[float] = []
     high: list[float] = []

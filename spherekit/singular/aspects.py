@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
@@ -57,6 +58,8 @@ class Aspects:
         mechanism changes its assembly mode within the aspect, without a singularity.
     free_of
         The types that divide aspects.
+    note
+        What was not done as time was spent, or nothing.
     """
 
     lattice: Lattice
@@ -69,15 +72,17 @@ class Aspects:
     sign_one: NDArray[np.int8]
     modes: NDArray[np.int64]
     free_of: tuple[TypeName, ...]
+    note: str
 
     @property
     def guarantee(self) -> str:
         """What the labels guarantee, in words."""
-        return (
+        words = (
             "configurations of one aspect are joined by verified steps; two aspects of the "
             "same signs may be one that the samples do not join, and parts between the "
             "samples are not seen"
         )
+        return "; ".join(filter(None, [words, self.note]))
 
 
 def aspects(
@@ -87,6 +92,7 @@ def aspects(
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     whole_turn: bool = False,
+    budget: Budget | None = None,
 ) -> Aspects:
     """Return the aspects of a mechanism with any number of inputs.
 
@@ -103,6 +109,8 @@ def aspects(
     whole_turn
         Whether every input runs through one turn, its ends joined, and not through its
         declared range.
+    budget
+        Time after which no more configurations are joined, unlimited by default.
 
     Raises
     ------
@@ -127,7 +135,8 @@ def aspects(
         )
     each = list(samples) if isinstance(samples, Sequence) else [samples] * count
     lattice, beside = _lattice(mechanism, each, whole_turn)
-    spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None)
+    budget = budget or Budget()
+    spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None, budget)
     for values, row in _starts(solver, lattice):
         spread.add(values, row)
     spread.run()
@@ -177,7 +186,9 @@ class _Spread:
         lattice: Lattice,
         beside: NDArray[np.intp],
         output: OutputRest | None,
+        budget: Budget,
     ) -> None:
+        self.budget = budget
         self.solver, self.lattice, self.beside = solver, lattice, beside
         self.periods = periods_of(solver.closure)
         self.output = output
@@ -217,6 +228,9 @@ class _Spread:
         """Join every configuration to those that straight ways lead to."""
         driven = list(self.solver.driven)
         while self.walked < len(self.values) < MOST_CONFIGURATIONS:
+            words = f"configuration {self.walked + 1} of aspects"
+            if not self.budget.goes_on(words):
+                return
             new = np.arange(self.walked, len(self.values))
             self.walked = len(self.values)
             start = np.repeat(new, len(self.beside))
@@ -288,6 +302,7 @@ def _labelled(
         signs[1],
         modes,
         free_of,
+        spread.budget.note,
     )
 
 

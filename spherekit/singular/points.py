@@ -6,10 +6,10 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Solver
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.rest import InputsRest, OutputRest
+from spherekit.singular.turns import in_range, input_periods, into_range
 from spherekit.sphere.rotation import Floats
 
 TypeName = Literal["I", "II"]
@@ -27,9 +27,10 @@ class SingularPoints:
     values, motion
         The variables and the unit rates of the singular motion, (n, V).
     inputs
-        (n, g) values of the inputs (rad).
+        (n, g) values of the inputs (rad), less whole turns in their declared ranges or as
+        near to these as can be.
     inside
-        (n,) whether all inputs are within their declared ranges, whole turns apart.
+        (n,) whether all are within those ranges.
     orientation, pointing
         (n, 3, 3) from the output link's axes to those of its reference link, and the
         output direction (n, 3) there, or None.
@@ -57,18 +58,18 @@ class SingularPoints:
 class View:
     """What of singular configurations is reported, by their type."""
 
-    mechanism: Mechanism
-    driven: tuple[int, ...]
+    solver: Solver
     output: OutputRest
     kind: TypeName
 
     def points(self, locus: Locus, nodes: LocusPoints) -> SingularPoints:
         """Return what points of a locus look like."""
         space = locus.space(nodes.values)
-        inputs = nodes.values[:, list(self.driven)]
-        low = np.array([item.start for item in self.mechanism.inputs])
-        high = np.array([item.stop for item in self.mechanism.inputs])
-        lapped = low + np.mod(inputs - low, 2.0 * np.pi)
+        driven = list(self.solver.driven)
+        ranges = [(item.start, item.stop) for item in self.solver.mechanism.inputs]
+        low, high = np.array(ranges).T
+        periods = input_periods(self.solver)
+        inputs = into_range(nodes.values[:, driven], low, high, periods)
         orientation = self.output.orientation(space)
         pointing = None
         if self.output.pointing is not None:
@@ -80,10 +81,10 @@ class View:
             nodes.values,
             nodes.motions,
             inputs,
-            np.asarray(np.all(lapped <= high, axis=1)),
+            np.all(in_range(inputs, low, high), axis=1),
             orientation,
             pointing,
-            np.linalg.norm(nodes.motions[:, list(self.driven)], axis=1),
+            np.linalg.norm(nodes.motions[:, driven], axis=1),
             np.linalg.norm(moving, axis=1),
             nodes.residual,
         )
