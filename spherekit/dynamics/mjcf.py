@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.inertia import need_inertia
 from spherekit.errors import ModelError
@@ -107,7 +108,8 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
     Raises
     ------
     ModelError
-        If a pair is a contact, or no moving link has inertia.
+        If a pair is a contact, no moving link has inertia, or the variables are not as
+        many as there are.
     """
     for pair in mechanism.pairs:
         if pair.type != "R":
@@ -116,8 +118,15 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
                 "are hinges of rigid bodies"
             )
     need_inertia(mechanism)
+    values = np.asarray(values, dtype=float)
+    count = len(mechanism.variable_names)
+    if values.shape != (count,) or not np.all(np.isfinite(values)):
+        raise ModelError(
+            f"{mechanism.name}: a configuration has {count} finite variables "
+            f"({listing(mechanism.variable_names)}), not {values.tolist()}"
+        )
     closure = Closure.of(mechanism, geometry_of(mechanism).joints)
-    placed, states = closure.place(np.asarray(values, dtype=float)[None])
+    placed, states = closure.place(values[None])
     axes = closure.frames(placed, states)[0, :, :, 2]
     links, pairs, ends = mechanism.links, mechanism.pairs, mechanism.ends
     hinges = tuple(
@@ -176,6 +185,7 @@ def _moved(about_O: Floats, mass: float, centre: Floats) -> Floats:
     return np.asarray(0.5 * (tensor + tensor.T))
 
 
+@checked(ModelError)
 def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
     """Return a MuJoCo model (MJCF) of a mechanism in a closed configuration.
 
@@ -191,6 +201,8 @@ def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
     timestep
         Step (s) of MuJoCo's integrator; the stiffness of the loops follows from it.
     """
+    if not 0.0 < timestep < np.inf:
+        raise ModelError(f"mjcf: timestep is {timestep} s; it has to be above 0")
     made = rigid_bodies(mechanism, values)
     loads, _ = _at_hinges(made)
     falls = [m.acceleration for m in mechanism.loads if isinstance(m, Gravity)]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
+from spherekit.checked import checked
 from spherekit.errors import FileError, ModelError
 from spherekit.files.angles import AngleUnit, Vector
 from spherekit.files.check import check
@@ -38,6 +39,7 @@ _PART = re.compile(r"(\w+)|\[(\d+)\]")
 _KEYED = re.compile(r"(\w+(?:\.\w+|\[\d+\])*): (.*)", re.S)
 
 
+@checked(FileError)
 def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
     """Read a mechanism file, given by its path or by the name of a shipped mechanism.
 
@@ -64,6 +66,7 @@ def angle_unit_of(name_or_path: str | os.PathLike[str]) -> AngleUnit:
     return unit
 
 
+@checked(FileError)
 def loads(text: str, name: str = "text") -> Mechanism:
     """Read a mechanism from the text of a file; errors call the file `name`.
 
