@@ -14,7 +14,7 @@ PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
     ("errors", "conventions", "guarantee", "version", "progress"),
-    ("budget",),
+    ("budget", "checked"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),
