@@ -65,7 +65,11 @@ class RateErrors:
             for part in (self.turned, self.w, self.dw)
         )
         gap, slip, bend = self.open[rows], self.slip[rows], self.bend[rows]
-        return gap * turned, gap * w + slip * turned, gap * dw + 3 * slip * w + bend * turned
+        return (
+            gap * turned,
+            gap * w + slip * turned,
+            gap * dw + 3 * slip * w + bend * turned,
+        )
 
     def along(self, i: int, j: int, unit: Floats) -> tuple[Floats, Floats, Floats]:
         """Return (n,) bounds of the errors of w and dw of link j, seen from i, along a vector.
@@ -231,9 +235,7 @@ def _size(vectors: Floats) -> Floats:
 
 def _component(unit: Floats, vectors: Floats) -> Floats:
     """Return (ways, n) the component of vectors (3, ways, n) along unit (3, n)."""
-    return np.asarray(
-        unit[0] * vectors[0] + unit[1] * vectors[1] + unit[2] * vectors[2]
-    )
+    return np.asarray(unit[0] * vectors[0] + unit[1] * vectors[1] + unit[2] * vectors[2])
 
 
 def _sum_of_sizes(vectors: Floats) -> Floats:
