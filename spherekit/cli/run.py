@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import logging
 import shlex
 import signal
 import sys
@@ -15,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherekit.budget import PROGRESS
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
     from spherekit.model.laws import Law, Start
 
 BAR = 30
-TELL = 3.0
-"""Seconds between two lines that say what a search does."""
 STOPPED = 128
 """Added to the number of the signal that stopped a run, for the exit status."""
 
@@ -197,7 +193,7 @@ def execute(options: argparse.Namespace) -> int:
     if study.folder is not None:
         make_folder(study.folder)
     try:
-        with _stoppable(), _telling(options), _recorder(options, study) as recorder:
+        with _stoppable(), _recorder(options, study) as recorder:
             chosen = _accuracy(study, analyses, options)
             result = run_study(
                 _by_choice(study, chosen),
@@ -671,35 +667,6 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
             file=sys.stderr,
         )
     recorder.serve_until_interrupted()
-
-
-@contextmanager
-def _telling(options: argparse.Namespace) -> Iterator[None]:
-    """Print to stderr what long searches do, a line every few seconds."""
-    teller = logging.getLogger(PROGRESS)
-    before = teller.level
-    handler = _Told(sys.stderr)
-    if not options.quiet:
-        teller.addHandler(handler)
-        teller.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        teller.removeHandler(handler)
-        teller.setLevel(before)
-
-
-class _Told(logging.StreamHandler[Any]):
-    """Prints what it is told if the last line was printed `TELL` seconds ago."""
-
-    def __init__(self, stream: Any) -> None:
-        super().__init__(stream)
-        self._last = time.monotonic()
-
-    def emit(self, record: logging.LogRecord) -> None:
-        if time.monotonic() - self._last >= TELL:
-            self._last = time.monotonic()
-            super().emit(record)
 
 
 def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:
