@@ -41,12 +41,17 @@ def good_until(look: Look, steps: int) -> Floats:
     owner, x = np.repeat(np.arange(steps), len(even)), np.tile(even, steps)
     missed, arguments = look(owner, x)
     shaped = arguments.reshape(steps, len(even), -1)
-    more = [_turns(look, even, shaped), _zeros(look, even, shaped)]
-    found = [(owner, x, missed)]
-    for own, places in more:
-        if len(own):
-            found.append((own, places, look(own, places)[0]))
-    owner, x, missed = (np.concatenate(each) for each in zip(*found, strict=True))
+    more = (_turns(look, even, shaped), _zeros(look, even, shaped))
+    own, places = (np.concatenate(each) for each in zip(*more, strict=True))
+    if len(own):
+        order = np.lexsort((places, own))
+        own, places = own[order], places[order]
+        # Between two jumps, which need not be on either side of a place found.
+        pairs = np.flatnonzero(own[1:] == own[:-1])
+        own = np.append(own, own[pairs])
+        places = np.append(places, 0.5 * (places[pairs] + places[pairs + 1]))
+        owner, x = np.append(owner, own), np.append(x, places)
+        missed = np.append(missed, look(own, places)[0])
     wrong = ~(missed <= 1.0)
     first = np.full(steps, np.inf)
     np.minimum.at(first, owner[wrong], x[wrong])
