@@ -21,7 +21,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Extent, Timing
 from spherekit.planning.poles import Plan, Pole, pole_of
-from spherekit.rates.field import PoleField, direction_error
+from spherekit.rates.field import PoleField
 from spherekit.sphere.rotation import Floats
 
 Values = TypeVar("Values")
@@ -258,9 +258,7 @@ class Batch:
 
         Of rounding, and of what the configuration is off by.
         """
-        found = self._found(moved)
-        self._pole(i, j, "directions", found.error)
-        return direction_error(self._motion, found, pole_of(i, j))
+        return self._pole(i, j, "directions", self._found(moved).error)
 
     def pole_status(self, i: int, j: int, moved: int = 0) -> NDArray[np.int8]:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
@@ -275,6 +273,25 @@ class Batch:
         if not self.needs.derivatives:
             raise UndeclaredNeed("rate_dq was read; declare Needs(derivatives=True)")
         return self._pole(i, j, "rates", self._found(moved).rate_dq)
+
+    def rate_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of `rate`."""
+        return self._pole(i, j, "rates", self._found(moved).rate_error)
+
+    def rate_dq_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of `rate_dq`, 1/rad."""
+        if not self.needs.derivatives:
+            raise UndeclaredNeed(
+                "rate_dq_error_bound was read; declare Needs(derivatives=True)"
+            )
+        return self._pole(i, j, "rates", self._found(moved).rate_dq_error)
+
+    def rates_loss(self, moved: int = 0) -> Floats:
+        """Return (n,) the part of the angular velocities or their derivatives in doubt.
+
+        Of the largest of all links, or of 1, where that is smaller; 0 below about 1e-10.
+        """
+        return self._found(moved).loss
 
     def planes(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 2, 3) unit normals of the great circles that gave the pole."""

@@ -146,7 +146,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave out links and pairs that no analysis needs; branches are then those "
         "of the part that is left",
     )
-    parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
+    parser.add_argument(
+        "--deg",
+        action="store_true",
+        help="angles in tables, their rates and accelerations in degrees; what is per rad "
+        "stays so",
+    )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
         "--strict",
@@ -231,14 +236,24 @@ def execute(options: argparse.Namespace) -> int:
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     if not result.summary.get("accuracy", {"met": True})["met"]:
         failed.add("tolerance")
+    simulation = result.summary.get("simulation")
+    if simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast"):
+        failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
 def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and what else there is to say to stderr."""
+    from spherekit.analysis.tables import COLUMNS
+
     summary = result.summary
     if study.folder is not None and not options.quiet:
-        print(f"{len(result.files)} files in {study.folder}", file=sys.stderr)
+        angles = "deg" if study.degrees else "rad"
+        print(
+            f"{len(result.files)} files in {study.folder}, angles in {angles}; the unit of "
+            f"every column is in {COLUMNS}",
+            file=sys.stderr,
+        )
     if options.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
     else:
@@ -522,6 +537,7 @@ def report(summary: Any) -> str:
     for branch in summary["branches"]:
         counts = ", ".join(f"{n} {name}" for name, n in branch["status"].items())
         lines.append(f"  branch {branch['number']} ({branch['mode']}): {counts}")
+    lines.append(f"assembly modes: {summary['search']}")
     lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
     if lacking:
         counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
@@ -536,8 +552,9 @@ def report(summary: Any) -> str:
             f"({done['end']['reason']}), {done['events']} events, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}, energy balanced to "
-            f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
+            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
+            f"energy balanced to {done['energy_imbalance_J']:.1e} of "
+            f"{done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
         line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
@@ -546,10 +563,15 @@ def report(summary: Any) -> str:
             line += f"; configurations known to {off:.1e} rad"
         lines.append(line)
     if errors["largest_direction_error_bound_rad"] is not None:
-        lines.append(
+        line = (
             "largest error bound of a pole direction "
             f"{errors['largest_direction_error_bound_rad']:.1e} rad"
         )
+        if errors["largest_rate_error_bound"] is not None:
+            line += f", of a rate {errors['largest_rate_error_bound']:.1e}"
+        if errors["largest_rate_dq_error_bound"] is not None:
+            line += f", of its derivative {errors['largest_rate_dq_error_bound']:.1e} 1/rad"
+        lines.append(line)
     if "verified" in summary:
         from spherekit.analysis.verify import told
 

@@ -101,7 +101,7 @@ class LoopTree:
 
     def body_rates(self, vectors: Floats, rates: Floats) -> Floats:
         """Return angular velocities (n, bodies, 3) relative to body 0, in its axes."""
-        return np.asarray(np.einsum("bv,nv,nvk->nbk", self.paths, rates, vectors))
+        return np.asarray(self.paths @ (rates[..., None] * vectors))
 
 
 def left_inverse(matrices: Floats) -> Floats:

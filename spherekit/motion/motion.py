@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.model.geometry import Joint
@@ -29,7 +30,7 @@ from spherekit.motion.pairs import (
 from spherekit.motion.sheet import Sheet
 from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly, plan_assembly
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.sphere.rotation import Floats, quaternion
 
 DEFAULT_SAMPLES = 361
@@ -131,7 +132,7 @@ class Motion:
         It grows without bound towards singularities of type II; infinite where loops do
         not hold the links, 1 where there is no loop, NaN where the row failed.
         """
-        jacobian = self._free_jacobian
+        jacobian = self.free_jacobian
         free = jacobian.shape[2]
         known = np.all(np.isfinite(jacobian), axis=(1, 2))
         found = np.where(known, np.inf if free else 1.0, np.nan)
@@ -142,11 +143,21 @@ class Motion:
         return np.asarray(found)
 
     @cached_property
-    def _free_jacobian(self) -> Floats:
-        """(n, equations, free) how loops open as the variables without the inputs move."""
+    def free(self) -> tuple[int, ...]:
+        """Numbers of the variables that are no inputs."""
         held = {self.mechanism.variables_of(pair)[0] for pair in self.assembly.inputs}
-        free = [v for v in range(self.values.shape[1]) if v not in held]
-        return LoopTree.of(self.mechanism).jacobian(self.vectors)[:, :, free]
+        return tuple(v for v in range(self.values.shape[1]) if v not in held)
+
+    @cached_property
+    def free_jacobian(self) -> Floats:
+        """(n, equations, free) how loops open as the variables without the inputs move."""
+        jacobian = LoopTree.of(self.mechanism).jacobian(self.vectors)
+        return np.ascontiguousarray(jacobian[:, :, list(self.free)])
+
+    @cached_property
+    def closure_inverse(self) -> Floats:
+        """(n, free, equations) how those variables close loops; NaN where singular."""
+        return left_inverse(self.free_jacobian)
 
     @cached_property
     def sensitivity(self) -> Floats:
@@ -156,26 +167,54 @@ class Motion:
         infinite where loops do not hold the links, 0 where nothing is left to hold, NaN
         where the row failed.
         """
-        jacobian = self._free_jacobian
-        _, equations, free = jacobian.shape
+        _, equations, free = self.free_jacobian.shape
         found = np.full(len(self), np.inf if free else 0.0)
         if 0 < free <= equations:
-            inverse = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
+            inverse = np.linalg.norm(self.closure_inverse, axis=(1, 2))
             found = np.where(np.isfinite(inverse), inverse, np.inf)
         found[self.failed] = np.nan
         return found
 
+    @property
+    def _longest_loop(self) -> int:
+        """The number of variables in the longest loop."""
+        signs = LoopTree.of(self.mechanism).signs
+        return int(np.max(np.count_nonzero(signs, axis=1), initial=0))
+
+    @property
+    def gap(self) -> Floats:
+        """(n,) rad, by how much loops may be open, in each component.
+
+        The residual; two roundings of its own, and one for each variable of a loop: for its
+        geometry, and for the numbers of the file, which float64 rounds.
+        """
+        rounding = EPS * (2.0 + self._longest_loop)
+        return np.asarray(np.nan_to_num(self.residual, nan=0.0) + rounding)
+
+    @property
+    def bend(self) -> Floats:
+        """(n,) how much of `sensitivity` itself the gap of the loops may change.
+
+        Above 1/2 nothing says that the solution is near (Kantorovich's theorem).
+        """
+        return np.asarray(self._longest_loop * self.sensitivity**2 * self.gap)
+
     @cached_property
     def configuration_error(self) -> Floats:
-        """(n,) rad, how far variables may be off, to first order.
+        """(n,) rad, how far variables may be off.
 
-        What loops stay open by, and two roundings for the loops themselves, times
-        `sensitivity`; two roundings more for the numbers. NaN where the row failed or was
-        not constructed.
+        The gap of the loops times `sensitivity` is the first step of Newton's method to
+        the solution, and the way there is at most twice as long while `bend` allows it:
+        infinite where it does not. Two roundings more are for the numbers. NaN where the
+        row failed or was not constructed.
         """
         if np.all(np.isnan(self.residual)):
             return np.full(len(self), np.nan)
-        moved = self.sensitivity * (self.residual + 2.0 * EPS)
+        with np.errstate(invalid="ignore", over="ignore"):
+            bend = self.bend
+            root = np.sqrt(np.where(bend <= 0.5, 1.0 - 2.0 * bend, np.nan))
+            moved = self.sensitivity * self.gap * 2.0 / (1.0 + root)
+        moved = np.where(bend <= 0.5, moved, np.inf)
         return np.where(self.failed, np.nan, 2.0 * EPS + moved)
 
     @property
@@ -263,6 +302,7 @@ class Tracer:
         If it cannot be assembled anywhere, or the branch is unknown.
     """
 
+    @checked(SolveError)
     def __init__(
         self,
         mechanism: Mechanism,
@@ -275,10 +315,8 @@ class Tracer:
         follow: bool = True,
     ) -> None:
         self._follow = follow
-        if input_pair is None:
-            names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-        else:
-            names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
+        mechanism = driven_at(mechanism, input_pair)
+        names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
         self.mechanism = mechanism.with_inputs(*names)
         self.lattice = _lattice(self.mechanism, samples, grid, path)
         self.by_rank = False
@@ -453,6 +491,7 @@ def _lattice(
     return lattices.straight(inputs, samples)
 
 
+@checked(SolveError)
 def trace(
     mechanism: Mechanism,
     samples: int | Sequence[int] = DEFAULT_SAMPLES,
