@@ -144,7 +144,8 @@ def judge_counts(ran: Ran, notes: Notes) -> None:
     (own,) = (each for each in ran.summary["analyses"] if each["name"] == "singularities")
     told = own["findings"].get("singularities")
     if told is not None:
-        counted = found["kind"].astype(str).value_counts().to_dict()
+        kinds = found["kind"].astype(str)
+        counted = kinds[found["inside"].astype(str) == "yes"].value_counts().to_dict()
         notes.contradiction(
             {k: v for k, v in counted.items() if v} != told,
             f"the summary counts {told}, the table {counted}",
