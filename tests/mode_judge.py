@@ -97,7 +97,7 @@ class Structure:
         the least singular values (k,). Levenberg and Marquardt's method.
         """
         n, m = len(q), len(self.bodies)
-        a, b, axis, value = self.driven
+        _, b, axis, value = self.driven
         lock = turned((q - value)[:, None] * axis)
         number = {body: k for k, body in enumerate(self.bodies)}
 
