@@ -62,10 +62,9 @@ class Census:
     def add(self, starts: int, met: NDArray[np.intp], known: int) -> None:
         """Count starts; `met` are the numbers, below `known`, of what they led to."""
         self.starts += starts
-        known = max(known, len(self.counts))
-        new = np.bincount(met[met >= 0], minlength=known)
-        new[: len(self.counts)] += self.counts
-        self.counts = new.tolist()
+        counts = np.bincount(met[met >= 0], minlength=known)
+        before = [*self.counts, *[0] * (len(counts) - len(self.counts))]
+        self.counts = [int(one + more) for one, more in zip(before, counts, strict=True)]
 
     @property
     def closed(self) -> int:
