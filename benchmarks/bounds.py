@@ -19,7 +19,7 @@ from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import PoleField, direction_error, evaluate
+from spherekit.rates.field import PoleField, evaluate
 from spherekit.rates.request import request
 from spherekit.sphere.rotation import Floats
 
@@ -150,5 +150,5 @@ def _directions(
         given = field.direction[pole][rows]
         way = exact_direction(exact, pole, given) - exact.arithmetic.exact(given)
         errors.append(np.linalg.norm(exact.arithmetic.floats(way), axis=1))
-        bounds.append(direction_error(motion, field, pole)[rows])
+        bounds.append(field.error[pole][rows])
     return np.array(errors), np.array(bounds)

@@ -21,7 +21,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Extent, Timing
 from spherekit.planning.poles import Plan, Pole, pole_of
-from spherekit.rates.field import PoleField, direction_error
+from spherekit.rates.field import PoleField
 from spherekit.sphere.rotation import Floats
 
 Values = TypeVar("Values")
@@ -258,9 +258,7 @@ class Batch:
 
         Of rounding, and of what the configuration is off by.
         """
-        found = self._found(moved)
-        self._pole(i, j, "directions", found.error)
-        return direction_error(self._motion, found, pole_of(i, j))
+        return self._pole(i, j, "directions", self._found(moved).error)
 
     def pole_status(self, i: int, j: int, moved: int = 0) -> NDArray[np.int8]:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""

@@ -133,6 +133,12 @@ class Course:
             return {}
         return {"simulate": asdict(self.simulation.engine)}
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be heeded in the rows of a simulation."""
+        missed = self.simulation.missed if self.simulation is not None else None
+        return () if missed is None else (missed,)
+
     def summary(self) -> dict[str, Any]:
         """Return what is to be said of time, and of a simulation's checks."""
         if not self.timed:
@@ -146,6 +152,7 @@ class Course:
             "end": {"kind": done.end.kind, "t": done.end.t, "reason": done.end.message},
             "tolerance": self.tolerance,
             "achieved_error_rad": done.checks.error,
+            "missed": done.missed,
             "energy_imbalance_J": done.checks.energy,
             "energy_scale_J": done.checks.energy_scale,
             "power_imbalance_W": done.checks.power,
@@ -171,8 +178,11 @@ def course_of(
     torque: str | None,
     tolerance: float,
     engine: Engine = "auto",
+    follow: bool = True,
 ) -> Course:
     """Return the course behind the arguments of `spherekit.run`.
+
+    Without `follow` samples over no time have no branches: nothing is to be read there.
 
     Raises
     ------
@@ -191,7 +201,7 @@ def course_of(
         keys, message = fault
         raise AnalysisError(f"{mechanism.name}: {'.'.join(keys)}: {message}")
     if duration is None:
-        tracer = Tracer(mechanism, None, branch, search, samples, grid, path)
+        tracer = Tracer(mechanism, None, branch, search, samples, grid, path, follow)
         lattice = tracer.lattice
         timing = _at_unit_speed(lattice.q) if len(inputs) == 1 else None
         return Course(tracer, lattice.q, lattice.shape, timing, False, {})

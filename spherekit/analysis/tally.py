@@ -10,7 +10,7 @@ from spherekit.analysis.contract import run_status
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.rates.field import PoleField, direction_error
+from spherekit.rates.field import PoleField
 from spherekit.sphere.rotation import Floats
 
 CODES = len(Status)
@@ -70,7 +70,7 @@ class Tally:
             for codes in found.pole_status.values():
                 self._poles += np.bincount(codes[good], minlength=CODES)
             for pole in found.error:
-                error = direction_error(motion, found, pole)
+                error = found.error[pole]
                 self._error = _largest(self._error, error[good])
             self._by_equations[0] += int(np.sum(found.by_equations))
             self._by_equations[1] += len(found.by_equations)
@@ -110,7 +110,7 @@ class Tally:
 
     def statuses(self) -> dict[str, Any]:
         """Return the counts of samples and pole axes, and what their statuses mean."""
-        status = np.sum(list(self._status.values()), axis=0)
+        status = np.zeros(CODES, dtype=np.int64) + sum(self._status.values())
         met = np.flatnonzero(status + self._poles)
         return {
             "status": _counts(status),

@@ -33,7 +33,7 @@ from spherekit.motion.continued import TURN
 from spherekit.motion.motion import Motion
 from spherekit.motion.timing import Timing
 from spherekit.planning.poles import Plan
-from spherekit.rates.field import PoleField, direction_error
+from spherekit.rates.field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 
@@ -154,7 +154,7 @@ class Verifier:
         bound = np.full(len(own), np.nan)
         for field in found:
             for pole in field.error:
-                bound = np.fmax(bound, direction_error(own, field, pole))
+                bound = np.fmax(bound, field.error[pole])
         spread = (number + 1) * GOLDEN % 1.0
         new = _Kept(own, found, turned, spread, bound, own.conditioning)
         new = new.take(new.chosen(self._count))
@@ -498,7 +498,7 @@ def _directions(
             judged = rows.known & np.isfinite(error)
             if not np.any(judged):
                 continue
-            bound = direction_error(motion, field, pole)
+            bound = field.error[pole]
             over = np.where(judged, error / bound, 0.0)
             verdict["count"] += int(np.sum(judged))
             verdict["within_bound"] += int(np.sum(judged & (over <= 1.0)))

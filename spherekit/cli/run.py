@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import logging
 import shlex
 import signal
 import sys
@@ -14,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spherekit.budget import PROGRESS
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from spherekit.model.laws import Law, Start
 
 BAR = 30
+TELL = 3.0
+"""Seconds between two lines that say what a search does."""
 STOPPED = 128
 """Added to the number of the signal that stopped a run, for the exit status."""
 
@@ -146,7 +150,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave out links and pairs that no analysis needs; branches are then those "
         "of the part that is left",
     )
-    parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
+    parser.add_argument(
+        "--deg",
+        action="store_true",
+        help="angles in tables, their rates and accelerations in degrees; what is per rad "
+        "stays so",
+    )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
         "--strict",
@@ -188,7 +197,7 @@ def execute(options: argparse.Namespace) -> int:
     if study.folder is not None:
         make_folder(study.folder)
     try:
-        with _stoppable(), _recorder(options, study) as recorder:
+        with _stoppable(), _telling(options), _recorder(options, study) as recorder:
             chosen = _accuracy(study, analyses, options)
             result = run_study(
                 _by_choice(study, chosen),
@@ -231,14 +240,24 @@ def execute(options: argparse.Namespace) -> int:
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     if not result.summary.get("accuracy", {"met": True})["met"]:
         failed.add("tolerance")
+    simulation = result.summary.get("simulation")
+    if simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast"):
+        failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
 def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and what else there is to say to stderr."""
+    from spherekit.analysis.tables import COLUMNS
+
     summary = result.summary
     if study.folder is not None and not options.quiet:
-        print(f"{len(result.files)} files in {study.folder}", file=sys.stderr)
+        angles = "deg" if study.degrees else "rad"
+        print(
+            f"{len(result.files)} files in {study.folder}, angles in {angles}; the unit of "
+            f"every column is in {COLUMNS}",
+            file=sys.stderr,
+        )
     if options.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
     else:
@@ -498,13 +517,21 @@ def report(summary: Any) -> str:
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
     count = len(summary["branches"])
-    lines = [
-        f"{summary['mechanism']}: {summary['sampling']} samples of "
-        f"{'inputs' if len(summary['inputs']) > 1 else 'input'} "
-        f"{', '.join(summary['inputs'])}, {count} branch{'' if count == 1 else 'es'}; "
-        f"mobility {mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
-        f"{', '.join(summary['groups'])}"
-    ]
+    names = f"{'inputs' if len(summary['inputs']) > 1 else 'input'} " + ", ".join(
+        summary["inputs"]
+    )
+    if count:
+        first = (
+            f"{summary['sampling']} samples of {names}, {count} "
+            f"branch{'' if count == 1 else 'es'}; mobility {mobility['graph']} by the "
+            f"graph, {mobility['rank']} by rank"
+        )
+    else:
+        first = (
+            f"{names}; no motion was traced, as no analysis reads samples; mobility "
+            f"{mobility['graph']} by the graph"
+        )
+    lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
     repeated = summary["redundant_constraints"]
     if repeated and repeated["count"]:
         lines.append(
@@ -529,8 +556,9 @@ def report(summary: Any) -> str:
             f"({done['end']['reason']}), {done['events']} events, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}, energy balanced to "
-            f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
+            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
+            f"energy balanced to {done['energy_imbalance_J']:.1e} of "
+            f"{done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
         line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
@@ -638,6 +666,35 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
             file=sys.stderr,
         )
     recorder.serve_until_interrupted()
+
+
+@contextmanager
+def _telling(options: argparse.Namespace) -> Iterator[None]:
+    """Print to stderr what long searches do, a line every few seconds."""
+    teller = logging.getLogger(PROGRESS)
+    before = teller.level
+    handler = _Told(sys.stderr)
+    if not options.quiet:
+        teller.addHandler(handler)
+        teller.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        teller.removeHandler(handler)
+        teller.setLevel(before)
+
+
+class _Told(logging.StreamHandler[Any]):
+    """Prints what it is told if the last line was printed `TELL` seconds ago."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__(stream)
+        self._last = time.monotonic()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if time.monotonic() - self._last >= TELL:
+            self._last = time.monotonic()
+            super().emit(record)
 
 
 def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:

@@ -32,6 +32,11 @@ def driving_torque(B: Floats, dB: Floats, Q: Floats, dq: Floats, ddq: Floats) ->
     return np.asarray(B * ddq + 0.5 * dB * dq**2 - Q)
 
 
+def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
+    """Return sums (n,) of parts (n, k), NaN in rows that failed, also where k is 0."""
+    return np.where(status == Status.OK, np.sum(parts, axis=1), np.nan)
+
+
 @final
 @dataclass(frozen=True)
 class InverseSolution:
@@ -63,17 +68,17 @@ class InverseSolution:
     @property
     def B(self) -> Floats:
         """(n,) equivalent inertia, kg m2."""
-        return np.asarray(np.sum(self.B_parts, axis=1))
+        return total(self.B_parts, self.status)
 
     @property
     def dB_dq(self) -> Floats:
         """(n,) its derivative, kg m2/rad."""
-        return np.asarray(np.sum(self.dB_parts, axis=1))
+        return total(self.dB_parts, self.status)
 
     @property
     def Q(self) -> Floats:
         """(n,) generalised force of all loads, N m."""
-        return np.asarray(np.sum(self.Q_parts, axis=1))
+        return total(self.Q_parts, self.status)
 
     @property
     def kinetic(self) -> Floats:

@@ -28,7 +28,7 @@ from spherekit.model.mechanism import (
 )
 
 FULL_TURN = 6.283185307179586
-_SIZES_OF_LINK = ("axes", "arcs", "angles")
+_SIZES_OF_LINK = ("axes", "arcs", "angles", "signed_arcs")
 _SIZES_OF_PAIR = ("zero",)
 _ARC_OF_PAIR = ("through_xyz", "through_lonlat")
 _AXIS_OF_PAIR = ("xyz", "lonlat", *_ARC_OF_PAIR)
@@ -165,6 +165,7 @@ class _Reader(Values):
             tuple(item["axes"]),
             self.angles((*path, "arcs"), item.get("arcs", [])),
             self.angles((*path, "angles"), item.get("angles", [])),
+            signed=item.get("signed_arcs", False),
         )
 
     def angles_of_pairs(self, key: str) -> dict[str, float]:

@@ -124,6 +124,8 @@ def _link(mechanism: Mechanism, link: str, unit: AngleUnit) -> _Table:
         table["arcs"] = [_angle(arc, unit) for arc in sizes.arcs]
     if sizes.angles:
         table["angles"] = [_angle(angle, unit) for angle in sizes.angles]
+    if sizes.signed:
+        table["signed_arcs"] = True
     return table
 
 

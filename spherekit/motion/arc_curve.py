@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import Status
+from spherekit.model.geometry import Contact
 from spherekit.motion.segments import CurvePoints, Segments
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.periodic import Periodic
@@ -87,6 +88,28 @@ class ArcCurve:
         finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
         return np.asarray(self.winding * finite)
 
+    @cached_property
+    def returns(self) -> Floats:
+        """Growth (variables,) of a variable with which the same configurations return.
+
+        Where wheels roll, a turn of an R pair is not enough: that of a lap of the curve,
+        infinite if there is none.
+        """
+        joints = self.segments.closure.joints
+        if not any(isinstance(joint, Contact) and joint.rolling for joint in joints):
+            return self.periods
+        return np.where(self.rise != 0.0, np.abs(self.rise), np.inf)
+
+    def first_from(self, values: Floats, variable: int, low: float) -> Floats:
+        """Return values (n,) of a variable on the curve, less what returns, from `low` on.
+
+        Those that never return are left as they are.
+        """
+        period = float(self.returns[variable])
+        if not np.isfinite(period):
+            return values
+        return np.asarray(low + np.mod(values - low, period))
+
     def at(self, s: ArrayLike) -> CurvePoints:
         """Return the curve at arc lengths s (n,) in rad, any order.
 
@@ -122,11 +145,11 @@ class ArcCurve:
         return self.locate(lambda p: (p.tangents[:, variable], p.bends[:, variable]))
 
     def at_input(self, variable: int, value: float) -> Zeros:
-        """Return all s at which a variable has a value (rad), whole periods apart or not.
+        """Return all s at which a variable has a value (rad), or what is the same there.
 
-        Double zeros are those at which the variable turns back.
+        See `returns`. Double zeros are those at which the variable turns back.
         """
-        period = float(self.periods[variable])
+        period = float(self.returns[variable])
         rate = np.pi / period
 
         def chord(points: CurvePoints) -> tuple[Floats, Floats]:

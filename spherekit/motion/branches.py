@@ -6,21 +6,22 @@ a sheet for several) that predicts where Newton's method has to arrive and what 
 not leave.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, EQUAL_CURVATURE, Status
-from spherekit.model.geometry import Joint, Revolute, geometry_of
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.model.geometry import Revolute, geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.follow import Curve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
 from spherekit.motion.loops import left_inverse, rank_mobility
-from spherekit.motion.pairs import PairStates, pair_axes
+from spherekit.motion.meshes import Meshes, meshes_of
+from spherekit.motion.pairs import pair_axes, penetrates
 from spherekit.motion.sheet import Sheet
 from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats
@@ -87,6 +88,11 @@ class Solver:
         """The number of the only input's variable; `PlanError` if there are several."""
         (number,) = self.mechanism.variables_of(self.assembly.input)
         return number
+
+    @cached_property
+    def meshes(self) -> Meshes | None:
+        """How far wheels have rolled at inputs, None without rolling contacts."""
+        return meshes_of(self.closure, self.driven, self.geometry.reference)
 
     def start(self, q: Floats) -> State:
         """Return the state in which only the inputs have values q (n, inputs)."""
@@ -245,13 +251,6 @@ def _spread(jacobian: Floats) -> Floats:
     across = np.maximum(across, SMALLEST_SPREAD * largest)
     even = common / largest + (np.eye(3) - common) / across
     return np.asarray((even[:, None] @ loops).reshape(n, rows, count))
-
-
-def penetrates(joints: Sequence[Joint], states: PairStates) -> NDArray[np.bool_]:
-    """Return (n,) whether a contact's profiles curve into each other, or alike."""
-    contact = [not isinstance(joint, Revolute) for joint in joints]
-    relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
-    return np.asarray(np.any(relative < EQUAL_CURVATURE, axis=1))
 
 
 def wrap(angle: Floats) -> Floats:

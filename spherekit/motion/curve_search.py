@@ -7,7 +7,6 @@ import numpy as np
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.model.geometry import Contact
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Solver
@@ -85,7 +84,7 @@ class CurveSearch:
         The starts are others than those by which a run finds its branches, so that how
         often they met the curves known before says what both may have missed.
         """
-        if any(isinstance(j, Contact) and j.rolling for j in self.solver.joints):
+        if self.solver.meshes is not None and not self.solver.meshes.all_known:
             return Claim(Guarantee.COMPONENT, "wheels in mesh as in the branches given")
         low, high = np.array([self.low]), np.array([self.high])
         starts = RangeSearch(self.solver, low, high, seed=SEED + 1)

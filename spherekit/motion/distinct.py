@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
 from spherekit.model.geometry import Contact
-from spherekit.motion.branches import penetrates
 from spherekit.motion.closure import Closure
+from spherekit.motion.pairs import penetrates
 from spherekit.sphere.rotation import Floats
 
 SAME_MODE = 1e-6

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.model.geometry import Contact
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Branch, Solver, determinant_signs, wrap
@@ -238,9 +237,12 @@ class _Gathering:
         values = reference.copy()
         middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
         half = 0.5 * np.ptp(q, axis=0)
-        turns = np.round((middle - reference[driven]) / (2 * np.pi))
-        outside = np.abs(reference[driven] - middle) > half
-        values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
+        if self.solver.meshes is not None:
+            values = self.solver.meshes.moved(reference, driven, middle)
+        else:
+            turns = np.round((middle - reference[driven]) / (2 * np.pi))
+            outside = np.abs(reference[driven] - middle) > half
+            values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
         self.add(values)
         if self.freedoms and self.freedoms[0] < len(driven):
             # Where the pose given cannot move, a search of other modes takes long and is
@@ -250,7 +252,7 @@ class _Gathering:
     def all_modes(self) -> Claim:
         """Look for further branches in the whole range; return what is claimed then."""
         solver, lattice = self.solver, self.lattice
-        if any(isinstance(joint, Contact) and joint.rolling for joint in solver.joints):
+        if solver.meshes is not None and not solver.meshes.all_known:
             if not self.branches:
                 self.probe(lattice.q[:1])
             return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
@@ -512,6 +514,10 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
         for sign, further in grown:
             extend(further, (*signs, sign))
 
+    if solver.meshes is not None and solver.meshes.all_known:
+        there = solver.meshes.modes(solver.closure, solver.driven, q)
+        modes = tuple((_signs_at(solver, values), values) for values in there)
+        return Assemblies(modes, (Method(0),) * len(groups))
     with np.errstate(invalid="ignore", divide="ignore"):
         extend(solver.start(q[None]), ())
     return Assemblies(tuple(found), tuple(methods))

@@ -131,7 +131,7 @@ class Motion:
         It grows without bound towards singularities of type II; infinite where loops do
         not hold the links, 1 where there is no loop, NaN where the row failed.
         """
-        jacobian = self._free_jacobian
+        jacobian = self.free_jacobian
         free = jacobian.shape[2]
         known = np.all(np.isfinite(jacobian), axis=(1, 2))
         found = np.where(known, np.inf if free else 1.0, np.nan)
@@ -142,11 +142,21 @@ class Motion:
         return np.asarray(found)
 
     @cached_property
-    def _free_jacobian(self) -> Floats:
-        """(n, equations, free) how loops open as the variables without the inputs move."""
+    def free(self) -> tuple[int, ...]:
+        """Numbers of the variables that are no inputs."""
         held = {self.mechanism.variables_of(pair)[0] for pair in self.assembly.inputs}
-        free = [v for v in range(self.values.shape[1]) if v not in held]
-        return LoopTree.of(self.mechanism).jacobian(self.vectors)[:, :, free]
+        return tuple(v for v in range(self.values.shape[1]) if v not in held)
+
+    @cached_property
+    def free_jacobian(self) -> Floats:
+        """(n, equations, free) how loops open as the variables without the inputs move."""
+        jacobian = LoopTree.of(self.mechanism).jacobian(self.vectors)
+        return np.ascontiguousarray(jacobian[:, :, list(self.free)])
+
+    @cached_property
+    def closure_inverse(self) -> Floats:
+        """(n, free, equations) how those variables close loops; NaN where singular."""
+        return left_inverse(self.free_jacobian)
 
     @cached_property
     def sensitivity(self) -> Floats:
@@ -156,26 +166,54 @@ class Motion:
         infinite where loops do not hold the links, 0 where nothing is left to hold, NaN
         where the row failed.
         """
-        jacobian = self._free_jacobian
-        _, equations, free = jacobian.shape
+        _, equations, free = self.free_jacobian.shape
         found = np.full(len(self), np.inf if free else 0.0)
         if 0 < free <= equations:
-            inverse = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
+            inverse = np.linalg.norm(self.closure_inverse, axis=(1, 2))
             found = np.where(np.isfinite(inverse), inverse, np.inf)
         found[self.failed] = np.nan
         return found
 
+    @property
+    def _longest_loop(self) -> int:
+        """The number of variables in the longest loop."""
+        signs = LoopTree.of(self.mechanism).signs
+        return int(np.max(np.count_nonzero(signs, axis=1), initial=0))
+
+    @property
+    def gap(self) -> Floats:
+        """(n,) rad, by how much loops may be open, in each component.
+
+        The residual; two roundings of its own, and half of one for each variable of a loop:
+        for its geometry and for the numbers that the file rounds.
+        """
+        rounding = EPS * (2.0 + 0.5 * self._longest_loop)
+        return np.asarray(np.nan_to_num(self.residual, nan=0.0) + rounding)
+
+    @property
+    def bend(self) -> Floats:
+        """(n,) how much of `sensitivity` itself the gap of the loops may change.
+
+        Above 1/2 nothing says that the solution is near (Kantorovich's theorem).
+        """
+        return np.asarray(self._longest_loop * self.sensitivity**2 * self.gap)
+
     @cached_property
     def configuration_error(self) -> Floats:
-        """(n,) rad, how far variables may be off, to first order.
+        """(n,) rad, how far variables may be off.
 
-        What loops stay open by, and two roundings for the loops themselves, times
-        `sensitivity`; two roundings more for the numbers. NaN where the row failed or was
-        not constructed.
+        The gap of the loops times `sensitivity` is the first step of Newton's method to the
+        solution, and the way there is at most twice as long while `bend` allows it: infinite
+        where it does not. Two roundings more are for the numbers. NaN where the row failed or
+        was not constructed.
         """
         if np.all(np.isnan(self.residual)):
             return np.full(len(self), np.nan)
-        moved = self.sensitivity * (self.residual + 2.0 * EPS)
+        with np.errstate(invalid="ignore", over="ignore"):
+            bend = self.bend
+            root = np.sqrt(np.where(bend <= 0.5, 1.0 - 2.0 * bend, np.nan))
+            moved = self.sensitivity * self.gap * 2.0 / (1.0 + root)
+        moved = np.where(bend <= 0.5, moved, np.inf)
         return np.where(self.failed, np.nan, 2.0 * EPS + moved)
 
     @property
@@ -202,7 +240,7 @@ class Motion:
 
 def samples_in_block(branches: int) -> int:
     """Return the samples of which so many branches together have about `BLOCK` rows."""
-    return max(1, BLOCK // branches)
+    return max(1, BLOCK // max(1, branches))
 
 
 def motion_of(solver: Solver, values: Floats) -> Motion:
@@ -251,6 +289,9 @@ class Tracer:
         Whether to sample all combinations of the inputs.
     path
         (n, inputs) rad: the inputs wanted, instead of the ranges.
+    follow
+        Whether branches are found and followed over the samples; without there are none,
+        and every motion is empty.
 
     Raises
     ------
@@ -269,7 +310,9 @@ class Tracer:
         samples: int | Sequence[int] = DEFAULT_SAMPLES,
         grid: bool = False,
         path: Floats | None = None,
+        follow: bool = True,
     ) -> None:
+        self._follow = follow
         if input_pair is None:
             names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
         else:
@@ -296,6 +339,8 @@ class Tracer:
         """Return the branches; `PlanError` unless there is a freedom for each input."""
         self.assembly = plan_assembly(self.mechanism, self.by_rank)
         self.solver = Solver(self.mechanism, self.assembly)
+        if not self._follow:
+            return ()
         found = find_branches(self.solver, self.lattice, search)
         self.methods, self.claim = found.methods, found.claim
         self._probes = found.probes
@@ -328,6 +373,8 @@ class Tracer:
     @property
     def search(self) -> str:
         """How the assembly modes were found, and what that says of their number."""
+        if not self._follow:
+            return "no motion was traced"
         if not self._probes:
             return f"{self.claim}; no others were looked for"
         used = [
@@ -365,6 +412,9 @@ class Tracer:
         return motion_of(self.solver, values)
 
     def _at(self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int) -> Motion:
+        if not self.branches:
+            none = np.empty((0, len(self.mechanism.variable_owners)))
+            return replace(motion_of(self.solver, none), samples=len(q))
         parts = [self.solver.evaluate(branch, q, rows) for branch in self.branches]
         count, k = len(self.branches), len(q)
         return Motion(

@@ -2,7 +2,8 @@
 
 With one input the input is unknown too: a start goes to the configuration curves, so that
 one that is short along the input is met as well as others, and not only where an input
-probed happens to lie in it. With several each start has the inputs of one sample.
+probed happens to lie in it. With several each start has the inputs of one sample. Where
+wheels are in mesh, each start has an input and the lengths rolled that belong to it.
 """
 
 from typing import final
@@ -57,16 +58,21 @@ class RangeSearch:
         rows = np.zeros(STARTS, dtype=np.intp)
         closure = solver.closure
         with np.errstate(all="ignore"):
-            if self.samples is None:
-                values, near = damped(closure, starts, (), self._least, self._most)
-            else:
+            held = driven
+            if self.samples is not None:
                 rows = self._random.integers(0, len(self.samples), STARTS)
                 starts[:, driven] = self.samples[rows]
-                values, near = damped(closure, starts, driven)
+            if solver.meshes is not None:
+                held = driven + list(solver.meshes.variables)
+                starts[:, held[len(driven) :]] = solver.meshes.rolled(starts[:, driven])
+            if self.samples is None and solver.meshes is None:
+                values, near = damped(closure, starts, (), self._least, self._most)
+            else:
+                values, near = damped(closure, starts, held)
             values, rows = values[near], rows[near]
             if not len(values):
                 return values, rows
-            result = closure.solve(values, driven, iterations=POLISHING_STEPS)
+            result = closure.solve(values, held, iterations=POLISHING_STEPS)
             values = result.values
             placed, states = closure.place(values)
             free = [v for v in range(values.shape[1]) if v not in driven]

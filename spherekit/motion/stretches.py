@@ -15,7 +15,9 @@ SHORTEST = 1e-6
 @final
 @dataclass(frozen=True)
 class Stretches:
-    """The k parts of a curve whose input lies in a range of at most a turn, in order.
+    """The k parts of a curve whose input lies in a range, in order.
+
+    Where the range is longer than what the curve returns with, the first such part of it.
 
     `starts` and `stops` (k,) are s (rad), the last stop perhaps beyond the length of a
     closed curve; `middles` (k, variables) their middle points, the input in the range;
@@ -48,11 +50,11 @@ class Stretches:
         cuts = cuts[np.append(True, np.diff(cuts) > SHORTEST)]
         starts, stops = cuts[:-1], cuts[1:]
         middles = curve.at(0.5 * (starts + stops)).values
-        turned = low + np.mod(middles[:, driven] - low, 2.0 * np.pi)
+        turned = curve.first_from(middles[:, driven], driven, low)
         shift = turned - middles[:, driven]
         ends = [curve.at(cut).values[:, driven] + shift for cut in (starts, stops)]
         middles[:, driven] = turned
-        inside = turned <= high
+        inside = (turned >= low) & (turned <= high)
         return Stretches(
             starts[inside],
             stops[inside],
@@ -70,4 +72,4 @@ def turning_inputs(curve: ArcCurve, driven: int, low: float) -> Floats:
     """Return the values (k,) from `low` on at which a variable turns back on a curve."""
     found = curve.dead_points(driven)
     values = curve.at(found.places[~found.double]).values[:, driven]
-    return np.asarray(low + np.mod(values - low, 2.0 * np.pi))
+    return curve.first_from(values, driven, low)

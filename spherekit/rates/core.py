@@ -5,26 +5,30 @@ motion, whatever its topology. It solves irreducible parts, takes over from the 
 configurations where that is badly conditioned, and gives mobility by rank.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import EPS
-from spherekit.motion.closure import Closure
+from spherekit.conventions import SINGULAR_RATIO
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
+from spherekit.rates.errors import RateErrors, rate_errors
 from spherekit.sphere.rotation import Floats
 
 INCONSISTENT = 1e-10
 """Velocity or acceleration equations that leave over more, relatively, have no solution."""
 NEARLY_FLAT = 1e-3
-"""Equations flatter than this are solved once more beside, to see what rounding does."""
-PROBES = 3
-"""Roundings of the equations at random from which their effect is estimated."""
-TRUSTED_CHANGE = 1e-3
-"""Rates, or derivatives, that rounding of the configuration changes by more are lost."""
+"""Only equations flatter than this can lose their rates to what loops stay open by."""
+TRUSTED_CHANGE = 1e-2
+"""Rates, or derivatives, that may be off by a larger part than this are lost."""
+SECOND_ORDER = 4.0
+"""Errors of second order, over those of first order times the bend of the loops, at most."""
+PIECE = 4096
+"""Rows whose errors are followed at once."""
 
 
 @final
@@ -33,15 +37,93 @@ class LinkRates:
     """First and second derivatives by the motion's parameter of a set of bodies.
 
     `w`, `dw`: (n, bodies, 3) angular velocity relative to body 0 and its derivative;
-    `flatness`: (n,) reciprocal condition of the equations, 0 where rounding of the
-    configuration leaves nothing of the rates or of their derivatives; `slack`: (n, probes,
-    bodies, 3), where known: changes of w under roundings of the equations at random.
+    `flatness`: (n,) reciprocal condition of the equations, 0 where what loops stay open by
+    leaves nothing of the rates or of their derivatives.
     """
 
     w: Floats
     dw: Floats
     flatness: Floats
-    slack: Floats | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Equations:
+    """The velocity equations of all rows of a motion, solved while one input moves.
+
+    `rates`, `change` (n, variables): first and second derivatives of all variables by the
+    input; `inverse` (n, free variables, equations) of the closure Jacobian; `w`, `dw`
+    (n, links, 3) those of the links; `flatness` (n,) the reciprocal condition, 0 where redundant equations contradict each other.
+    """
+
+    motion: Motion
+    rates: Floats
+    change: Floats
+    inverse: Floats
+    w: Floats
+    dw: Floats
+    flatness: Floats
+
+    @cached_property
+    def errors(self) -> RateErrors:
+        """What the rates may be off by."""
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            return rate_errors(self.motion, self.inverse, self.rates, self.change)
+
+    @cached_property
+    def _largest(self) -> tuple[NDArray[np.bool_], Floats, Floats]:
+        """Which rows (n,) are near, and how far any w and dw may be off there.
+
+        Elsewhere the loops hold the links so well that neither can be lost.
+        """
+        near = ~(self.flatness >= NEARLY_FLAT)
+        off = np.zeros((2, len(near)))
+        if np.any(near):
+            whole = len(near) <= PIECE
+            errors = self.errors if whole else self.take(near).errors
+            rows = near if whole else np.ones(int(np.sum(near)), dtype=bool)
+            off[:, near] = errors.largest(rows)[1:]
+        return near, *off
+
+    @cached_property
+    def loss(self) -> Floats:
+        """(n,) the part of w or dw, whichever is larger, that may be off.
+
+        Of the largest of all links, or of 1, where that is smaller. Infinite where they are
+        lost; 0 where it cannot matter.
+        """
+        near, *off = self._largest
+        with np.errstate(invalid="ignore"):
+            parts = np.maximum(
+                off[0] / np.maximum(_longest(self.w), 1.0),
+                off[1] / np.maximum(_longest(self.dw), 1.0),
+            )
+        held = (parts <= TRUSTED_CHANGE) & (self.flatness >= SINGULAR_RATIO)
+        held &= np.isfinite(self.motion.configuration_error)
+        return np.where(held | ~near, parts, np.inf)
+
+    @cached_property
+    def second_order(self) -> tuple[Floats, Floats]:
+        """(n,) twice: what errors of w and dw may have beyond those of first order."""
+        _, *off = self._largest
+        part = SECOND_ORDER * self.motion.bend
+        return part * off[0], part * off[1]
+
+    def parts(self) -> Iterator[tuple[slice, "Equations"]]:
+        """Yield the rows in pieces that caches hold, with their places."""
+        n = len(self.motion)
+        if n <= PIECE:
+            yield slice(0, n), self
+            return
+        for start in range(0, n, PIECE):
+            rows = np.zeros(n, dtype=bool)
+            rows[start : start + PIECE] = True
+            yield slice(start, min(start + PIECE, n)), self.take(rows)
+
+    def take(self, rows: NDArray[np.bool_]) -> "Equations":
+        """Return some of the rows."""
+        of_rows = (self.rates, self.change, self.inverse, self.w, self.dw, self.flatness)
+        return Equations(self.motion.rows(rows), *(part[rows] for part in of_rows))
 
 
 def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRates:
@@ -50,53 +132,27 @@ def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRa
     `rows` (n,) says which rows of the motion are wanted, `driven` is the number of the
     input pair that moves; the other inputs stand still.
     """
-    motion = motion.rows(rows)
-    w, dw, inverse, flatness, slack = _driven(motion, driven)
-    near = flatness < NEARLY_FLAT
+    found = equations(motion.rows(rows), driven)
+    near = ~(found.flatness >= NEARLY_FLAT)
+    flatness = found.flatness.copy()
     if np.any(near):
-        beside = _off_by_rounding(motion.rows(near), inverse[near])
-        moved_w, moved_dw, *_ = _driven(beside, driven)
-        change = np.fmax(_changed(w[near], moved_w), _changed(dw[near], moved_dw))
-        flatness[near] = np.where(change <= TRUSTED_CHANGE, flatness[near], 0.0)
-    return LinkRates(w, dw, flatness, slack)
+        lost = np.isinf(found.take(near).loss)
+        flatness[near] = np.where(lost, 0.0, flatness[near])
+    return LinkRates(found.w, found.dw, flatness)
 
 
-def _held(motion: Motion) -> list[int]:
-    """Return the numbers of the inputs' variables."""
-    return [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+def _longest(vectors: Floats) -> Floats:
+    """Return the length (n,) of the longest of vectors (n, bodies, 3)."""
+    return np.asarray(np.max(np.linalg.norm(vectors, axis=2), axis=1))
 
 
-def _off_by_rounding(motion: Motion, inverse: Floats) -> Motion:
-    """Return a motion off where rounding shows most in its variables.
-
-    `inverse` (n, free variables, equations) is that of the closure equations.
-    """
-    held = _held(motion)
-    free = [v for v in range(motion.values.shape[1]) if v not in held]
-    left, sizes, _ = np.linalg.svd(np.nan_to_num(inverse), full_matrices=False)
-    values = motion.values.copy()
-    values[:, free] += EPS * sizes[:, :1] * left[:, :, 0]
-    placed, _ = Closure.of(motion.mechanism, motion.joints).place(values)
-    return replace(motion, values=values, rotations=placed)
-
-
-def _changed(vectors: Floats, moved: Floats) -> Floats:
-    """Return the largest change (n,) of vectors (n, bodies, 3), relative to the largest."""
-    size = np.max(np.linalg.norm(vectors, axis=2), axis=1)
-    change = np.max(np.linalg.norm(moved - vectors, axis=2), axis=1)
-    return np.asarray(change / np.maximum(size, 1.0))
-
-
-def _driven(motion: Motion, driven: int) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Return w, dw, the inverse of the closure equations, their flatness, and the slack."""
+def equations(motion: Motion, driven: int) -> Equations:
+    """Return the velocity equations at all rows, solved while the input `driven` moves."""
     tree = LoopTree.of(motion.mechanism)
     (moved,) = motion.mechanism.variables_of(driven)
-    held = _held(motion)
-    vectors = motion.vectors
-    free = [v for v in range(vectors.shape[1]) if v not in held]
+    vectors, free = motion.vectors, list(motion.free)
     jacobian = tree.jacobian(vectors)
-    matrix = jacobian[:, :, free]
-    inverse = left_inverse(matrix)
+    matrix, inverse = motion.free_jacobian, motion.closure_inverse
     rates = np.zeros((len(vectors), vectors.shape[1]))
     rates[:, moved] = 1.0
     rates[:, free], over = _solved(matrix, inverse, -jacobian[:, :, moved])
@@ -104,29 +160,17 @@ def _driven(motion: Motion, driven: int) -> tuple[Floats, Floats, Floats, Floats
     first, second = (w[:, [pair[k] for pair in tree.ends]] for k in (0, 1))
     turned = motion.rates_of_pairs(first, second).vectors
     change = np.zeros_like(rates)
-    bias = np.einsum("nij,nj->ni", tree.jacobian(turned), rates)
+    bias = (tree.jacobian(turned) @ rates[:, :, None])[..., 0]
     change[:, free], bent = _solved(matrix, inverse, -bias)
     dw = tree.body_rates(vectors, change) + tree.body_rates(turned, rates)
-    size = np.linalg.norm(matrix, axis=(1, 2))
     # An open chain whose pairs are all driven has no equations, and nothing to lose.
     flatness = np.ones(len(w))
     if free:
+        size = np.linalg.norm(matrix, axis=(1, 2))
         flatness = 1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)
     # Redundant constraints may admit a velocity, but no motion that goes on with it.
     flatness[~(np.maximum(over, bent) < INCONSISTENT)] = 0.0
-    rounding = np.einsum("nij,nj->ni", np.abs(matrix), np.abs(rates[:, free]))
-    rounding = EPS * (rounding + np.abs(jacobian[:, :, moved]))
-    slack = np.empty((len(w), PROBES, *w.shape[1:]))
-    for probe, signs in enumerate(_signs(matrix.shape[1])):
-        change = np.zeros_like(rates)
-        change[:, free] = np.einsum("nij,nj->ni", inverse, rounding * signs)
-        slack[:, probe] = tree.body_rates(vectors, change)
-    return w, dw, inverse, flatness, slack
-
-
-def _signs(count: int) -> Floats:
-    """Return (probes, count) signs at random, the same every time."""
-    return np.random.default_rng(count).choice([-1.0, 1.0], (PROBES, count))
+    return Equations(motion, rates, change, inverse, w, dw, flatness)
 
 
 def _solved(matrix: Floats, inverse: Floats, right: Floats) -> tuple[Floats, Floats]:
@@ -135,13 +179,17 @@ def _solved(matrix: Floats, inverse: Floats, right: Floats) -> tuple[Floats, Flo
     The product with an inverse loses digits where x is small beside the inverse; two
     steps of iterative refinement bring them back (Higham 2002, section 12.1).
     """
-    found = np.einsum("nij,nj->ni", inverse, right)
+    found = _times(inverse, right)
     for _ in range(2):
-        left = right - np.einsum("nij,nj->ni", matrix, found)
-        found = found + np.einsum("nij,nj->ni", inverse, left)
-    left = np.linalg.norm(right - np.einsum("nij,nj->ni", matrix, found), axis=1)
+        left = right - _times(matrix, found)
+        found = found + _times(inverse, left)
+    left = np.linalg.norm(right - _times(matrix, found), axis=1)
     scale = np.linalg.norm(right, axis=1) + np.linalg.norm(found, axis=1)
     return found, left / np.maximum(scale, 1.0)
+
+
+def _times(matrices: Floats, vectors: Floats) -> Floats:
+    return np.asarray((matrices @ vectors[:, :, None])[..., 0])
 
 
 @final

@@ -24,7 +24,8 @@ from spherekit.conventions import (
 from spherekit.errors import SolveError
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole, pole_of
-from spherekit.rates.core import LinkRates, driven_rates
+from spherekit.rates.bounds import Bounds, mended_and_bounded
+from spherekit.rates.core import Equations, LinkRates, driven_rates, equations
 from spherekit.rates.gnomonic import Chart
 from spherekit.rates.lines import (
     Lines,
@@ -58,12 +59,13 @@ class PoleField:
     `rate[pole]` (n,): rate * direction is the angular velocity of the pole's second
     link relative to its first per unit rate of the input; `rate_dq[pole]` (n,) its
     derivative by the input (1/rad); `angle[pole]` (n,) sine of the angle between the
-    two planes used, 0 where they coincide; `error[pole]` (n,) bound of the direction's
-    rounding error (rad), given the configuration; `direction_error` adds that of the
-    configuration.
+    two planes used, 0 where they coincide. `error[pole]` (n,) bound of the direction's
+    error (rad), `rate_error[pole]` and `rate_dq_error[pole]` (n,) those of the two
+    coefficients: of rounding, and of what the configuration is off by.
     `planes[pole]` (n, 2, 3) unit normals of those planes, for the poles asked for.
     `w[link]`, `dw[link]` (n, 3): rates of links relative to the ground, per unit rate of
-    the input, and their derivatives.
+    the input, and their derivatives. `loss` (n,): the part of the largest of them, or of 1,
+    that may be wrong.
     `status` (n,): the motion's, with AT_SINGULARITY where the rates are not finite.
     `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED where only this
     pole cannot be given.
@@ -75,21 +77,15 @@ class PoleField:
     rate_dq: dict[Pole, Floats]
     angle: dict[Pole, Floats]
     error: dict[Pole, Floats]
+    rate_error: dict[Pole, Floats]
+    rate_dq_error: dict[Pole, Floats]
     planes: dict[Pole, Floats]
     w: dict[int, Floats]
     dw: dict[int, Floats]
     status: NDArray[np.int8]
     pole_status: dict[Pole, NDArray[np.int8]]
     by_equations: NDArray[np.bool_]
-
-
-def direction_error(motion: Motion, field: PoleField, pole: Pole) -> Floats:
-    """Return (n,) a bound of the error of a pole's direction, rad, to first order.
-
-    `field.error` grows in proportion to the error of the axes that poles are found from:
-    rounding by itself, and what links are off by.
-    """
-    return field.error[pole] * (1.0 + motion.orientation_error / EPS)
+    loss: Floats
 
 
 @final
@@ -198,15 +194,17 @@ def field_of_rates(
                 lines.unit[pole] = np.full_like(w[pole[0]], np.nan)
                 lines.error[pole] = np.ones(len(motion))
                 lines.angle[pole] = found.flatness
-        _mend_directions(wanted, lines, w, everywhere, found)
         for pole in wanted.planes:
             own = wanted.plan.pole(*pole)
             if own is not None:
                 planes_through(wanted.plan, own, lines)
-        flat = ~(found.flatness >= SINGULAR_RATIO)
+        solved = equations(motion, wanted.plan.input)
+        flat = ~(found.flatness >= SINGULAR_RATIO) | np.isinf(solved.loss)
         status = motion.status.copy()
         status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
-        return _field(motion, wanted, lines, w, dw, status, everywhere, memory)
+        return _field(
+            motion, wanted, lines, (w, dw), status, everywhere, solved, memory
+        )
 
 
 def _by_lines(
@@ -226,48 +224,51 @@ def _by_lines(
     if wanted.derivatives:
         _add_rates(wanted, lines, chart, motion, w, dw)
     status = motion.status.copy()
-    if route != "best":
+    solved = equations(motion, wanted.plan.input)
+    weak = np.zeros(len(motion), dtype=bool)
+    if route == "best":
+        for pole in _body_poles(wanted):
+            doubt = np.maximum(doubt, np.nan_to_num(lines.error[pole], nan=1.0))
+        # Only the equations say whether redundant constraints agree with each other.
+        redundant = any(group.redundant for group in motion.assembly.groups)
+        # Groups that this input does not move may be loose all the same.
+        loose = motion.sensitivity > NEARLY_LOOSE
+        weak = ((doubt > TRUSTED_ERROR) | redundant | loose) & ~motion.failed
+        for body in wanted.bodies:
+            w[body][:, weak] = solved.w[weak, body].T
+            dw[body][:, weak] = solved.dw[weak, body].T
+    else:
         lost = ~(doubt < USABLE_DIRECTION) & (status == Status.OK)
         status[lost] = Status.ILL_CONDITIONED
-        nowhere = np.zeros(len(motion), dtype=bool)
-        return _field(motion, wanted, lines, w, dw, status, nowhere, memory)
-    for pole in _body_poles(wanted):
-        doubt = np.maximum(doubt, np.nan_to_num(lines.error[pole], nan=1.0))
-    # Only the equations say whether redundant constraints agree with each other.
-    redundant = any(group.redundant for group in motion.assembly.groups)
-    # Groups that this input does not move may be loose all the same.
-    loose = motion.sensitivity > NEARLY_LOOSE
-    weak = ((doubt > TRUSTED_ERROR) | redundant | loose) & ~motion.failed
-    flat = np.zeros(len(motion), dtype=bool)
-    if np.any(weak):
-        exact = driven_rates(motion, weak, wanted.plan.input)
-        flat[weak] = ~(exact.flatness >= SINGULAR_RATIO)
-        for body in wanted.bodies:
-            w[body][:, weak] = exact.w[:, body].T
-            dw[body][:, weak] = exact.dw[:, body].T
-        _mend_directions(wanted, lines, w, weak, exact)
-    status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
-    return _field(motion, wanted, lines, w, dw, status, weak, memory)
+    status[np.isinf(solved.loss) & (status == Status.OK)] = Status.AT_SINGULARITY
+    return _field(motion, wanted, lines, (w, dw), status, weak, solved, memory)
 
 
 def _field(
     motion: Motion,
     wanted: Request,
     lines: Lines,
-    w: dict[int, Floats],
-    dw: dict[int, Floats],
+    rates: tuple[dict[int, Floats], dict[int, Floats]],
     status: NDArray[np.int8],
     by_equations: NDArray[np.bool_],
+    solved: Equations,
     memory: SignMemory,
 ) -> PoleField:
     """Return what was found by the poles that were asked for."""
+    bounds = mended_and_bounded(
+        _body_poles(wanted), _pairs(wanted), lines, rates, by_equations, solved
+    )
+    w, dw = rates
     no_rate = status != Status.OK
-    for vectors in (w, dw):
+    for vectors in rates:
         for value in vectors.values():
             value[:, no_rate] = np.nan
-    field = PoleField({}, {}, {}, {}, {}, {}, {}, {}, status, {}, by_equations)
+    loss = np.where(no_rate, np.nan, solved.loss)
+    field = PoleField(
+        {}, {}, {}, {}, {}, {}, {}, {}, {}, {}, status, {}, by_equations, loss
+    )
     for pole in wanted.poles:
-        _add_pole(field, motion, wanted, lines, pole, w, dw, memory)
+        _add_pole(field, motion, wanted, lines, pole, w, dw, bounds, memory)
     nothing = np.full((len(motion), 2, 3), np.nan)
     for pole in wanted.planes:
         own = wanted.plan.pole(*pole)
@@ -352,39 +353,6 @@ def _add_rates(
         dw[body] = value - raw[0]
 
 
-def _mend_directions(
-    wanted: Request,
-    lines: Lines,
-    w: dict[int, Floats],
-    weak: NDArray[np.bool_],
-    found: LinkRates,
-) -> None:
-    """Take directions from the velocity equations where those are the better source.
-
-    Their error is estimated from random roundings of the equations: the largest of three
-    changes, times ten, is too small in one of a thousand cases at most (Kenney and Laub,
-    SIAM J. Sci. Comput. 15, 1994, sect. 2).
-    """
-    primary = _primary(wanted)
-    for pole in _body_poles(wanted):
-        i, j = pole
-        if pole in primary or i not in w or j not in w:
-            continue
-        vector = w[j][:, weak] - w[i][:, weak]
-        length = norm(vector)
-        scale = np.maximum(norm(w[j][:, weak]), norm(w[i][:, weak]))
-        if found.slack is None:
-            error = EPS * np.maximum(scale, 1.0) / np.maximum(length * found.flatness, EPS)
-        else:
-            moved = np.linalg.norm(found.slack[:, :, j] - found.slack[:, :, i], axis=2)
-            slack = SAFETY * np.max(moved, axis=1) + EPS * np.maximum(scale, 1.0)
-            error = np.minimum(np.nan_to_num(slack / np.maximum(length, EPS), nan=1.0), 1.0)
-        better = error < np.nan_to_num(lines.error[pole][weak], nan=1.0)
-        rows = np.flatnonzero(weak)[better]
-        lines.unit[pole][:, rows] = vector[:, better] / length[better]
-        lines.error[pole][rows] = error[better]
-
-
 def _add_pole(
     field: PoleField,
     motion: Motion,
@@ -393,6 +361,7 @@ def _add_pole(
     pole: Pole,
     w: dict[int, Floats],
     dw: dict[int, Floats],
+    bounds: Bounds,
     memory: SignMemory,
 ) -> None:
     own = wanted.plan.pole(*pole)
@@ -400,14 +369,14 @@ def _add_pole(
         _add_locked(field, motion, pole)
         return
     i, j = (wanted.plan.body[link] for link in pole)
-    unit, error = lines.unit[own].copy(), lines.error[own]
+    unit, error = lines.unit[own].copy(), bounds.direction[own]
     bad = motion.failed | ~(error < USABLE_DIRECTION)
     unit[:, bad] = np.nan
     known = i in w and j in w
     nothing = np.full(unit.shape[1], np.nan)
     rate = dot(w[j] - w[i], unit) if known else nothing
     rate_dq = dot(dw[j] - dw[i], unit) if known else nothing.copy()
-    if own not in _primary(wanted):
+    if own not in _pairs(wanted):
         v, dv = (w[j] - w[i], dw[j] - dw[i]) if known else (None, None)
         signs = _continuous_signs(motion, unit, rate, v, dv, pole, memory)
         unit, rate, rate_dq = unit * signs, rate * signs, rate_dq * signs
@@ -423,6 +392,8 @@ def _add_pole(
     field.direction[pole] = unit.T
     field.rate[pole], field.rate_dq[pole] = rate, rate_dq
     field.error[pole] = np.where(bad, np.nan, error)
+    field.rate_error[pole] = np.where(np.isnan(rate), np.nan, bounds.rate[own])
+    field.rate_dq_error[pole] = np.where(np.isnan(rate_dq), np.nan, bounds.rate_dq[own])
     field.angle[pole] = np.where(bad, np.nan, np.nan_to_num(lines.angle[own]))
 
 
@@ -435,17 +406,20 @@ def _add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
     field.rate_dq[pole] = field.rate[pole].copy()
     field.angle[pole] = np.full(n, np.nan)
     field.error[pole] = np.full(n, np.nan)
+    field.rate_error[pole] = field.rate[pole].copy()
+    field.rate_dq_error[pole] = field.rate[pole].copy()
     field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
 
 
-def _primary(wanted: Request) -> set[Pole]:
-    """Return the poles of bodies that are the axis or contact line of a pair."""
+def _pairs(wanted: Request) -> dict[Pole, int]:
+    """Return the poles of bodies that are the axis or contact line of a pair, and those."""
     steps = wanted.plan.steps
-    return {step.pole for step in steps if isinstance(step, PrimaryPole | CoaxialPole)}
+    return {
+        step.pole: step.pair
+        for step in steps
+        if isinstance(step, PrimaryPole | CoaxialPole)
+    }
 
-
-SAFETY = 10.0
-"""How much larger than seen in random probes an error may be."""
 
 SUBSTEPS = 8
 

@@ -1,0 +1,242 @@
+"""What rates of links may be off by: loops that do not quite close, and rounding.
+
+A configuration closes its loops up to their residual and the rounding of the numbers they are
+made of. Whichever way they stay open, the links lie elsewhere, their axes with them, and so
+the velocity equations have other coefficients. Each of these ways, three a loop, is followed
+here to first order through the orientations, the rates and their derivatives, so that nothing
+is left out where a number happens to be round.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import EPS
+from spherekit.motion.loops import LoopTree
+from spherekit.motion.motion import Motion
+from spherekit.motion.pairs import PairRates, PairStates, pair_rates, pair_states
+from spherekit.sphere.rotation import Floats
+
+STEP = 1e-6
+"""Largest move (rad) of the difference that contacts are followed with."""
+
+
+@final
+@dataclass(frozen=True)
+class RateErrors:
+    """How rates change when loops open, by how much they do, and what is rounding.
+
+    Arrays are component-first, (..., 3, ways, n): `turned` (links) and `axes` (pairs) are what
+    orientations and pair axes turn by when loops open by one radian in each of the ways, `w`
+    and `dw` (links) what rates and their derivatives change by. `open`, `slip`, `bend` (n,)
+    bound how far the loops, their velocity equations and those of second derivatives are from
+    closed, in each way.
+    """
+
+    turned: Floats
+    axes: Floats
+    w: Floats
+    dw: Floats
+    open: Floats
+    slip: Floats
+    bend: Floats
+
+    def turned_between(self, i: int, j: int) -> Floats:
+        """Return (n,) what link j turns by, seen from i, the ways added up."""
+        return _sum_of_sizes(self.turned[j] - self.turned[i])
+
+    def of_vectors(self, i: int, j: int) -> tuple[Floats, Floats, Floats]:
+        """Return (n,) bounds of the errors of link j's orientation, w, dw, seen from i."""
+        turned, w, dw = (
+            _sum_of_sizes(part[j] - part[i]) for part in (self.turned, self.w, self.dw)
+        )
+        return (
+            self.open * turned,
+            self.open * w + self.slip * turned,
+            self.open * dw + 3.0 * self.slip * w + self.bend * turned,
+        )
+
+    def largest(self, rows: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+        """Return bounds (rows,) of the errors of any link's orientation, w and dw."""
+        turned, w, dw = (
+            np.max(np.stack([_sum_of_sizes(link[..., rows]) for link in part]), axis=0)
+            for part in (self.turned, self.w, self.dw)
+        )
+        gap, slip, bend = self.open[rows], self.slip[rows], self.bend[rows]
+        return gap * turned, gap * w + slip * turned, gap * dw + 3 * slip * w + bend * turned
+
+    def along(self, i: int, j: int, unit: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return (n,) bounds of the errors of w and dw of link j, seen from i, along a vector.
+
+        `unit` is (3, n). The third is that of w across it.
+        """
+        turned = self.turned_between(i, j)
+        w, dw = self.w[j] - self.w[i], self.dw[j] - self.dw[i]
+        part = _component(unit, w)
+        square = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+        whole = np.sum(np.sqrt(square), axis=0)
+        across = np.sum(np.sqrt(np.maximum(square - part**2, 0.0)), axis=0)
+        slip = self.slip * turned
+        rate = self.open * np.sum(np.abs(part), axis=0) + slip
+        change = self.open * np.sum(np.abs(_component(unit, dw)), axis=0)
+        change += 3.0 * self.slip * whole + self.bend * turned
+        return rate, change, self.open * across + slip
+
+    def of_axis(self, pair: int) -> Floats:
+        """Return (n,) a bound of what the axis of a pair is off by, rad."""
+        return 2.0 * EPS + self.open * _sum_of_sizes(self.axes[pair])
+
+
+def rate_errors(
+    motion: Motion, inverse: Floats, rates: Floats, change: Floats
+) -> RateErrors:
+    """Return what the rates of links at the rows of a motion may be off by.
+
+    `inverse` (n, free variables, equations) is that of the closure Jacobian without the
+    inputs, `rates` and `change` (n, variables) are the first and second derivatives of all
+    variables by the input that moves.
+    """
+    tree = LoopTree.of(motion.mechanism)
+    pairs = _Pairs(motion, tree)
+    vectors = pairs.vectors[:, :, None]
+    ways = inverse.shape[2]
+    back = np.ascontiguousarray(np.moveaxis(inverse, 0, -1))
+    count, n = rates.shape[1], len(rates)
+    free = np.array(motion.free, dtype=np.intp)
+
+    def bodies(parts: Floats) -> Floats:
+        flat = tree.paths @ parts.reshape(count, -1)
+        return np.asarray(flat.reshape(tree.count, *parts.shape[1:]))
+
+    def solved(parts: Floats) -> Floats:
+        """Return what variables change by (V, 1, ways, n) where `parts` open the loops."""
+        loops = (tree.signs @ parts.reshape(count, -1)).reshape(-1, *parts.shape[2:])
+        found = np.zeros((count, 1, *parts.shape[2:]))
+        found[free, 0] = -np.einsum("fen,ekn->fkn", back, loops)
+        return found
+
+    moved = np.zeros((count, 1, ways, n))
+    moved[free, 0] = back
+    turned = bodies(vectors * moved)
+    first, axes = pairs.turned(turned)
+    speed, bent = rates.T[:, None, None], change.T[:, None, None]
+    skew = first * speed
+    faster = solved(skew)
+    w = bodies(skew + vectors * faster)
+    own_w = bodies(vectors * speed)
+    own, _ = pairs.turned(own_w)
+    second = pairs.turned_on(turned, first, own_w, w, own, moved[:, 0])
+    skew = first * bent + second * speed + own * faster
+    dw = bodies(skew + vectors * solved(skew))
+    size, swing = _size(vectors), _size(own)
+    slip = EPS * np.sum(np.abs(speed[:, 0]) * size, axis=0)[0]
+    bend = EPS * np.sum(np.abs(bent[:, 0]) * size + np.abs(speed[:, 0]) * swing, axis=0)[0]
+    return RateErrors(turned, axes, w, dw, motion.gap, slip, bend)
+
+
+@final
+class _Pairs:
+    """The pairs of a motion's rows, component-first, as links turn."""
+
+    def __init__(self, motion: Motion, tree: LoopTree) -> None:
+        self._motion = motion
+        self._ends = [[pair[k] for pair in tree.ends] for k in (0, 1)]
+        self._revolute = all(pair.type == "R" for pair in motion.mechanism.pairs)
+        self.vectors = np.ascontiguousarray(np.moveaxis(motion.vectors, 0, -1))
+
+    def turned(self, w: Floats) -> tuple[Floats, Floats]:
+        """Return how vectors and axes change, as links (links, 3, ways, n) turn."""
+        if self._revolute:
+            found = _cross(w[self._ends[0]], self.vectors[:, :, None])
+            return found, found
+        motion = self._motion
+        frames, states = _repeated(motion.frames, motion.states, w.shape[2])
+        return self._general(frames, states, w)
+
+    def turned_on(
+        self,
+        turned: Floats,
+        first: Floats,
+        w: Floats,
+        changed: Floats,
+        own: Floats,
+        moved: Floats,
+    ) -> Floats:
+        """Return how the changes `own` of vectors, links turning at w, change themselves.
+
+        That is as links turn by `turned`, variables move by `moved` (V, ways, n), vectors
+        change by `first`, and w by `changed`. With contacts it is a difference.
+        """
+        owners = self._ends[0]
+        if self._revolute:
+            return _cross(changed[owners], self.vectors[:, :, None]) + _cross(
+                w[owners], first
+            )
+        motion = self._motion
+        ways = moved.shape[1]
+        largest = np.max(np.abs(turned), axis=(0, 1), initial=1.0)
+        h = STEP / np.maximum(largest, np.max(np.abs(moved), axis=0, initial=1.0))
+        values = motion.values.T[:, None] + h * moved
+        states = pair_states(motion.joints, values.reshape(len(values), -1).T)
+        placed = np.tile(motion.rotations[:, owners], (ways, 1, 1, 1))
+        turn = _rows((h * turned)[owners])
+        placed = placed + np.cross(turn[:, :, :, None], placed, axis=2)
+        later, _ = self._general(placed @ states.first, states, w + h * changed)
+        return np.asarray((later - own) / h)
+
+    def _general(
+        self, frames: Floats, states: PairStates, w: Floats
+    ) -> tuple[Floats, Floats]:
+        one, other = (_rows(w[owners]) for owners in self._ends)
+        found: PairRates = pair_rates(self._motion.joints, frames, states, one, other)
+        ways = w.shape[2]
+        return _columns(found.vectors, ways), _columns(found.axes, ways)
+
+
+def _repeated(frames: Floats, states: PairStates, ways: int) -> tuple[Floats, PairStates]:
+    if ways == 1:
+        return frames, states
+
+    def tiled(array: Floats) -> Floats:
+        return np.tile(array, (ways, *[1] * (array.ndim - 1)))
+
+    return tiled(frames), PairStates(**{k: tiled(v) for k, v in vars(states).items()})
+
+
+def _rows(parts: Floats) -> Floats:
+    """Return (ways * n, m, 3) from (m, 3, ways, n)."""
+    return np.asarray(parts.transpose(2, 3, 0, 1).reshape(-1, len(parts), 3))
+
+
+def _columns(rows: Floats, ways: int) -> Floats:
+    """Return (m, 3, ways, n) from (ways * n, m, 3)."""
+    split = rows.reshape(ways, -1, *rows.shape[1:])
+    return np.ascontiguousarray(split.transpose(2, 3, 0, 1))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return a x b of arrays (m, 3, ways, n)."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        out[:, k] = a[:, i] * b[:, j] - a[:, j] * b[:, i]
+    return out
+
+
+def _size(vectors: Floats) -> Floats:
+    return np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2 + vectors[:, 2] ** 2)
+
+
+def _component(unit: Floats, vectors: Floats) -> Floats:
+    """Return (ways, n) the component of vectors (3, ways, n) along unit (3, n)."""
+    return np.asarray(
+        unit[0] * vectors[0] + unit[1] * vectors[1] + unit[2] * vectors[2]
+    )
+
+
+def _sum_of_sizes(vectors: Floats) -> Floats:
+    """Return (n,) the sum of the lengths of vectors (3, ways, n)."""
+    square = vectors[0] ** 2 + vectors[1] ** 2 + vectors[2] ** 2
+    return np.asarray(np.sum(np.sqrt(square), axis=0))
