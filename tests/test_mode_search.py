@@ -87,7 +87,7 @@ def test_the_share_that_is_stated_is_missed_so_rarely():
     """Searches among things of known shares miss those of the stated share in 1 of 100."""
     random = np.random.default_rng(5)
     missed = judged = 0
-    for _ in range(400):
+    for _ in range(150):
         shares = random.dirichlet(np.full(12, 0.5))
         census, numbers = Census(12), {}
         while census.goes_on:
@@ -97,7 +97,7 @@ def test_the_share_that_is_stated_is_missed_so_rarely():
         likely = {k for k, share in enumerate(shares) if share >= census.share}
         judged += len(likely)
         missed += len(likely - set(numbers))
-    assert judged > 2000
+    assert judged > 1000
     assert missed < 0.01 * judged
 
 
