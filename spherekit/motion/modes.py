@@ -1,9 +1,9 @@
 """Finding the assembly modes of a mechanism over the ranges of its inputs.
 
 With one input they are looked for between all inputs at which modes meet, where those
-are known, else at several. All modes of dyads are enumerated; those of irreducible
-groups are all found by elimination or some by a search, and each new one is followed as
-far as it goes.
+are known, else at several and by a search over the range. All modes of dyads are
+enumerated; those of irreducible groups are all found by elimination or some by a search,
+and each new one is followed as far as it goes.
 """
 
 from dataclasses import dataclass, replace
@@ -264,8 +264,9 @@ class _Gathering:
         """Look for further branches in the whole range; return what is claimed then."""
         solver, lattice = self.solver, self.lattice
         if solver.meshes is not None and not solver.meshes.all_known:
-            if not self.branches:
-                self.probe(lattice.q[:1])
+            for q in (lattice.q[0], *_scattered(lattice)):
+                if not self.branches:
+                    self.probe(q[None])
             return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
         groups = solver.assembly.groups
         if all(group.is_dyad or has_elimination(group) for group in groups):
