@@ -3,6 +3,7 @@
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
 from spherekit.model.geometry import Contact
@@ -51,12 +52,15 @@ class Distinct:
             if isinstance(joint := closure.joints[pair], Contact) and joint.rolling
         ]
 
-    def add(self, values: Floats) -> None:
+    def add(self, values: Floats) -> NDArray[np.intp]:
         """Add those of closed configurations (n, variables) that are new.
 
         Those that have rolled least come first; those whose contacts do not exist are
-        left out.
+        left out. Returns the place (n,) in `values` of each, -1 for those left out.
         """
+        places = np.full(len(values), -1, dtype=np.intp)
+        if not len(values):
+            return places
         placed, states = self.closure.place(values)
         exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
         jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
@@ -68,20 +72,35 @@ class Distinct:
         tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled = [variable for variable, _ in self._rolling]
         order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
-        for row in order[exists[order]]:
-            if len(self.values) == MOST_MODES:
-                return
-            if any(self._meshes_again(values[row], mode) for mode in self.values):
-                continue
+        left = order[exists[order]]
+        for number, (pose, other) in enumerate(self._poses):
+            near = self._near(number, values[left], placed[left], pose)
+            same = near <= np.maximum(tolerance[left], other)
+            places[left[same]] = number
+            left = left[~same]
+        while len(left) and len(self.values) < MOST_MODES:
+            number, row = len(self.values), left[0]
             if loose[row] and self._loose == MOST_LOOSE:
+                left = left[1:]
                 continue
-            if all(
-                are_far(placed[row], pose, max(tolerance[row], other))
-                for pose, other in self._poses
-            ):
-                self._loose += int(loose[row])
-                self.values.append(values[row])
-                self._poses.append((placed[row], tolerance[row]))
+            self._loose += int(loose[row])
+            self.values.append(values[row])
+            self._poses.append((placed[row], tolerance[row]))
+            near = self._near(number, values[left], placed[left], placed[row])
+            same = near <= np.maximum(tolerance[left], tolerance[row])
+            same[0] = True
+            places[left[same]] = number
+            left = left[~same]
+        return places
+
+    def _near(self, number: int, values: Floats, placed: Floats, pose: Floats) -> Floats:
+        """Return how far (n,) configurations are from that of a number, 0 a turn later."""
+        away = np.max(np.abs(placed - pose), axis=(1, 2, 3), initial=0.0)
+        if self._rolling:
+            mode = self.values[number]
+            again = [self._meshes_again(one, mode) for one in values]
+            away[np.array(again, dtype=bool)] = 0.0
+        return np.asarray(away)
 
     def _meshes_again(self, one: Floats, other: Floats) -> bool:
         """Return whether two configurations differ by whole turns of rolling wheels."""

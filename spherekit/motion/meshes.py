@@ -77,8 +77,12 @@ class Meshes:
 
     def at(self, q: Floats) -> dict[int, float]:
         """Return the lengths (rad) by the numbers of their variables at inputs q (k,)."""
-        lengths = self.lengths + self.ratios @ (q - self.anchor)
+        lengths = self.rolled(q[None])[0]
         return dict(zip(self.variables, map(float, lengths), strict=True))
+
+    def rolled(self, q: Floats) -> Floats:
+        """Return the lengths (n, m), rad, at inputs q (n, k)."""
+        return np.asarray(self.lengths + (q - self.anchor) @ self.ratios.T)
 
     def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
         """Return the closed configurations (variables,) found at inputs q (k,)."""
