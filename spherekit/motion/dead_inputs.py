@@ -107,24 +107,18 @@ def dead_inputs(
         return DeadInputs(low, high, np.zeros(0), np.zeros((0, 2)))
     most = int(np.clip(most_time / (36.0 * meetings.cost), 12, MOST_CELLS))
     working = Working("looking for the inputs at which modes meet")
-    asked = 0
+    found = []
+    for part in range(len(meetings.groups)):
+        asked = [0]
 
-    def value(part: int, q: Floats) -> Floats:
-        nonlocal asked
-        asked += len(q)
-        working.tell(lambda: f"{asked} of at most {36 * most * len(meetings.groups)}")
-        return meetings(part, q)
+        def function(q: Floats, part: int = part, asked: list[int] = asked) -> Floats:
+            asked[0] += len(q)
+            words = f"group {part + 1} of {len(meetings.groups)}, {asked[0]} inputs"
+            working.tell(lambda: words)
+            return meetings(part, q)
 
-    found = [
-        crossings(
-            lambda q, part=part: value(part, q),  # type: ignore[misc]
-            low,
-            high,
-            most,
-            SMOOTH / meetings.modes(part),
-        )
-        for part in range(len(meetings.groups))
-    ]
+        smooth = SMOOTH / meetings.modes(part)
+        found.append(crossings(function, low, high, most, smooth))
     places = np.sort(np.concatenate([part.places for part in found]))
     doubtful = np.concatenate([part.doubtful for part in found])
     return DeadInputs(low, high, places, doubtful[np.argsort(doubtful[:, 0])])
