@@ -24,7 +24,7 @@ from spherekit.analysis.tables import (
 from spherekit.conventions import Status, listing
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import Inertia, inertia
-from spherekit.dynamics.inverse import driving_torque, need_terms
+from spherekit.dynamics.inverse import driving_torque, need_terms, total
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.errors import AnalysisError
 from spherekit.model.actions import used_links, used_pairs
@@ -156,9 +156,9 @@ class Eksergian(AbstractAnalysis):
                 "q": batch.q,
                 "dq": batch.dq,
                 "ddq": batch.ddq,
-                "B": found.inertia.B,
-                "dB_dq": found.inertia.dB,
-                "Q": np.sum(found.forces, axis=1),
+                "B": total(found.inertia.B_parts, found.status),
+                "dB_dq": total(found.inertia.dB_parts, found.status),
+                "Q": total(found.forces, found.status),
                 "tau": found.tau,
                 "residual": batch.residual,
                 "status": found.status,

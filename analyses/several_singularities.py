@@ -1,7 +1,8 @@
 """The half of the analysis `singularities` for mechanisms with several inputs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, final
 
 import numpy as np
@@ -18,34 +19,37 @@ from spherekit.analysis.scene import (
     Surface,
 )
 from spherekit.analysis.tables import input_columns
-from spherekit.guarantee import Guarantee
+from spherekit.budget import Budget
+from spherekit.guarantee import Claim
+from spherekit.guidance.loci import mid_plane_loci
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.singular.aspects import Aspects, aspects
-from spherekit.singular.curves import FoundCurve, SingularCurves, singular_curves
-from spherekit.singular.points import SingularPoints, TypeName
+from spherekit.singular.curves import SingularCurves, ranges_of, singular_curves
+from spherekit.singular.points import CurveSeen, SingularPoints, TypeName
 from spherekit.singular.rest import output_of
 from spherekit.singular.several import OutputCoefficients, RowType, coefficients
+from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.surface import SingularSurface, singular_surface
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 KINDS: tuple[TypeName, ...] = ("II", "I")
+FOR_SLICES = 0.4
+"""Part of the time that slices may take."""
 VANISHES = 1e-8
 """A coefficient or triple product below this vanishes."""
-_FOUND = {
-    "curves_II": "curves of type II",
-    "curves_I": "curves of type I",
-    "vertices_II": "vertices of surfaces of type II",
-    "vertices_I": "vertices of surfaces of type I",
-}
 SAME = 1e-6
 """Points of type III whose variables differ by less (rad) are one, met on two curves."""
 SLICES = 12
-SLICES_OF_MESH = 4
+"""Values of each input at which dyads are cut by default."""
+SIDES = 4.0
+"""Edges of a mesh by default along the narrowest range of an input, and the longest."""
+LONGEST_SIDE = np.radians(15.0)
 DRAWN = 8
 """Parts of each way between two nodes of a curve that is drawn."""
 TONES = {"I": 1, "II": 2, "III": 3}
+_WORDS = {"loose": "loose", "branching": "branching"}
 NAMES = {
     RowType.REGULAR: "regular",
     RowType.LOOSE: "loose",
@@ -61,21 +65,30 @@ class SeveralInputs:
 
     `slices` is the number of values at which each input is locked to look for singular
     curves, or surfaces where `mesh` (rad) is the length of their triangles' edges; with 0
-    there is none. `lattice` is the number of values of each input for aspects.
+    there is none, and by default random starts are the seeds of what no dyads cut quickly.
+    `lattice` is the number of values of each input for aspects, and `seconds` the
+    processor time that all this may take.
     """
 
     slices: int | None
-    mesh: float
+    mesh: float | None
     lattice: int
     near: float
+    seconds: float
 
     def slices_of(self, batch: Batch) -> int:
-        """Return the number of slices, by default what dyads or a mesh allow."""
+        """Return the number of slices, by default what dyads of two inputs allow."""
         if self.slices is not None:
             return self.slices
-        if len(batch.moved_pairs) == 3:
-            return SLICES_OF_MESH if self.mesh else 0
-        return SLICES if batch.tracer.assembly.has_closed_form else 0
+        two = len(batch.moved_pairs) == 2
+        return SLICES if two and batch.tracer.assembly.has_closed_form else 0
+
+    def side_of(self, batch: Batch) -> float:
+        """Return the length (rad) of a mesh's edges, 0 for no mesh."""
+        if self.mesh is not None:
+            return self.mesh
+        widths = [item.stop - item.start for item in batch.mechanism.inputs]
+        return float(min(LONGEST_SIDE, min(widths) / SIDES))
 
     def outputs(self, mechanism: Mechanism) -> tuple[Output, ...]:
         """Return the outputs that the mechanism declares."""
@@ -88,13 +101,19 @@ class SeveralInputs:
         for output in self.outputs(batch.mechanism):
             met = np.zeros((0, len(batch.mechanism.variable_names)))
             curves = [
-                each for found in self._curves(batch, output) for each in found.curves
+                (each, found.claim)
+                for found in self._curves(batch, output)
+                for each in found.curves
             ]
-            for number, each in enumerate(curves):
+            for number, (each, claim) in enumerate(curves):
                 notes = "closed" if each.closed else "open"
-                parts.append(_rows(batch, each.points, output, number, each.s, notes))
-                nowhere = np.full(len(each.both.values), np.nan)
-                both = _rows(batch, each.both, output, number, nowhere, "of both types")
+                where = number, each.s
+                made = _rows(batch, each.points, output, *where, notes, claim)
+                if each.why:
+                    made["condition"] = np.full(len(each.points.values), each.why)
+                parts.append(made)
+                where = number, np.full(len(each.both.values), np.nan)
+                both = _rows(batch, each.both, output, *where, "of both types", claim)
                 both["kind"][:] = "III"
                 away = each.both.values[:, None] - met
                 lap = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
@@ -103,7 +122,8 @@ class SeveralInputs:
                 met = np.concatenate([met, each.both.values])
             for mesh in self._surfaces(batch, output):
                 s = np.full(len(mesh.points.values), np.nan)
-                made = _rows(batch, mesh.points, output, 0, s, "vertex of a surface")
+                words = "vertex of a surface"
+                made = _rows(batch, mesh.points, output, 0, s, words, mesh.claim)
                 made["curve"] = mesh.component.astype(np.int64)
                 parts.append(made)
         return _stacked(parts)
@@ -134,7 +154,7 @@ class SeveralInputs:
                         "transmission": np.full(n, np.nan),
                         "to_I": np.full(n, np.nan),
                         "to_II": np.full(n, np.nan),
-                        "sigma": found.type_two,
+                        "sigma": found.hold,
                         "flatness": found.flatness,
                         "status": batch.status,
                         "moved": np.full(n, pair),
@@ -160,20 +180,34 @@ class SeveralInputs:
         }
 
     def findings(self, batch: Batch) -> Findings:
-        """Return curves, aspects and guarantees, and where rows come near a type."""
+        """Return curves, aspects and claims, and where rows come near a type."""
         figures: dict[str, Any] = {"slices": self.slices_of(batch)}
         warnings: list[str] = []
+        remarks: list[str] = []
         for output in self.outputs(batch.mechanism):
             name = _named(output)
             own: dict[str, Any] = {}
             for found in self._curves(batch, output):
-                own[f"curves_{found.kind}"] = len(found.curves)
-                own["guarantee"] = found.guarantee
+                met = [each for each in found.curves if np.any(each.points.inside)]
+                own[f"curves_{found.kind}"] = len(met)
+                own[f"curves_outside_{found.kind}"] = len(found.curves) - len(met)
+                own[f"claim_{found.kind}"] = str(found.claim)
+                beyond = len(found.curves) - len(met)
+                words = f"{len(met)} curves of type {found.kind}"
+                words += f" and {beyond} outside the ranges" if beyond else ""
+                words += _irregular(len(found.stray), "curve")
+                remarks.append(f"output {name}: {words}; {found.claim}")
             for mesh in self._surfaces(batch, output):
                 own[f"vertices_{mesh.kind}"] = len(mesh.points.values)
-                own["guarantee"] = mesh.guarantee
+                own[f"irregular_{mesh.kind}"] = mesh.irregular
+                own[f"claim_{mesh.kind}"] = mesh.guarantee
+                count = len(mesh.points.values)
+                words = f"{count} vertices of surfaces of type {mesh.kind}"
+                words += _irregular(mesh.irregular, "surface")
+                remarks.append(f"output {name}: {words}; {mesh.guarantee}")
             figures[name] = own
             rows = self._coefficients(batch, output)
+            remarks += _throughout(batch, rows, name)
             for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
                 angles = np.degrees(_angle(sizes))
                 near = angles <= self.near
@@ -190,15 +224,12 @@ class SeveralInputs:
         if parts is not None:
             figures["aspects"] = [int(size) for size in parts.sizes]
             figures["aspects_guarantee"] = parts.guarantee
-        remarks = [
-            f"output {name}: "
-            + ", ".join(
-                f"{own[key]} {words}" for key, words in _FOUND.items() if key in own
-            )
-            + f"; {own['guarantee']}"
-            for name, own in figures.items()
-            if isinstance(own, dict) and "guarantee" in own
-        ]
+            figures["singular_on_lattice"] = parts.singular
+            if parts.note or not len(parts.sizes):
+                words = f"{len(parts.sizes)} aspects"
+                if parts.singular:
+                    words += f"; {parts.singular} configurations met are singular"
+                remarks.append("; ".join(filter(None, [words, parts.note])))
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scenes(self, batch: Batch) -> tuple[Scene, ...]:
@@ -237,16 +268,14 @@ class SeveralInputs:
         """Return the singular curves in the plane of both inputs."""
         curves: list[tuple[Floats, int]] = []
         marks: list[Mark] = []
-        low = np.array([item.start for item in batch.mechanism.inputs])
         for found in self._curves(batch, output):
             for each in found.curves:
-                drawn = self._drawn(batch, each)
-                line = np.degrees(low + np.mod(drawn.inputs - low, 2.0 * np.pi))
+                line = np.degrees(self._drawn(batch, each).inputs)
                 jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > 180.0
                 line[np.any(jumps, axis=1)] = np.nan
                 curves.append((line, TONES[found.kind]))
-                both = low + np.mod(each.both.inputs - low, 2.0 * np.pi)
-                marks += [Mark("III", place, TONES["III"]) for place in np.degrees(both)]
+                both = np.degrees(each.both.inputs)
+                marks += [Mark("III", place, TONES["III"]) for place in both]
         here = np.degrees(batch.inputs)
         every = np.concatenate([here, *(line for line, _ in curves)])
         (left, bottom), (right, top) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
@@ -288,27 +317,53 @@ class SeveralInputs:
             )
         return parts
 
-    def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
-        if len(batch.moved_pairs) != 2 or not self.slices_of(batch):
-            return ()
+    def _cut(self, batch: Batch) -> Cut | None:
+        """Return the slices for curves or surfaces of both types and all outputs."""
+        each = self.slices_of(batch)
+        if not each:
+            return None
         return batch.once(
-            ("curves", output.name),
-            lambda: tuple(
-                singular_curves(
-                    batch.mechanism,
-                    kind,
-                    output.name,
-                    slices_of_each=self.slices_of(batch),
-                )
-                for kind in KINDS
+            "cut",
+            lambda: cut(
+                solver_of(batch.mechanism),
+                ranges_of(batch.mechanism),
+                each,
+                Budget(FOR_SLICES * self.seconds, "slices"),
             ),
         )
 
-    def _drawn(self, batch: Batch, curve: FoundCurve) -> SingularPoints:
+    def _share(self, batch: Batch, what: str) -> Budget:
+        """Return the budget of one set of curves or surfaces, or of the aspects."""
+        parts = len(KINDS) * len(self.outputs(batch.mechanism)) + (self.lattice > 0)
+        left = 1.0 - (FOR_SLICES if self.slices_of(batch) else 0.0)
+        return Budget(left * self.seconds / parts, what)
+
+    def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
+        if len(batch.moved_pairs) != 2 or self.slices == 0:
+            return ()
+        return batch.once(
+            ("curves", output.name),
+            lambda: tuple(self._curves_of(batch, kind, output.name) for kind in KINDS),
+        )
+
+    def _curves_of(self, batch: Batch, kind: TypeName, output: str) -> SingularCurves:
+        """Return the curves of a type: of a mid-plane form, or as slices or starts find."""
+        budget = self._share(batch, f"curves of type {kind}")
+        made = self._cut(batch)
+        if made is None:
+            found = mid_plane_loci(batch.mechanism, kind, output, budget)
+            if found is not None:
+                return found
+        return singular_curves(
+            batch.mechanism, kind, output, slices_of_each=0, made=made, budget=budget
+        )
+
+    def _drawn(self, batch: Batch, curve: CurveSeen) -> SingularPoints:
         return batch.once(("drawn", id(curve)), lambda: curve.dense(DRAWN))
 
     def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
-        if len(batch.moved_pairs) != 3 or not self.slices_of(batch) or not self.mesh:
+        side = self.side_of(batch)
+        if len(batch.moved_pairs) != 3 or self.slices == 0 or not side:
             return ()
         return batch.once(
             ("surfaces", output.name),
@@ -317,8 +372,10 @@ class SeveralInputs:
                     batch.mechanism,
                     kind,
                     output.name,
-                    side=self.mesh,
-                    slices_of_each=self.slices_of(batch),
+                    side=side,
+                    slices_of_each=0,
+                    made=self._cut(batch),
+                    budget=self._share(batch, f"surfaces of type {kind}"),
                 )
                 for kind in KINDS
             ),
@@ -327,10 +384,16 @@ class SeveralInputs:
     def _aspects(self, batch: Batch) -> Aspects | None:
         if not self.lattice:
             return None
-        names = self.outputs(batch.mechanism)
+        name = self.outputs(batch.mechanism)[0].name
         return batch.once(
             "aspects",
-            lambda: aspects(batch.mechanism, self.lattice, ("I", "II"), names[0].name),
+            lambda: aspects(
+                batch.mechanism,
+                self.lattice,
+                ("I", "II"),
+                name,
+                budget=self._share(batch, "aspects"),
+            ),
         )
 
     def _coefficients(self, batch: Batch, output: Output) -> OutputCoefficients:
@@ -348,26 +411,77 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
     """Return (n,) text: which c_i and d_i vanish, which u_i are coplanar.
 
     Or which u_i is the direction that counts, which then rests though its link turns.
+    Where none of these says it, what else does.
     """
     if not len(points.values):
         return np.zeros(0, dtype=str)
     motion = batch.tracer.given(points.values)
     rest = output_of(batch.mechanism, output.name)
     at = coefficients(motion, rest, by_rank=batch.tracer.by_rank)
+    pairs = batch.moved_pairs
     words: list[list[str]] = [[] for _ in points.values]
-    for letter, sizes in (("c", at.c), ("d", at.d)):
-        for row, moved in zip(*np.nonzero(np.abs(sizes) < VANISHES), strict=True):
-            words[row].append(f"{letter}_{batch.moved_pairs[moved]}=0")
+
+    def note(sizes: Floats, text: Callable[[int], str]) -> None:
+        for row, which in zip(*np.nonzero(sizes < VANISHES), strict=True):
+            words[row].append(text(which))
+
+    note(np.abs(at.c), lambda k: f"c_{pairs[k]}=0")
+    note(np.abs(at.d), lambda k: f"d_{pairs[k]}=0")
     if points.pointing is not None:
         turned = motion.rotations[:, rest.relative_to]
         direction = np.einsum("nij,nj->ni", turned, points.pointing)
         off = np.linalg.norm(np.cross(at.u, direction[:, None]), axis=2)
-        for row, moved in zip(*np.nonzero(off < VANISHES), strict=True):
-            words[row].append(f"u_{batch.moved_pairs[moved]} along the direction")
-    for row, triple in zip(*np.nonzero(np.abs(at.triples) < VANISHES), strict=True):
-        three = ", ".join(batch.moved_pairs[k] for k in at.triplets[triple])
-        words[row].append(f"u of {three} coplanar")
+        note(off, lambda k: f"u_{pairs[k]} along the direction")
+    triples = [", ".join(pairs[k] for k in three) for three in at.triplets]
+    note(np.abs(at.triples), lambda k: f"u of {triples[k]} coplanar")
+    two = list(combinations(range(len(pairs)), 2))
+    named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
+    crossed = np.stack([np.cross(at.u[:, j], at.u[:, k]) for j, k in two], axis=1)
+    parallel = np.linalg.norm(crossed, axis=2)
+    others = [(parallel, "{} along one line")]
+    if points.pointing is not None:
+        flat = np.abs(np.einsum("npi,ni->np", crossed, direction))
+        others.append((flat, "{} coplanar with the direction"))
+    for sizes, text in others:
+        for row in np.flatnonzero(np.any(sizes < VANISHES, axis=1)):
+            if not words[row]:
+                near = np.flatnonzero(sizes[row] < VANISHES)
+                words[row] += [text.format(named[k]) for k in near]
+    for row, own in enumerate(words):
+        if own:
+            continue
+        if at.flatness[row] < VANISHES:
+            own.append("the loops lose rank")
+        elif not np.all(np.isfinite(at.u[row])):
+            own.append("pole axes not known")
+        else:
+            least = f"{np.min(np.abs([at.c[row], at.d[row]])):.1e}"
+            own.append(f"motions alone: no c, d below {least}")
     return np.array([" ".join(own) for own in words], dtype=str)
+
+
+def _irregular(count: int, what: str) -> str:
+    """Return in words how many singular configurations lie on no regular part."""
+    if not count:
+        return ""
+    return (
+        f"; {count} configurations met are singular where the locus is no regular {what}, "
+        "and not listed"
+    )
+
+
+def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
+    """Return in words which branches are singular in every row that is known."""
+    found: dict[str, list[int]] = {}
+    for number, own in batch.branch_rows().items():
+        kinds = set(rows.type[own].tolist()) - {int(RowType.UNKNOWN)}
+        if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
+            found.setdefault(_type(kinds.pop()), []).append(number)
+    return [
+        f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of branches "
+        + ", ".join(map(str, numbers))
+        for kind, numbers in found.items()
+    ]
 
 
 def _rows(
@@ -377,14 +491,15 @@ def _rows(
     curve: int,
     s: Floats,
     note: str,
+    claim: Claim,
 ) -> Row:
     n = len(points.values)
-    inside = np.where(points.inside, note, note + "; outside the declared ranges")
     return {
         "kind": np.full(n, points.kind, dtype="<U8"),
         "condition": _conditions(batch, points, output),
         "branch": np.full(n, ""),
         **input_columns(batch.mechanism, points.inputs),
+        "inside": np.where(points.inside, "yes", "no"),
         "output": np.full(n, _named(output)),
         "curve": np.full(n, curve),
         "s": s,
@@ -393,8 +508,8 @@ def _rows(
         "turns": np.full(n, ""),
         "double": np.full(n, "no"),
         "decided": np.full(n, "yes"),
-        "guarantee": np.full(n, Guarantee.TO_BOX.value),
-        "note": inside.astype(str),
+        "guarantee": np.full(n, claim.guarantee.value),
+        "note": np.full(n, note),
     }
 
 

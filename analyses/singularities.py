@@ -60,12 +60,13 @@ class SingularityAnalysis(AbstractAnalysis):
     input `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by
     default the outputs that the mechanism declares.
 
-    With several inputs the outputs are those declared. Singular curves of two inputs are
-    looked for on `slices` values of each, 0 for none: by default 12 if the mechanism is one
-    of dyads, and none else, since each slice then costs seconds to minutes. Surfaces of
-    three inputs are looked for on as many, or 4, if `mesh` gives the length of their
-    triangles' edges (degrees). Aspects are found over `lattice` values of each input, 0
-    for none.
+    With several inputs the outputs are those declared. Singular curves of two inputs and
+    surfaces of three are looked for on `slices` values of each, 0 for none: by default 12
+    if there are two inputs and all groups are dyads, else from random starts, since each
+    slice then costs seconds to minutes. `mesh` is the length of the edges of surfaces
+    (degrees), 0 for none, by default a quarter of the narrowest range. Aspects are found
+    over `lattice` values of each input, 0 for none. All that ends after `seconds` of
+    processor time with what it has.
     """
 
     name: ClassVar[str] = "singularities"
@@ -80,10 +81,11 @@ class SingularityAnalysis(AbstractAnalysis):
             "singularities",
             "one row per singularity and output",
             (
-                Column("kind", "", "I, II, III, or apparent: c = d = 0 alone", "text"),
+                Column("kind", "", "I, II or III", "text"),
                 Column("condition", "", "geometric conditions that hold", "text"),
                 Column("branch", "", "assembly modes that it belongs to", "text"),
                 INPUTS,
+                Column("inside", "", "whether the inputs are in their ranges", "text"),
                 Column("output", "", "link relative to link", "text"),
                 Column("curve", "", "number of the configuration curve", "integer"),
                 Column("s", "rad", "place on it, in its own arc length"),
@@ -139,18 +141,21 @@ class SingularityAnalysis(AbstractAnalysis):
     output: tuple[str, ...] = ()
     near: float = 5.0
     slices: int | None = None
-    mesh: float = 0.0
+    mesh: float | None = None
     lattice: int = 11
+    seconds: float = 40.0
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
         """Return the relative motions wanted, as numbers of links."""
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)
         number = mechanism.link_number
-        if mechanism.outputs:
-            declared = [(number[o.link], number[o.relative_to]) for o in mechanism.outputs]
-            return tuple(dict.fromkeys(declared))
-        driven = {link for item in mechanism.inputs for link in _ends(mechanism, item.pair)}
+        moved = [set(_ends(mechanism, item.pair)) for item in mechanism.inputs]
+        declared = [(number[o.link], number[o.relative_to]) for o in mechanism.outputs]
+        others = [links for links in declared if set(links) not in moved]
+        if others:
+            return tuple(dict.fromkeys(others))
+        driven = set().union(*moved)
         beside = [
             next(link for link in ends if link)
             for ends in mechanism.ends
@@ -169,6 +174,7 @@ class SingularityAnalysis(AbstractAnalysis):
             ("slices", self.slices),
             ("mesh", self.mesh),
             ("lattice", self.lattice),
+            ("seconds", self.seconds),
         ):
             if value is not None and not value >= 0:
                 raise AnalysisError(
@@ -229,11 +235,11 @@ class SingularityAnalysis(AbstractAnalysis):
             return self._several.findings(batch)
         found = self._found(batch)
         relation = self._relation(batch)
-        kinds = self._points(batch)["kind"]
+        points = self._points(batch)
+        inside = points["inside"] == "yes"
         figures: dict[str, Any] = {
-            "singularities": {
-                str(kind): int(np.sum(kinds == kind)) for kind in np.unique(kinds)
-            },
+            "singularities": _counted(points["kind"][inside]),
+            "outside": _counted(points["kind"][~inside]),
             "configuration_curves": len(found.curves),
             "guarantee": str(found.configurations.claim),
             "checks_failed": list(found.configurations.mismatches),
@@ -262,16 +268,20 @@ class SingularityAnalysis(AbstractAnalysis):
                     f"{relation['branch'][row]} at q = {np.degrees(relation['q'][row]):.6g}"
                     " deg"
                 )
-        counts = ", ".join(f"{n} of type {k}" for k, n in figures["singularities"].items())
+        counts = _in_words(figures["singularities"]) or "no singularities"
+        beyond = _in_words(figures["outside"])
+        if beyond:
+            counts += f" in the range of the input, {beyond} outside"
         remark = (
-            f"{counts or 'no singularities'} on {len(found.curves)} configuration curves; "
+            f"{counts} on {len(found.curves)} configuration curves; "
             f"{found.configurations.claim}"
         )
         return Findings(figures, tuple(warnings), (remark,))
 
     @property
     def _several(self) -> SeveralInputs:
-        return SeveralInputs(self.slices, np.radians(self.mesh), self.lattice, self.near)
+        side = None if self.mesh is None else float(np.radians(self.mesh))
+        return SeveralInputs(self.slices, side, self.lattice, self.near, self.seconds)
 
     def _found(self, batch: Batch) -> SampledSingularities:
         return batch.once(
@@ -303,7 +313,7 @@ class SingularityAnalysis(AbstractAnalysis):
                     "kind": str(point.type),
                     **_conditions(agreeing),
                     "branch": _joined(found.branches_at(point.curve, point.s)),
-                    "q": found.input_at(point.curve, np.array([point.s]))[0],
+                    **_placed(found, found.input_at(point.curve, np.array([point.s]))),
                     "output": _named(batch.mechanism, point.output),
                     "curve": point.curve,
                     "s": point.s,
@@ -336,7 +346,7 @@ class SingularityAnalysis(AbstractAnalysis):
                         "kind": "III",
                         **_conditions([at for own in on_branches for at in own]),
                         "branch": _joined(sorted(touched)),
-                        "q": found.input_of(crossing.values[None])[0],
+                        **_placed(found, found.input_of(crossing.values[None])),
                         "output": _named(batch.mechanism, links),
                         "curve": curve,
                         "s": s,
@@ -356,6 +366,7 @@ class SingularityAnalysis(AbstractAnalysis):
                     "condition": "",
                     "branch": _joined(sorted({p.branch for p in own} - {None})),
                     "q": np.nan,
+                    "inside": "yes",
                     "output": _named(batch.mechanism, whole.output),
                     "curve": whole.curve,
                     "s": np.nan,
@@ -558,8 +569,21 @@ def _named(mechanism: Mechanism, links: tuple[int, int]) -> str:
     return "/".join(mechanism.links[k] for k in links)
 
 
+def _counted(kinds: NDArray[Any]) -> dict[str, int]:
+    return {str(kind): int(np.sum(kinds == kind)) for kind in np.unique(kinds)}
+
+
+def _in_words(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} of type {kind}" for kind, n in counts.items())
+
+
 def _joined(numbers: Iterable[int], sign: str = "+") -> str:
     return sign.join(map(str, numbers))
+
+
+def _placed(found: SampledSingularities, q: Floats) -> Row:
+    """Return the input (1,) of a singularity, and whether it is in the range."""
+    return {"q": q[0], "inside": "yes" if found.inside(q)[0] else "no"}
 
 
 def _turns(point: SingularPoint) -> list[str]:

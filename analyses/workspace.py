@@ -52,6 +52,9 @@ COARSE = 1e-2
 FINE = 1e-4
 """Relative error of the area of a set of directions, if nothing else is asked for."""
 
+AREA = "sr or sr rad"
+"""The unit of a set of directions, or of orientations."""
+
 MODE = Column("mode", "", "signs of the working mode's legs", "text")
 PLACES = (
     Column("x", "", "of the direction, or of the unit quaternion xyzw"),
@@ -121,8 +124,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 MODE,
                 Column("part", "", "whole, component, hole or outside", "text"),
                 Column("number", "", "of the part, the largest first", "integer"),
-                Column("size", "", "area in sr, or volume of all 8 pi^2 orientations"),
-                Column("error", "", "bound of its error, in the same unit"),
+                Column("size", AREA, "area, or volume of all 8 pi^2 orientations"),
+                Column("error", AREA, "bound of its error"),
                 Column("curves", "", "numbers of the curves around it", "text"),
                 *PLACES,
                 Column("w", "", "of the quaternion; empty for directions"),

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
-from benchmarks import extremes
+from benchmarks import extremes, sceptic
 from benchmarks.history import comparison, entry_of, keep, kept
 from benchmarks.machine import describe
 from benchmarks.report import markdown
@@ -34,6 +34,7 @@ NAMES = (
     "pruning",
     "prediction",
     "extremes",
+    "sceptic",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
 
@@ -43,7 +44,8 @@ INTRODUCTION = """\
 Repeat with `python -m benchmarks > docs/benchmarks.md` in the root of the
 repository, after `pip install -e '.[test]'`; single ones by their names
 ({names}), a short run with `--quick`, the
-figures as JSON with `--json FILE`. With `--keep` the ratios go to
+figures as JSON with `--json FILE`; `python -m benchmarks sceptic --help` says what that
+one takes alone. With `--keep` the ratios go to
 `benchmarks/history.jsonl` with date, commit and machine, and
 `python -m benchmarks compare` says how they changed.
 
@@ -54,6 +56,9 @@ hold from machine to machine and under load, single times do not."""
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmarks asked for."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == ["sceptic"]:
+        return sceptic.main(words[1:])
     parser = argparse.ArgumentParser(prog="python -m benchmarks")
     parser.add_argument(
         "names",
@@ -70,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--keep", action="store_true", help="append the ratios to benchmarks/history.jsonl"
     )
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(words)
     if options.names == ["compare"]:
         return compare()
     unknown = [name for name in options.names if name not in NAMES]

@@ -13,7 +13,8 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
-    ("errors", "conventions", "guarantee", "version"),
+    ("errors", "conventions", "guarantee", "version", "progress"),
+    ("budget", "checked"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),
@@ -44,6 +45,7 @@ SIBLINGS = {
 }
 PLUGINS_MAY_IMPORT = {
     "guidance",
+    "budget",
     "guarantee",
     "singular",
     "analysis",

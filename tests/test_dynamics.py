@@ -688,3 +688,19 @@ def test_samples_at_a_dead_centre_of_the_input_have_a_status_not_a_value(four_ba
     assert np.any(failed) and not np.all(failed)
     assert np.all(np.isnan(found.tau[failed]))
     assert np.all(np.isfinite(found.tau[~failed]))
+
+
+@pytest.mark.parametrize("left_out", ["masses", "loads"])
+def test_totals_of_no_parts_are_empty_in_rows_that_failed(four_bar, left_out):
+    """A sum over no loads, or over no masses, is 0 where a row is OK and nowhere else."""
+    made = replace(four_bar, loads=(Spring("spring", "43", 0.3),))
+    made = replace(made, **{left_out: ()}).with_inputs("41")
+    frame = sk.run(made, "eksergian", samples=40).frame()
+    failed = (frame["status"] != "OK").to_numpy()
+    solved = inverse_dynamics(made, ConstantSpeed(1.0), np.linspace(0.0, 6.0, 40))
+    assert np.any(failed) and not np.all(failed)
+    for name in ("B", "dB_dq", "Q"):
+        column = frame[name].to_numpy()
+        assert np.all(np.isnan(column[failed])) and np.all(np.isfinite(column[~failed]))
+        column, lost = getattr(solved, name), solved.status != Status.OK
+        assert np.all(np.isnan(column[lost])) and np.all(np.isfinite(column[~lost]))

@@ -15,8 +15,10 @@ from spherekit.files.check import schema
 from spherekit.files.document import MAX_BYTES
 from spherekit.files.locate import locate
 from spherekit.files.read import load, loads
+from spherekit.files.write import dumps
 from spherekit.model.expression import MAX_LENGTH
 from spherekit.model.mechanism import PAIR_TYPES
+from spherekit.motion.motion import Tracer
 
 SIZES = """\
 format = 1
@@ -375,6 +377,27 @@ FAULTS = {
         "8: links.1.arcs[0]: found 60.0 rad",
         ["looks like degrees", 'angle_unit = "deg"'],
     ),
+    "negative arc": (
+        SIZES,
+        "70.5",
+        "-70.5",
+        "16: links.3.arcs[0]: found -70.5 deg",
+        ["between 0 and 180 deg", "an axis 70.5 deg away", "signed_arcs = true"],
+    ),
+    "arc beyond half a turn": (
+        SIZES,
+        "70.5",
+        "289.5",
+        "16: links.3.arcs[0]: found 289.5 deg",
+        ["an axis 70.5 deg away", "signed_arcs = true"],
+    ),
+    "signed arcs, not a boolean": (
+        SIZES,
+        "arcs = [70.5]",
+        "arcs = [70.5]\nsigned_arcs = 1",
+        "17: links.3.signed_arcs: found 1 (number), needs true or false",
+        [],
+    ),
     "path in the name": (
         SIZES,
         '"four_bar"',
@@ -640,3 +663,22 @@ def test_reading_imports_little():
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     loaded = set(json.loads(out.stdout)) - set(sys.stdlib_module_names)
     assert not loaded & {"jsonschema", "tomli_w", "networkx", "scipy", "pandas"}
+
+
+@pytest.mark.parametrize("signed, turned", [(-30.0, 270.0), (330.0, 270.0), (-330.0, 90.0)])
+def test_signed_arcs_lead_to_the_other_side(signed, turned):
+    """Such an axis is where the shorter arc leads, turned by half a turn."""
+    text = dumps(load("stephenson"))
+    coupler = "arcs = [60.0, 30.0]\nangles = [90.0]\n"
+    assert text.count(coupler) == 1
+    found, plain = (
+        loads(text.replace(coupler, f"arcs = [60.0, {arc}]\nangles = [{angle}]\n{key}"))
+        for arc, angle, key in [
+            (signed, 90.0, "signed_arcs = true\n"),
+            (30.0, turned, ""),
+        ]
+    )
+    assert loads(dumps(found)) == found
+    q = np.linspace(0.3, 6.0, 7)
+    one, other = (Tracer(mechanism).at(q).rotations for mechanism in (found, plain))
+    assert np.allclose(one, other, rtol=0.0, atol=1e-12)

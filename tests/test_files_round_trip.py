@@ -132,7 +132,9 @@ def random_mechanism(seed):
         for link in links:
             on_link = tuple(pair.name for pair in pairs if link in pair.links)
             arcs = tuple(angle() for _ in on_link[1:])
-            sizes[link] = LinkSizes(on_link, arcs, tuple(angle() for _ in on_link[2:]))
+            signed = not all(0.0 <= arc <= math.pi for arc in arcs)
+            angles = tuple(angle() for _ in on_link[2:])
+            sizes[link] = LinkSizes(on_link, arcs, angles, signed=signed)
         geometry = SizeGeometry(sizes, {pairs[0].name: angle()})
     first = pairs[0].name
     return Mechanism(

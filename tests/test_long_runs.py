@@ -497,7 +497,7 @@ def test_a_new_run_replaces_the_files_of_the_older_one_only(tmp_path):
     summary["files"] += ["../outside.csv", str(outside)]
     (tmp_path / "summary.json").write_text(json.dumps(summary))
     four_bar(tmp_path, formats=("parquet",))
-    names = ["mine.csv", "motion.parquet", "poles.parquet", "summary.json"]
+    names = ["columns.csv", "mine.csv", "motion.parquet", "poles.parquet", "summary.json"]
     assert names_in(tmp_path) == names
     assert outside.exists()
 

@@ -48,9 +48,10 @@ def test_degrees_only_change_angles(result):
     radians, degrees = result.frame(), result.frame(degrees=True)
     assert degrees["q"].max() == pytest.approx(360.0)
     assert np.allclose(np.radians(degrees["q"]), radians["q"])
-    assert np.allclose(np.degrees(degrees["rate_dq"]), radians["rate_dq"])
+    assert np.array_equal(degrees["rate_dq"], radians["rate_dq"])
     assert np.array_equal(degrees["rate"], radians["rate"])
     assert degrees.attrs["units"]["q"] == "deg"
+    assert degrees.attrs["units"]["rate_dq"] == "1/rad"
     assert radians.attrs["units"]["rate_dq"] == "1/rad"
 
 
@@ -70,7 +71,8 @@ def test_running_twice_gives_the_same_bits(result):
 def test_written_files_read_back_equal(result, tmp_path):
     paths = result.write(tmp_path / "new" / "folder")
     assert sorted(p.name for p in paths) == [
-        "motion.csv", "motion.parquet", "poles.csv", "poles.parquet", "summary.json",
+        "columns.csv", "motion.csv", "motion.parquet", "poles.csv", "poles.parquet",
+        "summary.json",
     ]  # fmt: skip
     frame = result.frame()
     parquet = read_parquet(tmp_path / "new" / "folder" / "poles.parquet")

@@ -19,7 +19,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import wrap
 from spherekit.motion.motion import BLOCK, Motion, Tracer
 from spherekit.motion.timing import Extent, Timing, by_laws
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.sphere.rotation import Floats
 
 UNIT_SPEED = 1.0
@@ -133,6 +133,12 @@ class Course:
             return {}
         return {"simulate": asdict(self.simulation.engine)}
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be heeded in the rows of a simulation."""
+        missed = self.simulation.missed if self.simulation is not None else None
+        return () if missed is None else (missed,)
+
     def summary(self) -> dict[str, Any]:
         """Return what is to be said of time, and of a simulation's checks."""
         if not self.timed:
@@ -146,6 +152,7 @@ class Course:
             "end": {"kind": done.end.kind, "t": done.end.t, "reason": done.end.message},
             "tolerance": self.tolerance,
             "achieved_error_rad": done.checks.error,
+            "missed": done.missed,
             "energy_imbalance_J": done.checks.energy,
             "energy_scale_J": done.checks.energy_scale,
             "power_imbalance_W": done.checks.power,
@@ -171,8 +178,11 @@ def course_of(
     torque: str | None,
     tolerance: float,
     engine: Engine = "auto",
+    follow: bool = True,
 ) -> Course:
     """Return the course behind the arguments of `spherekit.run`.
+
+    Without `follow` samples over no time have no branches: nothing is to be read there.
 
     Raises
     ------
@@ -181,9 +191,7 @@ def course_of(
     PlanError, SolveError, ModelError
         See `Tracer` and `simulate`.
     """
-    if input_pair is not None:
-        names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
-        mechanism = mechanism.with_inputs(*names)
+    mechanism = driven_at(mechanism, input_pair)
     inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
     mechanism = mechanism.with_inputs(*inputs)
     fault = time_fault(inputs, laws, duration, start, torque)
@@ -191,7 +199,7 @@ def course_of(
         keys, message = fault
         raise AnalysisError(f"{mechanism.name}: {'.'.join(keys)}: {message}")
     if duration is None:
-        tracer = Tracer(mechanism, None, branch, search, samples, grid, path)
+        tracer = Tracer(mechanism, None, branch, search, samples, grid, path, follow)
         lattice = tracer.lattice
         timing = _at_unit_speed(lattice.q) if len(inputs) == 1 else None
         return Course(tracer, lattice.q, lattice.shape, timing, False, {})

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -32,7 +32,10 @@ SPECIAL = set(',"\r\n')
 
 
 def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFrame":
-    """Return a table as a frame; with `degrees`, columns in rad become deg, rates too."""
+    """Return a table as a frame, its units in ``attrs["units"]``.
+
+    With `degrees`, angles and their rates are in degrees; what is per rad stays so.
+    """
     import pandas as pd
 
     rows = RowsInMemory(table, data)
@@ -54,19 +57,16 @@ def _frame(
     units: dict[str, str] = {}
     for column in table.columns:
         values: Any = data[column.name]
-        unit = column.unit
         if column.kind == "status":
             names = [status.name for status in Status]
             values = pd.Categorical.from_codes(values, categories=pd.Index(names))
         elif column.kind == "text":
             own = pd.Index(list(words[column.name]))
             values = pd.Categorical.from_codes(values, categories=own)
-        elif degrees and unit in ("rad", "rad/s", "rad/s2"):
-            values, unit = np.degrees(values), unit.replace("rad", "deg")
-        elif degrees and unit == "1/rad":
-            values, unit = np.radians(values), "1/deg"
+        elif column.unit_in(degrees) != column.unit:
+            values = np.degrees(values)
         columns[column.name] = values
-        units[column.name] = unit
+        units[column.name] = column.stated_unit(degrees)
     frame = pd.DataFrame(columns)
     frame.attrs["units"] = units
     return frame
@@ -157,9 +157,23 @@ def _with_words(rows: "pa.Table") -> "pa.Table":
 
 
 def _header(names: Sequence[str]) -> bytes:
+    return _csv([names])
+
+
+def _csv(rows: Iterable[Sequence[str]]) -> bytes:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(names)
+    csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().encode()
+
+
+def columns_text(tables: Mapping[str, Table], degrees: bool) -> bytes:
+    """Return the text of `COLUMNS`: of tables by their files' stems, column by column."""
+    rows = [
+        (stem, column.name, column.stated_unit(degrees), column.meaning)
+        for stem, table in tables.items()
+        for column in table.columns
+    ]
+    return _csv([("table", "column", "unit", "meaning"), *rows])
 
 
 def read_parquet(path: Path) -> "pd.DataFrame":
@@ -203,8 +217,6 @@ class ParquetColumns(Mapping[str, NDArray[Any]]):
         if column.kind == "text":
             return np.asarray(found, dtype=str)
         values = np.asarray(found)
-        if self._degrees and column.unit in ("rad", "rad/s", "rad/s2"):
+        if column.unit_in(self._degrees) != column.unit:
             return np.asarray(np.radians(values))
-        if self._degrees and column.unit == "1/rad":
-            return np.asarray(np.degrees(values))
         return values

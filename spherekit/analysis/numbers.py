@@ -2,13 +2,14 @@
 
 import csv
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from spherekit.analysis.tables import COLUMNS
 from spherekit.errors import FileError
 from spherekit.sphere.rotation import Floats
 
@@ -71,6 +72,7 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
         for number, cells in enumerate(frame[list(names)].itertuples(index=False), 1):
             take(f"row {number}", cells)
     else:
+        units = _units_beside(path)
         with _rows(path) as rows:
             header = _header(path, rows)
             order = [header.index(name) for name in names]
@@ -84,6 +86,14 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
             f"{path}: {'; '.join(bad[:MOST_SHOWN])}{more}; every cell has to be a number"
         )
     return Numbers(np.array(values).reshape(-1, len(names)), places, units)
+
+
+def _units_beside(path: Path) -> dict[str, str]:
+    """Return the units of the columns of a CSV file that the folder of a run states."""
+    with suppress(FileError, OSError), _rows(path.with_name(COLUMNS)) as rows:
+        stated = [row for row in rows if len(row) > 2 and row[0] == path.stem]
+        return {column: unit for _, column, unit, *_ in stated}
+    return {}
 
 
 def _number(cell: Any) -> float:

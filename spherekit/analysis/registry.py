@@ -8,10 +8,15 @@ from typing import Any, final
 
 from spherekit.analysis.arguments import given_in
 from spherekit.analysis.contract import CONTRACT, AbstractAnalysis
+from spherekit.analysis.result import MOTION
+from spherekit.analysis.tables import COLUMNS
 from spherekit.conventions import NAME_PATTERN, listing, nearest
 from spherekit.errors import AnalysisError, PluginError
 
 GROUP = "spherekit.analyses"
+
+TAKEN = (MOTION, COLUMNS.partition(".")[0])
+"""What no analysis is called: the stems of files that every run writes."""
 
 
 @final
@@ -121,6 +126,8 @@ def _check(name: str, origin: str, cls: Any) -> None:
     for key in ("name", "version", "summary", "tables"):
         if not hasattr(cls, key):
             refuse(f"the class attribute `{key}` is missing")
+    if name in TAKEN:
+        refuse("its name is that of a file that every run writes")
     if cls.name != name:
         refuse(f"the class calls itself {cls.name!r}")
     if cls.contract != CONTRACT:

@@ -11,6 +11,7 @@ from spherekit.analysis.cost import TABLES
 from spherekit.analysis.journal import SUMMARY, RunFolder
 from spherekit.analysis.store import AbstractStore, InMemory, OnDisk
 from spherekit.analysis.tables import (
+    COLUMNS,
     FILE_SIZE,
     AbstractRows,
     Format,
@@ -18,6 +19,7 @@ from spherekit.analysis.tables import (
     Table,
     TableData,
 )
+from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes
@@ -57,6 +59,7 @@ class RunResult:
     summary: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
 
+    @checked(AnalysisError)
     def frame(
         self,
         analysis: str | None = None,
@@ -108,6 +111,7 @@ class RunResult:
             )
         return data[table]
 
+    @checked(OutputError)
     def write(
         self,
         folder: str | Path,
@@ -115,6 +119,8 @@ class RunResult:
         formats: Sequence[Format] = tuple(FILE_SIZE),
     ) -> list[Path]:
         """Write every table as CSV and Parquet, and `summary.json`; return the paths.
+
+        `columns.csv` and the summary say each column's unit.
 
         The files appear together when all are complete, in place of those of an older
         run.
@@ -147,6 +153,14 @@ def stem_of(analysis: str, tables: Sequence[Table], table: Table) -> str:
     return analysis if table is tables[0] else f"{analysis}_{table.name}"
 
 
+def units_of(tables: Mapping[str, Table], degrees: bool) -> dict[str, dict[str, str]]:
+    """Return the unit of every column of tables by the stems of their files."""
+    return {
+        stem: {column.name: column.stated_unit(degrees) for column in table.columns}
+        for stem, table in tables.items()
+    }
+
+
 def result_of(
     declared: Mapping[str, Sequence[Table]],
     failures: Mapping[str, str],
@@ -165,6 +179,12 @@ def result_of(
     """
     files: list[Path] = []
     data: dict[str, dict[str, TableData]] = {name: {} for name in declared}
+    stems = {
+        stem_of(name, tables, table): table
+        for name, tables in declared.items()
+        for table in tables
+    }
+    summary = {**summary, "units": units_of(stems, degrees=False)}
     if isinstance(store, InMemory):
         for name, tables in declared.items():
             data[name] = {table.name: store.table(name, table) for table in tables}
@@ -206,22 +226,26 @@ def write_results(
     OutputError
         If the disk is full; the folder then has what it had.
     """
-    from spherekit.analysis.frames import write_table
+    from spherekit.analysis.frames import columns_text, write_table
 
     started = time.perf_counter()
     made = make_folder(folder.work / "made")
     names: list[str] = []
+    stems: dict[str, Table] = {}
     for analysis, table, rows in tables:
         own = [each for name, each, _ in tables if name == analysis]
         stem = stem_of(analysis, own, table)
+        stems[stem] = table
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
         own_names = write_table(made, stem, table, rows, notes, degrees, formats)
         for name in own_names:
             key = f"{name.rpartition('.')[2]}_bytes"
             summary["cost"]["tables"][stem][key] = (made / name).stat().st_size
         names += own_names
+    write_bytes(made / COLUMNS, columns_text(stems, degrees))
+    names.append(COLUMNS)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
-    written = {**summary, "files": names}
+    written = {**summary, "units": units_of(stems, degrees), "files": names}
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())
     return folder.publish(made, [*names, SUMMARY]), written

@@ -31,6 +31,7 @@ def summary_of(job: Job, standing: Standing) -> dict[str, Any]:
             name: [float(np.min(column)), float(np.max(column))]
             for name, column in zip(tracer.inputs, course.inputs.T, strict=True)
         },
+        "inputs_unit": "rad",
         "sampling": "x".join(map(str, course.shape)),
         **course.summary(),
         "samples": standing.done,
@@ -66,7 +67,8 @@ def summary_of(job: Job, standing: Standing) -> dict[str, Any]:
             f"{name}: {text}" for name, own in findings.items() for text in own.remarks
         ],
         "warnings": [
-            f"{name}: {text}" for name, own in findings.items() for text in own.warnings
+            *course.warnings,
+            *(f"{name}: {text}" for name, own in findings.items() for text in own.warnings),
         ],
     }
 

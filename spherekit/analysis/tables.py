@@ -22,6 +22,13 @@ Format = Literal["csv", "parquet"]
 FILE_SIZE: Mapping[Format, float] = {"csv": 2.2, "parquet": 0.6}
 """About how large files are, over packed rows; measured on motions and poles."""
 
+IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}
+"""Units of angles, and those in which tables give them if asked for degrees. Quantities per
+angle stay per rad."""
+
+COLUMNS = "columns.csv"
+"""The file in which a folder of tables says of every column its unit and meaning."""
+
 CHUNK = 1 << 17
 """Rows that are written and read at once."""
 
@@ -45,6 +52,14 @@ class Column:
     kind: Kind = "number"
     per_input: bool = False
     scale: Scale = "unit"
+
+    def unit_in(self, degrees: bool) -> str:
+        """Return the unit of its numbers in a table with angles in rad or degrees."""
+        return IN_DEGREES.get(self.unit, self.unit) if degrees else self.unit
+
+    def stated_unit(self, degrees: bool) -> str:
+        """Return that unit as files say it: 1 of a pure number, empty of a name."""
+        return self.unit_in(degrees) or ("1" if self.kind == "number" else "")
 
 
 @final

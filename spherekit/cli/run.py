@@ -146,7 +146,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave out links and pairs that no analysis needs; branches are then those "
         "of the part that is left",
     )
-    parser.add_argument("--deg", action="store_true", help="angles in tables in degrees")
+    parser.add_argument(
+        "--deg",
+        action="store_true",
+        help="angles in tables, their rates and accelerations in degrees; what is per rad "
+        "stays so",
+    )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.add_argument(
         "--strict",
@@ -231,14 +236,24 @@ def execute(options: argparse.Namespace) -> int:
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     if not result.summary.get("accuracy", {"met": True})["met"]:
         failed.add("tolerance")
+    simulation = result.summary.get("simulation")
+    if simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast"):
+        failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
 
 
 def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and what else there is to say to stderr."""
+    from spherekit.analysis.tables import COLUMNS
+
     summary = result.summary
     if study.folder is not None and not options.quiet:
-        print(f"{len(result.files)} files in {study.folder}", file=sys.stderr)
+        angles = "deg" if study.degrees else "rad"
+        print(
+            f"{len(result.files)} files in {study.folder}, angles in {angles}; the unit of "
+            f"every column is in {COLUMNS}",
+            file=sys.stderr,
+        )
     if options.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
     else:
@@ -498,13 +513,21 @@ def report(summary: Any) -> str:
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
     count = len(summary["branches"])
-    lines = [
-        f"{summary['mechanism']}: {summary['sampling']} samples of "
-        f"{'inputs' if len(summary['inputs']) > 1 else 'input'} "
-        f"{', '.join(summary['inputs'])}, {count} branch{'' if count == 1 else 'es'}; "
-        f"mobility {mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
-        f"{', '.join(summary['groups'])}"
-    ]
+    names = f"{'inputs' if len(summary['inputs']) > 1 else 'input'} " + ", ".join(
+        summary["inputs"]
+    )
+    if count:
+        first = (
+            f"{summary['sampling']} samples of {names}, {count} "
+            f"branch{'' if count == 1 else 'es'}; mobility {mobility['graph']} by the "
+            f"graph, {mobility['rank']} by rank"
+        )
+    else:
+        first = (
+            f"{names}; no motion was traced, as no analysis reads samples; mobility "
+            f"{mobility['graph']} by the graph"
+        )
+    lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
     repeated = summary["redundant_constraints"]
     if repeated and repeated["count"]:
         lines.append(
@@ -514,6 +537,7 @@ def report(summary: Any) -> str:
     for branch in summary["branches"]:
         counts = ", ".join(f"{n} {name}" for name, n in branch["status"].items())
         lines.append(f"  branch {branch['number']} ({branch['mode']}): {counts}")
+    lines.append(f"assembly modes: {summary['search']}")
     lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
     if lacking:
         counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
@@ -528,8 +552,9 @@ def report(summary: Any) -> str:
             f"({done['end']['reason']}), {done['events']} events, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}, energy balanced to "
-            f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
+            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
+            f"energy balanced to {done['energy_imbalance_J']:.1e} of "
+            f"{done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
         line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"

@@ -25,6 +25,12 @@ MOST_ITERATIONS = 40
 MANY_ITERATIONS = 24
 """Steps that take more are shortened: iterations grow faster than the step."""
 
+RENEWED = (1, 4, 9)
+"""Iterations in which Newton's method for a stiff state finds its slope anew."""
+
+DIFFERENCE = 1e-7
+"""Part of a state's size by which it is moved to find that slope."""
+
 CONTINUED = 12
 """Coefficients of the last step that are continued as the first guess of the next."""
 
@@ -124,6 +130,8 @@ def attempt(
     state: Floats,
     tolerance: float,
     before: Step | None = None,
+    sizes: Floats | None = None,
+    stiff: int | None = None,
 ) -> Attempt:
     """Try one step of a system of ordinary differential equations.
 
@@ -134,13 +142,18 @@ def attempt(
     start, length, state
         Time and state (states,) at the start, and the length of the step.
     tolerance
-        Error tolerated over the step in states of size 1; larger states by their size.
+        Error tolerated over the step in states of their usual size; larger ones by theirs.
     before
         The step that ends here, from which the first guess is continued.
+    sizes
+        Usual sizes of the states (states,), 1 by default.
+    stiff
+        Number of the state whose rate may depend on itself so much that Picard's iteration
+        of it does not converge: it is found by Newton's method.
     """
     method = gauss(NODES)
     t = start + 0.5 * length * (method.nodes + 1.0)
-    scale = np.maximum(1.0, np.abs(state))
+    scale = np.maximum(np.ones(len(state)) if sizes is None else sizes, np.abs(state))
     if before is None:
         rates = np.repeat(field(np.array([start]), state[None]), NODES, axis=0)
     else:
@@ -153,6 +166,11 @@ def attempt(
     for count in range(1, MOST_ITERATIONS + 1):
         rates = field(t, states)
         moved = state + 0.5 * length * (method.integral @ rates)
+        if stiff is not None:
+            if count in RENEWED:
+                slope = _slope(field, t, states, rates, stiff, scale[stiff])
+                inverse = _inverse(method, 0.5 * length * slope)
+            moved[:, stiff] = states[:, stiff] + inverse @ (moved - states)[:, stiff]
         change = float(np.max(np.abs(moved - states) / scale))
         states = moved
         if not np.isfinite(change) or (count > 4 and change > 4.0 * last):
@@ -166,6 +184,23 @@ def attempt(
     left_out = np.max(np.abs(series[-3:]), axis=0) * length / (4 * NODES - 2)
     error = float(np.max(left_out / scale)) / tolerance
     return Attempt(Step(start, length, state, series), error, count)
+
+
+def _slope(
+    field: Field, t: Floats, states: Floats, rates: Floats, column: int, size: float
+) -> Floats:
+    """Return how the rate of one state depends on it (N,), by differences."""
+    other = states.copy()
+    shift = DIFFERENCE * size
+    other[:, column] += shift
+    found = (field(t, other)[:, column] - rates[:, column]) / shift
+    return np.asarray(np.where(np.isfinite(found), found, 0.0))
+
+
+def _inverse(method: Gauss, slope: Floats) -> Floats:
+    """Return what turns misses (N,) of a linear collocation into corrections."""
+    matrix = np.eye(len(slope)) - method.integral * slope
+    return np.asarray(np.linalg.inv(matrix))
 
 
 def next_length(tried: Attempt) -> float:

@@ -18,6 +18,7 @@ from spherekit.dynamics.simulation import (
     Forecast,
     Simulation,
     cannot_leave,
+    given_up,
     stop_end,
     too_many,
 )
@@ -121,6 +122,7 @@ def by_taylor_series(
         _events(problem, path),
         _end(problem, path),
         report,
+        tolerance=tolerance,
     )
 
 
@@ -165,4 +167,5 @@ def _end(problem: Problem, path: TaylorPath) -> End:
         return End("sticking", run.time, STICKS)
     if run.end == "too_many":
         return End("too_fast", run.time, too_many(MOST_STEPS))
-    return End("too_fast", run.time, f"no step is short enough; {JUMPS}")
+    why = f"no step is short enough; {JUMPS}"
+    return given_up(problem.equation, path, run.time, why)

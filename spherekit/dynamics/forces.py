@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.model.actions import LinkMoment, components
+from spherekit.model.actions import LinkMoment, components, steep
 from spherekit.model.dynamics import TorqueTable, Vector
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
@@ -17,7 +17,8 @@ class Loads:
     """The loads of a mechanism, ready to be evaluated at any configurations.
 
     `names` are those of the loads, `components` what they are made of, `owners` the
-    number of the load of each component.
+    number of the load of each component, `steep` the arguments at whose zeros and turns
+    loads may change at once, see `spherekit.model.actions.steep`.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -26,6 +27,7 @@ class Loads:
         each = [components(mechanism, load) for load in mechanism.loads]
         self.components = tuple(part for parts in each for part in parts)
         self.owners = [k for k, parts in enumerate(each) for _ in parts]
+        self.steep = steep(mechanism)
         self._first = np.array(
             [self.owners.index(k) for k in range(len(each))], dtype=np.intp
         )
@@ -52,9 +54,7 @@ class Loads:
         `values`, `value_rates` (n, variables) are the pair variables and their rates by
         time, `t` (n,) is in s.
         """
-        known = {"t": t}
-        known |= {f"theta_{pair}": values[:, k] for pair, k in self._angles.items()}
-        known |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
+        known = self._known(values, value_rates, t)
         found = np.empty((len(t), len(self.components)))
         for column, part in enumerate(self.components):
             law = part.magnitude
@@ -64,6 +64,20 @@ class Loads:
                 used = {name: known[name] for name in law.names}
                 found[:, column] = law.evaluate(used)
         return found
+
+    def arguments(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
+        """Return `steep` (n, arguments), for the same as `magnitudes`."""
+        known = self._known(values, value_rates, t)
+        found = [
+            each.evaluate({name: known[name] for name in each.names}) for each in self.steep
+        ]
+        return np.stack(found, axis=1) if found else np.zeros((len(t), 0))
+
+    def _known(self, values: Floats, value_rates: Floats, t: Floats) -> dict[str, Floats]:
+        known = {"t": t}
+        known |= {f"theta_{pair}": values[:, k] for pair, k in self._angles.items()}
+        known |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
+        return known
 
     def parts(self, motion: CoordinateMotion, speed: Floats, t: Floats) -> Floats:
         """Return each load's generalised force (n, loads).

@@ -6,11 +6,12 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import SINGULAR_RATIO, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
-from spherekit.dynamics.start import into_range
+from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.laws import Law
 from spherekit.model.mechanism import Mechanism
@@ -30,6 +31,11 @@ def driving_torque(B: Floats, dB: Floats, Q: Floats, dq: Floats, ddq: Floats) ->
     eq. (21), with the factor 1/2 q'^2 of eq. (17)); Q is of all other loads.
     """
     return np.asarray(B * ddq + 0.5 * dB * dq**2 - Q)
+
+
+def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
+    """Return sums (n,) of parts (n, k), NaN in rows that failed, also where k is 0."""
+    return np.where(status == Status.OK, np.sum(parts, axis=1), np.nan)
 
 
 @final
@@ -63,17 +69,17 @@ class InverseSolution:
     @property
     def B(self) -> Floats:
         """(n,) equivalent inertia, kg m2."""
-        return np.asarray(np.sum(self.B_parts, axis=1))
+        return total(self.B_parts, self.status)
 
     @property
     def dB_dq(self) -> Floats:
         """(n,) its derivative, kg m2/rad."""
-        return np.asarray(np.sum(self.dB_parts, axis=1))
+        return total(self.dB_parts, self.status)
 
     @property
     def Q(self) -> Floats:
         """(n,) generalised force of all loads, N m."""
-        return np.asarray(np.sum(self.Q_parts, axis=1))
+        return total(self.Q_parts, self.status)
 
     @property
     def kinetic(self) -> Floats:
@@ -95,6 +101,7 @@ class InverseSolution:
             return np.asarray(self.tau / self.pair_rates[:, number])
 
 
+@checked(SolveError)
 def inverse_dynamics(
     mechanism: Mechanism,
     law: Law,
@@ -123,14 +130,14 @@ def inverse_dynamics(
         Before any sample is computed. Samples that cannot be reached get a status.
     """
     t = np.atleast_1d(np.asarray(times, dtype=float))
-    if not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
+    if t.ndim != 1 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
         raise SolveError(
-            f"{mechanism.name}: the times of samples must be finite and increase"
+            f"{mechanism.name}: the times (k,) of samples must be finite and increase"
         )
     need_terms(mechanism)
     loads = Loads(mechanism)
     q, dq, ddq = law.at(t)
-    tracer = Tracer(mechanism, input_pair, branch, search)
+    tracer = reaching(Tracer(mechanism, input_pair, branch, search), q, branch, search)
     motion = tracer.at(into_range(tracer, q))
     count = len(tracer.branches)
     values = motion.values.copy()

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
-from spherekit.motion.branches import penetrates
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import pair_rates, variable_vectors
+from spherekit.motion.pairs import pair_rates, penetrates, variable_vectors
 from spherekit.rates.core import null_motion, null_second_rates
 from spherekit.sphere.rotation import Floats
 

@@ -2,15 +2,19 @@
 
 import time
 from collections.abc import Generator
+from dataclasses import replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.dynamics.collocation import (
+    NODES,
     Attempt,
     Step,
     attempt,
+    gauss,
     next_length,
 )
 from spherekit.dynamics.events import StepEvents
@@ -25,11 +29,13 @@ from spherekit.dynamics.simulation import (
     Forecast,
     Simulation,
     cannot_leave,
+    given_up,
     stop_end,
     too_many,
 )
 from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
+from spherekit.engine.probes import good_until
 from spherekit.sphere.rotation import Floats
 
 FIRST_ARC = 0.1
@@ -46,6 +52,9 @@ tolerance counts where it is more.
 MOST_STEPS = 100_000
 
 
+MISSED = 1.0
+"""Part of the step's own measure of error by which it may miss a load within it."""
+
 WINDOW = 4
 """Steps from whose time that of the steps to come is expected."""
 
@@ -61,6 +70,12 @@ class Collocation:
         self.tangent = problem.tangent
         self.path: list[Travelled] = []
         self.events: list[Event] = []
+        speed_one = self.equation.state(problem.values, 1.0, problem.tangent)
+        unit = float(speed_one[self.equation.variables])
+        self.sizes = np.ones(len(speed_one))
+        self.sizes[self.equation.variables :] = unit**2
+        self.sizes[self.equation.variables] = unit
+        self._nodes = 0.5 * (gauss(NODES).nodes + 1.0)
         self.orientation = 0.0
         self.drift = 0.0
         self.last: Dynamics | None = None
@@ -111,10 +126,11 @@ class Collocation:
         return Simulation(
             self.equation,
             problem.driven,
-            CollocationPath(tuple(self.path), problem.turns, self.drift),
+            self._travelled(),
             tuple(self.events),
             end,
             EngineReport("numpy", reason, 0.0, self.seconds, len(self.path), forecast),
+            tolerance=self.tolerance,
         )
 
     def _integrate(self) -> Generator[float, None, End]:
@@ -127,7 +143,7 @@ class Collocation:
             while t < target:
                 left = target - t
                 tried_length = left if left < 1.05 * length else min(length, left)
-                tried = attempt(self.field, t, tried_length, state, self.tolerance, before)
+                tried = self._attempt(t, tried_length, state, before)
                 assert self.last is not None
                 status = self.last.motion.status
                 if tried.error > 1.0 or np.any(status != Status.OK):
@@ -150,6 +166,34 @@ class Collocation:
                 self._note("switch", t, self._input(state), "")
                 before = None
         return End("time", problem.until, "the time asked for is over")
+
+    def _attempt(
+        self, t: float, length: float, state: Floats, before: Step | None
+    ) -> Attempt:
+        """Try a step; its error is infinite where it misses what a load does within it."""
+        stiff = self.equation.variables if self.equation.loads.steep else None
+        tried = attempt(
+            self.field, t, length, state, self.tolerance, before, self.sizes, stiff
+        )
+        last = self.last
+        assert last is not None
+        if stiff is None or tried.error > 1.0 or np.any(last.motion.status != Status.OK):
+            return tried
+        scale = max(self.sizes[stiff], abs(float(state[stiff])))
+        enough = MISSED * self.tolerance * (4 * NODES - 2) * scale / length
+
+        def look(_: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
+            when = t + x * length
+            states = tried.step.at(when)
+            nearest = np.argmin(np.abs(x[:, None] - self._nodes), axis=1)
+            along = last.motion.rates[nearest]
+            found = self.equation.at(when, states, along, self.problem.whole)
+            rates = self.equation.rates(found)[:, stiff]
+            missed = np.abs(rates - tried.step.rate(when)[:, stiff])
+            return missed / enough, self.equation.arguments(found, self.problem.whole, when)
+
+        good = float(good_until(look, 1)[0])
+        return tried if good == 1.0 else replace(tried, error=np.inf)
 
     def _first_length(self, state: Floats) -> float:
         problem = self.problem
@@ -231,8 +275,10 @@ class Collocation:
         least = float(sizes[-1] / sizes[0]) if len(sizes) else 1.0
         if least < 1e-5:
             return End("singularity", t, CROSSING)
-        return End(
-            "too_fast",
-            t,
-            f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}",
-        )
+        why = f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}"
+        if not self.path:
+            return End("too_fast", t, why)
+        return given_up(self.equation, self._travelled(), t, why)
+
+    def _travelled(self) -> CollocationPath:
+        return CollocationPath(tuple(self.path), self.problem.turns, self.drift)

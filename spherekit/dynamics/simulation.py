@@ -7,7 +7,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.inertia import equivalent_inertia, inertia
 from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.path import Path, Traced
 from spherekit.dynamics.start import Problem
@@ -19,7 +19,14 @@ from spherekit.sphere.rotation import Floats
 
 EventKind = Literal["dead_centre", "rest", "stop", "switch"]
 EndKind = Literal[
-    "time", "stop", "off_profile", "curvature", "singularity", "sticking", "too_fast"
+    "time",
+    "stop",
+    "off_profile",
+    "curvature",
+    "singularity",
+    "sticking",
+    "no_inertia",
+    "too_fast",
 ]
 
 CHECKED = 2000
@@ -30,6 +37,20 @@ CROSSING = (
     "mechanism goes on; start beyond the crossing"
 )
 JUMPS = "a load jumps or grows without bound here: smooth it, or give its time in switches"
+NO_INERTIA = (
+    "the equivalent inertia goes to zero here: no link with mass moves together with the "
+    "input, and the mechanism would go on infinitely fast; give mass to links that move"
+)
+
+VANISHED = 1e-6
+"""An inertia that is smaller than this part of its largest where steps end has vanished."""
+
+UNBALANCED = 1000.0
+"""Tolerances by which a step may change the momentum without a load that does.
+
+The error of NumPy's steps is measured by the last coefficients of their series, which are
+up to 94 times as large.
+"""
 
 
 @final
@@ -68,6 +89,17 @@ def too_many(steps: int) -> str:
         f"{steps} steps are not enough; the loads change the speed too fast: raise the "
         "speed that smooths friction, or the tolerance, or simulate a shorter time"
     )
+
+
+def given_up(equation: EquationOfMotion, path: Path, t: float, why: str) -> End:
+    """Return the end where no step is short enough: `why`, or the inertia has vanished."""
+    chosen = np.linspace(0, len(path.starts) - 1, min(CHECKED, len(path.starts)))
+    traced = path.at(np.append(path.starts[chosen.astype(int)], t))
+    motion = equation.motion(traced.states[:, : equation.variables], traced.along)
+    B = equivalent_inertia(equation.mechanism, motion)
+    if B[-1] < VANISHED * np.max(B):
+        return End("no_inertia", t, NO_INERTIA)
+    return End("too_fast", t, why)
 
 
 def cannot_leave(problem: Problem, why: str) -> SolveError:
@@ -113,7 +145,9 @@ class Checks:
 
     `energy` (J): largest difference of kinetic energy gained and work of the loads;
     `energy_scale` (J): largest of both; `power` (W): largest difference of the rate of
-    kinetic energy and the power of the loads along the dense output; `closure` (rad):
+    kinetic energy and the power of the loads along the dense output; `momentum`: largest
+    part of the momentum that such a difference would be, did it last its step; `closure`
+    (rad):
     largest closure residual, before it was taken out; `error` (rad): largest difference
     of a pair variable from a tighter run, None unless it was asked for.
     """
@@ -121,6 +155,7 @@ class Checks:
     energy: float
     energy_scale: float
     power: float
+    momentum: float
     closure: float
     error: float | None = None
 
@@ -159,7 +194,8 @@ class Simulation:
     """The solution of the direct problem, kept as far as it went.
 
     `path` gives the states at any time; `events` are what happened; `end` says why it
-    ended, `engine` what found it; `error` see `Checks`.
+    ended, `engine` what found it; `error` see `Checks`; `tolerance` what was asked for,
+    None where steps are not made for one.
     """
 
     equation: EquationOfMotion
@@ -169,6 +205,33 @@ class Simulation:
     end: End
     engine: EngineReport
     error: float | None = None
+    tolerance: float | None = None
+
+    @property
+    def missed(self) -> str | None:
+        """What says that the tolerance is missed, None if nothing does.
+
+        The balance of power always can; the error only where it was asked for.
+        """
+        if self.tolerance is None:
+            return None
+        if self.error is not None and not self.error <= self.tolerance:
+            said = (
+                f"its error is {self.error:.1e} rad"
+                if np.isfinite(self.error)
+                else "it ends in another way with a smaller tolerance"
+            )
+        elif not self.checks.momentum <= UNBALANCED * self.tolerance:
+            said = (
+                f"the power of the loads and the kinetic energy differ by "
+                f"{self.checks.power:.1e} W"
+            )
+        else:
+            return None
+        return (
+            f"the simulation misses its tolerance of {self.tolerance:.1e} rad: {said}; "
+            "give a smaller one, simulate a shorter time, or smooth the loads more"
+        )
 
     @property
     def mechanism(self) -> Mechanism:
@@ -224,22 +287,23 @@ class Simulation:
         path = self.path
         chosen = np.linspace(0, len(path.starts) - 1, min(CHECKED, len(path.starts)))
         starts, lengths = (x[chosen.astype(int)] for x in (path.starts, path.lengths))
-        t = np.unique(np.concatenate([starts + x * lengths for x in (0, 0.3, 0.7)]))
-        t = np.append(t[t < self.end.t], self.end.t)
+        t = np.concatenate([starts + x * lengths for x in (0, 0.3, 0.7)])
+        t = np.append(np.minimum(t, self.end.t), self.end.t)
         traced, found = self._at(t)
         states, rates = traced.states, traced.rates
-        closure = self.equation.closure
-        gap = closure.residual(*closure.place(states[:, : self.equation.variables]))
-        momentum = states[:, self.equation.variables]
+        closure, variables = self.equation.closure, self.equation.variables
+        gap = closure.residual(*closure.place(states[:, :variables]))
+        momentum = states[:, variables]
         kinetic = 0.5 * momentum**2
-        work = np.sum(states[:, self.equation.variables + 1 :], axis=1)
-        gained = kinetic - kinetic[0]
-        power = momentum * rates[:, self.equation.variables]
-        power = power - found.speed * np.sum(found.forces, axis=1)
+        work = np.sum(states[:, variables + 1 :], axis=1)
+        push = rates[:, variables] - np.sum(found.forces, axis=1) / np.sqrt(found.B)
+        size = max(float(np.max(np.abs(momentum))), float(np.sqrt(np.max(found.B))))
+        steps = np.append(np.tile(lengths, 3), lengths[-1])
         return Checks(
-            energy=float(np.max(np.abs(gained - work))),
+            energy=float(np.max(np.abs(kinetic - kinetic[0] - work))),
             energy_scale=float(max(np.max(kinetic), np.max(np.abs(work)))),
-            power=float(np.max(np.abs(power))),
+            power=float(np.max(np.abs(momentum * push))),
+            momentum=float(np.max(np.abs(push) * steps)) / size,
             closure=max(path.drift, float(np.max(np.abs(gap), initial=0.0))),
             error=self.error,
         )

@@ -95,6 +95,11 @@ class EquationOfMotion:
             seen = replace(motion, values=motion.values + whole)
         return Dynamics(motion, B, self.loads.parts(seen, speed, t), speed)
 
+    def arguments(self, found: Dynamics, whole: Floats, t: Floats) -> Floats:
+        """Return the steep arguments (n, arguments) of the loads, `whole` as in `at`."""
+        rates = found.motion.rates * found.speed[:, None]
+        return self.loads.arguments(found.motion.values + whole, rates, t)
+
     def rates(self, found: Dynamics) -> Floats:
         """Return the rates of the states (n, states)."""
         speed = found.speed[:, None]

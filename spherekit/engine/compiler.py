@@ -205,6 +205,12 @@ class Integrator:
             self.adaptive.reset_cooldowns()
         self.seen.clear()
 
+    def go_back(self, state: Floats, time: float, parameters: Floats, seen: int) -> None:
+        """Return to an earlier state of the run, when so many events were seen."""
+        before = self.seen[:seen]
+        self.start(state, time, parameters)
+        self.seen.extend(before)
+
     @property
     def time(self) -> float:
         """The time reached."""

@@ -31,7 +31,13 @@ from spherekit.engine.compiler import (
 )
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import Flow, Structure
-from spherekit.engine.loads import FULL_TURN, Moving, Switches, generalised_force
+from spherekit.engine.loads import (
+    FULL_TURN,
+    Moving,
+    Switches,
+    generalised_force,
+    steep_arguments,
+)
 from spherekit.engine.pose import place_by_variables
 from spherekit.engine.terms import Expr, Term, power, symbols, varies
 from spherekit.engine.turns import turning_pairs
@@ -107,8 +113,10 @@ class CompiledEquation:
     of the integrator's events, with the variable they are about. `tau` gives the rates of
     all variables by the homogeneous parameter, `tangent` their length. `conditions` gives
     what the switches depend on, then its rates by time, from the state, the time and all
-    parameters. The integrator holds the state of a run, so `lock` is held while one
-    lasts; the functions may be called by several threads at once.
+    parameters. `steep` gives from the same the rate of the momentum, then the arguments at
+    whose zeros and turns loads may change faster than a series shows, None where no load
+    does; `tolerance` is that of a step. The integrator holds the state of a run, so `lock`
+    is held while one lasts; the functions may be called by several threads at once.
     """
 
     structure: Structure
@@ -117,6 +125,8 @@ class CompiledEquation:
     events: tuple[tuple[EventKind, int], ...]
     tau: Function
     conditions: Function | None
+    steep: Function | None
+    tolerance: float
     lock: Lock = field(default_factory=Lock, repr=False, compare=False)
 
     @property
@@ -127,7 +137,7 @@ class CompiledEquation:
     @property
     def seconds(self) -> float:
         """What compiling took (s)."""
-        parts = (self.integrator, self.tau, self.conditions)
+        parts = (self.integrator, self.tau, self.conditions, self.steep)
         return sum(each.seconds for each in parts if each)
 
 
@@ -198,6 +208,9 @@ def _request(tolerance: float, compact: bool, number: type[Any]) -> str:
 
 def _common(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without what is set for each run."""
+    tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
+    if not tables and not mechanism.stops:
+        return mechanism
     return replace(
         mechanism,
         loads=tuple(
@@ -243,6 +256,9 @@ def _compile(
         (momentum, sum(forces, 0.0)),
         *((work, f * momentum) for work, f in zip(works, forces, strict=True)),
     ]
+    arguments = dict.fromkeys(
+        each for load in mechanism.loads for each in steep_arguments(load, moving)
+    )
     events, kinds = _events(flow, variables, momentum, layout)
     count = layout.side + len(switches.conditions)
     constants = [_constant(k) for k in range(count)]
@@ -255,6 +271,13 @@ def _compile(
         stuck = _sticking(conditions, which, layout)
         events.append(Event(condition, switch=layout.side + which, sticks=stuck))
         kinds.append(("switch", -1))
+    steep = None
+    if arguments and number is float:
+        steep = compile_function(
+            [sum(forces, 0.0), *arguments],
+            [*variables, momentum, *works, _MOMENT, *constants],
+            compact=True,
+        )
     return CompiledEquation(
         structure,
         layout,
@@ -264,6 +287,8 @@ def _compile(
         tuple(kinds),
         compile_function(flow.tau[0], variables, compact=True),
         conditions,
+        steep,
+        tolerance,
     )
 
 

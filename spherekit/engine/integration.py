@@ -9,13 +9,15 @@ open by little more than rounding, but that adds up, so they are closed now and 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, final
+from typing import Literal, NamedTuple, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.engine.compiler import MOST_SWITCHES, End, Integrator
 from spherekit.engine.equation import CompiledEquation, EventKind
 from spherekit.engine.loads import FULL_TURN
+from spherekit.engine.probes import good_until
 from spherekit.model.dynamics import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
@@ -38,6 +40,12 @@ CROSSED = 1e-5
 A configuration off its curve by d misses a crossing by sqrt(d), so this suits
 `spherekit.engine.equation.LOOSEST`.
 """
+
+MISSED = 100.0
+"""Tolerances of a step by which its series may miss the momentum within it."""
+
+SHRUNK, GROWN = 0.03, 4.0
+"""Parts by which a step that missed is shortened at most, and lengthened after it."""
 
 BLOCK = 1024
 """Times at which the series are evaluated together."""
@@ -132,16 +140,23 @@ def _evaluate(stretch: Stretch, t: Floats, variables: int) -> tuple[Floats, Floa
     step = np.searchsorted(stretch.starts, t, side="right") - 1
     step = np.clip(step, 0, len(stretch.starts) - 1)
     series = stretch.series[step]
-    h = (t - stretch.starts[step])[:, None]
+    h = t - stretch.starts[step]
+    value, rate = _powers(series, h)
+    for each in (value, rate):
+        each[:, variables] *= stretch.unit
+        each[:, variables + 1 :] *= stretch.unit**2
+    value[:, variables + 1 :] += stretch.work
+    return value, rate
+
+
+def _powers(series: Floats, h: Floats) -> tuple[Floats, Floats]:
+    """Return values and rates (n, states) of Taylor series (n, states, order + 1) at h."""
+    h = h[:, None]
     value = series[:, :, -1]
     rate = np.zeros_like(value)
     for order in range(series.shape[2] - 2, -1, -1):
         rate = rate * h + value
         value = value * h + series[:, :, order]
-    for each in (value, rate):
-        each[:, variables] *= stretch.unit
-        each[:, variables + 1 :] *= stretch.unit**2
-    value[:, variables + 1 :] += stretch.work
     return value, rate
 
 
@@ -179,6 +194,26 @@ def integrate(
 
 
 @final
+class _Taken(NamedTuple):
+    """A step of a stretch that goes on: its start, length and series.
+
+    `seen` and `sides` are the events seen and the sides of the switches before it.
+    """
+
+    start: float
+    length: float
+    series: Floats
+    seen: int
+    sides: Floats | None
+
+
+def _together(steps: Sequence[_Taken]) -> tuple[Floats, Floats, Floats]:
+    """Return the starts, lengths and series of steps."""
+    starts, lengths, series = (np.array([each[k] for each in steps]) for k in range(3))
+    return starts, lengths, series
+
+
+@final
 class _Integration:
     """A run while it goes on."""
 
@@ -209,6 +244,8 @@ class _Integration:
         self.first = np.array([*values, momentum / self.unit, *self.work])
         self.stretches: list[Stretch] = []
         self.time = 0.0
+        self.longest = np.inf
+        """Longest step that is tried, where longer ones missed what a load does."""
 
     def run(self, targets: Sequence[float]) -> Run:
         """Integrate from target to target."""
@@ -241,36 +278,95 @@ class _Integration:
         self, integrator: Integrator, target: float, shortest: float
     ) -> tuple[int, RunEnd | None]:
         self._reduce(integrator)
-        starts: list[float] = []
-        lengths: list[float] = []
-        series: list[Floats] = []
+        taken: list[_Taken] = []
+        right = tried = 0
+        looks = self.equation.steep is not None
         end: RunEnd | None = None
-        while end is None and len(starts) < STRETCH:
+        while end is None and len(taken) < STRETCH:
+            tried += 1
             start = integrator.time
-            outcome, length = integrator.step(target - start)
+            limited = self.longest < target - start
+            before = (len(integrator.seen), self._sides(integrator)) if looks else (0, None)
+            outcome, length = integrator.step(min(target - start, self.longest))
             if outcome is End.NOT_FINITE:
                 end = "too_fast"
-                break
-            if length > 0.0 or outcome is End.EVENT:
+            elif length > 0.0 or outcome is End.EVENT:
                 self.time = integrator.time
-                starts.append(start)
-                lengths.append(length)
-                series.append(integrator.coefficients)
-            if outcome is End.LIMIT:
+                taken.append(_Taken(start, length, integrator.coefficients, *before))
+            if outcome is End.LIMIT and not limited:
                 end = "time"
             elif outcome is End.EVENT:
                 end = self._event(integrator)
-            elif outcome is End.STEP and length < shortest:
+            elif outcome is not End.SWITCH and length < shortest:
                 end = "too_fast"
-        if starts:
-            kept = np.array(starts), np.array(lengths), np.array(series)
-            self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
-            tau = np.asarray(
-                self.equation.tau(np.ascontiguousarray(kept[2][:, : self.count, 0].T))
+            if not looks or not (limited or end is not None or len(taken) == STRETCH):
+                continue
+            agree, self.longest = self._agree(integrator, taken[right:])
+            right += agree
+            if right < len(taken):
+                end = None if self.longest > shortest else "too_fast"
+                self._go_back(integrator, taken[right])
+                del taken[right:]
+            elif limited and outcome is End.LIMIT:
+                self.longest = GROWN * length
+        if taken:
+            starts, lengths, series = _together(taken)
+            self.stretches.append(
+                Stretch(starts, lengths, series, self.turns, self.unit, self.work)
             )
+            first = np.ascontiguousarray(series[:, : self.count, 0].T)
+            tau = np.asarray(self.equation.tau(first))
             largest = float(np.max(np.sum(tau**2, axis=0)))
             self.least = max(self.least, CROSSED**2 * largest)
-        return len(starts), end
+        return tried, end
+
+    def _constants(self, integrator: Integrator) -> Floats:
+        """Return the parameters, 0 for those beyond the last that occurs."""
+        found = np.zeros(self.equation.layout.side + len(self.sides))
+        known = integrator.parameters
+        found[: len(known)] = known
+        return found
+
+    def _sides(self, integrator: Integrator) -> Floats:
+        return self._constants(integrator)[self.equation.layout.side :]
+
+    def _go_back(self, integrator: Integrator, step: _Taken) -> None:
+        """Return to the start of a step."""
+        self.time, constants = step.start, self._constants(integrator)
+        constants[self.equation.layout.side :] = step.sides
+        integrator.go_back(step.series[:, 0], step.start, constants, step.seen)
+
+    def _agree(self, integrator: Integrator, steps: list[_Taken]) -> tuple[int, float]:
+        """Return how many steps agree with what the loads do, and how long the next may be.
+
+        After one that does not it is the part of it that does, otherwise of any length.
+        """
+        if not steps:
+            return 0, np.inf
+        steep, count = self.equation.steep, self.count
+        assert steep is not None
+        starts, lengths, series = _together(steps)
+        sides = np.array([each.sides for each in steps])
+        constants = self._constants(integrator)
+
+        def look(step: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
+            h = x * lengths[step]
+            states, rates = _powers(series[step], h)
+            width = states.shape[1]
+            rows = np.empty((width + 1 + len(constants), len(x)))
+            rows[:width], rows[width] = states.T, starts[step] + h
+            rows[width + 1 :] = constants[:, None]
+            rows[len(rows) - sides.shape[1] :] = sides[step].T
+            found = np.asarray(steep(rows))
+            missed = np.abs(rates[:, count] - found[0]) * lengths[step]
+            return missed / (MISSED * self.equation.tolerance), found[1:].T
+
+        good = good_until(look, len(steps))
+        wrong = np.flatnonzero(good < 1.0)
+        if not len(wrong):
+            return len(steps), np.inf
+        first = int(wrong[0])
+        return first, float(lengths[first] * max(good[first], SHRUNK))
 
     def _event(self, integrator: Integrator) -> RunEnd:
         kind, _ = self.equation.events[integrator.seen[-1].event]

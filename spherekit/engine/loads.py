@@ -107,6 +107,17 @@ def generalised_force(load: Load, moving: Moving) -> Expr:
     return total
 
 
+def steep_arguments(load: Load, moving: Moving) -> list[Expr]:
+    """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
+    laws = [part.magnitude for part in components(moving.mechanism, load)]
+    return [
+        _convert(each.root, moving, moving.angle)
+        for law in laws
+        if isinstance(law, Expression)
+        for each in law.steep_and_smooth
+    ]
+
+
 def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) -> Exprs:
     """Return a moment (3,), or that of a force with an arm, in ground axes."""
     if axes == "ground":

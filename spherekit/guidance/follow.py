@@ -12,7 +12,8 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.conventions import SINGULAR_RATIO, Status
+from spherekit.checked import checked
+from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.guidance.march import (
     LARGEST_MIDDLE,
@@ -26,7 +27,6 @@ from spherekit.guidance.nearest import Nearness, Target
 from spherekit.guidance.rotation import (
     RotationSamples,
     chosen_output,
-    control,
     turn_to,
     unit,
     within,
@@ -35,6 +35,7 @@ from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.numeric.hermite import hermite
+from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc
 
@@ -66,6 +67,7 @@ class FollowedRotation:
     """
 
     target: Target
+    transmission: Transmission
     driven: list[int]
     inputs: tuple[str, ...]
     axis: Floats
@@ -129,8 +131,8 @@ class FollowedRotation:
         status[(status == Status.OK) & ~(off <= allowed)] = Status.BRANCH_LOST
         off_profile = (status == Status.OK) & ~np.all(near.states.inside, axis=1)
         status[off_profile] = Status.OFF_PROFILE
-        held = control(self.target.closure, self.driven, near.values)
-        status[(status == Status.OK) & ~(held > SINGULAR_RATIO)] = Status.AT_SINGULARITY
+        held = self.transmission.of_values(self.target.closure, near.values)
+        status[(status == Status.OK) & ~(held > SINGULAR)] = Status.AT_SINGULARITY
         slopes, bends = self._rates(theta, near)
         w = np.einsum("nkv,nv->nk", near.turning, slopes)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -183,6 +185,7 @@ class FollowedRotation:
         return slopes, bends
 
 
+@checked(SolveError)
 def follow_rotation(
     mechanism: Mechanism,
     values: ArrayLike,
@@ -229,6 +232,7 @@ def follow_rotation(
     nodes, status, crossings, leaps = march.run(first)
     return FollowedRotation(
         target,
+        Transmission.of(made, end),
         driven,
         inputs,
         about,
@@ -241,6 +245,7 @@ def follow_rotation(
     )
 
 
+@checked(SolveError)
 def follow_to(
     mechanism: Mechanism,
     values: ArrayLike,

@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike
 from spherekit.conventions import REACH_SLACK, SINGULAR_RATIO, Status, listing
 from spherekit.errors import SolveError
 from spherekit.guidance.midplane import MidPlane
-from spherekit.guidance.rotation import RotationSamples, control, turn_to, unit, within
+from spherekit.guidance.rotation import RotationSamples, turn_to, unit, within
 from spherekit.model.geometry import Joint, Revolute
-from spherekit.model.mechanism import Mechanism
+from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.pairs import turns_of
+from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.mirror import mirror_of, reflections, upward
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
@@ -32,7 +33,7 @@ MARKS = 257
 """Angles on a rotation at which the driven readings are known without jumps."""
 ZOOM = 16
 """Parts into which an interval is cut that holds a crossing."""
-CROSSING_WIDTH = 1e-13
+CROSSING_WIDTH = 1e-14
 """How narrow (rad) it becomes."""
 
 
@@ -90,7 +91,7 @@ class MidPlaneForm:
     plane
         The closed forms, in mirror axes.
     effector
-        Number of the end effector.
+        Number of the end effector, the link of the `output`.
     frame
         (3, 3) from mirror axes to the axes of the base.
     image
@@ -110,6 +111,7 @@ class MidPlaneForm:
     image: Floats
     legs: tuple[Leg, ...]
     carriers: tuple[Carrier, ...]
+    output: Output
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -179,6 +181,46 @@ class MidPlaneForm:
             outer = frame_toward(hinge, side * normals)
             placed[:, carrier.link] = self.frame @ outer @ inner.T
         return placed
+
+    def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
+        """Return the axis (n or 1, 3) of a pair in mirror axes.
+
+        At mid-planes (n, 3) with the elbows (n, legs, 3).
+        """
+        for k, leg in enumerate(self.legs):
+            if pair == leg.base:
+                return np.asarray(self.plane.axes[k][None])
+            if pair == leg.tip:
+                return np.asarray(reflections(normals) @ self.plane.axes[k])
+            if pair == leg.elbow:
+                return np.asarray(elbows[:, k])
+        ends = set(self.mechanism.ends[pair])
+        for carrier in self.carriers:
+            leg = self.legs[carrier.leg]
+            if carrier.link in ends and ends & {leg.near, leg.far}:
+                return np.asarray(carrier.sense * elbows[:, carrier.leg])
+        carrier = next(each for each in self.carriers if each.link in ends)
+        ahead = self._axis(pair, carrier.link) @ carrier.normal
+        return np.asarray(np.sign(ahead) * normals)
+
+    def axes(self, normals: Floats, elbows: Floats) -> Floats:
+        """Return the axes (n, pairs, 3) of all pairs, see `axis`."""
+        found = np.empty((len(normals), len(self.mechanism.pairs), 3))
+        for pair in range(len(self.mechanism.pairs)):
+            found[:, pair] = self.axis(pair, normals, elbows)
+        return found
+
+    @cached_property
+    def _transmission(self) -> Transmission:
+        return Transmission.of(self.mechanism, self.output)
+
+    def transmission(self, normals: Floats, elbows: Floats) -> Floats:
+        """Return the measure (n,) of type II at mid-planes (n, 3) with elbows."""
+        directions = None
+        if self._transmission.direction is not None:
+            at_home = self.image @ np.array(self._transmission.direction)
+            directions = reflections(normals) @ at_home
+        return self._transmission.at(self.axes(normals, elbows), directions)
 
     def _axis(self, pair: int, link: int) -> Floats:
         return axis_in(self.mechanism, self.joints, pair, link)
@@ -328,13 +370,9 @@ class MidPlaneRotation:
 
     def _control(self, theta: Floats) -> Floats:
         """Return the control (n,) at angles (n,), see `RotationSamples`."""
-        placed = self.form.place(self.normals(theta), self.modes)
-        values, _ = self.form.values(placed)
-        return control(self._closure, self.form.driven_variables, values)
-
-    @cached_property
-    def _closure(self) -> Closure:
-        return Closure.of(self.form.mechanism, self.form.joints)
+        normals = self.normals(theta)
+        elbows, _ = self.form.plane.elbows(normals, self.modes)
+        return self.form.transmission(normals, elbows)
 
     def normals(self, theta: Floats) -> Floats:
         """Return the normals (n, 3) of the mid-planes at angles (n,), in mirror axes."""
@@ -369,8 +407,8 @@ class MidPlaneRotation:
         inputs = plane.readings(elbows)[:, driven]
         inputs += 2.0 * np.pi * np.round((readings[near] - inputs) / (2.0 * np.pi))
         status = np.where(inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
-        held = control(self._closure, form.driven_variables, values)
-        loose = np.any(root == 0.0, axis=1) | ~(held > SINGULAR_RATIO)
+        held = np.where(inside, form.transmission(normals, elbows), np.nan)
+        loose = np.any(root == 0.0, axis=1) | ~(held > SINGULAR)
         status[inside & loose] = Status.AT_SINGULARITY
         orientation = form.orientations(normals)
         turned = rotation(self.axis, theta) @ form.orientations(self.start[None])

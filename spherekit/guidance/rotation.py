@@ -1,6 +1,5 @@
 """What a rotation of the output link about a fixed axis is, sample by sample."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, final
 
@@ -10,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.mechanism import Mechanism, Output
-from spherekit.motion.closure import Closure
 from spherekit.sphere.poses import TURN_MEANING, TurnStatus, turns_between
 from spherekit.sphere.rotation import Floats
 
@@ -38,8 +36,8 @@ class RotationSamples:
         (n,) rad, the angle between the axis about which the link turns there and the
         fixed one.
     control
-        (n,) how surely the inputs hold the mechanism: the reciprocal condition of the
-        closure equations with the inputs held, 0 where they do not.
+        (n,) how surely the inputs hold the output, 0 where they do not: the measure of
+        type II, see `spherekit.rates.transmission`.
     status
         (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY:
         there the inputs do not hold the mechanism, but the rotation goes on; rates that
@@ -118,23 +116,6 @@ def chosen_output(mechanism: Mechanism, name: str | None) -> Output:
             f"{nearest(name, outputs) or ';'} Outputs: {listing(outputs) or 'none'}"
         )
     return outputs[name]
-
-
-def control(closure: Closure, driven: Sequence[int], values: Floats) -> Floats:
-    """Return the reciprocal condition (n,) of the equations with the inputs held.
-
-    `values` (n, variables) are closed configurations; NaN rows stay NaN.
-    """
-    out = np.full(len(values), np.nan)
-    known = np.all(np.isfinite(values), axis=1)
-    free = [v for v in range(values.shape[1]) if v not in driven]
-    _, jacobian = closure.linearise(values[known])
-    if not free:
-        out[known] = 1.0
-        return out
-    sizes = np.linalg.svd(jacobian[:, :, free], compute_uv=False)
-    out[known] = sizes[:, len(free) - 1] / sizes[:, 0] if sizes.shape[1] else 0.0
-    return out
 
 
 def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:

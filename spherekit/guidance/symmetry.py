@@ -13,13 +13,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.guidance.form import Carrier, Leg, MidPlaneForm, axis_in
 from spherekit.guidance.midplane import MidPlane
 from spherekit.guidance.rotation import chosen_output
 from spherekit.model.geometry import Joint, Revolute, geometry_of
-from spherekit.model.mechanism import Mechanism
+from spherekit.model.mechanism import Mechanism, Output
 from spherekit.sphere.rotation import Floats, arc, cross
 
 SAME = 1e-9
@@ -28,6 +29,7 @@ CLOSED = 1e-12
 """How well every pair has to close in the proof (rad)."""
 
 
+@checked(ModelError)
 def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneForm:
     """Return the mid-plane form of a mechanism.
 
@@ -75,7 +77,7 @@ def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneF
             f"{listing(at_base)}, have to be driven",
         )
     driven = at_base[inputs[0]], at_base[inputs[1]]
-    form = _assembled(made, joints, effector, legs, carriers, driven)
+    form = _assembled(made, joints, end, legs, carriers, driven)
     proof = form.proof
     if not (proof.gap < CLOSED and proof.freedoms == 2):
         raise _refusal(
@@ -175,11 +177,12 @@ def _turning_together(
 def _assembled(
     mechanism: Mechanism,
     joints: tuple[Joint, ...],
-    effector: int,
+    output: Output,
     legs: tuple[Leg, ...],
     carriers: tuple[Carrier, ...],
     driven: tuple[int, int],
 ) -> MidPlaneForm:
+    effector = mechanism.link_number[output.link]
     bases = np.stack([axis_in(mechanism, joints, leg.base, 0) for leg in legs])
     tips = np.stack([axis_in(mechanism, joints, leg.tip, effector) for leg in legs])
     first, second = bases[list(driven)]
@@ -216,4 +219,6 @@ def _assembled(
         np.array(phases),
         np.array(senses),
     )
-    return MidPlaneForm(mechanism, joints, plane, effector, frame, image, legs, carriers)
+    return MidPlaneForm(
+        mechanism, joints, plane, effector, frame, image, legs, carriers, output
+    )

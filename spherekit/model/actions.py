@@ -90,6 +90,16 @@ def smooth(mechanism: Mechanism) -> bool:
     return all(law.smooth for law in laws if isinstance(law, Expression))
 
 
+def steep(mechanism: Mechanism) -> tuple[Expression, ...]:
+    """Return the arguments in all loads at whose zeros and turns these may change at once.
+
+    See `spherekit.model.expression.Expression.steep`; the knots of tables are known.
+    """
+    laws = [part.magnitude for part in _all(mechanism)]
+    every = [law.steep for law in laws if isinstance(law, Expression)]
+    return tuple({each.root: each for own in every for each in own}.values())
+
+
 def used_links(mechanism: Mechanism) -> frozenset[str]:
     """Return the links whose angular velocity or orientation the loads depend on."""
     return frozenset(m.link for part in _all(mechanism) for m in part.moments)

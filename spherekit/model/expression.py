@@ -5,9 +5,10 @@ import math
 import operator
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, lru_cache, reduce
+from itertools import combinations
 from types import MappingProxyType
 from typing import Any, final
 
@@ -48,6 +49,13 @@ FUNCTIONS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
 
 KINKED = ("abs", "sign", "min", "max")
 """The functions among them that are not smooth."""
+
+ENTIRE = ("+", "-", "*", "negative", "sin", "cos")
+"""Those whose power series at any point is their value everywhere, to the last digit.
+
+Of the others some have poles or branch points beside the real axis, others become so flat
+that float64 shows nothing of what follows: tanh(20) is 1, and all its derivatives are 0.
+"""
 
 _OPERATORS: Mapping[type[ast.operator], str] = MappingProxyType(
     {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
@@ -125,6 +133,24 @@ class Expression:
         """Whether it uses none of the functions that have kinks or jumps."""
         return _smooth(self.root)
 
+    @cached_property
+    def steep(self) -> "tuple[Expression, ...]":
+        """The arguments at whose zeros and turns the value may change all at once.
+
+        Those of every function that is not among `ENTIRE`, the denominators and the bases
+        of powers that are not whole: no power series need show what happens there.
+        """
+        return self._arguments(KINKED)
+
+    @cached_property
+    def steep_and_smooth(self) -> "tuple[Expression, ...]":
+        """Those among `steep` that are not arguments of functions with kinks or jumps."""
+        return self._arguments(())
+
+    def _arguments(self, kinked: Sequence[str]) -> "tuple[Expression, ...]":
+        found = dict.fromkeys(_steep(self.root, kinked))
+        return tuple(Expression(self.text, frozenset(_names(x)), x) for x in found)
+
     def evaluate(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
         """Return the expression's value for every sample.
 
@@ -190,6 +216,11 @@ def parse(text: str, names: Iterable[str]) -> Expression:
     ModelError
         If anything but the grammar occurs; the message starts with the column.
     """
+    return _parsed(text, tuple(names))
+
+
+@lru_cache(maxsize=1024)
+def _parsed(text: str, names: tuple[str, ...]) -> Expression:
     if len(text) > MAX_LENGTH:
         raise ModelError(
             f"column {MAX_LENGTH + 1}: the expression has {len(text)} characters, at "
@@ -202,7 +233,7 @@ def parse(text: str, names: Iterable[str]) -> Expression:
         raise _fault(foreign.start(), f"found {foreign[0]!a}{hint}")
     if not flat.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
-    reader = _Reader(tuple(names), len(flat) - len(flat.lstrip(" ")))
+    reader = _Reader(names, len(flat) - len(flat.lstrip(" ")))
     root = reader.node(_syntax_tree(flat.strip(" "), reader.margin), 1)
     return Expression(text, frozenset(reader.used), root)
 
@@ -330,6 +361,33 @@ def _smooth(node: Node) -> bool:
     if not isinstance(node, Call):
         return True
     return node.function not in KINKED and all(map(_smooth, node.arguments))
+
+
+def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
+    """Yield the arguments that `Expression.steep` has, the innermost first."""
+    if not isinstance(node, Call):
+        return
+    for each in node.arguments:
+        yield from _steep(each, kinked)
+    name, own = node.function, node.arguments
+    if name in ENTIRE or (name in KINKED and name not in kinked):
+        return
+    if name in ("min", "max"):
+        own = tuple(Call("-", pair) for pair in combinations(own, 2))
+    elif name == "/":
+        own = own[1:]
+    elif name == "**" and isinstance(own[1], Number):
+        whole = own[1].value >= 0.0 and own[1].value == round(own[1].value)
+        own = () if whole else own[:1]
+    yield from (each for each in own if not _constant(each))
+
+
+def _names(node: Node) -> Iterator[str]:
+    if isinstance(node, Name):
+        yield node.name
+    if isinstance(node, Call):
+        for each in node.arguments:
+            yield from _names(each)
 
 
 _INLINE = ("+", "-", "*", "/")

@@ -1,5 +1,6 @@
 """The one description of a spherical mechanism: links, pairs, sizes, loads."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -72,12 +73,16 @@ class LinkSizes:
     frame of Di Gregorio 2024, Fig. 3); `angles[k]` is the angle, counter-clockwise
     about the first axis, from that arc to the arc to `axes[k + 2]`. `unpaired` are those
     of the axes that carry no pair: they stay because frames and zeros refer to them.
+
+    Arcs are between 0 and pi, unless they are `signed`: one below 0 or above pi runs on
+    around its great circle, to an axis on the other side of the first one.
     """
 
     axes: tuple[str, ...]
     arcs: tuple[float, ...] = ()
     angles: tuple[float, ...] = ()
     unpaired: tuple[str, ...] = ()
+    signed: bool = False
 
 
 @final
@@ -219,7 +224,7 @@ class Mechanism:
         if name not in self.pair_number:
             raise ModelError(
                 f'{self.name}: no pair is named "{name}"'
-                f"{nearest(name, self.pair_number) or ';'} Pairs: "
+                f"{nearest(str(name), self.pair_number) or ';'} Pairs: "
                 f"{listing(self.pair_number)}"
             )
         return self.pairs[self.pair_number[name]]
@@ -230,6 +235,8 @@ class Mechanism:
         Pairs that are no input yet get a range of one turn.
         """
         known = {item.pair: item for item in self.inputs}
+        if pairs == tuple(known):
+            return self
         full_turn = 6.283185307179586
         return replace(
             self,
@@ -362,6 +369,9 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
                 f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
                 f"are [{listing(expected)}]; list each of them once"
             )
+        for place, arc in enumerate(sizes.arcs):
+            if not (0.0 <= arc <= math.pi or (sizes.signed and math.isfinite(arc))):
+                raise ModelError(f"{key}.arcs[{place}]: {_no_arc(arc)}")
         count = len(sizes.axes)
         arcs, angles = max(count - 1, 0), max(count - 2, 0)
         if len(sizes.arcs) != arcs:
@@ -374,3 +384,16 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
                 f"{key}.angles: has {len(sizes.angles)} values, needs {angles}: at the "
                 "first axis, from the first arc to each further arc"
             )
+
+
+def _no_arc(arc: float) -> str:
+    """Return what to say of an arc (rad) that is none between two axes."""
+    if not math.isfinite(arc):
+        return f"found {arc}, needs a finite number"
+    shorter = abs(math.remainder(arc, 2.0 * math.pi))
+    return (
+        f"found {math.degrees(arc):.6g} deg ({arc:.6g} rad); an arc between two axes is "
+        f"between 0 and 180 deg. This one leads to an axis {math.degrees(shorter):.6g} deg "
+        "away, perhaps on the other side of the first; if that is meant, say "
+        "signed_arcs = true in the link"
+    )

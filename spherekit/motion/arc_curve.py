@@ -26,6 +26,9 @@ NEAR = 1e-7
 BESIDE = 0.3
 """A segment of the curve is nowhere farther from its chord than this part of it."""
 
+AT_REST = 1e-7
+"""A variable that changes by less (rad) along a whole curve stands still on it."""
+
 Along = Callable[[CurvePoints], tuple[Floats, Floats]]
 """A function along the curve and its derivative by s, both (n,)."""
 
@@ -87,6 +90,10 @@ class ArcCurve:
         finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
         return np.asarray(self.winding * finite)
 
+    def rests(self, variable: int) -> bool:
+        """Return whether a variable stands still along the whole curve."""
+        return bool(np.ptp(self.nodes.values[:, variable]) < AT_REST)
+
     def at(self, s: ArrayLike) -> CurvePoints:
         """Return the curve at arc lengths s (n,) in rad, any order.
 
@@ -118,15 +125,23 @@ class ArcCurve:
         return Zeros(found.places[once], found.double[once])
 
     def dead_points(self, variable: int) -> Zeros:
-        """Return all s at which a variable stands still: dv/ds = 0."""
+        """Return all s at which a variable stands still: dv/ds = 0.
+
+        None if it does so along the whole curve, see `rests`.
+        """
+        if self.rests(variable):
+            return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
         return self.locate(lambda p: (p.tangents[:, variable], p.bends[:, variable]))
 
-    def at_input(self, variable: int, value: float) -> Zeros:
+    def at_input(self, variable: int, value: float, period: float | None = None) -> Zeros:
         """Return all s at which a variable has a value (rad), whole periods apart or not.
 
-        Double zeros are those at which the variable turns back.
+        `period` is that of `periods` unless it is given. Double zeros are those at which
+        the variable turns back. None if it stands still along the whole curve.
         """
-        period = float(self.periods[variable])
+        if self.rests(variable):
+            return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
+        period = float(self.periods[variable] if period is None else period)
         rate = np.pi / period
 
         def chord(points: CurvePoints) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Loops with some R pairs locked: their links are one body, their variables constants."""
+"""Loops with some pairs locked: their links are one body, their variables constants."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -39,9 +39,10 @@ class Locked:
 
 
 def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
-    """Return a closure of constant pair frames with R pairs locked.
+    """Return a closure of constant pair frames with R pairs or rolling contacts locked.
 
     `held` has the value (rad) of each locked pair's variable, by the variable's number.
+    Where locked pairs close a loop of their own, the last of them is taken to fit.
     """
     tree = closure.tree
     values = np.zeros(len(tree.owners))
@@ -58,6 +59,8 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
         a, b = tree.ends[pair]
         turn = lift[a] @ first[pair] @ transpose(lift[b] @ second[pair])
         keep, drop = body[a], body[b]
+        if keep == drop:
+            continue
         if keep > drop:
             keep, drop, turn = drop, keep, transpose(turn)
         for link in [k for k, own in enumerate(body) if own == drop]:
@@ -72,7 +75,7 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
     )
     leads = []
     for which, given in ((0, closure.lead_first), (1, closure.lead_second)):
-        own = np.stack([lift[tree.ends[pair][which]] for pair in pairs])
+        own = np.array([lift[tree.ends[pair][which]] for pair in pairs]).reshape(-1, 3, 3)
         leads.append((own if given is None else own @ given[0][pairs])[None])
     return Locked(
         Closure(

@@ -75,6 +75,20 @@ class LoopTree:
             rows[row, chord] += 1.0
         return rows[:, list(self.owners)]
 
+    @cached_property
+    def incidence(self) -> Floats:
+        """(pairs, bodies): -1 at the first body of each pair, 1 at the second."""
+        found = np.zeros((len(self.ends), self.count))
+        for pair, (a, b) in enumerate(self.ends):
+            found[pair, a], found[pair, b] = -1.0, 1.0
+        return found
+
+    @cached_property
+    def cycles(self) -> Floats:
+        """(loops, pairs) an orthonormal basis of the cycles of the graph."""
+        left, _, _ = np.linalg.svd(self.incidence)
+        return np.ascontiguousarray(left[:, self.count - 1 :].T)
+
     def jacobian(self, vectors: Floats) -> Floats:
         """Return J (n, 3 loops, variables) from vectors (n, variables, 3): J rates = 0.
 

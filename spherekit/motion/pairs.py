@@ -13,6 +13,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.model.geometry import Joint, Revolute
 from spherekit.sphere.rotation import Floats, arc, cross, transpose
 
@@ -174,3 +175,10 @@ def pair_rates(
             vectors.append(-cross(w2, normal + k2 * point) - s2 * dk2 * point)
             axes.append(cross(w1, tangent) + s1 * (k1 * normal - point))
     return PairRates(np.stack(vectors, axis=1), np.stack(axes, axis=1))
+
+
+def penetrates(joints: Sequence[Joint], states: PairStates) -> NDArray[np.bool_]:
+    """Return (n,) whether a contact's profiles curve into each other, or alike."""
+    contact = [not isinstance(joint, Revolute) for joint in joints]
+    relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
+    return np.asarray(np.any(relative < EQUAL_CURVATURE, axis=1))

@@ -10,14 +10,15 @@ closed-loop kinematic chains (1990), made free of units. With the other inputs f
 locked input leaves the output a plane of angular velocities; n_i is its normal.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.model.geometry import Revolute
@@ -30,6 +31,7 @@ from spherekit.output.posed import Posed, reach_of
 from spherekit.output.solutions import Solutions, solved
 from spherekit.output.wrist import Wrist, with_wrist
 from spherekit.planning.assembly import plan_assembly
+from spherekit.rates.transmission import Transmission
 from spherekit.rates.vectors import cross, dot
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
@@ -68,9 +70,6 @@ class Inverse:
         (m, n, inputs): how fast the output turns about n_i per unit rate of input i; 0 at
         a type I singularity of that input. At most 1 for an input on the base, where it
         is the sine of the angle between its axis and the plane of the next link.
-    type_2
-        (m, n): |n_1 . (n_2 x n_3)| of an orientation, |n_1 x n_2| of a pointing output;
-        from 0 (type II singularity) to 1 (normals at right angles).
     normals
         (m, n, inputs, 3) the unit n_i in axes of the link that the output is seen from,
         in the sense in which the input's rate is positive; None if not asked for.
@@ -78,6 +77,8 @@ class Inverse:
         (m, n) where a bar gives the output's turn: the derivative of the cosine between
         its axes by that turn. The turn is known to rounding over the slope; where it is
         0, two solutions meet or the output can turn. None without a bar.
+    measure
+        What computes `type_2`.
     """
 
     modes: tuple[Signs, ...]
@@ -86,7 +87,7 @@ class Inverse:
     margin: Floats
     limiting: NDArray[np.int8]
     type_1: Floats
-    type_2: Floats
+    measure: Callable[[], Floats] = field(repr=False)
     normals: Floats | None = None
     slope: Floats | None = None
 
@@ -96,6 +97,15 @@ class Inverse:
         return tuple(
             "".join("+" if sign > 0 else "-" for sign in signs) for signs in self.modes
         )
+
+    @cached_property
+    def type_2(self) -> Floats:
+        """How surely the inputs hold the output (m, n), from 0 at a type II singularity.
+
+        See `spherekit.rates.transmission`. It takes several times as long as all else,
+        when it is asked for.
+        """
+        return self.measure()
 
     @cached_property
     def jacobian(self) -> Floats:
@@ -141,6 +151,7 @@ class InverseKinematics:
         If the output is not declared, or holding it leaves a part that is rigid or free.
     """
 
+    @checked(SolveError)
     def __init__(self, mechanism: Mechanism, name: str | None = None) -> None:
         self.own = mechanism
         self.wrist: Wrist = with_wrist(mechanism, name)
@@ -210,6 +221,7 @@ class InverseKinematics:
             found = [(*signs, sign) for signs in found for sign in (1, -1)]
         return tuple(found)
 
+    @checked(SolveError)
     def at(
         self,
         poses: ArrayLike,
@@ -250,7 +262,7 @@ class InverseKinematics:
         m, n, g = len(chosen), len(given), len(self.driven)
         starts = self._starts(near, n)
         inputs, type_1 = np.empty((m, g, n)), np.empty((m, g, n))
-        margin, type_2 = np.empty((m, n)), np.empty((m, n))
+        margin = np.empty((m, n))
         status = np.empty((m, n), dtype=np.int8)
         limiting = np.empty((m, n), dtype=np.int8)
         kept = np.empty((m, g, 3, n)) if normals else None
@@ -258,15 +270,9 @@ class InverseKinematics:
         with np.errstate(invalid="ignore", divide="ignore"):
             for start in range(0, n, ROWS):
                 rows = slice(start, min(start + ROWS, n))
-                block = np.ascontiguousarray(given[rows].T)
-                self._check(block, start)
-                placed: Placed | None = None
-                for k, signs in enumerate(chosen):
-                    if self._turned is not None:
-                        view = _closed(self._turned, block, starts[rows], signs)
-                    else:
-                        placed = placed or self._placed(block)
-                        view = Posed(placed, signs, reach_of(placed, signs))
+                self._check(np.ascontiguousarray(given[rows].T), start)
+                views = self._views(given[rows], starts[rows], chosen)
+                for k, view in enumerate(views):
                     margin[k, rows], limiting[k, rows] = (
                         view.reach.margin,
                         view.reach.limiting,
@@ -281,7 +287,6 @@ class InverseKinematics:
                         type_1[k, i, rows] = rates[-1].speed
                         if kept is not None:
                             kept[k, i, :, rows] = rates[-1].unit
-                    type_2[k, rows] = view.independence(rates, self.wrist.driven)
         return Inverse(
             chosen,
             np.swapaxes(inputs, 1, 2),
@@ -289,10 +294,44 @@ class InverseKinematics:
             margin,
             limiting,
             np.swapaxes(type_1, 1, 2),
-            type_2,
+            lambda: self._type_2(given, starts, chosen),
             None if kept is None else np.moveaxis(kept, -1, 1),
             slope,
         )
+
+    def _views(
+        self, given: Floats, starts: Floats, modes: Sequence[Signs]
+    ) -> Iterator[Posed]:
+        """Yield each mode at poses; what modes share is computed once."""
+        block = np.ascontiguousarray(given.T)
+        placed = self._placed(block) if self._turned is None else None
+        for signs in modes:
+            if self._turned is not None:
+                yield _closed(self._turned, block, starts, signs)
+            else:
+                assert placed is not None
+                yield Posed(placed, signs, reach_of(placed, signs))
+
+    def _type_2(self, given: Floats, starts: Floats, modes: Sequence[Signs]) -> Floats:
+        """Return the measure (m, n) of type II of modes at poses."""
+        found = np.full((len(modes), len(given)), np.nan)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            for start in range(0, len(given), ROWS):
+                rows = slice(start, min(start + ROWS, len(given)))
+                for k, view in enumerate(self._views(given[rows], starts[rows], modes)):
+                    found[k, rows] = self.type_2(view, given[rows])
+        return found
+
+    def type_2(self, view: Posed, poses: Floats) -> Floats:
+        """Return the measure (n,) of type II of a mode at poses, NaN where it has none."""
+        directions = poses if self.wrist.points else None
+        found = self._transmission.at(view.axes(len(self.own.pairs)), directions)
+        held = np.isin(view.reach.status, (Status.OK, Status.AT_SINGULARITY))
+        return np.where(held, found, np.nan)
+
+    @cached_property
+    def _transmission(self) -> Transmission:
+        return Transmission.of(self.own, self.wrist.output)
 
     def posed(self, poses: ArrayLike, signs: Signs) -> Posed:
         """Return a mode at poses as for `at`, to be asked for angles one by one.
@@ -320,6 +359,7 @@ class InverseKinematics:
         """The dyads in solving order, none where there is no closed form."""
         return () if self._dyads is None else self._dyads.stands
 
+    @checked(SolveError)
     def solutions(self, poses: ArrayLike) -> Solutions:
         """Return every configuration found at poses, of any mechanism, row by row.
 

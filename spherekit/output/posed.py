@@ -1,6 +1,6 @@
 """One working mode of placed dyads: how it reaches, its inputs, rates, axes and angles."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import final
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import REACH_SLACK, Status
 from spherekit.output.dyads import Fraction, Placed, Signs
-from spherekit.rates.vectors import cross, dot, norm
+from spherekit.rates.vectors import dot, norm
 from spherekit.sphere.rotation import Floats
 
 
@@ -119,18 +119,13 @@ class Posed:
         beyond = self.placed.square(dyads.group_of[pair], signs) / np.sin(other) ** 2
         return np.where(np.isnan(square), np.fmin(beyond, 0.0), square)
 
-    def independence(self, rates: Sequence[Rate], pairs: Sequence[int]) -> Floats:
-        """Return the volume or area (n,) that the unit normals span."""
-        placed = self.placed
-        one, other, *rest = rates
-        needs = placed.dyads.moves_with(pairs[0]) | placed.dyads.moves_with(pairs[1])
-        key = placed.key("cross", pairs[0], needs, self.signs)
-        if key not in placed.known:
-            placed.known[key] = cross(one.normal, other.normal), one.size * other.size
-        across, sizes = placed.known[key]
-        if not rest:
-            return np.asarray(norm(across) / sizes)
-        return np.asarray(np.abs(dot(across, rest[0].normal)) / (sizes * rest[0].size))
+    def axes(self, count: int) -> Floats:
+        """Return the axes (n, count, 3) of the first pairs, NaN where the mode has none."""
+        n = len(self.reach.status)
+        found = np.empty((n, count, 3))
+        for pair in range(count):
+            found[:, pair] = self._axis(pair).T
+        return found
 
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach."""
@@ -145,8 +140,9 @@ class Posed:
 
     def _axis(self, pair: int) -> Floats:
         dyads = self.placed.dyads
-        links = dyads.ends[pair]
+        placed = {dyads.base, *dyads.given, *dyads.placed_by}
         nearest = min(
-            links, key=lambda link: len(dyads.needs_of(dyads.source(pair, link)[1]))
+            (link for link in dyads.ends[pair] if link in placed),
+            key=lambda link: len(dyads.needs_of(dyads.source(pair, link)[1])),
         )
         return self.placed.axis(pair, nearest, self.signs)

@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
@@ -26,6 +27,8 @@ from spherekit.singular.rest import InputsRest, OutputRest, output_of
 from spherekit.singular.slices import configurations, solver_of
 from spherekit.sphere.rotation import Floats
 
+SINGULAR = 1e-8
+"""Configurations with a smaller singular value are singular themselves."""
 PROBES = 5
 """Samples along each axis at which modes of irreducible groups are looked for."""
 SAME = 1e-6
@@ -57,6 +60,10 @@ class Aspects:
         mechanism changes its assembly mode within the aspect, without a singularity.
     free_of
         The types that divide aspects.
+    singular
+        Number of configurations met that are singular themselves, and so in no aspect.
+    note
+        What was not done as time was spent, or nothing.
     """
 
     lattice: Lattice
@@ -69,15 +76,18 @@ class Aspects:
     sign_one: NDArray[np.int8]
     modes: NDArray[np.int64]
     free_of: tuple[TypeName, ...]
+    singular: int
+    note: str
 
     @property
     def guarantee(self) -> str:
         """What the labels guarantee, in words."""
-        return (
+        words = (
             "configurations of one aspect are joined by verified steps; two aspects of the "
             "same signs may be one that the samples do not join, and parts between the "
             "samples are not seen"
         )
+        return "; ".join(filter(None, [words, self.note]))
 
 
 def aspects(
@@ -87,6 +97,7 @@ def aspects(
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     whole_turn: bool = False,
+    budget: Budget | None = None,
 ) -> Aspects:
     """Return the aspects of a mechanism with any number of inputs.
 
@@ -103,6 +114,8 @@ def aspects(
     whole_turn
         Whether every input runs through one turn, its ends joined, and not through its
         declared range.
+    budget
+        Time after which no more configurations are joined, unlimited by default.
 
     Raises
     ------
@@ -127,9 +140,13 @@ def aspects(
         )
     each = list(samples) if isinstance(samples, Sequence) else [samples] * count
     lattice, beside = _lattice(mechanism, each, whole_turn)
-    spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None)
-    for values, row in _starts(solver, lattice):
-        spread.add(values, row)
+    budget = budget or Budget()
+    spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None, budget)
+    starts = _starts(solver, lattice)
+    values = np.array([own for own, _ in starts]).reshape(len(starts), -1)
+    for k in np.flatnonzero(spread.regular(values)):
+        spread.add(*starts[k])
+    spread.singular = len(starts) - len(spread.values)
     spread.run()
     return _labelled(spread, rest, ("II", "I") if "I" in free_of else ("II",))
 
@@ -177,7 +194,9 @@ class _Spread:
         lattice: Lattice,
         beside: NDArray[np.intp],
         output: OutputRest | None,
+        budget: Budget,
     ) -> None:
+        self.budget = budget
         self.solver, self.lattice, self.beside = solver, lattice, beside
         self.periods = periods_of(solver.closure)
         self.output = output
@@ -185,7 +204,7 @@ class _Spread:
         self.rows: list[int] = []
         self.parent: list[int] = []
         self.at: dict[int, list[int]] = {}
-        self.walked = 0
+        self.walked = self.singular = 0
 
     def locus(self, rest: InputsRest | OutputRest) -> Locus:
         """Return the singular configurations with something at rest."""
@@ -217,6 +236,9 @@ class _Spread:
         """Join every configuration to those that straight ways lead to."""
         driven = list(self.solver.driven)
         while self.walked < len(self.values) < MOST_CONFIGURATIONS:
+            words = f"configuration {self.walked + 1} of aspects"
+            if not self.budget.goes_on(words):
+                return
             new = np.arange(self.walked, len(self.values))
             self.walked = len(self.values)
             start = np.repeat(new, len(self.beside))
@@ -228,11 +250,25 @@ class _Spread:
             goal = goal + 2.0 * np.pi * turns
             arrived, status = walk(self.solver.closure, driven, values, goal)
             good = status == Status.OK
+            arrived_well = np.flatnonzero(good)
+            good[good] = self.regular(arrived[good])
+            self.singular += len(arrived_well) - int(np.sum(good))
             good[good] = self._clear(values[good], arrived[good])
             for k in np.flatnonzero(good):
                 node = self.add(arrived[k], int(stop[k]))
                 one, other = self.root(int(start[k])), self.root(node)
                 self.parent[max(one, other)] = min(one, other)
+
+    def regular(self, values: Floats) -> NDArray[np.bool_]:
+        """Return which configurations (n, V) are singular of no type that divides."""
+        if not len(values):
+            return np.zeros(0, dtype=bool)
+        inputs = self.locus(InputsRest(self.solver.driven))
+        space = inputs.space(values)
+        least = [space.flatness, inputs.measure(space).smallest]
+        if self.output is not None:
+            least.append(self.locus(self.output).measure(space).smallest)
+        return np.asarray(np.min(least, axis=0) > SINGULAR)
 
     def _clear(self, start: Floats, stop: Floats) -> NDArray[np.bool_]:
         """Return (n,) whether no type I lies between, by cubic polynomials."""
@@ -288,6 +324,8 @@ def _labelled(
         signs[1],
         modes,
         free_of,
+        spread.singular,
+        spread.budget.note,
     )
 
 

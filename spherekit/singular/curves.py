@@ -1,7 +1,8 @@
 """All curves of singular configurations of a mechanism with two inputs.
 
 Seeds are the singular configurations of slices with one input locked, found along whole
-configuration curves; each seed that lies on no curve yet is followed.
+configuration curves, or those that random starts lead to; each that lies on no curve yet
+is followed.
 """
 
 from collections.abc import Sequence
@@ -10,13 +11,23 @@ from typing import final
 
 import numpy as np
 
-from spherekit.errors import AnalysisError
+from spherekit.budget import Budget
+from spherekit.checked import checked
+from spherekit.errors import AnalysisError, SolveError
+from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.curve import SingularCurve
 from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
+from spherekit.singular.points import (
+    CurveSeen,
+    SingularPoints,
+    TypeName,
+    View,
+    loci_of,
+)
 from spherekit.singular.rest import output_of
-from spherekit.singular.slices import seeds, slices, solver_of
+from spherekit.singular.slices import Cut, cut, solver_of
+from spherekit.singular.starts import Seeding
 from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curve
 from spherekit.sphere.rotation import Floats
 
@@ -35,6 +46,7 @@ class FoundCurve:
     cusps: SingularPoints
     both: SingularPoints
     view: View
+    why: str = ""
 
     def dense(self, parts: int) -> SingularPoints:
         """Return the whole curve, each way between two nodes divided into parts."""
@@ -60,29 +72,25 @@ class FoundCurve:
 class SingularCurves:
     """The curves of one type, and what is known of those not found.
 
-    `box` is the distance (rad) between slices of each input: a curve that lies between
-    two of each, and so within a box of these sides, may be missing. `slices` counts the
-    configuration curves that were searched, `seeds` the singular configurations on them.
-    `stray` (n, V) are singular configurations that no curve could be followed from.
-    `branching` (n, V) are configurations next to those in which slices end, as the motions
-    of the mechanism branch there: its closure equations lose rank, and no type is defined.
+    `slices` counts the configuration curves that were searched, `starts` the random starts
+    instead, and `seeds` the singular configurations met. `stray` (n, V) are singular
+    configurations that no curve could be followed from: the locus crosses itself there, or
+    fills a part of the configurations. `branching` (n, V) are
+    configurations next to those in which slices end, as the motions of the mechanism
+    branch there: its closure equations lose rank, and no type is defined.
     """
 
     kind: TypeName
-    curves: tuple[FoundCurve, ...]
-    box: tuple[float, float]
+    curves: tuple[CurveSeen, ...]
+    claim: Claim
     slices: int
+    starts: int
     seeds: int
     stray: Floats
     branching: Floats
 
-    @property
-    def guarantee(self) -> str:
-        """What the set of curves guarantees, in words."""
-        sides = " by ".join(f"{np.degrees(side):.3g}" for side in self.box)
-        return f"complete but for curves within a box of {sides} deg between slices"
 
-
+@checked(SolveError)
 def singular_curves(
     mechanism: Mechanism,
     kind: TypeName = "II",
@@ -91,6 +99,8 @@ def singular_curves(
     slices_of_each: int = 12,
     whole_turn: bool = False,
     step: float = LARGEST_STEP,
+    made: Cut | None = None,
+    budget: Budget | None = None,
 ) -> SingularCurves:
     """Return the curves of singular configurations of a mechanism with two inputs.
 
@@ -104,11 +114,17 @@ def singular_curves(
         Which output, and which direction of it if not the link's orientation; see
         `spherekit.singular.rest.output_of`.
     slices_of_each
-        Values at which each input is locked, evenly spread over its declared range.
+        Values at which each input is locked, evenly spread over its declared range. With 0
+        the locus is looked for from random closed configurations instead: much quicker,
+        with the weaker claim "sampled", and only curves that meet the declared ranges.
     whole_turn
         Whether to spread them over one turn instead.
     step
         Longest step (rad) along a curve.
+    made
+        Slices that are there already, as of the other type.
+    budget
+        Time to spend on seeds and on following curves, unlimited by default.
 
     Raises
     ------
@@ -117,9 +133,9 @@ def singular_curves(
     PlanError
         If the mechanism has not one freedom for each input.
 
-    Curves are found where slices meet them, and are followed wherever they lead, also out
-    of the declared ranges. Type I of an orientation is generally met at points only, which
-    are no curves; where the output has two freedoms it is met along curves.
+    Curves are found where slices or starts meet them, and are followed wherever they lead,
+    also out of the declared ranges. Type I of an orientation is generally met at points
+    only, which are no curves; where the output has two freedoms it is met along curves.
     """
     rest = output_of(mechanism, output, pointing)
     solver = solver_of(mechanism)
@@ -128,49 +144,55 @@ def singular_curves(
             f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
             "configurations are those of a mechanism with two"
         )
+    budget = budget or Budget()
     locus, other = loci_of(solver, rest, kind)
-    ranges = [
-        (-np.pi, np.pi) if whole_turn else (item.start, item.stop)
-        for item in mechanism.inputs
-    ]
+    view = View(solver, rest, kind)
+    ranges = ranges_of(mechanism, whole_turn)
+    if made is None and slices_of_each:
+        made = cut(solver, ranges, slices_of_each, budget.part(0.6))
+    source = Seeding(solver, locus, ranges, made, budget)
     traced: list[SingularCurve] = []
     none = np.zeros((0, len(mechanism.variable_owners)))
     stray, branching = [none], [none]
-    count, hits, box = 0, 0, []
-    for number, (low, high) in enumerate(ranges):
-        gap = (high - low) / slices_of_each
-        box.append(gap)
-        spread = low + gap * (np.arange(slices_of_each) + 0.5)
-        held = np.zeros((slices_of_each, 2))
-        held[:, number] = spread
-        for each in slices(solver, 1 - number, held):
-            count += 1
-            flat = locus.space(each.crossings).flatness < NEARLY_FLAT
-            branching.append(each.crossings[flat])
-            points = seeds(each, locus)
-            hits += len(points)
-            left = np.ones(len(points), dtype=bool)
-            for curve in traced:
-                left[left] &= ~curve.find(points.values[left], points.motions[left])
-            while np.any(left):
-                row = int(np.argmax(left))
-                left[row] = False
-                found = trace_curve(locus, points.values[row], step=step)
-                if found is None:
-                    stray.append(points.values[row : row + 1])
-                    continue
-                traced.append(found)
-                left[left] &= ~found.find(points.values[left], points.motions[left])
-    view = View(mechanism, solver.driven, rest, kind)
+    if made is not None:
+        ends = np.concatenate([none, *(each.crossings for each in made.slices)])
+        branching.append(ends[locus.space(ends).flatness < NEARLY_FLAT])
+    for points in source.batches():
+        left = np.ones(len(points), dtype=bool)
+        if made is None and not whole_turn:
+            left = view.points(locus, points).inside
+        irregular = left & (points.flatness < NEARLY_FLAT)
+        stray.append(points.values[irregular])
+        left &= ~irregular
+        for curve in traced:
+            left[left] &= ~curve.find(points.values[left], points.motions[left])
+        while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
+            row = int(np.argmax(left))
+            left[row] = False
+            found = trace_curve(locus, points.values[row], step=step, budget=budget)
+            if found is None:
+                stray.append(points.values[row : row + 1])
+                continue
+            source.met(True)
+            traced.append(found)
+            left[left] &= ~found.find(points.values[left], points.motions[left])
     return SingularCurves(
         kind,
         tuple(_found(curve, other, view) for curve in traced),
-        (box[0], box[1]),
-        count,
-        hits,
+        source.claim("curve"),
+        source.searched,
+        source.starts,
+        source.hits,
         np.concatenate(stray),
         np.concatenate(branching),
     )
+
+
+def ranges_of(mechanism: Mechanism, whole_turn: bool = False) -> list[tuple[float, float]]:
+    """Return the lowest and highest value (rad) of each input that is looked at."""
+    if whole_turn:
+        return [(-np.pi, np.pi)] * len(mechanism.inputs)
+    return [(item.start, item.stop) for item in mechanism.inputs]
 
 
 def _found(curve: SingularCurve, other: Locus, view: View) -> FoundCurve:

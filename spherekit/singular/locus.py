@@ -140,11 +140,14 @@ class Locus:
         value = np.linalg.det(small)
         return Measure(value, gradient, smallest, motion, signed)
 
-    def onto(self, values: Floats) -> LocusPoints:
-        """Return the points that Newton's method leads to by the shortest steps."""
+    def onto(self, values: Floats, most: int = MOST_CORRECTIONS) -> LocusPoints:
+        """Return the points that Newton's method leads to by at most so many steps.
+
+        Each step is the shortest one.
+        """
         motion = self.measure(self.space(values)).motion
         none = np.zeros((len(values), 0, values.shape[1]))
-        return self.correct(values, motion, none, np.zeros((len(values), 0)))
+        return self.correct(values, motion, none, np.zeros((len(values), 0)), most=most)
 
     def correct(
         self,
@@ -153,6 +156,7 @@ class Locus:
         borders: Floats,
         targets: Floats,
         like: Floats | None = None,
+        most: int = MOST_CORRECTIONS,
     ) -> LocusPoints:
         """Return the points with border . values = target, by Newton's method.
 
@@ -165,16 +169,18 @@ class Locus:
             k = 0 the steps are the shortest ones.
         like
             (V, g) a basis that the equations' bases are turned to.
+        most
+            Steps that Newton's method may take.
         """
         n = len(values)
         first, ratio = np.zeros(n), np.zeros(n)
         last = np.full(n, np.inf)
-        for step in range(MOST_CORRECTIONS + 1):
+        for step in range(most + 1):
             space = self.space(values, like)
             motions, small, shift, equations = self._linearised(space, motions, borders)
             off = np.einsum("nmv,nv->nm", small, motions)
             residual = np.maximum(space.gap, np.max(np.abs(off), axis=1))
-            if step == MOST_CORRECTIONS or not np.any(last > CORRECTED):
+            if step == most or not np.any(last > CORRECTED):
                 break
             shifted = values + space.closing
             miss = targets - np.einsum("nkv,nv->nk", borders, shifted)

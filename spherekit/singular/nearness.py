@@ -1,16 +1,14 @@
-"""How near a configuration is to a singularity: angles, singular values.
+"""How near a configuration is to a singularity: angles.
 
 An angle is that by which planes or axes miss the geometric condition which misses least.
 It is zero at a singularity and keeps its meaning whatever the rates are.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from spherekit.motion.loops import LoopTree
 from spherekit.singular.conditions import residuals
 from spherekit.singular.relation import FourLinks, Kind, Relation, SixPoles
 from spherekit.sphere.rotation import Floats, cross
@@ -61,36 +59,3 @@ def _normal(one: Floats, other: Floats) -> Floats:
     sizes = np.linalg.norm(one, axis=1), np.linalg.norm(other, axis=1)
     longer = np.where((sizes[0] >= sizes[1])[:, None], one, other)
     return np.asarray(longer / np.maximum(*sizes)[:, None])
-
-
-def singular_values(
-    tree: LoopTree, vectors: Floats, driven: Sequence[int]
-) -> tuple[Floats, Floats]:
-    """Return the smallest singular value of the passive velocity equations, and its ratio.
-
-    Parameters
-    ----------
-    tree, vectors
-        The loops, and the variables' vectors (n, variables, 3).
-    driven
-        The variables that the inputs move; the others are passive.
-
-    Returns
-    -------
-    smallest, ratio
-        (n,) of the Jacobian by the passive variables, and its part of the greatest one.
-        Both vanish exactly where the passive variables can move with the inputs at rest;
-        without passive variables they are infinite and 1.
-    """
-    free = [v for v in range(vectors.shape[1]) if v not in driven]
-    smallest = np.full(len(vectors), np.nan)
-    ratio = smallest.copy()
-    jacobian = tree.jacobian(vectors)[:, :, free]
-    known = np.all(np.isfinite(jacobian), axis=(1, 2))
-    if not free:
-        smallest[known], ratio[known] = np.inf, 1.0
-        return smallest, ratio
-    sizes = np.linalg.svd(jacobian[known], compute_uv=False)[:, : len(free)]
-    smallest[known] = sizes[:, -1]
-    ratio[known] = sizes[:, -1] / sizes[:, 0]
-    return smallest, ratio

@@ -45,7 +45,9 @@ class Group:
         return self.members.get(pole)
 
     def kind(self, driven: Pole, wanted: Pole) -> Type:
-        """Return the type for an input and an output."""
+        """Return the type for an input and an output; II where these are one motion."""
+        if driven == wanted:
+            return Type.II if driven in self.members else Type.APPARENT
         still, resting = driven in self.members, wanted in self.members
         if still:
             return Type.III if resting else Type.II

@@ -1,13 +1,13 @@
 """Singular configurations as the inputs and the output see them."""
 
-from dataclasses import dataclass
-from typing import Literal, final
+from dataclasses import dataclass, fields, replace
+from typing import Literal, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Solver
+from spherekit.motion.turns import in_range, into_range
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.rest import InputsRest, OutputRest
 from spherekit.sphere.rotation import Floats
@@ -27,9 +27,10 @@ class SingularPoints:
     values, motion
         The variables and the unit rates of the singular motion, (n, V).
     inputs
-        (n, g) values of the inputs (rad).
+        (n, g) values of the inputs (rad), less whole turns in their declared ranges or as
+        near to these as can be.
     inside
-        (n,) whether all inputs are within their declared ranges, whole turns apart.
+        (n,) whether all are within those ranges.
     orientation, pointing
         (n, 3, 3) from the output link's axes to those of its reference link, and the
         output direction (n, 3) there, or None.
@@ -51,41 +52,86 @@ class SingularPoints:
     output_rate: Floats
     residual: Floats
 
+    def rows(self, rows: NDArray[np.intp]) -> "SingularPoints":
+        """Return some of the points."""
+        own = {
+            item.name: getattr(self, item.name)[rows]
+            for item in fields(self)
+            if isinstance(getattr(self, item.name), np.ndarray)
+        }
+        return replace(self, **own)
+
+
+class CurveSeen(Protocol):
+    """A curve of singular configurations: its points, and those of type III.
+
+    `s` (n,) rad is the place of the points on it.
+    """
+
+    @property
+    def points(self) -> SingularPoints:
+        """The points in order."""
+
+    @property
+    def both(self) -> SingularPoints:
+        """Those that are singular of the other type too."""
+
+    @property
+    def s(self) -> Floats:
+        """The places (n,) of the points on the curve (rad)."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether it closes; its last point is then its first."""
+
+    @property
+    def why(self) -> str:
+        """What is singular, in words, where that is known of the curve; else nothing."""
+
+    def dense(self, parts: int) -> SingularPoints:
+        """Return the curve, each way between two points divided into parts."""
+
 
 @final
 @dataclass(frozen=True)
 class View:
     """What of singular configurations is reported, by their type."""
 
-    mechanism: Mechanism
-    driven: tuple[int, ...]
+    solver: Solver
     output: OutputRest
     kind: TypeName
 
     def points(self, locus: Locus, nodes: LocusPoints) -> SingularPoints:
         """Return what points of a locus look like."""
-        space = locus.space(nodes.values)
-        inputs = nodes.values[:, list(self.driven)]
-        low = np.array([item.start for item in self.mechanism.inputs])
-        high = np.array([item.stop for item in self.mechanism.inputs])
-        lapped = low + np.mod(inputs - low, 2.0 * np.pi)
+        return self.seen(locus, nodes.values, nodes.motions, nodes.residual)
+
+    def seen(
+        self, locus: Locus, values: Floats, motions: Floats, residual: Floats
+    ) -> SingularPoints:
+        """Return what configurations and singular motions (n, V) look like."""
+        space = locus.space(values)
+        driven = list(self.solver.driven)
+        ranges = [(item.start, item.stop) for item in self.solver.mechanism.inputs]
+        low, high = np.array(ranges).T
+        periods = self.solver.periods
+        inputs = into_range(values[:, driven], low, high, periods)
         orientation = self.output.orientation(space)
         pointing = None
         if self.output.pointing is not None:
             pointing = orientation @ np.array(self.output.pointing)
         rows, _ = self.output.rows(space)
-        moving = np.einsum("nmv,nv->nm", rows, nodes.motions)
+        moving = np.einsum("nmv,nv->nm", rows, motions)
         return SingularPoints(
             self.kind,
-            nodes.values,
-            nodes.motions,
+            values,
+            motions,
             inputs,
-            np.asarray(np.all(lapped <= high, axis=1)),
+            np.all(in_range(inputs, low, high), axis=1),
             orientation,
             pointing,
-            np.linalg.norm(nodes.motions[:, list(self.driven)], axis=1),
+            np.linalg.norm(motions[:, driven], axis=1),
             np.linalg.norm(moving, axis=1),
-            nodes.residual,
+            residual,
         )
 
 

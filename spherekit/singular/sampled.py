@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.motion.configuration import Configurations
 from spherekit.motion.motion import Tracer
-from spherekit.singular.nearness import nearness, singular_values
+from spherekit.motion.turns import in_range, into_range
+from spherekit.rates.transmission import hold
+from spherekit.singular.nearness import nearness
 from spherekit.singular.record import AlongOutput, Singularities, Type
 from spherekit.singular.relation import Form
 from spherekit.singular.single import SingleFreedom
 from spherekit.sphere.rotation import Floats
 
-ROUNDED = 1e-12
-"""An input below the range's start by less (rad) is at its start."""
 NEAR_CROSSING = 1e-4
 """Configurations (rad) that near to a crossing may lie where no curve is followed."""
 TOUCHES = 1e-6
@@ -138,14 +138,21 @@ class SampledSingularities:
         return self.analysis.at(curve, s, output)
 
     def input_at(self, curve: int, s: Floats) -> Floats:
-        """Return the input (n,) at places s, less whole turns from the range's start."""
+        """Return the input (n,) at places s, in the range or as near to it as turns allow.
+
+        Only turns are left out after which the configuration is the same.
+        """
         return self.input_of(self.curves[curve].at(s).values)
 
     def input_of(self, values: Floats) -> Floats:
-        """Return the input (n,) in configurations, less whole turns like `input_at`."""
-        low = self.tracer.range[0]
-        past = values[:, self.tracer.solver.single] - low
-        return np.asarray(low + np.mod(past + ROUNDED, 2.0 * np.pi) - ROUNDED)
+        """Return the input (n,) in configurations (n, V) of a curve like `input_at`."""
+        solver = self.tracer.solver
+        (period,) = solver.periods
+        return into_range(values[:, solver.single], *self.tracer.range, period)
+
+    def inside(self, q: Floats) -> NDArray[np.bool_]:
+        """Return which inputs (n,) are in the range."""
+        return in_range(q, *self.tracer.range)
 
     def measures(self) -> list[Measures]:
         """Return the measures of every output in each form."""
@@ -183,7 +190,10 @@ class SampledSingularities:
         ]
 
     def singular_values(self) -> tuple[Floats, Floats]:
-        """Return (n,) what `spherekit.singular.nearness.singular_values` does."""
+        """Return (n,) how surely the locked input holds all links, and that of the best.
+
+        See `spherekit.rates.transmission.hold`.
+        """
         smallest = np.full(len(self.s), np.nan)
         ratio = smallest.copy()
         for number, curve in enumerate(self.curves):
@@ -191,10 +201,10 @@ class SampledSingularities:
             if len(rows):
                 closure = curve.segments.closure
                 placed, states = closure.place(curve.at(self.s[rows]).values)
-                smallest[rows], ratio[rows] = singular_values(
+                smallest[rows], ratio[rows] = hold(
                     closure.tree,
-                    closure.vectors(placed, states),
                     [self.tracer.solver.single],
+                    closure.vectors(placed, states),
                 )
         return smallest, ratio
 

@@ -21,16 +21,20 @@ from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.rates.field import PoleField, evaluate
 from spherekit.rates.request import Request, request
+from spherekit.rates.transmission import SINGULAR, Transmission
+from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, adjugate
 from spherekit.singular.relation import FourLinks, SixPoles, form_i
-from spherekit.singular.rest import InputsRest, OutputRest
+from spherekit.singular.rest import OutputRest
 from spherekit.singular.tangent_space import TangentSpace
 from spherekit.sphere.rotation import Floats
 
-SINGULAR = 1e-8
-"""Singular values below this are zero, by default."""
 ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
+
+
+AT_REST = 1e-3
+"""The output rests in a motion that is held by less than this part of the output's hold."""
 
 
 class RowType(IntEnum):
@@ -71,13 +75,16 @@ class OutputCoefficients:
         (n, g) of the unit motion in which input i moves alone: its rate, which vanishes
         with c_i and has the sign of det N_a, and the size of the output's, which vanishes
         with d_i. NaN where that motion is not unique.
-    type_two, type_one
-        (n,) smallest singular values of N_a and of E N.
+    type_two
+        (n,) how surely the inputs hold the output, see `spherekit.rates.transmission`: 0
+        where it can move with the inputs at rest, also where the loops lose their rank.
+    hold
+        (n,) how surely they hold all links, see `hold` there.
+    type_one
+        (n,) smallest singular value of E N.
     determinant
         (n,) det N_a. Where the loops are independent equations its sign is that of one
         smooth function, and changes only through type II.
-    freedom
-        (n,) size of the output's rates in the motion nearest to leaving the inputs at rest.
     triples, triplets
         (n, k) triple products of the u of three inputs, and which inputs those are.
     flatness
@@ -95,9 +102,9 @@ class OutputCoefficients:
     input_rate: Floats
     output_rate: Floats
     type_two: Floats
+    hold: Floats
     type_one: Floats
     determinant: Floats
-    freedom: Floats
     triples: Floats
     triplets: tuple[tuple[int, int, int], ...]
     flatness: Floats
@@ -207,7 +214,12 @@ def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputC
     space = Locus(closure, g, output).space(motion.values)
     rows, _ = output.rows(space)
     inputs, moving = space.basis[:, held], rows @ space.basis
-    two, one = _singular_values(inputs)[:, -1], _singular_values(moving)[:, -1]
+    one = _singular_values(moving)[:, -1]
+    own = Transmission(
+        closure.tree, tuple(held), output.link, output.relative_to, output.pointing
+    )
+    directions = own.pointed(space.placed)
+    two = own.at(space.vectors, directions)
     determinant = np.linalg.det(inputs)
     alone = adjugate(inputs)
     size = np.linalg.norm(alone, axis=1)
@@ -216,8 +228,6 @@ def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputC
     size = np.where(unique, size, np.nan)
     input_rate = determinant[:, None] / size
     output_rate = np.linalg.norm(moving @ alone, axis=1) / size
-    loose = Locus(closure, g, InputsRest(tuple(held))).measure(space).motion
-    freedom = np.linalg.norm(np.einsum("nmv,nv->nm", rows, loose), axis=1)
     nothing = np.zeros((n, g))
     found = OutputCoefficients(
         w=np.zeros((n, g, 3)),
@@ -227,9 +237,9 @@ def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputC
         input_rate=input_rate,
         output_rate=output_rate,
         type_two=two,
+        hold=hold_of(closure.tree, held, space.vectors)[0],
         type_one=one,
         determinant=determinant,
-        freedom=freedom,
         triples=nothing,
         triplets=(),
         flatness=np.where(motion.failed, np.nan, space.flatness),
@@ -252,23 +262,23 @@ def _types(
     found: OutputCoefficients, space: TangentSpace, tolerance: float
 ) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     known = np.isfinite(found.type_two)
-    dead = found.type_two < tolerance
-    second = dead & (found.freedom > tolerance)
+    second = found.type_two < tolerance
     first = found.type_one < tolerance
+    branching = space.flatness < tolerance
     kind = np.select(
         [
             ~known,
-            space.flatness < tolerance,
-            first & second,
+            second & first & ~branching,
             second,
-            dead,
+            branching,
+            (found.hold < tolerance) & (found.hold < AT_REST * found.type_two),
             first,
         ],
         [
             RowType.UNKNOWN,
-            RowType.BRANCHING,
             RowType.III,
             RowType.II,
+            RowType.BRANCHING,
             RowType.LOOSE,
             RowType.I,
         ],

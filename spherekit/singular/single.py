@@ -246,7 +246,8 @@ class SingleFreedom:
         ]
         still, resting = places[driven].always, places[wanted].always
         if still or resting:
-            kind = (Type.III if resting else Type.II) if still else Type.I
+            both = resting and wanted != driven
+            kind = (Type.III if both else Type.II) if still else Type.I
             self.whole.append(WholeCurve(kind, self.outputs[output], number))
             return []
         own += [(None, more) for more in self._coplanar(number, along, output, own)]

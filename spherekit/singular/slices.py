@@ -4,7 +4,7 @@ A slice is the set of configurations with those inputs at given values: curves, 
 followed in its own arc length through dead points of the free input.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import final
@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.errors import CountError, SolveError
 from spherekit.model.mechanism import Mechanism
@@ -90,7 +91,11 @@ def configurations(solver: Solver, q: Floats) -> tuple[Floats, NDArray[np.intp]]
 
 
 def slices(
-    solver: Solver, free: int, held: Floats, probes: int | None = None
+    solver: Solver,
+    free: int,
+    held: Floats,
+    probes: int | None = None,
+    budget: Budget | None = None,
 ) -> Iterator[Slice]:
     """Yield all curves found with all inputs but one locked at some values.
 
@@ -106,11 +111,16 @@ def slices(
     probes
         Values of the free input, over one turn, at which modes are looked for: a curve
         that meets none of them is missed.
+    budget
+        Time that the curves of all slices may take, unlimited by default.
     """
+    budget = budget or Budget()
     if probes is None:
         probes = PROBED if solver.assembly.has_closed_form else PROBES
     turn = (np.arange(probes) + 0.5) * (2.0 * np.pi / probes) - np.pi
-    for row in held:
+    for number, row in enumerate(held):
+        if not budget.goes_on(f"slice {number + 1} of {len(held)}"):
+            return
         q = np.tile(row, (probes, 1))
         q[:, free] = turn
         fixed = {
@@ -121,7 +131,7 @@ def slices(
         locked = lock(solver.closure, fixed)
         found, _ = configurations(solver, q)
         todo = found[:, list(locked.kept)]
-        while len(todo):
+        while len(todo) and budget.goes_on(f"slice {number + 1} of {len(held)}"):
             given, todo = todo[0], todo[1:]
             try:
                 curve = follow_arc(locked.closure, given, longest=LONGEST)
@@ -129,6 +139,59 @@ def slices(
                 continue
             yield Slice(locked, curve)
             todo = todo[np.isnan(curve.find(todo))]
+
+
+@final
+@dataclass(frozen=True)
+class Cut:
+    """The slices of a mechanism at some values of each input, in the order made.
+
+    `gaps` (rad) are the distances of the values of each input; `note` says what was left
+    out as time was spent, or is empty.
+    """
+
+    slices: tuple[Slice, ...]
+    gaps: tuple[float, ...]
+    note: str
+
+
+def cut(
+    solver: Solver,
+    ranges: Sequence[tuple[float, float]],
+    values_of_each: int,
+    budget: Budget | None = None,
+) -> Cut:
+    """Return the slices with each input free, the others at values over their ranges.
+
+    The values are taken in an order that is spread out wherever time is spent.
+    """
+    budget = budget or Budget()
+    spread = [
+        low + (high - low) * (np.arange(values_of_each) + 0.5) / values_of_each
+        for low, high in ranges
+    ]
+    found: list[Slice] = []
+    notes = []
+    count = len(ranges)
+    for free in range(count):
+        others = [k for k in range(count) if k != free]
+        mesh = np.meshgrid(*(spread[k] for k in others), indexing="ij")
+        held = np.zeros((mesh[0].size, count))
+        held[:, others] = np.stack([axis.ravel() for axis in mesh], axis=1)
+        held = held[_spread_out(len(held))]
+        own = budget.part(1.0 / (count - free))
+        found += slices(solver, free, held, budget=own)
+        if own.note:
+            notes.append(f"{own.note} with input {free + 1} free")
+    gaps = tuple((high - low) / values_of_each for low, high in ranges)
+    return Cut(tuple(found), gaps, "; ".join(notes))
+
+
+def _spread_out(count: int) -> NDArray[np.intp]:
+    """Return numbers below `count` in an order whose every beginning is spread out."""
+    digits = max(1, (count - 1).bit_length())
+    turned = [int(f"{k:0{digits}b}"[::-1], 2) for k in range(1 << digits)]
+    return np.array([k for k in turned if k < count], dtype=np.intp)
 
 
 def seeds(each: Slice, locus: Locus) -> LocusPoints:

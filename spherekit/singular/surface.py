@@ -13,13 +13,17 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.budget import Budget
 from spherekit.errors import AnalysisError
+from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
+from spherekit.singular.curves import ranges_of
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
 from spherekit.singular.rest import output_of
-from spherekit.singular.slices import seeds, slices, solver_of
+from spherekit.singular.slices import Cut, cut, solver_of
+from spherekit.singular.starts import Seeding
 from spherekit.sphere.rotation import Floats
 
 HEIGHT = 0.5 * np.sqrt(3.0)
@@ -59,10 +63,14 @@ class SingularSurface:
         (n,) number of the seed each vertex was reached from.
     side
         Length (rad, in the variables) of the edges aimed at.
-    box
-        (3,) distances (rad) between the values at which each input was locked.
-    slices, seeds
-        Number of configuration curves searched, and of singular configurations on them.
+    claim
+        What is known of surfaces that were not found.
+    slices, starts, seeds
+        Number of configuration curves searched, of random starts instead, and of singular
+        configurations met.
+    irregular
+        How many of those within the ranges lie where the locus is no regular surface: it
+        crosses itself there, or fills a part of the configurations.
     full
         Whether the mesh ended at the greatest number of vertices.
     """
@@ -73,19 +81,19 @@ class SingularSurface:
     border: NDArray[np.int64]
     component: NDArray[np.int64]
     side: float
-    box: tuple[float, float, float]
+    claim: Claim
     slices: int
+    starts: int
     seeds: int
+    irregular: int
     full: bool
 
     @property
     def guarantee(self) -> str:
         """What the mesh guarantees, in words."""
-        sides = " by ".join(f"{np.degrees(side):.3g}" for side in self.box)
         return (
             "vertices are exact; between them the mesh is flat, with edges of about "
-            f"{np.degrees(self.side):.3g} deg; surfaces within a box of {sides} deg "
-            "between slices may be missing"
+            f"{np.degrees(self.side):.3g} deg; {self.claim}"
         )
 
 
@@ -98,6 +106,8 @@ def singular_surface(
     slices_of_each: int = 4,
     whole_turn: bool = False,
     most: int = 20_000,
+    made: Cut | None = None,
+    budget: Budget | None = None,
 ) -> SingularSurface:
     """Return the surfaces of singular configurations of a mechanism with three inputs.
 
@@ -112,12 +122,17 @@ def singular_surface(
     side
         Length (rad, in the variables) of the triangles' edges.
     slices_of_each
-        Values at which each of two inputs is locked while the third runs free.
+        Values at which each of two inputs is locked while the third runs free. With 0 the
+        locus is looked for from random closed configurations, the claim being "sampled".
     whole_turn
         Whether to mesh the whole surface, and not the part with all inputs within their
         declared ranges.
     most
         Greatest number of vertices.
+    made
+        Slices that are there already, as of the other type.
+    budget
+        Time to spend on seeds and on the mesh, unlimited by default.
 
     Raises
     ------
@@ -140,29 +155,21 @@ def singular_surface(
             "ask for type I of the link's orientation, without `pointing`"
         )
     locus, _ = loci_of(solver, rest, kind)
-    view = View(mechanism, solver.driven, rest, kind)
-    front = _Front(locus, None if whole_turn else view, side, most)
-    ranges = [
-        (-np.pi, np.pi) if whole_turn else (item.start, item.stop)
-        for item in mechanism.inputs
-    ]
-    spread = [
-        low + (high - low) * (np.arange(slices_of_each) + 0.5) / slices_of_each
-        for low, high in ranges
-    ]
-    count = hits = 0
-    for free in range(3):
-        others = [k for k in range(3) if k != free]
-        mesh = np.meshgrid(*(spread[k] for k in others), indexing="ij")
-        held = np.zeros((mesh[0].size, 3))
-        held[:, others] = np.stack([axis.ravel() for axis in mesh], axis=1)
-        for each in slices(solver, free, held):
-            count += 1
-            found = seeds(each, locus)
-            hits += len(found)
-            for row in range(len(found)):
-                front.grow(found.rows(slice(row, row + 1)))
-    gaps = [(high - low) / slices_of_each for low, high in ranges]
+    view = View(solver, rest, kind)
+    budget = budget or Budget()
+    ranges = ranges_of(mechanism, whole_turn)
+    if made is None and slices_of_each:
+        made = cut(solver, ranges, slices_of_each, budget.part(0.6))
+    source = Seeding(solver, locus, ranges, made, budget)
+    front = _Front(locus, None if whole_turn else view, side, most, budget)
+    irregular = 0
+    for points in source.batches():
+        inside = np.ones(len(points), dtype=bool)
+        if not whole_turn:
+            inside = view.points(locus, points).inside
+        irregular += int(np.sum(inside & (points.flatness < FLAT)))
+        for row in np.flatnonzero(inside):
+            source.met(front.grow(points.rows(slice(row, row + 1))))
     return SingularSurface(
         kind,
         view.points(locus, front.points),
@@ -170,9 +177,11 @@ def singular_surface(
         np.array(sorted(front.open), dtype=np.int64).reshape(-1, 2),
         np.array(front.component, dtype=np.int64),
         side,
-        (gaps[0], gaps[1], gaps[2]),
-        count,
-        hits,
+        source.claim("surface"),
+        source.searched,
+        source.starts,
+        source.hits,
+        irregular,
         len(front.values) >= most,
     )
 
@@ -181,8 +190,11 @@ def singular_surface(
 class _Front:
     """A growing mesh. `open` has the edges with one triangle, and its third vertex."""
 
-    def __init__(self, locus: Locus, view: View | None, side: float, most: int) -> None:
+    def __init__(
+        self, locus: Locus, view: View | None, side: float, most: int, budget: Budget
+    ) -> None:
         self.locus, self.view, self.side, self.most = locus, view, side, most
+        self.budget = budget
         self.periods = periods_of(locus.closure)
         self.finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
         self.parts: list[LocusPoints] = []
@@ -211,30 +223,31 @@ class _Front:
         same = np.abs(self.motions @ motion) > TURNED
         return np.flatnonzero((distance < radius) & same)
 
-    def grow(self, seed: LocusPoints) -> None:
-        """Mesh the surface through a seed, unless a mesh covers it."""
+    def grow(self, seed: LocusPoints) -> bool:
+        """Mesh the surface through a seed, unless a mesh covers it; return whether."""
         if len(self.values) >= self.most or seed.flatness[0] < FLAT:
-            return
-        if not self._inside(seed):
-            return
+            return False
         if len(self.near(seed.values[0], seed.motions[0], self.side)):
-            return
+            return False
         number = self.component[-1] + 1 if self.component else 0
         a = self._add(seed, number)
         first = self._beside(a, np.array([self.side, 0.0]))
         if first is None:
-            return
+            return True
         b = self._add(first, number)
         third = self._beside(a, self.side * np.array([0.5, HEIGHT]))
         if third is None:
-            return
+            return True
         c = self._add(third, number)
         queue: deque[Edge] = deque()
         self._join(a, b, c, queue)
         while queue and len(self.values) < self.most:
             edge = queue.popleft()
+            if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
+                break
             if edge in self.open:
                 self._advance(edge, queue, number)
+        return True
 
     def _add(self, point: LocusPoints, number: int) -> int:
         self.parts.append(point)

@@ -11,6 +11,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.motion.arc_length import periods_of
 from spherekit.singular.curve import SingularCurve, predict
@@ -36,7 +37,11 @@ MOST_NODES = 20_000
 
 
 def trace_curve(
-    locus: Locus, values: Floats, longest: float = 200.0, step: float = LARGEST_STEP
+    locus: Locus,
+    values: Floats,
+    longest: float = 200.0,
+    step: float = LARGEST_STEP,
+    budget: Budget | None = None,
 ) -> SingularCurve | None:
     """Return the curve of a locus through a configuration (V,) near it.
 
@@ -49,6 +54,8 @@ def trace_curve(
     longest, step
         Length (rad) after which a curve that does not close is ended in each sense, and
         the longest step.
+    budget
+        Time after which the curve is ended, BRANCH_LOST, unlimited by default.
 
     None if Newton's method does not arrive, or only at a crossing of curves.
     """
@@ -62,7 +69,7 @@ def trace_curve(
         np.einsum("nvk,nv->nk", start.tangents, start.values),
     )
     periods = periods_of(locus.closure)
-    march = _March(locus, periods, longest, step)
+    march = _March(locus, periods, longest, step, budget or Budget())
     ways: list[list[LocusPoints]] = []
     ends: list[Status] = []
     for first in (start, _reversed(start)):
@@ -97,6 +104,7 @@ class _March:
     periods: Floats
     longest: float
     step: float
+    budget: Budget
 
     def run(self, start: LocusPoints) -> tuple[list[LocusPoints], Status, bool]:
         """Return nodes after the start, why they end, and whether they close."""
@@ -104,6 +112,8 @@ class _March:
         at, step, way = start, 0.05, 0.0
         bend = np.zeros_like(start.values[0])
         while way < self.longest and len(nodes) < MOST_NODES:
+            if not self.budget.goes_on("the rest of a singular curve"):
+                break
             step = min(step, self.step)
             made = self._advance(at, bend, step)
             if made is None:

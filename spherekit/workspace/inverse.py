@@ -25,6 +25,7 @@ from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.solutions import Solutions
 from spherekit.output.wrist import COORDINATES, with_wrist
+from spherekit.rates.transmission import Transmission
 from spherekit.sphere.rotation import Floats, cross
 from spherekit.workspace.constraints import Bound, Constraints, bounds_of
 from spherekit.workspace.kinematics import (
@@ -67,7 +68,7 @@ class InverseRows:
         (k,) rad left to the nearest limit, negative outside, and its number in `limits`;
         NaN and -1 where no limit says anything.
     type_1, type_2
-        (k, inputs) and (k,), see `Inverse`.
+        (k, inputs) and (k,), see `Inverse` and `spherekit.rates.transmission`.
     rates
         (k, inputs, 3): rates of the inputs per unit angular velocity of the output, in
         axes of the link it is seen from; for a pointing output of that part of it which
@@ -308,9 +309,12 @@ class GraphPoses(PoseSolver):
         turns = np.full((len(values), 3, len(self.mechanism.inputs)), np.nan)
         motion = motion_of(self._own.solver, values[known])
         turns[known] = output_rates(motion, self.output)
+        type_2 = np.full(len(values), np.nan)
+        own = Transmission.of(self.mechanism, self.output)
+        type_2[known] = own.of_values(self._own.solver.closure, values[known])
         direction = self.output.direction if self.points else None
         return measures_of(
-            turns, None if direction is None else rotations @ np.array(direction)
+            turns, type_2, None if direction is None else rotations @ np.array(direction)
         )
 
     @cached_property
@@ -332,11 +336,11 @@ class Measures:
     type_2: Floats
 
 
-def measures_of(turns: Floats, directions: Floats | None) -> Measures:
+def measures_of(turns: Floats, type_2: Floats, directions: Floats | None) -> Measures:
     """Return what follows from the output's angular velocities per unit input rate.
 
     `turns` (k, 3, inputs) are those of three inputs; or those of two with `directions`
-    (k, 3), of which the part at right angles to these counts.
+    (k, 3), of which the part at right angles to these counts. `type_2` (k,) is known.
     """
     a, b = turns[..., 0], turns[..., 1]
     if directions is None:
@@ -348,12 +352,6 @@ def measures_of(turns: Floats, directions: Floats | None) -> Measures:
         volume = np.sum(a * across[:, 0], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.linalg.norm(across, axis=2)
-        normals = across / size[..., None]
-        spanned = cross(normals[:, 0], normals[:, 1])
-        if directions is None:
-            type_2 = np.abs(np.sum(spanned * normals[:, 2], axis=1))
-        else:
-            type_2 = np.linalg.norm(spanned, axis=1)
         rates = across / volume[:, None, None]
         return Measures(rates, np.abs(volume)[:, None] / size, type_2)
 

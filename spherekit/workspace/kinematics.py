@@ -23,7 +23,6 @@ from spherekit.output.forward import ForwardKinematics
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.posed import Posed
 from spherekit.output.solutions import Solutions
-from spherekit.sphere.mirror import reflections
 from spherekit.sphere.rotation import Floats, cross
 
 
@@ -212,9 +211,7 @@ class DyadKinematics(OutputKinematics):
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
         """Return one mode at poses."""
-        return _DyadRows(
-            self.kinematics.posed(poses, signs), self.kinematics.wrist.driven, len(poses)
-        )
+        return _DyadRows(self.kinematics, self.kinematics.posed(poses, signs), poses)
 
     def forward(self, inputs: Floats) -> Solutions:
         """Return all poses at inputs (n, inputs) rad."""
@@ -224,12 +221,16 @@ class DyadKinematics(OutputKinematics):
 @final
 @dataclass(frozen=True)
 class _DyadRows:
+    owner: InverseKinematics
     posed: Posed
-    driven: tuple[int, ...]
-    count: int
+    poses: Floats
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        return self.owner.wrist.driven
 
     def cosine(self, one: int, other: int) -> Floats:
-        return np.broadcast_to(self.posed.cosine(one, other), self.count)
+        return np.broadcast_to(self.posed.cosine(one, other), len(self.poses))
 
     def angle(self, pair: int) -> Floats:
         return self.posed.angle(pair)
@@ -248,8 +249,7 @@ class _DyadRows:
 
     @property
     def type_2(self) -> Floats:
-        rates = [self.posed.rate(pair) for pair in self.driven]
-        return self.posed.independence(rates, self.driven)
+        return self.owner.type_2(self.posed, self.poses)
 
     @property
     def rates(self) -> Floats:
@@ -392,12 +392,7 @@ class _MidPlaneRows:
 
     @property
     def type_2(self) -> Floats:
-        elbows, _ = self._elbows
-        across = cross(self.points[:, None], elbows[:, self.driven])
-        first, second = np.moveaxis(
-            across / np.linalg.norm(across, axis=2)[..., None], 1, 0
-        )
-        return np.asarray(np.linalg.norm(cross(first, second), axis=1))
+        return self.form.transmission(self.normals, self._elbows[0])
 
     @property
     def rates(self) -> Floats:
@@ -413,22 +408,6 @@ class _MidPlaneRows:
     def _elbows(self) -> tuple[Floats, Floats]:
         return self.form.plane.elbows(self.normals, self.signs)
 
-    @cached_property
-    def _placed(self) -> Floats:
-        return self.form.place(self.normals, self.signs)
-
     def _axis(self, pair: int) -> Floats:
         """Return the axis (n or 1, 3) of a pair in mirror axes."""
-        for k, leg in enumerate(self.form.legs):
-            axis = self.form.plane.axes[k]
-            if pair == leg.base:
-                return np.asarray(axis[None])
-            if pair == leg.tip:
-                return np.asarray(reflections(self.normals) @ axis)
-            if pair == leg.elbow:
-                return np.asarray(self._elbows[0][:, k])
-        ends = self.form.mechanism.ends[pair]
-        joint = self.form.joints[pair]
-        assert isinstance(joint, Revolute)
-        axis = joint.first[:, 2]
-        return np.asarray(self._placed[:, ends[0]] @ axis @ self.form.frame)
+        return self.form.axis(pair, self.normals, self._elbows[0])

@@ -1,0 +1,171 @@
+"""Simulations against inverse dynamics, and one engine against the other."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from benchmarks.sceptic.check import check
+from benchmarks.sceptic.evidence import Evidence
+from benchmarks.sceptic.finding import Kind, Notes
+from spherekit.conventions import Status
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.dynamics.simulation import History, Simulation
+from spherekit.errors import EngineError
+from spherekit.model.laws import Start, States
+from spherekit.sphere.rotation import Floats
+
+UNTIL = 1.5
+"""Time (s) that is simulated."""
+SPEED = 0.4
+"""Rate (rad/s) at the start."""
+TOLERANCE = 1e-9
+ROWS = 25
+TORQUE = "{size} * sin(2*t)"
+CLEAR = 1e3
+"""Conditioning up to which torques of both problems are compared."""
+AGREE = 1e-5
+"""Part of the largest torque by which they may differ."""
+BALANCED = 1e-7
+"""Part of the largest energy that may be missing."""
+ALIKE = 1e3
+"""How many times their tolerance engines may differ by."""
+
+
+@final
+@dataclass(frozen=True)
+class Moved:
+    """The law of an input that a simulation found."""
+
+    history: History
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at the times of the history."""
+        assert np.array_equal(np.asarray(t), self.history.t)
+        return self.history.q, self.history.dq, self.history.ddq
+
+
+def _started(evidence: Evidence) -> tuple[Start, int, str] | None:
+    """Return a start at a sample well clear of singularities, its branch, and a torque."""
+    if not evidence.single or not evidence.mechanism.masses:
+        return None
+    motion = evidence.motion
+    good = np.flatnonzero((motion.status == Status.OK) & (motion.conditioning < 30.0))
+    if not len(good):
+        return None
+    row = int(good[evidence.numbers("start").integers(len(good))])
+    size = 1e-3 * float(
+        sum(np.trace(np.array(m.tensor)) for m in evidence.mechanism.masses)
+    )
+    start = Start(float(motion.q[row]), SPEED)
+    return start, int(motion.branch[row]), TORQUE.format(size=f"{1e3 * size:.6g}")
+
+
+def _simulated(evidence: Evidence, engine: str) -> Simulation | None:
+    started = _started(evidence)
+    if started is None:
+        return None
+    start, branch, torque = started
+    return simulate(
+        evidence.mechanism,
+        start,
+        UNTIL,
+        torque=torque,
+        branch=branch,
+        tolerance=TOLERANCE,
+        engine=engine,  # type: ignore[arg-type]
+    )
+
+
+def _times(found: Simulation) -> Floats:
+    return np.linspace(0.0, found.end.t, ROWS)
+
+
+@check("simulation and inverse", "inverse dynamics gives back the torque of a simulation")
+def simulation_and_inverse(evidence: Evidence, notes: Notes) -> None:
+    """Compare the torque at the input with what the inverse problem asks for."""
+    found = _simulated(evidence, "numpy")
+    if found is None:
+        return
+    t = _times(found)
+    if not found.end.t > 1e-3:
+        return
+    history = found.at(t)
+    mechanism = evidence.mechanism.with_inputs(*evidence.tracer.inputs)
+    solved = inverse_dynamics(mechanism, Moved(history), t)
+    applied = [load.name for load in found.mechanism.loads].index("driving_torque")
+    torque = history.power[:, applied] / history.dq
+    conditioning = evidence.tracer.given(history.values).conditioning
+    for branch in np.unique(solved.branch):
+        own = solved.branch == branch
+        there = evidence.tracer.given(solved.values[own]).rotations
+        gap = np.max(np.abs(there - history.rotations), axis=(1, 2, 3))
+        fine = (gap < 1e-7) & (solved.status[own] == Status.OK) & (conditioning < CLEAR)
+        fine &= np.abs(history.dq) > 1e-2
+        if not np.any(fine):
+            continue
+        tau = solved.tau[own]
+        scale = float(np.max(np.abs(tau[fine]))) + float(np.max(np.abs(torque[fine])))
+        parts = np.abs(solved.B[own] * history.ddq) + np.abs(solved.Q[own])
+        scale = max(scale, float(np.max(parts[fine])), 1e-12)
+        off = np.where(fine, np.abs(tau - torque), 0.0)
+        notes.judged(int(np.sum(fine)))
+        if np.max(off) > AGREE * scale:
+            k = int(np.argmax(off))
+            notes.found(
+                f"branch {branch}, t = {t[k]:.6g} s, q = {history.q[k]:.9g} rad: the "
+                f"torque is "
+                f"{torque[k]:.9g} N m, inverse dynamics says {tau[k]:.9g}"
+            )
+
+
+@check("energy", "a simulation's energy is what its loads have done")
+def energy(evidence: Evidence, notes: Notes) -> None:
+    """Look at the balance of energy that a simulation reports of itself."""
+    found = _simulated(evidence, "numpy")
+    if found is None:
+        return
+    checks = found.checks
+    notes.contradiction(
+        not checks.energy <= BALANCED * max(checks.energy_scale, 1e-12),
+        f"{checks.energy:.2e} J of {checks.energy_scale:.2e} J are missing at the "
+        f"tolerance "
+        f"{TOLERANCE:g}",
+    )
+
+
+@check("both engines", "the compiled engine and NumPy's end in the same place")
+def both_engines(evidence: Evidence, notes: Notes) -> None:
+    """Compare states of both engines at their tolerance."""
+    one = _simulated(evidence, "numpy")
+    if one is None:
+        return
+    try:
+        other = _simulated(evidence, "compiled")
+    except EngineError as refusal:
+        notes.refused.append(f"both engines: {str(refusal)[:90]}")
+        return
+    assert other is not None
+    last = min(one.end.t, other.end.t)
+    t = np.linspace(0.0, last, ROWS)
+    first, second = one.at(t), other.at(t)
+    conditioning = evidence.tracer.given(first.values).conditioning
+    cross = (
+        int(np.argmax(~(conditioning < CLEAR))) if np.any(conditioning >= CLEAR) else ROWS
+    )
+    gap = np.max(np.abs(first.values - second.values), axis=1)[:cross]
+    notes.judged(len(gap))
+    if len(gap) and np.max(gap) > ALIKE * TOLERANCE:
+        k = int(np.argmax(gap))
+        notes.found(
+            f"at t = {t[k]:.6g} s the engines differ by {gap[k]:.2e} rad at the tolerance "
+            f"{TOLERANCE:g}"
+        )
+    if one.end.kind != other.end.kind:
+        notes.found(
+            f"NumPy ends at {one.end.t:.6g} s ({one.end.kind}), the compiled engine at "
+            f"{other.end.t:.6g} s ({other.end.kind})",
+            Kind.CONTRADICTION,
+        )

@@ -1,0 +1,185 @@
+"""Assembly modes: those of a run, of the configuration curves, and at one input alone."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.sceptic.check import check
+from benchmarks.sceptic.evidence import Evidence
+from benchmarks.sceptic.finding import Kind, Notes
+from spherekit.conventions import Status
+from spherekit.guarantee import Claim, Guarantee
+from spherekit.motion.modes import assemblies
+from spherekit.motion.motion import Tracer
+from spherekit.sphere.rotation import Floats
+
+SAME = 1e-6
+"""Links whose orientations differ by less are in one configuration."""
+INPUTS = 6
+"""At how many inputs the modes are compared."""
+NARROW = 0.01
+"""Half the range (rad) of a run around one input."""
+CLEAR = 1e4
+"""Configurations of worse conditioning may come and go with rounding."""
+
+
+def placed(tracer: Tracer, values: Floats) -> Floats:
+    """Return the orientations (n, links, 3, 3) of configurations that are well clear.
+
+    Those beside a dead centre of the inputs are left out: rounding decides on them.
+    """
+    motion = tracer.given(values.reshape(-1, len(tracer.mechanism.variable_names)))
+    return np.asarray(motion.rotations[motion.conditioning < CLEAR])
+
+
+def lacking(some: Floats, others: Floats) -> int:
+    """Return how many of some configurations are not among others."""
+    if not len(some):
+        return 0
+    if not len(others):
+        return len(some)
+    gap = np.max(np.abs(some[:, None] - others[None]), axis=(2, 3, 4))
+    return int(np.sum(np.min(gap, axis=1) > SAME))
+
+
+def asked_inputs(evidence: Evidence, count: int = INPUTS) -> list[int]:
+    """Return numbers of samples at which to compare, the ends of the range left out."""
+    every = np.arange(1, evidence.motion.samples - 1)
+    chosen = evidence.random.permutation(every)[:count]
+    return sorted(chosen.tolist())
+
+
+def at_sample(evidence: Evidence, sample: int) -> tuple[Floats, Floats]:
+    """Return the inputs of a sample, and the configurations (n, variables) of a run."""
+    motion = evidence.motion
+    here = motion.sample == sample
+    return motion.inputs[here][0], motion.values[here & (motion.status == Status.OK)]
+
+
+def _lack(
+    notes: Notes, missing: int, who: str, claim: Claim, whom: str, where: str
+) -> None:
+    """Note configurations that one has and another lacks, by what the other claims."""
+    notes.judged()
+    if not missing:
+        return
+    kind = Kind.CONTRADICTION if claim.guarantee is Guarantee.COMPLETE else Kind.SHORT
+    notes.found(
+        f"{who} lacks {missing} configurations that {whom} has at {where}; it claims "
+        f'"{claim}"',
+        kind,
+    )
+
+
+def place_of(q: Floats) -> str:
+    """Return inputs in words, in degrees."""
+    return "inputs " + ", ".join(f"{x:.6f}" for x in np.degrees(q)) + " deg"
+
+
+@check("run and curves", "a run and the configuration curves have the same modes")
+def run_and_curves(evidence: Evidence, notes: Notes) -> None:
+    """Compare the rows of samples with the points of curves at their inputs."""
+    if not evidence.single:
+        return
+    tracer, found = evidence.tracer, evidence.configurations
+    rolls = any(pair.type == "Cr" for pair in tracer.mechanism.pairs)
+    for sample in asked_inputs(evidence):
+        q, values = at_sample(evidence, sample)
+        points = [
+            each.curve.at(s).values
+            for each in found.curves
+            for s in each.curve.at_input(tracer.solver.single, float(q[0])).places
+        ]
+        on_curves = placed(tracer, np.array(points))
+        rows = placed(tracer, values)
+        _lack(
+            notes,
+            lacking(rows, on_curves),
+            "the set of curves",
+            found.claim,
+            "a run",
+            place_of(q),
+        )
+        if not rolls:  # wheels in mesh come back to an input in another configuration
+            _lack(
+                notes,
+                lacking(on_curves, rows),
+                "a run",
+                tracer.claim,
+                "the set of curves",
+                place_of(q),
+            )
+
+
+@check("run and narrow run", "the modes at an input do not depend on the range asked for")
+def run_and_narrow_run(evidence: Evidence, notes: Notes) -> None:
+    """Compare the rows of samples with those of runs that have little else."""
+    for sample in asked_inputs(evidence, 3):
+        q, values = at_sample(evidence, sample)
+        near = tuple(
+            replace(item, start=float(x) - NARROW, stop=float(x) + NARROW)
+            for item, x in zip(evidence.tracer.mechanism.inputs, q, strict=True)
+        )
+        narrow = Tracer(replace(evidence.tracer.mechanism, inputs=near), samples=3)
+        motion = narrow.motion()
+        chosen = (motion.sample == 1) & (motion.status == Status.OK)
+        alone = placed(evidence.tracer, motion.values[chosen])
+        rows = placed(evidence.tracer, values)
+        where = place_of(q)
+        _lack(notes, lacking(rows, alone), "a narrow run", narrow.claim, "a run", where)
+        _lack(
+            notes,
+            lacking(alone, rows),
+            "a run",
+            evidence.tracer.claim,
+            "a narrow one",
+            where,
+        )
+
+
+@check("run and forward", "forward kinematics finds the modes that a run has")
+def run_and_forward(evidence: Evidence, notes: Notes) -> None:
+    """Compare the rows of samples with all assemblies found at one input."""
+    tracer = evidence.tracer
+    for sample in asked_inputs(evidence, 3):
+        q, values = at_sample(evidence, sample)
+        here = assemblies(tracer.solver, q)
+        complete = all(m is None or m.is_complete for m in here.methods)
+        claim = Claim(
+            Guarantee.COMPLETE if complete else Guarantee.SAMPLED, "forward kinematics"
+        )
+        alone = placed(tracer, np.array([found for _, found in here.modes]))
+        rows = placed(tracer, values)
+        where = place_of(q)
+        _lack(notes, lacking(rows, alone), "forward kinematics", claim, "a run", where)
+        _lack(
+            notes,
+            lacking(alone, rows),
+            "a run",
+            tracer.claim,
+            "forward kinematics",
+            where,
+        )
+
+
+@check("whole turns", "a range a whole turn on has the same modes, without wheels in mesh")
+def whole_turns(evidence: Evidence, notes: Notes) -> None:
+    """Compare the rows of samples with those of the range moved by a turn."""
+    if any(pair.type == "Cr" for pair in evidence.mechanism.pairs):
+        return
+    motion, tracer = evidence.motion, evidence.tracer
+    samples = asked_inputs(evidence, 3)
+    moved = tuple(
+        replace(item, start=item.start + 2.0 * np.pi, stop=item.stop + 2.0 * np.pi)
+        for item in tracer.mechanism.inputs
+    )
+    again = Tracer(replace(tracer.mechanism, inputs=moved), samples=evidence.samples)
+    other = again.motion()
+    for sample in samples:
+        q, values = at_sample(evidence, sample)
+        chosen = (other.sample == sample) & (other.status == Status.OK)
+        assert motion.samples == other.samples
+        alone, rows = placed(tracer, other.values[chosen]), placed(tracer, values)
+        where = place_of(q)
+        _lack(notes, lacking(rows, alone), "a run a turn on", again.claim, "a run", where)
+        _lack(notes, lacking(alone, rows), "a run", tracer.claim, "one a turn on", where)

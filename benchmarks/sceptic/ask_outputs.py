@@ -1,0 +1,306 @@
+"""Outputs: inverse and forward kinematics, closed forms and the graph, workspaces."""
+
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.sceptic.ask_modes import place_of
+from benchmarks.sceptic.check import check
+from benchmarks.sceptic.evidence import Evidence
+from benchmarks.sceptic.finding import Kind, Notes
+from spherekit.conventions import Status
+from spherekit.motion.branches import wrap
+from spherekit.output.solutions import Solutions
+from spherekit.sphere.rotation import Floats, from_quaternion
+from spherekit.workspace.inverse import ClosedPoses, InverseRows, PoseSolver, pose_solver
+
+PLACES = 4
+"""At how many inputs poses are compared."""
+CLEAR = 0.02
+"""Least measure of singularity of configurations that are compared."""
+SAME = 1e-6
+"""Inputs and poses that differ by less (rad) are one."""
+STEP = 1e-4
+"""By how much (rad) a pose is turned for rates."""
+DIRECTIONS = 3000
+"""Random directions by which an area is estimated."""
+DEVIATIONS = 5.0
+"""By how many standard deviations an estimated area may be off."""
+EDGE = 1e-6
+"""Places nearer (rad) to a limit are on neither side of it."""
+
+
+@final
+class Outputs:
+    """The pose solver of a mechanism, poses at some inputs, and their inverse."""
+
+    def __init__(self, evidence: Evidence) -> None:
+        self.evidence = evidence
+        self.solver: PoseSolver = pose_solver(evidence.mechanism)
+
+    @cached_property
+    def inputs(self) -> Floats:
+        """Inputs (n, inputs) within their ranges."""
+        items = self.evidence.mechanism.inputs
+        low, high = (np.array([getattr(i, x) for i in items]) for x in ("start", "stop"))
+        share = self.evidence.random.random((PLACES, len(items)))
+        return np.asarray(low + share * (high - low))
+
+    @cached_property
+    def forward(self) -> Solutions:
+        """Every pose found at the inputs."""
+        return self.solver.forward(self.inputs)
+
+    def poses(self, found: Solutions) -> Floats:
+        """Return solutions in the terms of poses: directions, or rotations."""
+        if not self.solver.points:
+            return found.rotations
+        assert found.directions is not None
+        return found.directions
+
+    def inverse(self, solver: PoseSolver, poses: Floats) -> InverseRows:
+        """Return the configurations of poses in every mode."""
+        return solver.inverse(poses, solver.modes)
+
+
+def outputs_of(evidence: Evidence) -> Outputs | None:
+    """Return what solves poses, None where there is no output with an inverse."""
+    if len(evidence.mechanism.inputs) not in (2, 3) or not evidence.mechanism.outputs:
+        return None
+    return Outputs(evidence)
+
+
+def clear(rows: InverseRows) -> "np.ndarray":
+    """Return which rows (k,) have a configuration well away from singularities."""
+    least = np.fmin(np.min(rows.type_1, axis=1), rows.type_2)
+    return np.asarray((rows.status == Status.OK) & (least > CLEAR))
+
+
+def apart(one: Floats, other: Floats) -> Floats:
+    """Return by how much (n, m) rows of inputs (n, k) and (m, k) differ, turns apart."""
+    return np.asarray(np.max(np.abs(wrap(one[:, None] - other[None])), axis=2, initial=0.0))
+
+
+@check("forward and inverse", "the inverse of a pose at inputs has these inputs, and back")
+def forward_and_inverse(evidence: Evidence, notes: Notes) -> None:
+    """Go from inputs to poses to inputs, and from these to poses."""
+    made = outputs_of(evidence)
+    if made is None:
+        return
+    found = made.forward
+    poses = made.poses(found)
+    if not len(poses):
+        return
+    rows = made.inverse(made.solver, poses)
+    for k in range(len(poses)):
+        own = (rows.pose == k) & (rows.status != Status.OUT_OF_REACH)
+        q = made.inputs[found.row[k]]
+        gap = apart(q[None], rows.inputs[own])
+        near = np.flatnonzero(own)[np.argsort(gap[0])] if np.any(own) else []
+        off = float(np.nanmin(gap, initial=np.inf))
+        if not off < SAME:
+            motion = evidence.tracer.given(found.values[k : k + 1])
+            flat = not motion.conditioning[0] < 1e3
+            loose = flat or any(not clear(rows)[n] for n in near[:1])
+            notes.judged()
+            if not loose:
+                notes.found(
+                    f"the pose at {place_of(q)} (solution {k}) has no inverse with these "
+                    f"inputs, the nearest is {off:.2e} rad off"
+                )
+        else:
+            notes.judged()
+    good = np.flatnonzero(clear(rows))[:40]
+    if not len(good):
+        return
+    back = made.solver.forward(rows.inputs[good])
+    every = made.poses(back)
+    for n, row in enumerate(good):
+        gap = np.abs(every[back.row == n] - poses[rows.pose[row]])
+        off = float(np.min(np.max(gap.reshape(len(gap), -1), axis=1), initial=np.inf))
+        notes.contradiction(
+            not off < SAME,
+            f"the inputs {place_of(rows.inputs[row])} of a pose in mode "
+            f"{rows.mode[row]} lead "
+            f"back to poses of which the nearest is {off:.2e} off",
+        )
+
+
+@check("inverse and its rates", "rates of the inputs are slopes of the inverse")
+def inverse_and_rates(evidence: Evidence, notes: Notes) -> None:
+    """Turn poses a little about each axis and compare inputs with rates."""
+    made = outputs_of(evidence)
+    if made is None:
+        return
+    poses = made.poses(made.forward)[:PLACES]
+    if not len(poses):
+        return
+    rows = made.inverse(made.solver, poses)
+    good = np.flatnonzero(clear(rows))[:12]
+    for axis in range(3):
+        ends = []
+        for sign in (1.0, -1.0):
+            turn = Rotation.from_rotvec(sign * STEP * np.eye(3)[axis]).as_matrix()
+            turned = poses @ turn.T if made.solver.points else turn @ poses
+            ends.append(made.inverse(made.solver, turned))
+        for row in good:
+            near = []
+            for end in ends:
+                own = np.flatnonzero(
+                    (end.pose == rows.pose[row]) & (end.status == Status.OK)
+                )
+                gap = apart(rows.inputs[row][None], end.inputs[own])
+                if not len(own) or not np.min(gap) < 0.01:
+                    break
+                near.append(end.inputs[own[int(np.argmin(gap))]])
+            if len(near) < 2:
+                continue
+            slope = wrap(near[0] - near[1]) / (2.0 * STEP)
+            given = rows.rates[row][:, axis]
+            off = float(np.max(np.abs(slope - given)))
+            size = max(1.0, float(np.max(np.abs(rows.rates[row]))))
+            notes.contradiction(
+                not off < 1e-4 * size**3,
+                f"{place_of(rows.inputs[row])}, mode {rows.mode[row]}: rates about axis "
+                f"{axis} are {given.round(6)}, the inputs change by {slope.round(6)}",
+            )
+
+
+@check("closed form and graph", "both inverse kinematics give the same inputs of a pose")
+def closed_form_and_graph(evidence: Evidence, notes: Notes) -> None:
+    """Compare the inputs of some poses in the closed form and on the graph."""
+    made = outputs_of(evidence)
+    if made is None or not isinstance(made.solver, ClosedPoses):
+        return
+    graph = pose_solver(evidence.mechanism, graph=True)
+    if isinstance(graph, ClosedPoses):
+        return
+    poses = made.poses(made.forward)[:3]
+    if not len(poses):
+        return
+    closed, free = made.inverse(made.solver, poses), made.inverse(graph, poses)
+    for k in range(len(poses)):
+        one, other = (
+            each.inputs[(each.pose == k) & clear(each)] for each in (closed, free)
+        )
+        other_all, one_all = (
+            each.inputs[(each.pose == k) & (each.status != Status.OUT_OF_REACH)]
+            for each in (free, closed)
+        )
+        less = int(np.sum(np.min(apart(one, other_all), axis=1, initial=np.inf) > SAME))
+        more = int(np.sum(np.min(apart(other, one_all), axis=1, initial=np.inf) > SAME))
+        notes.contradiction(
+            less > 0,
+            f"pose {k}: the graph lacks {less} of {len(one)} inputs of a closed form",
+        )
+        notes.judged()
+        if more:
+            notes.found(
+                f"pose {k}: the closed form lacks {more} of {len(other)} inputs of the "
+                f"graph",
+                Kind.SHORT,
+            )
+
+
+@check("workspace and inverse", "inside is where the inverse has inputs; areas by chance")
+def workspace_and_inverse(evidence: Evidence, notes: Notes) -> None:
+    """Solve poses of the table of a workspace, and estimate its areas."""
+    ran = evidence.ran("workspace")
+    made = None if ran.status else outputs_of(evidence)
+    if made is None:
+        if ran.status and len(evidence.mechanism.inputs) in (2, 3):
+            notes.refused.append(f"workspace: {ran.err.strip()[:90]}")
+        return
+    frame, areas = ran.tables["workspace"], ran.tables["workspace_areas"]
+    names = ["x", "y", "z"] if made.solver.points else ["x", "y", "z", "w"]
+    for mode, rows in frame.groupby("mode", observed=True):
+        chosen = evidence.random.permutation(len(rows))[:150]
+        some = rows.iloc[chosen]
+        places = some[names].to_numpy()
+        if not made.solver.points:
+            places = from_quaternion(places)
+        found = made.solver.inverse(places, [str(mode)])
+        inside = some["inside"].astype(str).to_numpy() == "yes"
+        reached = np.zeros(len(some), dtype=bool)
+        solved = (found.status != Status.OUT_OF_REACH) & np.isfinite(found.inputs).all(
+            axis=1
+        )
+        reached[found.pose[solved]] = True
+        margin = some["margin"].to_numpy()
+        wrong = (inside != reached) & (np.abs(margin) > EDGE)
+        notes.judged(len(some))
+        if np.any(wrong):
+            k = int(np.flatnonzero(wrong)[0])
+            notes.found(
+                f"mode {mode}: {some[names].iloc[k].to_list()} is "
+                f"{'inside' if inside[k] else 'outside'} with a margin of "
+                f"{margin[k]:.3g}, the "
+                f"inverse says the opposite; {int(np.sum(wrong))} of {len(some)} such "
+                f"places"
+            )
+        if not made.solver.points:
+            continue
+        own = areas[(areas["mode"] == mode) & (areas["part"].astype(str) == "whole")]
+        _area(made, str(mode), own["size"].item(), own["error"].item(), notes)
+
+
+def _area(made: Outputs, mode: str, size: float, error: float, notes: Notes) -> None:
+    """Compare an area (sr) with the share of random directions that are reached."""
+    given = made.evidence.random.normal(size=(DIRECTIONS, 3))
+    given /= np.linalg.norm(given, axis=1)[:, None]
+    found = made.solver.inverse(given, [mode])
+    reached = np.unique(found.pose[found.status != Status.OUT_OF_REACH])
+    share = len(reached) / DIRECTIONS
+    told = size / (4.0 * np.pi)
+    spread = np.sqrt(max(told * (1.0 - told), 1.0 / DIRECTIONS) / DIRECTIONS)
+    notes.contradiction(
+        abs(share - told) > DEVIATIONS * spread + error,
+        f"mode {mode}: the area is {size:.5g} sr, {told:.4f} of the sphere, but the "
+        f"inverse "
+        f"reaches {share:.4f} of {DIRECTIONS} random directions",
+    )
+
+
+@check("rotation and forward", "an equivalent rotation's inputs lead to its orientations")
+def rotation_and_forward(evidence: Evidence, notes: Notes) -> None:
+    """Rotate between two poses and look up the poses at the inputs on the way."""
+    made = outputs_of(evidence)
+    if made is None or not len(made.forward.row):
+        return
+    start = made.inputs[made.forward.row[0]]
+    stop = start + 0.2 * evidence.random.normal(size=len(start))
+    names = [item.pair for item in evidence.mechanism.inputs]
+    words = ("start", start), ("end", stop)
+    text = ",".join(
+        f"{word}="
+        + "+".join(f"{n}={x:.9f}" for n, x in zip(names, np.degrees(q), strict=True))
+        for word, q in words
+    )
+    ran = evidence.ran(f"equivalent_rotation:{text},samples=7")
+    if ran.status:
+        notes.refused.append(f"equivalent_rotation: {ran.err.strip()[:90]}")
+        return
+    frame = ran.tables["equivalent_rotation"]
+    (own,) = ran.summary["analyses"]
+    axis = np.array(own["findings"]["axis"])
+    fine = (frame["status"].astype(str) == "OK") & (frame["departure"] < 1e-8)
+    rows = frame[fine.to_numpy()]
+    if len(rows) < 2:
+        return
+    turned = made.solver.forward(rows[[f"q_{name}" for name in names]].to_numpy())
+    home = made.solver.forward(rows[[f"q_{name}" for name in names]].to_numpy()[:1])
+    theta = rows["theta"].to_numpy()
+    for n in range(1, len(rows)):
+        turn = Rotation.from_rotvec((theta[n] - theta[0]) * axis).as_matrix()
+        wanted = turn @ home.rotations
+        here = turned.rotations[turned.row == n]
+        gap = np.abs(wanted[:, None] - here[None])
+        off = float(np.min(np.max(gap, axis=(2, 3)), initial=np.inf))
+        notes.contradiction(
+            not off < SAME,
+            f"theta = {np.degrees(theta[n]):.6f} deg of the rotation {text}: at its "
+            f"inputs no "
+            f"orientation is the start's turned by theta, the nearest is {off:.2e} off",
+        )

@@ -1,0 +1,139 @@
+"""What a mechanism's analyses say, each run once, by its command."""
+
+import io
+import json
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, final
+from zlib import crc32
+
+import numpy as np
+import pandas as pd
+
+from benchmarks.sceptic.suspects import Suspect
+from spherekit.analysis.frames import read_parquet
+from spherekit.cli.main import main
+from spherekit.files.write import dump
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.configuration import Configurations
+from spherekit.motion.motion import DEFAULT_SAMPLES, Motion, Tracer
+
+ANALYSES = (
+    "poles",
+    "singularities",
+    "eksergian",
+    "inverse_kinematics",
+    "workspace",
+    "equivalent_rotation",
+)
+
+SECONDS = 8.0
+"""Processor time for the singular curves and surfaces of a random mechanism."""
+
+
+@final
+@dataclass(frozen=True)
+class Ran:
+    """What a command left: exit status, what it printed, its tables and its summary."""
+
+    status: int
+    out: str
+    err: str
+    tables: dict[str, pd.DataFrame]
+    summary: dict[str, Any]
+
+    @property
+    def said(self) -> str:
+        """All that it printed."""
+        return f"{self.out}\n{self.err}"
+
+    @property
+    def units(self) -> dict[str, dict[str, str]]:
+        """The unit of each column of each table, as its Parquet file says it."""
+        return {name: frame.attrs.get("units", {}) for name, frame in self.tables.items()}
+
+
+@final
+class Evidence:
+    """A mechanism, and what its analyses say of it, each asked once."""
+
+    def __init__(self, suspect: Suspect, folder: Path) -> None:
+        self.suspect, self.folder = suspect, folder
+        self.mechanism: Mechanism = suspect.mechanism
+        self._ran: dict[tuple[str, ...], Ran] = {}
+        self.begin("")
+
+    def numbers(self, what: str) -> np.random.Generator:
+        """Return random numbers that are always the same for this mechanism and word."""
+        return np.random.default_rng(crc32(f"{self.suspect.name} {what}".encode()))
+
+    def begin(self, check: str) -> None:
+        """Draw `random` anew for a check, so that it does not depend on those before."""
+        self.random = self.numbers(check)
+
+    @cached_property
+    def samples(self) -> int:
+        """How many samples its runs have."""
+        return self.suspect.samples or DEFAULT_SAMPLES
+
+    @cached_property
+    def path(self) -> Path:
+        """The shipped mechanism's name, or a file of a random one."""
+        if self.suspect.kind == "shipped":
+            return Path(self.suspect.name)
+        path = self.folder / f"{self.suspect.name}.toml"
+        dump(self.mechanism, path)
+        return path
+
+    @property
+    def single(self) -> bool:
+        """Whether it has one input."""
+        return len(self.mechanism.inputs) == 1
+
+    @cached_property
+    def tracer(self) -> Tracer:
+        """Its branches at the samples of its runs."""
+        return Tracer(self.mechanism, samples=self.samples)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Its configurations at these samples."""
+        return self.tracer.motion()
+
+    @cached_property
+    def configurations(self) -> Configurations:
+        """Its configuration curves, with one input."""
+        return self.tracer.configurations
+
+    def ran(self, analysis: str, *words: str) -> Ran:
+        """Return what `spherekit run FILE -a ANALYSIS WORDS` leaves.
+
+        Those of random mechanisms have fewer samples, and less time for singular curves.
+        """
+        if self.suspect.samples and analysis == "singularities" and not self.single:
+            analysis = f"singularities:seconds={SECONDS:g}"
+        key = (analysis, *words)
+        if key not in self._ran:
+            self._ran[key] = self._run(analysis, words)
+        return self._ran[key]
+
+    def _run(self, analysis: str, words: tuple[str, ...]) -> Ran:
+        folder = self.folder / f"ran_{len(self._ran)}"
+        command = ["run", str(self.path), "-a", analysis, "-o", str(folder), *words]
+        if self.suspect.samples and "--samples" not in words:
+            command += ["--samples", str(self.suspect.samples)]
+        command += ["--format", "parquet"]
+        out, err = io.StringIO(), io.StringIO()
+        with redirect_stdout(out), redirect_stderr(err):
+            try:
+                status = main(command)
+            except SystemExit as ended:
+                status = int(ended.code or 0)
+        tables = {
+            path.stem: read_parquet(path) for path in sorted(folder.glob("*.parquet"))
+        }
+        summary = folder / "summary.json"
+        told = json.loads(summary.read_text()) if summary.exists() else {}
+        return Ran(status, out.getvalue(), err.getvalue(), tables, told)

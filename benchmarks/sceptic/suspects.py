@@ -1,0 +1,251 @@
+"""The mechanisms that are examined: all shipped ones, and random ones of every kind."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from benchmarks.random_mechanisms import random_mechanism
+from benchmarks.samples import EIGHT_BARS, grown, mechanism, random_axes, with_contacts
+from spherekit.errors import SpherekitError
+from spherekit.files.library import shipped
+from spherekit.files.read import load
+from spherekit.model.dynamics import Mass
+from spherekit.model.mechanism import (
+    Input,
+    LinkSizes,
+    Mechanism,
+    Output,
+    Pair,
+    PoseGeometry,
+    Profile,
+    SizeGeometry,
+)
+from spherekit.motion.motion import Tracer
+
+TURN = 2.0 * np.pi
+RANGES = ((0.0, TURN), (-np.pi, np.pi), (0.0, 2.0 * TURN), (-0.7, 1.9), (-TURN, TURN))
+"""Ranges of inputs (rad), two of them of more than one turn."""
+SPECIAL = (30.0, 45.0, 60.0, 90.0, 90.0, 120.0, 135.0)
+"""Arcs (deg) of special geometry."""
+OFF = (0.0, 0.0, 1e-3, 1e-6, 1e-9, 1e-12)
+"""By how much (rad) arcs of special geometry miss what they should be."""
+TEETH = ((20, 40), (30, 30), (18, 36), (17, 23), (40, 20))
+
+
+@final
+@dataclass(frozen=True)
+class Suspect:
+    """A mechanism under its name, the kind it is of, and the samples it is run with."""
+
+    name: str
+    kind: str
+    mechanism: Mechanism
+    samples: int | None = None
+
+
+def shipped_suspects(names: Sequence[str] = ()) -> list[Suspect]:
+    """Return the shipped mechanisms of these names, by default all."""
+    every = sorted(name for pack in shipped() for name in pack.files)
+    return [Suspect(name, "shipped", load(name)) for name in names or every]
+
+
+def random_suspects(count: int, seed: int) -> Iterator[Suspect]:
+    """Yield random mechanisms, `count` from a seed on, kinds in turn.
+
+    What cannot be assembled is drawn again, so all of them move.
+    """
+    return (random_suspect(seed + k) for k in range(count))
+
+
+def random_suspect(seed: int) -> Suspect:
+    """Return the mechanism of a seed."""
+    kind = tuple(KINDS)[seed % len(KINDS)]
+    random = np.random.default_rng([seed, 20])
+    while True:
+        try:
+            made = KINDS[kind](random)
+            Tracer(made, samples=3, search=isinstance(made.geometry, SizeGeometry))
+        except SpherekitError:
+            continue
+        made = replace(with_masses(random, made), name=f"random_{seed}")
+        return Suspect(f"random_{seed}", kind, made, 91)
+
+
+def with_masses(random: np.random.Generator, made: Mechanism) -> Mechanism:
+    """Return a mechanism some of whose links have inertia; the others have none."""
+    masses = []
+    for link in made.links[1:]:
+        if random.random() < 0.6:
+            a = random.normal(size=(3, 3))
+            spread = 1e-3 * (a @ a.T)
+            tensor = np.trace(spread) * np.eye(3) - spread
+            masses.append(Mass(link, tuple(tuple(map(float, row)) for row in tensor)))
+    return replace(made, masses=tuple(masses))
+
+
+def _special_arcs(random: np.random.Generator) -> list[float]:
+    """Return four arcs (deg) of a loop: equal, right, a kite, a parallelogram, any."""
+    a, b, c, d = (float(x) for x in random.choice(SPECIAL, 4))
+    ways = ([a] * 4, [a, b, a, b], [a, b, b, a], [a, a, b, b], [a, b, c, d], [90.0] * 4)
+    arcs = list(ways[random.integers(len(ways))])
+    off = np.degrees(random.choice(OFF))
+    arcs[random.integers(4)] += float(off)
+    return arcs
+
+
+def _range(random: np.random.Generator) -> tuple[float, float]:
+    return RANGES[random.integers(len(RANGES))]
+
+
+def _four_bar(random: np.random.Generator) -> Mechanism:
+    arcs = np.radians(_special_arcs(random))
+    links = ("1", "2", "3", "4")
+    names = ("21", "32", "43", "41")
+    on = (("21", "41"), ("21", "32"), ("32", "43"), ("41", "43"))
+    ends = (("1", "2"), ("2", "3"), ("3", "4"), ("1", "4"))
+    sizes = {
+        link: LinkSizes(axes, (float(arc),))
+        for link, axes, arc in zip(links, on, arcs, strict=True)
+    }
+    driven = names[0] if random.random() < 0.7 else names[3]
+    return Mechanism(
+        "made",
+        "1",
+        links,
+        tuple(Pair(n, "R", e) for n, e in zip(names, ends, strict=True)),
+        SizeGeometry(sizes),
+        (Input(driven, *_range(random)),),
+    )
+
+
+def _six_bar(random: np.random.Generator) -> Mechanism:
+    """Return a four-bar with a dyad, all by sizes, many of them special."""
+    base = _four_bar(random)
+    assert isinstance(base.geometry, SizeGeometry)
+    sizes = dict(base.geometry.links)
+    stands = random.permutation(["1", "2", "3", "4"])[:2]
+    arcs = np.radians(random.choice(SPECIAL, 4))
+    pairs = list(base.pairs)
+    names = ("p5", "p56", "p6")
+    for link, name, arc in zip(stands, (names[0], names[2]), arcs[:2], strict=True):
+        own = sizes[link]
+        angle = np.radians(float(random.choice([0.0, 90.0, 180.0, 37.0])))
+        sizes[link] = LinkSizes((*own.axes, name), (*own.arcs, float(arc)), (float(angle),))
+    sizes["5"] = LinkSizes(("p5", "p56"), (float(arcs[2]),))
+    sizes["6"] = LinkSizes(("p6", "p56"), (float(arcs[3]),))
+    pairs += [
+        Pair("p5", "R", (str(stands[0]), "5")),
+        Pair("p56", "R", ("5", "6")),
+        Pair("p6", "R", (str(stands[1]), "6")),
+    ]
+    return replace(
+        base,
+        links=(*base.links, "5", "6"),
+        pairs=tuple(pairs),
+        geometry=SizeGeometry(sizes),
+    )
+
+
+def _geared(random: np.random.Generator) -> Mechanism:
+    """Return a five-bar whose cranks on the ground mesh, over several turns."""
+    one, other = TEETH[random.integers(len(TEETH))]
+    shafts = np.radians(random.uniform(40.0, 120.0))
+    first = np.arctan2(np.sin(shafts), other / one + np.cos(shafts))
+    left = np.array([0.0, 0.0, 1.0])
+    right = np.array([np.sin(shafts), 0.0, np.cos(shafts)])
+    axes = random_axes(random, 3)
+    pairs = (
+        Pair("left", "R", ("ground", "a")),
+        Pair("right", "R", ("ground", "b")),
+        Pair("ac", "R", ("a", "c")),
+        Pair("cd", "R", ("c", "d")),
+        Pair("bd", "R", ("b", "d")),
+        Pair(
+            "mesh",
+            "Cr",
+            ("a", "b"),
+            (
+                Profile("circle", tuple(map(float, left)), float(first)),
+                Profile("circle", tuple(map(float, right)), float(shafts - first)),
+            ),
+        ),
+    )
+    given = dict(
+        zip(("left", "right", "ac", "cd", "bd"), (left, right, *axes), strict=True)
+    )
+    span = ((0.0, 2 * TURN), (-TURN, TURN), (0.0, 3 * TURN))[random.integers(3)]
+    return Mechanism(
+        "made",
+        "ground",
+        ("ground", "a", "b", "c", "d"),
+        pairs,
+        PoseGeometry({name: tuple(map(float, axis)) for name, axis in given.items()}),
+        (Input("left" if random.random() < 0.7 else "right", *span),),
+    )
+
+
+def _cams(random: np.random.Generator) -> Mechanism:
+    sliding = int(random.integers(1, 3))
+    links = int(random.choice([3, 4, 5]))
+    links += (links + sliding) % 2
+    made = with_contacts(random, links, int(random.integers(0, 2)), sliding)
+    return _driven_anywhere(random, made)
+
+
+def _legs(random: np.random.Generator, count: int) -> Mechanism:
+    """Return a five-bar that points, or a 3-RRR, with random or special axes."""
+    edges = [(1, 2), (2, 3), (3, 4), (4, 5), (1, 5)]
+    if count == 3:
+        edges = [(1, 2), (2, 3), (3, 8), (1, 4), (4, 5), (5, 8), (1, 6), (6, 7), (7, 8)]
+    axes = random_axes(random, len(edges))
+    if random.random() < 0.4:
+        axes[random.integers(len(axes))] = np.eye(3)[random.integers(3)]
+    made = mechanism(edges, axes)
+    spans = [(-1.0, 1.2), (0.0, TURN), (-np.pi, np.pi)]
+    low, high = spans[random.integers(len(spans))]
+    driven = [p.name for p in made.pairs if p.links[0] == "1"]
+    inputs = tuple(Input(name, low, high) for name in driven)
+    direction = None if count == 3 else tuple(float(x) for x in axes[2])
+    output = Output("body", "8" if count == 3 else "3", "1", direction)
+    return replace(made, inputs=inputs, outputs=(output,))
+
+
+def _driven_anywhere(random: np.random.Generator, made: Mechanism) -> Mechanism:
+    turning = [pair.name for pair in made.pairs if pair.type == "R"]
+    driven = str(random.choice(turning))
+    return replace(made, inputs=(Input(driven, *_range(random)),))
+
+
+def _grown(random: np.random.Generator) -> Mechanism:
+    made = grown(random, int(random.choice([6, 6, 8])), bool(random.random() < 0.5))
+    return _driven_anywhere(random, made)
+
+
+def _any(random: np.random.Generator) -> Mechanism:
+    """Return what the fuzzing of poles draws from, with a range that is worth it."""
+    _, made = random_mechanism(int(random.integers(1 << 30)))
+    if len(made.links) > 8:
+        raise SpherekitError("too large to examine many of")
+    inputs = tuple(Input(item.pair, *_range(random)) for item in made.inputs)
+    return replace(made, inputs=inputs)
+
+
+def _eight_bar(random: np.random.Generator) -> Mechanism:
+    chain = EIGHT_BARS[random.integers(len(EIGHT_BARS))]
+    return _driven_anywhere(random, mechanism(chain, random_axes(random, 10)))
+
+
+KINDS = {
+    "four-bar of special arcs": _four_bar,
+    "geared five-bar": _geared,
+    "two inputs": lambda random: _legs(random, 2),
+    "six-bar of special arcs": _six_bar,
+    "cams": _cams,
+    "dyads and triads": _grown,
+    "any graph": _any,
+    "three inputs": lambda random: _legs(random, 3),
+    "eight-bar": _eight_bar,
+}
+"""What random mechanisms are of, in turn."""

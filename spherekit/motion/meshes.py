@@ -1,0 +1,342 @@
+"""How far wheels have rolled at an input, which is a place on the line, not on the circle.
+
+Two wheels put together one turn further on close the loops as well, and stand differently.
+Which of these assemblies a file means is said at one value of the inputs, the anchor: that
+of the reference pose, or zero, where the wheels have rolled least. From there the lengths
+rolled go on with the inputs over any number of turns. Where a train of wheels leads from
+the inputs to a contact, its length is a linear function of them, known also where the
+rest of the mechanism does not close.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import islice, product
+from math import lcm
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.model.geometry import Contact, Joint, Revolute
+from spherekit.motion.arc_length import periods_of
+from spherekit.motion.closure import Closure
+from spherekit.motion.distinct import Distinct
+from spherekit.motion.limits import contact_variables
+from spherekit.motion.locked import Locked, lock
+from spherekit.motion.loops import LoopTree
+from spherekit.motion.search import search
+from spherekit.motion.steps import nodes_at, walk
+from spherekit.sphere.rotation import Floats
+from spherekit.sphere.triangle import Bools
+
+TURN = 2.0 * np.pi
+TRIED = (0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, 1.5, -1.5, 2.5, -2.5, 3.1)
+"""Inputs (rad) at which a configuration is looked for, from the anchor."""
+WAYS = 8
+"""Straight ways of the inputs along which rates are compared."""
+LONGEST_WAY = 1.0
+"""The longest of them (rad)."""
+CONSTANT = 1e-9
+"""Rates that differ by less, relative, are the same everywhere."""
+SPREAD = 1e-3
+"""Inputs (rad) that compared rates lie apart at least."""
+FLAT = 1e-5
+"""Configurations of a smaller relative singular value say nothing precise of rates."""
+SAME_LENGTH = 1e-7
+"""Lengths (rad) that differ by less are one."""
+MOST_TEETH = 10_000
+"""Ratios of wheels are of whole numbers up to this, or none."""
+SAME_RATIO = 1e-9
+"""Laps in a turn of an input that differ by less are the same."""
+MOST_CHOICES, MOST_SORTED, MOST_ASSEMBLIES = 8, 4096, 64
+"""Lengths of one contact, assemblies of all, and the least rolled of those, to be tried."""
+MOST_TURNS = 12
+"""Whole turns of an input by which a configuration found may have been put together."""
+STARTS = 16
+"""Starts from which each of them is closed."""
+
+
+@final
+@dataclass(frozen=True)
+class Meshes:
+    """The rolled lengths that follow from the inputs alone.
+
+    `variables` are their numbers; `lengths` (m,) those at the inputs `anchor` (k,), rad;
+    `ratios` (m, k) their rates by the inputs. `all_known` says that no other contact
+    rolls. `periods` (k,) is the growth of each input with which the same assembly
+    returns, infinite if there is none.
+    """
+
+    variables: tuple[int, ...]
+    anchor: Floats
+    lengths: Floats
+    ratios: Floats
+    periods: Floats
+    all_known: bool
+
+    def at(self, q: Floats) -> dict[int, float]:
+        """Return the lengths (rad) by the numbers of their variables at inputs q (k,)."""
+        lengths = self.rolled(q[None])[0]
+        return dict(zip(self.variables, map(float, lengths), strict=True))
+
+    def rolled(self, q: Floats) -> Floats:
+        """Return the lengths (n, m), rad, at inputs q (n, k)."""
+        return np.asarray(self.lengths + (q - self.anchor) @ self.ratios.T)
+
+    def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
+        """Return the closed configurations (variables,) found at inputs q (k,)."""
+        far, q = q, self._less_periods(q)
+        held = dict(zip(driven, map(float, q), strict=True)) | self.at(q)
+        locked = _lock_all(closure, held)
+        found = np.zeros((1, 0))
+        if locked.kept:
+            distinct = Distinct(locked.closure)
+            search(locked.closure, distinct)
+            found = np.array(distinct.values).reshape(-1, len(locked.kept))
+        whole = locked.whole(found)
+        gap = np.max(np.abs(closure.linearise(whole)[0]), axis=1, initial=0.0)
+        return [self.moved(each, driven, far) for each in whole[gap < CLOSURE_TOLERANCE]]
+
+    def _less_periods(self, q: Floats) -> Floats:
+        """Return inputs (k,) as near to the anchor as whole periods bring them."""
+        finite = np.isfinite(self.periods)
+        periods = np.where(finite, self.periods, 1.0)
+        laps = np.where(finite, np.round((q - self.anchor) / periods), 0.0)
+        return np.asarray(q - laps * periods)
+
+    def moved(self, values: Floats, driven: Sequence[int], q: Floats) -> Floats:
+        """Return the same configuration (variables,) at inputs nearest to q (k,).
+
+        The inputs grow by whole periods.
+        """
+        values, held = values.copy(), list(driven)
+        finite = np.isfinite(self.periods)
+        periods = np.where(finite, self.periods, 1.0)
+        laps = np.where(finite, np.round((q - values[held]) / periods), 0.0)
+        values[held] += laps * periods
+        values[list(self.variables)] += self.ratios @ (laps * periods)
+        return values
+
+
+def _lock_all(closure: Closure, held: dict[int, float]) -> Locked:
+    """Return a closure with pairs locked, and the R pairs that can then move no more."""
+    locked = lock(closure, held)
+    tree, joints = locked.closure.tree, locked.closure.joints
+    _, states = locked.closure.place(np.zeros((1, len(locked.kept))))
+    fixed = {}
+    for pair, (one, other) in enumerate(tree.ends):
+        if one == other and isinstance(joints[pair], Revolute):
+            turn = states.first[0, pair].T @ states.second[0, pair]
+            variable = locked.kept[tree.owners.index(pair)]
+            fixed[variable] = float(np.arctan2(turn[1, 0], turn[0, 0]))
+    return lock(closure, held | fixed) if fixed else locked
+
+
+def rolling_variables(closure: Closure) -> list[int]:
+    """Return the numbers of the variables that are lengths rolled."""
+    return [
+        contact_variables(closure, pair)[0]
+        for pair, joint in enumerate(closure.joints)
+        if isinstance(joint, Contact) and joint.rolling
+    ]
+
+
+def meshes_of(
+    closure: Closure, driven: Sequence[int], reference: Floats | None
+) -> Meshes | None:
+    """Return what is known of the lengths rolled, None where no contact rolls.
+
+    `driven` are the variables of the inputs, `reference` (variables,) those of a reference
+    pose.
+    """
+    rolling = rolling_variables(closure)
+    if not rolling:
+        return None
+    count = len(driven)
+    endless = np.full(count, np.inf)
+    for values in _configurations(closure, driven, reference):
+        rates = _constant_rates(closure, driven, values)
+        if rates is None:
+            continue
+        known = [variable for variable in rolling if np.all(np.isfinite(rates[variable]))]
+        ratios = rates[known]
+        if reference is not None:
+            anchor, lengths = reference[list(driven)], reference[known]
+        else:
+            anchor = np.zeros(count)
+            lengths = _least_rolled(closure, driven, values, rates, known)
+        all_known = len(known) == len(rolling)
+        periods = endless
+        if all_known:
+            periods = np.array([_period(closure, known, each) for each in ratios.T])
+        return Meshes(tuple(known), anchor, lengths, ratios, periods, all_known)
+    none = np.zeros((0, count))
+    return Meshes((), np.zeros(count), none[:, 0], none, endless, False)
+
+
+def _configurations(
+    closure: Closure, driven: Sequence[int], reference: Floats | None
+) -> Iterator[Floats]:
+    """Yield closed configurations (variables,), the wheels put together anyhow."""
+    if reference is not None:
+        yield closure.solve(reference[None], driven).values[0]
+        return
+    for place in TRIED:
+        # no direction of several inputs is a special one
+        q = place * (1.0 + 0.37 * np.arange(len(driven)))
+        locked = lock(closure, dict(zip(driven, map(float, q), strict=True)))
+        found = Distinct(locked.closure)
+        search(locked.closure, found)
+        yield from locked.whole(np.array(found.values).reshape(-1, len(locked.kept)))
+
+
+def _constant_rates(
+    closure: Closure, driven: Sequence[int], values: Floats
+) -> Floats | None:
+    """Return the rates (variables, k) by the inputs that are the same everywhere.
+
+    Those of other variables are NaN; None where the configuration does not move.
+    """
+    random = np.random.default_rng(20240616)
+    count = len(driven)
+    ways = random.normal(size=(WAYS, count))
+    ways *= (LONGEST_WAY * (1.0 - np.arange(WAYS) / WAYS) / np.linalg.norm(ways, axis=1))[
+        :, None
+    ]
+    start = np.repeat(values[None], WAYS, axis=0)
+    goal = start[:, list(driven)] + ways
+    with np.errstate(all="ignore"):
+        there, _ = walk(closure, driven, start, goal)
+        every = np.concatenate([values[None], there])
+        slopes = []
+        for direction in np.eye(count):
+            nodes = nodes_at(
+                closure, driven, every, np.repeat(direction[None], len(every), axis=0)
+            )
+            slopes.append(nodes.slope)
+    rates = np.stack(slopes, axis=-1)
+    good = np.all(np.isfinite(rates), axis=(1, 2)) & (nodes.flatness > FLAT)
+    apart = (
+        np.ptp(every[good][:, list(driven)], axis=0) if np.any(good) else np.zeros(count)
+    )
+    if not np.all(apart > SPREAD):
+        return None
+    rates = rates[good]
+    size = 1.0 + np.max(np.abs(rates[0]), axis=1)
+    constant = np.max(np.ptp(rates, axis=0), axis=1) < CONSTANT * size
+    best = rates[np.argmax(nodes.flatness[good])]
+    return np.where(constant[:, None], best, np.nan)
+
+
+def _least_rolled(
+    closure: Closure, driven: Sequence[int], values: Floats, rates: Floats, known: list[int]
+) -> Floats:
+    """Return the lengths (m,) at inputs of zero in which a train has rolled least.
+
+    Of those that have rolled as far, the one with the greatest first length.
+    """
+    grown = rates[known] @ values[list(driven)]
+    joints = [closure.joints[closure.tree.owners[variable]] for variable in known]
+    tried = []
+    for turns in product(range(-MOST_TURNS, MOST_TURNS + 1), np.eye(len(driven))):
+        found = values[known] - grown - TURN * turns[0] * rates[known] @ turns[1]
+        choices = map(_whole_turns_apart, joints, map(float, found))
+        tried += list(islice(product(*choices), MOST_SORTED))
+    lengths = np.array(sorted(tried, key=_rolled)[:MOST_ASSEMBLIES])
+    closes = np.ones(len(lengths), dtype=bool)
+    for train in _trains(closure, rates):
+        closes &= train.closes(values, driven, known, lengths + grown)
+    return np.asarray(
+        lengths[np.argmax(closes)] if np.any(closes) else values[known] - grown
+    )
+
+
+def _rolled(lengths: Sequence[float]) -> tuple[int, ...]:
+    """Return a key that puts assemblies in order, whatever rounding does."""
+    return (
+        round(sum(map(abs, lengths)) / SAME_LENGTH),
+        *(-round(length / SAME_LENGTH) for length in lengths),
+    )
+
+
+def _whole_turns_apart(joint: Joint, length: float) -> list[float]:
+    """Return lengths that differ from one by whole turns of a wheel, the least first."""
+    assert isinstance(joint, Contact)
+    found = {round(length / SAME_LENGTH): length}
+    curves = [curve.length for curve in (joint.first, joint.second) if curve.closed]
+    for lap in curves:
+        least = length - lap * round(length / lap)
+        most = int(np.ceil(0.5 * max(curves) / lap))
+        for turns in range(-most, most + 1):
+            found[round((least + turns * lap) / SAME_LENGTH)] = least + turns * lap
+    return sorted(found.values(), key=abs)[:MOST_CHOICES]
+
+
+@final
+@dataclass(frozen=True)
+class _Train:
+    """Bodies joined by pairs whose variables follow the inputs linearly.
+
+    `variables` are the numbers that those of its closure have in the whole mechanism.
+    """
+
+    closure: Closure
+    variables: tuple[int, ...]
+
+    def closes(
+        self, values: Floats, driven: Sequence[int], known: list[int], lengths: Floats
+    ) -> Bools:
+        """Return (n,) whether the train closes with lengths (n, m) of the `known`."""
+        held = [k for k, v in enumerate(self.variables) if v in known or v in driven]
+        n = len(lengths)
+        whole = np.repeat(values[None], n, axis=0)
+        whole[:, known] = lengths
+        start = np.repeat(whole[:, list(self.variables)], STARTS, axis=0)
+        random = np.random.default_rng(20240616)
+        moved = [k for k in range(len(self.variables)) if k not in held]
+        start[:, moved] += random.uniform(-np.pi, np.pi, (len(start), len(moved)))
+        start[::STARTS, moved] = values[[self.variables[k] for k in moved]]
+        residual = self.closure.solve(start, held, iterations=30).residual
+        return np.asarray(np.any(residual.reshape(n, STARTS) < CLOSURE_TOLERANCE, axis=1))
+
+
+def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
+    """Yield the connected parts of a mechanism whose pairs have constant rates."""
+    tree = closure.tree
+    linear = np.all(np.isfinite(rates), axis=1)
+    of_pair = {
+        pair: [v for v, p in enumerate(tree.owners) if p == pair] for pair in tree.owners
+    }
+    pairs = [pair for pair, own in of_pair.items() if np.all(linear[own])]
+    left = set(pairs)
+    while left:
+        bodies, part = set(tree.ends[min(left)]), set[int]()
+        while new := {pair for pair in left if bodies & set(tree.ends[pair])} - part:
+            part |= new
+            bodies |= {body for pair in new for body in tree.ends[pair]}
+        left -= part
+        number = {body: k for k, body in enumerate(sorted(bodies))}
+        own = sorted(part)
+        yield _Train(
+            Closure(
+                LoopTree(
+                    len(number),
+                    tuple((number[a], number[b]) for a, b in (tree.ends[p] for p in own)),
+                    tuple(k for k, pair in enumerate(own) for _ in of_pair[pair]),
+                ),
+                tuple(closure.joints[pair] for pair in own),
+            ),
+            tuple(v for pair in own for v in of_pair[pair]),
+        )
+
+
+def _period(closure: Closure, known: list[int], ratios: Floats) -> float:
+    """Return the growth (rad) of an input, in whole turns, that all wheels return with."""
+    turns = 1
+    for laps in TURN * ratios / periods_of(closure)[known]:
+        whole = Fraction(float(laps)).limit_denominator(MOST_TEETH)
+        if abs(float(whole) - laps) > SAME_RATIO:
+            return float(np.inf)
+        turns = lcm(turns, whole.denominator)
+    return TURN * turns

@@ -1,0 +1,258 @@
+"""How surely the locked inputs of a mechanism hold an output: the measure of type II.
+
+Let the rates of all pairs misfit: the rates of the two links of pair e differ by what the
+pair allows and by a misfit m_e besides. With the inputs locked, the misfits needed at least
+to turn the output at unit rate are its transmission, the root of the sum of their squares,
+in parts of that which is needed with every pair locked:
+
+    transmission^2 = rho min (sum |m_e|^2)   over all rates that turn the output by 1,
+
+where rho is the resistance between the output and the link it is seen from in the graph
+whose edges are the pairs. It is 0 exactly where the output can turn with the inputs at
+rest, whatever the reason: a singular Jacobian of the output, or loops that lose their rank.
+It is 1 if every pair is locked, and 1 / transmission is by how much the output gives way
+more than that if pairs have play. Misfits that go around no loop turn the output alone; the
+others, J x on an orthonormal basis of the cycles of the graph for rates x of the passive
+pairs, give transmission^-2 = 1 + |A J^+|^2 / rho with A x the part of x on the way to the
+output. No choice of loops, ground, frame or unit of a variable changes it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import LoopTree
+from spherekit.planning.inputs import driven_pairs
+from spherekit.sphere.rotation import Floats
+
+SINGULAR = 1e-6
+"""A configuration whose transmission is less is at a singularity of type II: the output is
+known to less than half the digits of the inputs."""
+LOOSE = 1e10
+"""Equations whose inverse is larger than this are solved by their singular values."""
+STILL = 1e-8
+"""A motion that turns the output by less than this part of its size leaves it at rest."""
+ROWS = 4096
+"""Rows computed at once."""
+
+
+@final
+@dataclass(frozen=True)
+class Transmission:
+    """The measure of one output of a mechanism.
+
+    Attributes
+    ----------
+    tree
+        The loops.
+    driven
+        Numbers of the variables that the inputs lock.
+    link, relative_to
+        Numbers of the bodies that the output joins.
+    direction
+        What the output points at, in the axes of its link, so that turning about it does
+        not count; None where its whole orientation does.
+    """
+
+    tree: LoopTree
+    driven: tuple[int, ...]
+    link: int
+    relative_to: int
+    direction: tuple[float, float, float] | None = None
+
+    @staticmethod
+    def of(mechanism: Mechanism, output: Output) -> "Transmission":
+        """Return the measure of an output with the mechanism's inputs locked.
+
+        With two inputs an output that declares a direction points.
+        """
+        held = [mechanism.variables_of(pair)[0] for pair in driven_pairs(mechanism)]
+        number = mechanism.link_number
+        return Transmission(
+            LoopTree.of(mechanism),
+            tuple(held),
+            number[output.link],
+            number[output.relative_to],
+            output.direction if len(held) == 2 else None,
+        )
+
+    def of_values(self, closure: Closure, values: Floats) -> Floats:
+        """Return the transmission (n,) of configurations (n, variables); NaN for NaN."""
+        placed, states = closure.place(values)
+        return self.at(closure.vectors(placed, states), self.pointed(placed))
+
+    def pointed(self, placed: Floats) -> Floats | None:
+        """Return the directions (n, 3) of a pointing output of bodies (n, bodies, 3, 3)."""
+        if self.direction is None:
+            return None
+        return np.asarray(placed[:, self.link] @ np.array(self.direction))
+
+    def at(self, vectors: Floats, directions: Floats | None = None) -> Floats:
+        """Return the transmission (n,), from 0 at a singularity of type II to 1.
+
+        Parameters
+        ----------
+        vectors
+            (n, variables, 3) angular velocities of the pairs' second links relative to
+            the first per unit rate of each variable, or along them, in any one frame.
+        directions
+            (n, 3) what a pointing output points at, in the same frame: turning about it
+            does not count.
+        """
+        found = np.full(len(vectors), np.nan)
+        known = np.all(np.isfinite(vectors), axis=(1, 2))
+        if directions is not None:
+            known &= np.all(np.isfinite(directions), axis=1)
+        rows = np.flatnonzero(known)
+        for start in range(0, len(rows), ROWS):
+            some = rows[start : start + ROWS]
+            columns, loops = passive_equations(self.tree, self.driven, vectors[some])
+            owners = [self.tree.owners[v] for v in passive(self.tree, self.driven)]
+            way = self._way[owners] * columns
+            towards = None if directions is None else directions[some]
+            found[some] = self._measured(way, loops, towards)
+        return found
+
+    @cached_property
+    def _way(self) -> Floats:
+        """(pairs,) of a current of 1 from the link the output is seen from to its own."""
+        between = np.zeros(self.tree.count)
+        between[self.relative_to] -= 1.0
+        between[self.link] += 1.0
+        return np.asarray(np.linalg.pinv(self.tree.incidence.T, rcond=1e-9) @ between)
+
+    def _measured(self, way: Floats, loops: Floats, directions: Floats | None) -> Floats:
+        """Return the transmission (n,) of finite equations."""
+        n, equations, free = loops.shape
+        if not free:
+            return np.ones(n)
+        if equations != free:
+            gives = _by_singular_values(way, loops)
+        else:
+            generic = np.cos(np.arange(1.0, free + 1.0))
+            sides = np.concatenate([way, np.broadcast_to(generic, (n, 1, free))], axis=1)
+            solved = _solved(loops, sides)
+            gives = solved[:, :3]
+            weak = np.flatnonzero(~(np.max(np.abs(solved[:, 3]), axis=1) < LOOSE))
+            gives[weak] = _by_singular_values(way[weak], loops[weak])
+        if directions is not None:
+            along = np.einsum("nk,nkm->nm", directions, gives)
+            gives = gives - directions[:, :, None] * along[:, None]
+        rho = self._way @ self._way
+        with np.errstate(over="ignore"):
+            return np.asarray(1.0 / np.hypot(1.0, _largest(gives) / np.sqrt(rho)))
+
+
+def passive(tree: LoopTree, driven: Sequence[int]) -> list[int]:
+    """Return the numbers of the variables that no input locks."""
+    return [v for v in range(len(tree.owners)) if v not in driven]
+
+
+def passive_equations(
+    tree: LoopTree, driven: Sequence[int], vectors: Floats
+) -> tuple[Floats, Floats]:
+    """Return orthonormal vectors (n, 3, passive) and the loops (n, 3 loops, passive).
+
+    The loops are those of an orthonormal basis of the cycles, so that their singular
+    values are the sines of the angles between the rates that the passive pairs allow and
+    those that bodies can have.
+    """
+    free = passive(tree, driven)
+    columns = np.swapaxes(_units(tree, vectors)[:, free], 1, 2)
+    through = tree.cycles[:, [tree.owners[v] for v in free]]
+    loops = through[:, None] * columns[:, None]
+    return columns, loops.reshape(len(vectors), 3 * len(through), len(free))
+
+
+def hold(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> tuple[Floats, Floats]:
+    """Return how the locked inputs hold all links, and the part of the greatest hold.
+
+    Both (n,): the least singular value of `passive_equations`, and its ratio to the
+    greatest; 0 where any link can move with the inputs at rest, 1 without passive pairs,
+    NaN where the vectors are.
+    """
+    least, ratio = np.full(len(vectors), np.nan), np.full(len(vectors), np.nan)
+    known = np.all(np.isfinite(vectors), axis=(1, 2))
+    _, loops = passive_equations(tree, driven, vectors[known])
+    equations, free = loops.shape[1:]
+    if not free:
+        least[known] = ratio[known] = 1.0
+    elif equations < free:
+        least[known] = ratio[known] = 0.0
+    else:
+        sizes = np.linalg.svd(loops, compute_uv=False)
+        least[known], ratio[known] = sizes[:, -1], sizes[:, -1] / sizes[:, 0]
+    return least, ratio
+
+
+def _units(tree: LoopTree, vectors: Floats) -> Floats:
+    """Return orthonormal vectors (n, variables, 3) for the variables of each pair."""
+    sizes = np.linalg.norm(vectors, axis=2, keepdims=True)
+    units = vectors / np.where(sizes > 0.0, sizes, 1.0)
+    for v, owner in enumerate(tree.owners):
+        if v and tree.owners[v - 1] == owner:
+            one, other = units[:, v - 1], units[:, v].copy()
+            other -= one * np.sum(one * other, axis=1, keepdims=True)
+            size = np.linalg.norm(other, axis=1, keepdims=True)
+            units[:, v] = other / np.where(size > 0.0, size, 1.0)
+    return np.asarray(units)
+
+
+def _solved(loops: Floats, sides: Floats) -> Floats:
+    """Return `sides` (n, k, m) times the inverses of `loops`; NaN where there is none."""
+    turned, columns = np.swapaxes(loops, 1, 2), np.swapaxes(sides, 1, 2)
+    try:
+        return np.swapaxes(np.linalg.solve(turned, columns), 1, 2)
+    except np.linalg.LinAlgError:
+        found = np.full_like(sides, np.nan)
+        regular = np.linalg.slogdet(turned)[0] != 0.0
+        solved = np.linalg.solve(turned[regular], columns[regular])
+        found[regular] = np.swapaxes(solved, 1, 2)
+        return found
+
+
+def _by_singular_values(way: Floats, loops: Floats) -> Floats:
+    """Return `way` times the pseudo-inverse of `loops`, (n, 3, equations).
+
+    Motions that rounding alone holds are infinite where the output moves in them, and do
+    not count where it rests.
+    """
+    left, sizes, right = np.linalg.svd(loops, full_matrices=False)
+    moved = way @ np.swapaxes(right, 1, 2)
+    if loops.shape[1] < loops.shape[2]:
+        _, _, whole = np.linalg.svd(loops, full_matrices=True)
+        unheld = way @ np.swapaxes(whole[:, len(right[0]) :], 1, 2)
+        turns = np.linalg.norm(unheld, axis=(1, 2)) > STILL
+    else:
+        turns = np.zeros(len(loops), dtype=bool)
+    still = (sizes < 1.0 / LOOSE) & (np.linalg.norm(moved, axis=1) < STILL)
+    by = np.where(still, 0.0, 1.0 / np.maximum(sizes, 1e-300))
+    gives = (moved * by[:, None]) @ np.swapaxes(left, 1, 2)
+    gives[turns] = np.inf
+    return np.asarray(gives)
+
+
+def _largest(matrices: Floats) -> Floats:
+    """Return the largest singular value (n,) of matrices (n, 3, m).
+
+    By the cubic equation of the eigenvalues of their squares, whose largest root is well
+    conditioned.
+    """
+    scale = np.max(np.abs(matrices), axis=(1, 2))
+    endless = ~np.isfinite(scale)
+    safe = np.where(endless | (scale == 0.0), 1.0, scale)
+    part = np.where(endless[:, None, None], 0.0, matrices) / safe[:, None, None]
+    square = part @ np.swapaxes(part, 1, 2)
+    mean = np.trace(square, axis1=1, axis2=2) / 3.0
+    off = square - mean[:, None, None] * np.eye(3)
+    spread = np.sqrt(np.sum(off * off, axis=(1, 2)) / 6.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosine = np.linalg.det(off / np.where(spread > 0.0, spread, 1.0)[:, None, None])
+    angle = np.arccos(np.clip(0.5 * cosine, -1.0, 1.0)) / 3.0
+    most = mean + 2.0 * spread * np.cos(angle)
+    return np.where(endless, np.inf, safe * np.sqrt(most))

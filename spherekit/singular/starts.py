@@ -1,0 +1,151 @@
+"""Where singular configurations are looked for: on slices, or from random starts."""
+
+from collections.abc import Iterator, Sequence
+from typing import final
+
+import numpy as np
+
+from spherekit.budget import Budget
+from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.guarantee import Claim, Guarantee
+from spherekit.motion.branches import Solver
+from spherekit.motion.search import starting_range
+from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.singular.slices import Cut, seeds
+from spherekit.sphere.rotation import Floats
+
+CLOSING_STEPS = 40
+"""Newton's steps that a random start may take to closed loops."""
+LOCUS_STEPS = 30
+"""The same from there to the locus."""
+STARTS = 256
+"""Random starts of one round."""
+DRY = 3
+"""Rounds in a row without news that end a search."""
+MOST_ROUNDS = 12
+SEED = 20240616
+
+
+@final
+class Seeding:
+    """Batches of points of a locus, from slices if there are any, else from random starts.
+
+    Whoever reads them tells by `met` whether a batch had news: random starts end after
+    some rounds without.
+
+    Parameters
+    ----------
+    solver, locus
+        The mechanism, and what is looked for.
+    ranges
+        Lowest and highest value (rad) of each input, for random starts.
+    cut
+        The slices, or None.
+    budget
+        Time to spend.
+    """
+
+    def __init__(
+        self,
+        solver: Solver,
+        locus: Locus,
+        ranges: Sequence[tuple[float, float]],
+        cut: Cut | None,
+        budget: Budget,
+    ) -> None:
+        self.solver, self.locus, self.cut, self.budget = solver, locus, cut, budget
+        self.ranges = np.array(ranges)
+        self.starts = self.hits = self.searched = 0
+        self._dry = 0
+
+    def batches(self) -> Iterator[LocusPoints]:
+        """Yield points of the locus, as long as that is worth the time."""
+        if self.cut is not None:
+            every = self.cut.slices
+            for number, each in enumerate(every):
+                if not self.budget.goes_on(f"slice curve {number + 1} of {len(every)}"):
+                    return
+                self.searched += 1
+                yield self._counted(seeds(each, self.locus))
+            return
+        random = np.random.default_rng(SEED)
+        for number in range(MOST_ROUNDS):
+            words = f"round {number + 1} of random starts"
+            if self._dry >= DRY or not self.budget.goes_on(words):
+                return
+            values = closed_configurations(self.solver, self.ranges, STARTS, random)
+            self.starts += STARTS
+            self._dry += 1
+            yield self._counted(points_from(self.locus, values, self.solver.driven))
+
+    def met(self, news: bool) -> None:
+        """Say whether the last batch, or a part of it, had news."""
+        if news:
+            self._dry = 0
+
+    def _counted(self, points: LocusPoints) -> LocusPoints:
+        self.hits += len(points)
+        return points
+
+    def claim(self, what: str) -> Claim:
+        """Return what is known of curves or surfaces (`what`) that were not found."""
+        if self.cut is None:
+            reason = (
+                f"{self.starts} random starts in the ranges of the inputs led to "
+                f"{self.hits} singular configurations, the last {self._dry * STARTS} to no "
+                f"{what} not known before"
+            )
+            notes = self.budget.note
+        else:
+            sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in self.cut.gaps)
+            reason = f"but for {what}s within a box of {sides} deg between slices"
+            notes = "; ".join(filter(None, [self.cut.note, self.budget.note]))
+            if not notes:
+                return Claim(Guarantee.TO_BOX, reason, max(self.cut.gaps))
+            reason = f"{self.searched} curves on slices were searched"
+        return Claim(Guarantee.SAMPLED, "; ".join(filter(None, [reason, notes])))
+
+
+def closed_configurations(
+    solver: Solver, ranges: Floats, count: int, random: np.random.Generator
+) -> Floats:
+    """Return the closed configurations (n, V) that random starts lead to.
+
+    `ranges` (g, 2) rad are those of the inputs, which are spread over them and held. With
+    them what wheels in mesh have rolled, where that is known.
+    """
+    low, high = starting_range(solver.closure)
+    start = random.uniform(low, high, (count, len(low)))
+    held = list(solver.driven)
+    start[:, held] = random.uniform(ranges[:, 0], ranges[:, 1], (count, len(held)))
+    meshes = solver.meshes
+    if meshes is not None and meshes.all_known:
+        rolled = [list(meshes.at(q).values()) for q in start[:, held]]
+        held += list(meshes.variables)
+        start[:, list(meshes.variables)] = rolled
+    found = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
+    return found.values[found.residual < CLOSURE_TOLERANCE]
+
+
+def points_from(locus: Locus, values: Floats, driven: Sequence[int]) -> LocusPoints:
+    """Return the points of a locus that configurations (n, V) lead to.
+
+    One after the other by the shortest way, or with all `driven` variables but one held,
+    so that the others stay in their ranges.
+    """
+    count = len(driven)
+    found = []
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for way in range(count + 1):
+            own = values[way :: count + 1]
+            if way == count:
+                found.append(locus.onto(own, LOCUS_STEPS))
+                continue
+            held = [variable for k, variable in enumerate(driven) if k != way]
+            borders = np.zeros((len(own), len(held), own.shape[1]))
+            borders[:, range(len(held)), held] = 1.0
+            motion = locus.measure(locus.space(own)).motion
+            targets = own[:, held]
+            found.append(locus.correct(own, motion, borders, targets, most=LOCUS_STEPS))
+    points = LocusPoints.joined(found)
+    return points.rows(np.flatnonzero(points.good))

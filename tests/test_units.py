@@ -1,0 +1,165 @@
+"""Every column says its unit, and has the numbers of that unit, with degrees or without."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.frames import read_parquet
+from spherekit.analysis.registry import names
+from spherekit.files.study import load_study
+
+TURN = """\
+format = 1
+mechanism = "four_bar"
+angle_unit = "deg"
+duration = 4.0
+samples = 401
+[inputs.21.law]
+kind = "cycloidal"
+from = 20.0
+to = 200.0
+duration = 4.0
+[analyses.poles]
+[analyses.eksergian]
+"""
+IN_RAD = {"rad": 1.0, "deg": np.pi / 180.0}
+"""One unit of an angle in rad."""
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """A run with rad and one with degrees, by that."""
+    top = tmp_path_factory.mktemp("units")
+    path = top / "turn.study.toml"
+    path.write_text(TURN)
+    study = load_study(path)
+    result = sk.run(
+        study.mechanism,
+        ["poles", "eksergian"],
+        samples=study.samples,
+        laws=study.laws,
+        duration=study.duration,
+    )
+    for degrees in (False, True):
+        result.write(top / str(degrees), degrees=degrees)
+    return {degrees: top / str(degrees) for degrees in (False, True)}
+
+
+def stated(folder):
+    """Return the units that the side file states, by table and column."""
+    table = pd.read_csv(folder / "columns.csv", dtype=str, keep_default_na=False)
+    assert table["meaning"].str.len().min() > 0
+    units = table.set_index(["table", "column"])["unit"]
+    assert units.index.is_unique
+    return units
+
+
+@pytest.mark.parametrize("degrees", [False, True])
+def test_side_file_summary_and_parquet_say_the_same(folders, degrees):
+    folder = folders[degrees]
+    units, summary = stated(folder), json.loads((folder / "summary.json").read_text())
+    assert "columns.csv" in summary["files"] and summary["inputs_unit"] == "rad"
+    tables = {path.stem: path for path in folder.glob("*.csv") if path.stem != "columns"}
+    assert set(tables) == set(summary["units"])
+    for name, path in tables.items():
+        held = list(pd.read_csv(path, nrows=1).columns)
+        frame = read_parquet(path.with_suffix(".parquet"))
+        assert held == list(units[name].index) == list(frame.columns)
+        assert dict(units[name]) == summary["units"][name] == frame.attrs["units"]
+        for column in frame.select_dtypes(float):
+            assert units[name][column] != ""
+
+
+def test_numbers_change_as_their_units_say(folders):
+    seen = set()
+    for path in folders[False].glob("*.csv"):
+        if path.stem == "columns":
+            continue
+        one, other = (
+            pd.read_csv(folders[degrees] / path.name) for degrees in (False, True)
+        )
+        before, after = (stated(folders[degrees])[path.stem] for degrees in (False, True))
+        for column in one.select_dtypes(float):
+            old, new = before[column], after[column]
+            seen.add((old, new))
+            ratio = 1.0 if old == new else 180.0 / np.pi
+            assert np.allclose(
+                other[column], ratio * one[column], rtol=1e-14, atol=0.0, equal_nan=True
+            )
+            if old != new:
+                assert new == old.replace("rad", "deg") and old.startswith("rad")
+    assert {("rad", "deg"), ("rad/s", "deg/s"), ("rad/s2", "deg/s2")} <= seen
+    assert {("1/rad", "1/rad"), ("kg m2/rad", "kg m2/rad"), ("N m", "N m")} <= seen
+
+
+@pytest.mark.parametrize("degrees", [False, True])
+@pytest.mark.parametrize(
+    ("table", "column", "derivative", "by"),
+    [
+        ("poles", "rate", "rate_dq", "q"),
+        ("eksergian", "B", "dB_dq", "q"),
+        ("eksergian_inertia", "B", "dB_dq", "q"),
+        ("eksergian", "q", "dq", "t"),
+        ("eksergian", "dq", "ddq", "t"),
+    ],
+)
+def test_derivatives_are_those_by_the_stated_units(
+    folders, degrees, table, column, derivative, by
+):
+    """Differences of columns in their own units give the derivative in its unit."""
+    units = stated(folders[degrees])[table]
+    frame = pd.read_csv(folders[degrees] / f"{table}.csv")
+    keys = [k for k in ("branch", "link", "relative_to", "moved") if k in frame]
+    checked = 0
+    for _, rows in frame.groupby(keys):
+        x, y, slope = (rows[name].to_numpy() for name in (by, column, derivative))
+        # The denominator of "1/rad", "kg m2/rad" or "deg/s2" is the unit to divide by.
+        below = units[derivative].rpartition("/")[2].rstrip("2")
+        x = x * (1.0 if by == "t" else IN_RAD[units[by]] / IN_RAD[below])
+        if by == "t":
+            assert below == "s" == units["t"]
+        found = np.gradient(y, x, edge_order=2)[5:-5]
+        size = np.max(np.abs(slope)) + np.max(np.abs(y)) * 1e-3
+        if size > 0.0:
+            assert np.max(np.abs(found - slope[5:-5])) < 0.03 * size
+            checked += 1
+    assert checked
+
+
+def test_every_column_of_every_analysis_has_a_unit_that_is_one():
+    """Units are products of known ones; what is called an angle is in rad."""
+    from spherekit.analysis.registry import load
+
+    known = {"1", "rad", "s", "s2", "kg", "m2", "N", "m", "W", "sr", "or"}
+    for name in names():
+        for table in load(name).tables:
+            for column in table.columns:
+                for degrees in (False, True):
+                    unit = column.stated_unit(degrees)
+                    if column.kind != "number":
+                        assert unit == ""
+                        continue
+                    words = unit.replace("/", " ").replace("deg", "rad").split()
+                    assert words and set(words) <= known, (name, column)
+
+
+def test_poses_of_a_csv_table_have_the_unit_beside_it(tmp_path):
+    """Angles of a table that a run wrote are read in its own unit, not taken for deg."""
+    mechanism = sk.load("five_bar")
+    first = sk.run(
+        mechanism, "inverse_kinematics:poses=40:65,columns=azimuth+tilt", samples=2
+    )
+    wanted = first.frame()[["mode", "q_21", "q_51"]]
+    for degrees in (False, True):
+        folder = tmp_path / str(degrees)
+        first.write(folder, degrees=degrees, formats=("csv",))
+        path = folder / "inverse_kinematics.csv"
+        request = f"inverse_kinematics:file={path},columns=azimuth+tilt"
+        again = sk.run(mechanism, request, samples=2).frame()
+        again = again[again["pose"] == 0][["mode", "q_21", "q_51"]]
+        assert list(again["mode"]) == list(wanted["mode"])
+        one, other = (f[["q_21", "q_51"]].to_numpy() for f in (again, wanted))
+        assert np.max(np.abs(one - other)) < 1e-12
