@@ -11,7 +11,7 @@ from spherekit.conventions import SINGULAR_RATIO, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
-from spherekit.dynamics.start import into_range
+from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.laws import Law
 from spherekit.model.mechanism import Mechanism
@@ -137,7 +137,7 @@ def inverse_dynamics(
     need_terms(mechanism)
     loads = Loads(mechanism)
     q, dq, ddq = law.at(t)
-    tracer = Tracer(mechanism, input_pair, branch, search)
+    tracer = reaching(Tracer(mechanism, input_pair, branch, search), q, branch, search)
     motion = tracer.at(into_range(tracer, q))
     count = len(tracer.branches)
     values = motion.values.copy()

@@ -132,7 +132,11 @@ def configuration_curves(
     complete = claim.guarantee is not Guarantee.SAMPLED
     if not complete:
         claim = found.search()
-    stretches = [Stretches.of(each, solver.single, low, high) for each in found.curves]
+    found.cross()
+    stretches = [
+        Stretches.of(each, solver.single, low, high, *solver.periods)
+        for each in found.curves
+    ]
     found.count(stretches, complete)
     if complete:
         found.compare(drive, dead)

@@ -185,10 +185,10 @@ class Motion:
     def gap(self) -> Floats:
         """(n,) rad, by how much loops may be open, in each component.
 
-        The residual; two roundings of its own, and half of one for each variable of a loop:
-        for its geometry and for the numbers that the file rounds.
+        The residual; two roundings of its own, and one for each variable of a loop: for its
+        geometry, and for the numbers of the file, which float64 rounds.
         """
-        rounding = EPS * (2.0 + 0.5 * self._longest_loop)
+        rounding = EPS * (2.0 + self._longest_loop)
         return np.asarray(np.nan_to_num(self.residual, nan=0.0) + rounding)
 
     @property
@@ -203,10 +203,10 @@ class Motion:
     def configuration_error(self) -> Floats:
         """(n,) rad, how far variables may be off.
 
-        The gap of the loops times `sensitivity` is the first step of Newton's method to the
-        solution, and the way there is at most twice as long while `bend` allows it: infinite
-        where it does not. Two roundings more are for the numbers. NaN where the row failed or
-        was not constructed.
+        The gap of the loops times `sensitivity` is the first step of Newton's method to
+        the solution, and the way there is at most twice as long while `bend` allows it:
+        infinite where it does not. Two roundings more are for the numbers. NaN where the
+        row failed or was not constructed.
         """
         if np.all(np.isnan(self.residual)):
             return np.full(len(self), np.nan)
