@@ -1,7 +1,8 @@
 """The half of the analysis `singularities` for mechanisms with several inputs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, final
 
 import numpy as np
@@ -20,15 +21,11 @@ from spherekit.analysis.scene import (
 from spherekit.analysis.tables import input_columns
 from spherekit.budget import Budget
 from spherekit.guarantee import Claim
+from spherekit.guidance.loci import mid_plane_loci
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.singular.aspects import Aspects, aspects
-from spherekit.singular.curves import (
-    FoundCurve,
-    SingularCurves,
-    ranges_of,
-    singular_curves,
-)
-from spherekit.singular.points import SingularPoints, TypeName
+from spherekit.singular.curves import SingularCurves, ranges_of, singular_curves
+from spherekit.singular.points import CurveSeen, SingularPoints, TypeName
 from spherekit.singular.rest import output_of
 from spherekit.singular.several import OutputCoefficients, RowType, coefficients
 from spherekit.singular.slices import Cut, cut, solver_of
@@ -111,7 +108,10 @@ class SeveralInputs:
             for number, (each, claim) in enumerate(curves):
                 notes = "closed" if each.closed else "open"
                 where = number, each.s
-                parts.append(_rows(batch, each.points, output, *where, notes, claim))
+                made = _rows(batch, each.points, output, *where, notes, claim)
+                if each.why:
+                    made["condition"] = np.full(len(each.points.values), each.why)
+                parts.append(made)
                 where = number, np.full(len(each.both.values), np.nan)
                 both = _rows(batch, each.both, output, *where, "of both types", claim)
                 both["kind"][:] = "III"
@@ -195,6 +195,7 @@ class SeveralInputs:
                 beyond = len(found.curves) - len(met)
                 words = f"{len(met)} curves of type {found.kind}"
                 words += f" and {beyond} outside the ranges" if beyond else ""
+                words += _irregular(len(found.stray), "curve")
                 remarks.append(f"output {name}: {words}; {found.claim}")
             for mesh in self._surfaces(batch, output):
                 own[f"vertices_{mesh.kind}"] = len(mesh.points.values)
@@ -202,11 +203,7 @@ class SeveralInputs:
                 own[f"claim_{mesh.kind}"] = mesh.guarantee
                 count = len(mesh.points.values)
                 words = f"{count} vertices of surfaces of type {mesh.kind}"
-                if mesh.irregular:
-                    words += (
-                        f"; {mesh.irregular} configurations met are singular where the "
-                        "locus is no regular surface, and have no mesh"
-                    )
+                words += _irregular(mesh.irregular, "surface")
                 remarks.append(f"output {name}: {words}; {mesh.guarantee}")
             figures[name] = own
             rows = self._coefficients(batch, output)
@@ -227,8 +224,12 @@ class SeveralInputs:
         if parts is not None:
             figures["aspects"] = [int(size) for size in parts.sizes]
             figures["aspects_guarantee"] = parts.guarantee
-            if parts.note:
-                remarks.append(f"{len(parts.sizes)} aspects; {parts.note}")
+            figures["singular_on_lattice"] = parts.singular
+            if parts.note or not len(parts.sizes):
+                words = f"{len(parts.sizes)} aspects"
+                if parts.singular:
+                    words += f"; {parts.singular} configurations met are singular"
+                remarks.append("; ".join(filter(None, [words, parts.note])))
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scenes(self, batch: Batch) -> tuple[Scene, ...]:
@@ -342,20 +343,22 @@ class SeveralInputs:
             return ()
         return batch.once(
             ("curves", output.name),
-            lambda: tuple(
-                singular_curves(
-                    batch.mechanism,
-                    kind,
-                    output.name,
-                    slices_of_each=0,
-                    made=self._cut(batch),
-                    budget=self._share(batch, f"curves of type {kind}"),
-                )
-                for kind in KINDS
-            ),
+            lambda: tuple(self._curves_of(batch, kind, output.name) for kind in KINDS),
         )
 
-    def _drawn(self, batch: Batch, curve: FoundCurve) -> SingularPoints:
+    def _curves_of(self, batch: Batch, kind: TypeName, output: str) -> SingularCurves:
+        """Return the curves of a type: of a mid-plane form, or as slices or starts find."""
+        budget = self._share(batch, f"curves of type {kind}")
+        made = self._cut(batch)
+        if made is None:
+            found = mid_plane_loci(batch.mechanism, kind, output, budget)
+            if found is not None:
+                return found
+        return singular_curves(
+            batch.mechanism, kind, output, slices_of_each=0, made=made, budget=budget
+        )
+
+    def _drawn(self, batch: Batch, curve: CurveSeen) -> SingularPoints:
         return batch.once(("drawn", id(curve)), lambda: curve.dense(DRAWN))
 
     def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
@@ -408,26 +411,63 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
     """Return (n,) text: which c_i and d_i vanish, which u_i are coplanar.
 
     Or which u_i is the direction that counts, which then rests though its link turns.
+    Where none of these says it, what else does.
     """
     if not len(points.values):
         return np.zeros(0, dtype=str)
     motion = batch.tracer.given(points.values)
     rest = output_of(batch.mechanism, output.name)
     at = coefficients(motion, rest, by_rank=batch.tracer.by_rank)
+    pairs = batch.moved_pairs
     words: list[list[str]] = [[] for _ in points.values]
-    for letter, sizes in (("c", at.c), ("d", at.d)):
-        for row, moved in zip(*np.nonzero(np.abs(sizes) < VANISHES), strict=True):
-            words[row].append(f"{letter}_{batch.moved_pairs[moved]}=0")
+
+    def note(sizes: Floats, text: Callable[[int], str]) -> None:
+        for row, which in zip(*np.nonzero(sizes < VANISHES), strict=True):
+            words[row].append(text(which))
+
+    note(np.abs(at.c), lambda k: f"c_{pairs[k]}=0")
+    note(np.abs(at.d), lambda k: f"d_{pairs[k]}=0")
     if points.pointing is not None:
         turned = motion.rotations[:, rest.relative_to]
         direction = np.einsum("nij,nj->ni", turned, points.pointing)
         off = np.linalg.norm(np.cross(at.u, direction[:, None]), axis=2)
-        for row, moved in zip(*np.nonzero(off < VANISHES), strict=True):
-            words[row].append(f"u_{batch.moved_pairs[moved]} along the direction")
-    for row, triple in zip(*np.nonzero(np.abs(at.triples) < VANISHES), strict=True):
-        three = ", ".join(batch.moved_pairs[k] for k in at.triplets[triple])
-        words[row].append(f"u of {three} coplanar")
+        note(off, lambda k: f"u_{pairs[k]} along the direction")
+    triples = [", ".join(pairs[k] for k in three) for three in at.triplets]
+    note(np.abs(at.triples), lambda k: f"u of {triples[k]} coplanar")
+    two = list(combinations(range(len(pairs)), 2))
+    named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
+    crossed = np.stack([np.cross(at.u[:, j], at.u[:, k]) for j, k in two], axis=1)
+    parallel = np.linalg.norm(crossed, axis=2)
+    others = [(parallel, "{} along one line")]
+    if points.pointing is not None:
+        flat = np.abs(np.einsum("npi,ni->np", crossed, direction))
+        others.append((flat, "{} coplanar with the direction"))
+    for sizes, text in others:
+        for row in np.flatnonzero(np.any(sizes < VANISHES, axis=1)):
+            if not words[row]:
+                near = np.flatnonzero(sizes[row] < VANISHES)
+                words[row] += [text.format(named[k]) for k in near]
+    for row, own in enumerate(words):
+        if own:
+            continue
+        if at.flatness[row] < VANISHES:
+            own.append("the loops lose rank")
+        elif not np.all(np.isfinite(at.u[row])):
+            own.append("pole axes not known")
+        else:
+            least = f"{np.min(np.abs([at.c[row], at.d[row]])):.1e}"
+            own.append(f"motions alone: no c, d below {least}")
     return np.array([" ".join(own) for own in words], dtype=str)
+
+
+def _irregular(count: int, what: str) -> str:
+    """Return in words how many singular configurations lie on no regular part."""
+    if not count:
+        return ""
+    return (
+        f"; {count} configurations met are singular where the locus is no regular {what}, "
+        "and not listed"
+    )
 
 
 def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:

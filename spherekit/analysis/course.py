@@ -178,8 +178,11 @@ def course_of(
     torque: str | None,
     tolerance: float,
     engine: Engine = "auto",
+    follow: bool = True,
 ) -> Course:
     """Return the course behind the arguments of `spherekit.run`.
+
+    Without `follow` samples over no time have no branches: nothing is to be read there.
 
     Raises
     ------
@@ -198,7 +201,7 @@ def course_of(
         keys, message = fault
         raise AnalysisError(f"{mechanism.name}: {'.'.join(keys)}: {message}")
     if duration is None:
-        tracer = Tracer(mechanism, None, branch, search, samples, grid, path)
+        tracer = Tracer(mechanism, None, branch, search, samples, grid, path, follow)
         lattice = tracer.lattice
         timing = _at_unit_speed(lattice.q) if len(inputs) == 1 else None
         return Course(tracer, lattice.q, lattice.shape, timing, False, {})

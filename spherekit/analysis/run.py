@@ -70,7 +70,9 @@ def run(
     analyses
         Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects.
     samples, input_pair, branch, search, grid, path
-        Which inputs and assembly modes; see `spherekit.motion.motion.Tracer`.
+        Which inputs and assembly modes; see `spherekit.motion.motion.Tracer`. No motion is
+        traced where no analysis reads samples, unless a `branch`, a `recorder`, times or
+        what is to be verified ask for one.
     laws, duration
         Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
         both ends included. With a duration alone the only input turns at 1 rad/s.
@@ -144,6 +146,14 @@ def run(
                 torque=torque,
                 tolerance=tolerance,
                 engine=engine_of(place, unfinished, engine),
+                follow=bool(
+                    recorder is not None
+                    or verify
+                    or branch is not None
+                    or accuracy is not None
+                    or setting != ORDINARY
+                    or any(analysis.reads_samples for analysis in chosen)
+                ),
             )
         if accuracy is not None:
             setting = setting_of(place, unfinished, setting)

@@ -110,7 +110,7 @@ class Tally:
 
     def statuses(self) -> dict[str, Any]:
         """Return the counts of samples and pole axes, and what their statuses mean."""
-        status = np.sum(list(self._status.values()), axis=0)
+        status = np.zeros(CODES, dtype=np.int64) + sum(self._status.values())
         met = np.flatnonzero(status + self._poles)
         return {
             "status": _counts(status),

@@ -517,13 +517,21 @@ def report(summary: Any) -> str:
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
     count = len(summary["branches"])
-    lines = [
-        f"{summary['mechanism']}: {summary['sampling']} samples of "
-        f"{'inputs' if len(summary['inputs']) > 1 else 'input'} "
-        f"{', '.join(summary['inputs'])}, {count} branch{'' if count == 1 else 'es'}; "
-        f"mobility {mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
-        f"{', '.join(summary['groups'])}"
-    ]
+    names = f"{'inputs' if len(summary['inputs']) > 1 else 'input'} " + ", ".join(
+        summary["inputs"]
+    )
+    if count:
+        first = (
+            f"{summary['sampling']} samples of {names}, {count} "
+            f"branch{'' if count == 1 else 'es'}; mobility {mobility['graph']} by the "
+            f"graph, {mobility['rank']} by rank"
+        )
+    else:
+        first = (
+            f"{names}; no motion was traced, as no analysis reads samples; mobility "
+            f"{mobility['graph']} by the graph"
+        )
+    lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
     repeated = summary["redundant_constraints"]
     if repeated and repeated["count"]:
         lines.append(
@@ -547,8 +555,9 @@ def report(summary: Any) -> str:
             f"({done['end']['reason']}), {done['events']} events, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, energy balanced to "
-            f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
+            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
+            f"energy balanced to {done['energy_imbalance_J']:.1e} of "
+            f"{done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
         line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"

@@ -126,9 +126,7 @@ def _checked(
         found = replace(found, error=_difference(found, tight), tolerance=tolerance)
         if found.missed is None or tighter <= least:
             return found
-        why = (
-            f"{found.engine.reason}; made for {tighter:g} rad, for {made_for:g} rad missed"
-        )
+        why = f"{found.engine.reason}; missed with steps for {made_for:g} rad"
         report = replace(tight.engine, reason=why, forecast=found.engine.forecast)
         found, made_for = replace(tight, engine=report), tighter
 

@@ -1,7 +1,9 @@
 """Where a simulation starts: the problem checked, the configuration closed."""
 
+from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import final
 
 import numpy as np
@@ -11,6 +13,7 @@ from spherekit.dynamics.inertia import need_inertia
 from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
+from spherekit.files.write import canonical_text
 from spherekit.model.dynamics import DRIVE, PairTorque, TorqueTable
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
@@ -29,6 +32,12 @@ FARTHEST = 1e9
 
 STANDSTILL = 1e-9
 """A pair variable whose rate along the curve is smaller cannot be given a rate."""
+
+KEPT = 8
+"""Geometries whose branches are kept, for further simulations of the same."""
+
+_traced_before: OrderedDict[str, Tracer] = OrderedDict()
+_tracing = Lock()
 
 
 @final
@@ -108,7 +117,7 @@ def prepare(
         values, turns = _closed(closure, mechanism, start.values)
     else:
         moved = driven
-        values, turns = _configuration(Tracer(mechanism), start.q, branch)
+        values, turns = _configuration(_traced(mechanism), start.q, branch)
     vectors = closure.vectors(*closure.place(values[None]))
     if rank_mobility(closure.tree, vectors)[0] != 1:
         raise SolveError(
@@ -174,6 +183,19 @@ def _need_digits(name: str, values: Floats) -> None:
         )
 
 
+def _traced(mechanism: Mechanism) -> Tracer:
+    """Return the branches of a mechanism, found once for the last few geometries."""
+    bare = replace(mechanism, masses=(), loads=(), stops=(), user={}, source=None)
+    key = canonical_text(bare, "rad")
+    with _tracing:
+        if key not in _traced_before:
+            _traced_before[key] = Tracer(bare)
+        _traced_before.move_to_end(key)
+        if len(_traced_before) > KEPT:
+            _traced_before.popitem(last=False)
+        return _traced_before[key]
+
+
 def _configuration(tracer: Tracer, q: float, branch: int) -> tuple[Floats, Floats]:
     """Return the configuration at an input, and the whole turns that it is less."""
     name = tracer.mechanism.name
@@ -186,15 +208,15 @@ def _configuration(tracer: Tracer, q: float, branch: int) -> tuple[Floats, Float
     if not np.isfinite(q):
         raise SolveError(f"{name}: the input at the start is {q}, give a finite number")
     _need_digits(name, np.array([q]))
-    motion = tracer.at(into_range(tracer, np.array([q])))
-    row = numbers.index(branch)
-    if motion.failed[row]:
-        status = Status(int(motion.status[row]))
+    wanted = tracer.branches[numbers.index(branch)]
+    found = tracer.solver.evaluate(wanted, into_range(tracer, np.array([[q]])))
+    status = Status(int(found.status[0]))
+    if status not in (Status.OK, Status.AT_SINGULARITY):
         raise SolveError(
             f"{name}: no configuration of branch {branch} at q = {q:.6g} rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
-    values: Floats = motion.values[row].copy()
+    values: Floats = found.values[0].copy()
     turns = np.zeros(len(values))
     driven = tracer.solver.single
     values[driven], turns[driven] = reduced(np.array(q)), whole_turns(np.array(q))

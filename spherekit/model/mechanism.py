@@ -235,6 +235,8 @@ class Mechanism:
         Pairs that are no input yet get a range of one turn.
         """
         known = {item.pair: item for item in self.inputs}
+        if pairs == tuple(known):
+            return self
         full_turn = 6.283185307179586
         return replace(
             self,

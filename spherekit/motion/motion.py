@@ -240,7 +240,7 @@ class Motion:
 
 def samples_in_block(branches: int) -> int:
     """Return the samples of which so many branches together have about `BLOCK` rows."""
-    return max(1, BLOCK // branches)
+    return max(1, BLOCK // max(1, branches))
 
 
 def motion_of(solver: Solver, values: Floats) -> Motion:
@@ -289,6 +289,9 @@ class Tracer:
         Whether to sample all combinations of the inputs.
     path
         (n, inputs) rad: the inputs wanted, instead of the ranges.
+    follow
+        Whether branches are found and followed over the samples; without there are none,
+        and every motion is empty.
 
     Raises
     ------
@@ -307,7 +310,9 @@ class Tracer:
         samples: int | Sequence[int] = DEFAULT_SAMPLES,
         grid: bool = False,
         path: Floats | None = None,
+        follow: bool = True,
     ) -> None:
+        self._follow = follow
         if input_pair is None:
             names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
         else:
@@ -334,6 +339,8 @@ class Tracer:
         """Return the branches; `PlanError` unless there is a freedom for each input."""
         self.assembly = plan_assembly(self.mechanism, self.by_rank)
         self.solver = Solver(self.mechanism, self.assembly)
+        if not self._follow:
+            return ()
         found = find_branches(self.solver, self.lattice, search)
         self.methods, self.claim = found.methods, found.claim
         self._probes = found.probes
@@ -366,6 +373,8 @@ class Tracer:
     @property
     def search(self) -> str:
         """How the assembly modes were found, and what that says of their number."""
+        if not self._follow:
+            return "no motion was traced"
         if not self._probes:
             return f"{self.claim}; no others were looked for"
         used = [
@@ -403,6 +412,9 @@ class Tracer:
         return motion_of(self.solver, values)
 
     def _at(self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int) -> Motion:
+        if not self.branches:
+            none = np.empty((0, len(self.mechanism.variable_owners)))
+            return replace(motion_of(self.solver, none), samples=len(q))
         parts = [self.solver.evaluate(branch, q, rows) for branch in self.branches]
         count, k = len(self.branches), len(q)
         return Motion(

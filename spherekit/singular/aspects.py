@@ -27,6 +27,8 @@ from spherekit.singular.rest import InputsRest, OutputRest, output_of
 from spherekit.singular.slices import configurations, solver_of
 from spherekit.sphere.rotation import Floats
 
+SINGULAR = 1e-8
+"""Configurations with a smaller singular value are singular themselves."""
 PROBES = 5
 """Samples along each axis at which modes of irreducible groups are looked for."""
 SAME = 1e-6
@@ -58,6 +60,8 @@ class Aspects:
         mechanism changes its assembly mode within the aspect, without a singularity.
     free_of
         The types that divide aspects.
+    singular
+        Number of configurations met that are singular themselves, and so in no aspect.
     note
         What was not done as time was spent, or nothing.
     """
@@ -72,6 +76,7 @@ class Aspects:
     sign_one: NDArray[np.int8]
     modes: NDArray[np.int64]
     free_of: tuple[TypeName, ...]
+    singular: int
     note: str
 
     @property
@@ -137,8 +142,11 @@ def aspects(
     lattice, beside = _lattice(mechanism, each, whole_turn)
     budget = budget or Budget()
     spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None, budget)
-    for values, row in _starts(solver, lattice):
-        spread.add(values, row)
+    starts = _starts(solver, lattice)
+    values = np.array([own for own, _ in starts]).reshape(len(starts), -1)
+    for k in np.flatnonzero(spread.regular(values)):
+        spread.add(*starts[k])
+    spread.singular = len(starts) - len(spread.values)
     spread.run()
     return _labelled(spread, rest, ("II", "I") if "I" in free_of else ("II",))
 
@@ -196,7 +204,7 @@ class _Spread:
         self.rows: list[int] = []
         self.parent: list[int] = []
         self.at: dict[int, list[int]] = {}
-        self.walked = 0
+        self.walked = self.singular = 0
 
     def locus(self, rest: InputsRest | OutputRest) -> Locus:
         """Return the singular configurations with something at rest."""
@@ -242,11 +250,25 @@ class _Spread:
             goal = goal + 2.0 * np.pi * turns
             arrived, status = walk(self.solver.closure, driven, values, goal)
             good = status == Status.OK
+            arrived_well = np.flatnonzero(good)
+            good[good] = self.regular(arrived[good])
+            self.singular += len(arrived_well) - int(np.sum(good))
             good[good] = self._clear(values[good], arrived[good])
             for k in np.flatnonzero(good):
                 node = self.add(arrived[k], int(stop[k]))
                 one, other = self.root(int(start[k])), self.root(node)
                 self.parent[max(one, other)] = min(one, other)
+
+    def regular(self, values: Floats) -> NDArray[np.bool_]:
+        """Return which configurations (n, V) are singular of no type that divides."""
+        if not len(values):
+            return np.zeros(0, dtype=bool)
+        inputs = self.locus(InputsRest(self.solver.driven))
+        space = inputs.space(values)
+        least = [space.flatness, inputs.measure(space).smallest]
+        if self.output is not None:
+            least.append(self.locus(self.output).measure(space).smallest)
+        return np.asarray(np.min(least, axis=0) > SINGULAR)
 
     def _clear(self, start: Floats, stop: Floats) -> NDArray[np.bool_]:
         """Return (n,) whether no type I lies between, by cubic polynomials."""
@@ -302,6 +324,7 @@ def _labelled(
         signs[1],
         modes,
         free_of,
+        spread.singular,
         spread.budget.note,
     )
 

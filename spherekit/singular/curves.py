@@ -17,7 +17,13 @@ from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.curve import SingularCurve
 from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
+from spherekit.singular.points import (
+    CurveSeen,
+    SingularPoints,
+    TypeName,
+    View,
+    loci_of,
+)
 from spherekit.singular.rest import output_of
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import Seeding
@@ -39,6 +45,7 @@ class FoundCurve:
     cusps: SingularPoints
     both: SingularPoints
     view: View
+    why: str = ""
 
     def dense(self, parts: int) -> SingularPoints:
         """Return the whole curve, each way between two nodes divided into parts."""
@@ -66,13 +73,14 @@ class SingularCurves:
 
     `slices` counts the configuration curves that were searched, `starts` the random starts
     instead, and `seeds` the singular configurations met. `stray` (n, V) are singular
-    configurations that no curve could be followed from. `branching` (n, V) are
+    configurations that no curve could be followed from: the locus crosses itself there, or
+    fills a part of the configurations. `branching` (n, V) are
     configurations next to those in which slices end, as the motions of the mechanism
     branch there: its closure equations lose rank, and no type is defined.
     """
 
     kind: TypeName
-    curves: tuple[FoundCurve, ...]
+    curves: tuple[CurveSeen, ...]
     claim: Claim
     slices: int
     starts: int
@@ -151,6 +159,9 @@ def singular_curves(
         left = np.ones(len(points), dtype=bool)
         if made is None and not whole_turn:
             left = view.points(locus, points).inside
+        irregular = left & (points.flatness < NEARLY_FLAT)
+        stray.append(points.values[irregular])
+        left &= ~irregular
         for curve in traced:
             left[left] &= ~curve.find(points.values[left], points.motions[left])
         while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):

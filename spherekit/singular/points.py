@@ -1,7 +1,7 @@
 """Singular configurations as the inputs and the output see them."""
 
-from dataclasses import dataclass
-from typing import Literal, final
+from dataclasses import dataclass, fields, replace
+from typing import Literal, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,45 @@ class SingularPoints:
     output_rate: Floats
     residual: Floats
 
+    def rows(self, rows: NDArray[np.intp]) -> "SingularPoints":
+        """Return some of the points."""
+        own = {
+            item.name: getattr(self, item.name)[rows]
+            for item in fields(self)
+            if isinstance(getattr(self, item.name), np.ndarray)
+        }
+        return replace(self, **own)
+
+
+class CurveSeen(Protocol):
+    """A curve of singular configurations: its points, and those of type III.
+
+    `s` (n,) rad is the place of the points on it.
+    """
+
+    @property
+    def points(self) -> SingularPoints:
+        """The points in order."""
+
+    @property
+    def both(self) -> SingularPoints:
+        """Those that are singular of the other type too."""
+
+    @property
+    def s(self) -> Floats:
+        """The places (n,) of the points on the curve (rad)."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether it closes; its last point is then its first."""
+
+    @property
+    def why(self) -> str:
+        """What is singular, in words, where that is known of the curve; else nothing."""
+
+    def dense(self, parts: int) -> SingularPoints:
+        """Return the curve, each way between two points divided into parts."""
+
 
 @final
 @dataclass(frozen=True)
@@ -64,29 +103,35 @@ class View:
 
     def points(self, locus: Locus, nodes: LocusPoints) -> SingularPoints:
         """Return what points of a locus look like."""
-        space = locus.space(nodes.values)
+        return self.seen(locus, nodes.values, nodes.motions, nodes.residual)
+
+    def seen(
+        self, locus: Locus, values: Floats, motions: Floats, residual: Floats
+    ) -> SingularPoints:
+        """Return what configurations and singular motions (n, V) look like."""
+        space = locus.space(values)
         driven = list(self.solver.driven)
         ranges = [(item.start, item.stop) for item in self.solver.mechanism.inputs]
         low, high = np.array(ranges).T
         periods = input_periods(self.solver)
-        inputs = into_range(nodes.values[:, driven], low, high, periods)
+        inputs = into_range(values[:, driven], low, high, periods)
         orientation = self.output.orientation(space)
         pointing = None
         if self.output.pointing is not None:
             pointing = orientation @ np.array(self.output.pointing)
         rows, _ = self.output.rows(space)
-        moving = np.einsum("nmv,nv->nm", rows, nodes.motions)
+        moving = np.einsum("nmv,nv->nm", rows, motions)
         return SingularPoints(
             self.kind,
-            nodes.values,
-            nodes.motions,
+            values,
+            motions,
             inputs,
             np.all(in_range(inputs, low, high), axis=1),
             orientation,
             pointing,
-            np.linalg.norm(nodes.motions[:, driven], axis=1),
+            np.linalg.norm(motions[:, driven], axis=1),
             np.linalg.norm(moving, axis=1),
-            nodes.residual,
+            residual,
         )
 
 

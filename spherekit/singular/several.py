@@ -33,6 +33,10 @@ ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
 
 
+AT_REST = 1e-3
+"""The output rests in a motion that is held by less than this part of the output's hold."""
+
+
 class RowType(IntEnum):
     """Gosselin and Angeles's types; type III is I and II at once.
 
@@ -267,7 +271,7 @@ def _types(
             second & first & ~branching,
             second,
             branching,
-            found.hold < tolerance,
+            (found.hold < tolerance) & (found.hold < AT_REST * found.type_two),
             first,
         ],
         [
