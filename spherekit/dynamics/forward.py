@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.differences import by_differences
@@ -28,6 +29,7 @@ QUICKER = 200.0
 """How many times as quick as NumPy the compiled engine solves, compiling left out."""
 
 
+@checked(SolveError)
 def simulate(
     mechanism: Mechanism,
     start: Start | PoseStart,
@@ -99,6 +101,8 @@ def simulate(
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is {least:g} to 1e-2"
         )
+    if scheme != "paper" and step is not None:
+        raise SolveError('simulate: step does nothing without scheme = "paper"')
     if scheme == "paper":
         if engine == "compiled":
             raise EngineError(

@@ -21,6 +21,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
+from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 
@@ -117,7 +118,10 @@ def prepare(
         values, turns = _closed(closure, mechanism, start.values)
     else:
         moved = driven
-        values, turns = _configuration(_traced(mechanism), start.q, branch)
+        tracer = _traced(mechanism)
+        if np.isfinite(start.q) and abs(start.q) <= FARTHEST:
+            tracer = reaching(tracer, np.array([start.q]))
+        values, turns = _configuration(tracer, start.q, branch)
     vectors = closure.vectors(*closure.place(values[None]))
     if rank_mobility(closure.tree, vectors)[0] != 1:
         raise SolveError(
@@ -235,12 +239,32 @@ def whole_turns(angles: Floats) -> Floats:
 
 
 def into_range(tracer: Tracer, q: Floats) -> Floats:
-    """Return inputs moved by whole turns into the input's range, where those reach it."""
+    """Return inputs moved by whole turns into the input's range, or as near as these lead.
+
+    Where wheels count the turns, only by those after which all are as before.
+    """
     low, high = tracer.range
-    inside = (q >= low) & (q <= high)
-    least = reduced(q)
-    moved = least + FULL_TURN * np.ceil((low - least) / FULL_TURN)
-    return np.asarray(np.where(inside | ~(moved <= high), q, moved))
+    (period,) = tracer.solver.periods
+    if not np.isfinite(period):
+        return q
+    scale = period / FULL_TURN
+    moved = turned_into(scale * reduced(q / scale), low, high, period)
+    return np.asarray(np.where((q >= low) & (q <= high), q, moved))
+
+
+def reaching(
+    tracer: Tracer, q: Floats, branch: int | None = None, search: bool = True
+) -> Tracer:
+    """Return a tracer over a range that holds inputs q (n,) where wheels count the turns.
+
+    It is the one given where no contact rolls, or whole turns lead into its range.
+    """
+    low, high = tracer.range
+    moved = into_range(tracer, q)
+    if tracer.solver.meshes is None or np.all((moved >= low) & (moved <= high)):
+        return tracer
+    path = np.array([min(low, np.min(moved)), max(high, np.max(moved))])
+    return Tracer(tracer.mechanism, None, branch, search, path=path)
 
 
 def _check_stops(mechanism: Mechanism, values: Floats) -> None:

@@ -22,7 +22,7 @@ from spherekit.guidance.nearest import Target
 from spherekit.guidance.rotation import FixedAxisRotation, unit
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
-from spherekit.motion.branches import Solver, wrap
+from spherekit.motion.branches import Solver
 from spherekit.motion.closure import Closure
 from spherekit.motion.modes import assemblies
 from spherekit.motion.motion import Motion, trace
@@ -215,7 +215,7 @@ class PoseFinder:
         driven = list(self.solver.driven)
         found = Candidates(
             values,
-            wrap(values[:, driven]),
+            self.solver.reduced(values[:, driven]),
             pose_of(self.mechanism, self.output, placed),
             tuple(labels),
             self._singular(values),
@@ -287,7 +287,7 @@ class PoseFinder:
         turned = pose_of(self.mechanism, self.output, good.rotations)
         match pose:
             case AtInputs(inputs):
-                off = np.max(np.abs(wrap(good.inputs - inputs)), axis=1)
+                off = np.max(np.abs(self.solver.reduced(good.inputs - inputs)), axis=1)
             case AtOrientation(orientation):
                 given = np.broadcast_to(orientation, turned.shape)
                 off = turns_between(given, turned).angle

@@ -224,7 +224,7 @@ class Mechanism:
         if name not in self.pair_number:
             raise ModelError(
                 f'{self.name}: no pair is named "{name}"'
-                f"{nearest(name, self.pair_number) or ';'} Pairs: "
+                f"{nearest(str(name), self.pair_number) or ';'} Pairs: "
                 f"{listing(self.pair_number)}"
             )
         return self.pairs[self.pair_number[name]]

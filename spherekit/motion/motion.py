@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.model.geometry import Joint
@@ -29,7 +30,7 @@ from spherekit.motion.pairs import (
 from spherekit.motion.sheet import Sheet
 from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly, plan_assembly
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.sphere.rotation import Floats, quaternion
 
 DEFAULT_SAMPLES = 361
@@ -184,10 +185,10 @@ class Motion:
     def gap(self) -> Floats:
         """(n,) rad, by how much loops may be open, in each component.
 
-        The residual; two roundings of its own, and half of one for each variable of a loop:
-        for its geometry and for the numbers that the file rounds.
+        The residual; two roundings of its own, and one for each variable of a loop: for its
+        geometry, and for the numbers of the file, which float64 rounds.
         """
-        rounding = EPS * (2.0 + 0.5 * self._longest_loop)
+        rounding = EPS * (2.0 + self._longest_loop)
         return np.asarray(np.nan_to_num(self.residual, nan=0.0) + rounding)
 
     @property
@@ -202,10 +203,10 @@ class Motion:
     def configuration_error(self) -> Floats:
         """(n,) rad, how far variables may be off.
 
-        The gap of the loops times `sensitivity` is the first step of Newton's method to the
-        solution, and the way there is at most twice as long while `bend` allows it: infinite
-        where it does not. Two roundings more are for the numbers. NaN where the row failed or
-        was not constructed.
+        The gap of the loops times `sensitivity` is the first step of Newton's method to
+        the solution, and the way there is at most twice as long while `bend` allows it:
+        infinite where it does not. Two roundings more are for the numbers. NaN where the
+        row failed or was not constructed.
         """
         if np.all(np.isnan(self.residual)):
             return np.full(len(self), np.nan)
@@ -301,6 +302,7 @@ class Tracer:
         If it cannot be assembled anywhere, or the branch is unknown.
     """
 
+    @checked(SolveError)
     def __init__(
         self,
         mechanism: Mechanism,
@@ -313,10 +315,8 @@ class Tracer:
         follow: bool = True,
     ) -> None:
         self._follow = follow
-        if input_pair is None:
-            names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-        else:
-            names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
+        mechanism = driven_at(mechanism, input_pair)
+        names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
         self.mechanism = mechanism.with_inputs(*names)
         self.lattice = _lattice(self.mechanism, samples, grid, path)
         self.by_rank = False
@@ -491,6 +491,7 @@ def _lattice(
     return lattices.straight(inputs, samples)
 
 
+@checked(SolveError)
 def trace(
     mechanism: Mechanism,
     samples: int | Sequence[int] = DEFAULT_SAMPLES,

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import (
-    EPS,
     NO_MOTION,
     SINGULAR_RATIO,
     USABLE_DIRECTION,
