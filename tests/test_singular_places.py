@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
+from spherekit.singular.turns import into_range
 from test_singular_several import axes_at
 from test_singular_single import four_bar
 from test_singularities_analysis import ROCKER, findings_of
@@ -18,7 +19,6 @@ from spherekit.guidance.loci import SIDE, mid_plane_loci
 from spherekit.motion.motion import Tracer
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.surface import singular_surface
-from spherekit.singular.turns import into_range
 from spherekit.sphere.mirror import normal_at
 
 NAME = "singularities"

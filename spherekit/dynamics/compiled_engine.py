@@ -8,6 +8,7 @@ import numpy as np
 
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.dynamics.inertia import equivalent_inertia
+from spherekit.dynamics.kinematics import flatness
 from spherekit.dynamics.path import Traced
 from spherekit.dynamics.simulation import (
     CROSSING,
@@ -30,6 +31,8 @@ from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import EngineError
 from spherekit.sphere.rotation import Floats
 
+NO_CROSSING = 1e-3
+"""Flatter equations of all loops belong to a crossing of curves, see `flatness`."""
 STICKS = (
     "a load that is not smooth would turn back at once, as dry friction does at rest; "
     "sticking is not modelled: smooth the load, or end here"
@@ -88,7 +91,8 @@ def by_taylor_series(
     Raises
     ------
     EngineError
-        If the mechanism cannot be compiled, or a load has no series at the start.
+        If the mechanism cannot be compiled, or not on all of the way, or a load has no
+        series at the start.
     """
     mechanism = problem.equation.mechanism
     started = time.perf_counter()
@@ -119,6 +123,8 @@ def by_taylor_series(
             raise EngineError(f"{mechanism.name}: at the start {NO_SERIES}")
         raise cannot_leave(problem, JUMPS)
     path = TaylorPath(run, sense)
+    if run.end == "singularity":
+        _need_crossing(problem, path)
     report = EngineReport("compiled", reason, compiling, seconds, len(run.starts), forecast)
     return Simulation(
         problem.equation,
@@ -129,6 +135,22 @@ def by_taylor_series(
         report,
         tolerance=tolerance,
     )
+
+
+def _need_crossing(problem: Problem, path: TaylorPath) -> None:
+    """Raise `EngineError` where no curves cross at the end of a path.
+
+    Of redundant equations those that are independent where they were chosen are compiled;
+    elsewhere they may depend on each other though the others hold the mechanism.
+    """
+    state = path.at(np.array([path.run.time])).states[0]
+    equation = problem.equation
+    if flatness(equation.closure, state[: equation.variables]) > NO_CROSSING:
+        raise EngineError(
+            f"{equation.mechanism.name}: of its redundant equations those that were chosen "
+            f"depend on each other at t = {path.run.time:.6g} s; use NumPy's "
+            'simulate(engine="numpy"), or --engine numpy'
+        )
 
 
 def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
