@@ -247,7 +247,7 @@ def test_a_narrow_step_of_the_potential_changes_the_energy(sense, engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("speed", [1e-4, 1e-2, 0.1])
+@pytest.mark.parametrize("speed", [1e-3, 1e-2, 0.1])
 def test_friction_stops_a_link_and_holds_it(speed, engine):
     """J w' = -F tanh(w / s): sinh(w / s) falls as exp(-F t / (J s)) does."""
     made = one_link(Friction("rub", "12", 2.0, 0.0, speed))

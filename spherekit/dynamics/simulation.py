@@ -234,7 +234,7 @@ class Simulation:
             return None
         return (
             f"the simulation misses its tolerance of {self.tolerance:.1e} rad: {said}; "
-            "give a smaller one, simulate a shorter time, or smooth the loads more"
+            "simulate a shorter time, smooth the loads more, or ask for less"
         )
 
     @property

@@ -9,7 +9,7 @@ open by little more than rounding, but that adds up, so they are closed now and 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple, final
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,9 @@ BLOCK = 1024
 
 _FULL_TURN_REST = 2.4492935982947064e-16
 """2 pi less its nearest float64."""
+
+_Mark = tuple[int, Floats]
+"""How many events were seen before a step, and the sides of the switches then."""
 
 RunEnd = Literal[
     "time", "stop", "singularity", "sticking", "too_fast", "too_many", "not_finite"
@@ -196,26 +199,6 @@ def integrate(
 
 
 @final
-class _Taken(NamedTuple):
-    """A step of a stretch that goes on: its start, length and series.
-
-    `seen` and `sides` are the events seen and the sides of the switches before it.
-    """
-
-    start: float
-    length: float
-    series: Floats
-    seen: int
-    sides: Floats | None
-
-
-def _together(steps: Sequence[_Taken]) -> tuple[Floats, Floats, Floats]:
-    """Return the starts, lengths and series of steps."""
-    starts, lengths, series = (np.array([each[k] for each in steps]) for k in range(3))
-    return starts, lengths, series
-
-
-@final
 class _Integration:
     """A run while it goes on."""
 
@@ -280,43 +263,53 @@ class _Integration:
         self, integrator: Integrator, target: float, shortest: float
     ) -> tuple[int, RunEnd | None]:
         self._reduce(integrator)
-        taken: list[_Taken] = []
-        right = tried = 0
+        starts: list[float] = []
+        lengths: list[float] = []
+        series: list[Floats] = []
+        marks: list[_Mark] = []
         looks = self.equation.steep is not None
+        right = tried = 0
         end: RunEnd | None = None
-        while end is None and len(taken) < STRETCH:
+        while end is None and len(starts) < STRETCH:
             tried += 1
             start = integrator.time
-            limited = self.longest < target - start
-            before = (len(integrator.seen), self._sides(integrator)) if looks else (0, None)
-            outcome, length = integrator.step(min(target - start, self.longest))
+            longest = target - start
+            limited = self.longest < longest
+            if looks:
+                mark = len(integrator.seen), self._sides(integrator)
+                longest = min(longest, self.longest)
+            outcome, length = integrator.step(longest)
             if outcome is End.NOT_FINITE:
                 end = "not_finite"
             elif length > 0.0 or outcome is End.EVENT:
                 self.time = integrator.time
-                taken.append(_Taken(start, length, integrator.coefficients, *before))
+                starts.append(start)
+                lengths.append(length)
+                series.append(integrator.coefficients)
+                if looks:
+                    marks.append(mark)
             if outcome is End.LIMIT and not limited:
                 end = "time"
             elif outcome is End.EVENT:
                 end = self._event(integrator)
-            elif outcome in (End.STEP, End.LIMIT) and length < shortest:
+            elif length < shortest and outcome in (End.STEP, End.LIMIT):
                 end = "too_fast"
-            if not looks or not (limited or end is not None or len(taken) == STRETCH):
+            if not looks or not (limited or end is not None or len(starts) == STRETCH):
                 continue
-            agree, self.longest = self._agree(integrator, taken[right:])
+            steps = [np.array(each[right:]) for each in (starts, lengths, series)]
+            agree, self.longest = self._agree(integrator, steps, marks[right:])
             right += agree
-            if right < len(taken):
+            if right < len(starts):
                 end = None if self.longest > shortest else "too_fast"
-                self._go_back(integrator, taken[right])
-                del taken[right:]
+                self._go_back(integrator, starts[right], series[right], marks[right])
+                for each in (starts, lengths, series, marks):
+                    del each[right:]  # type: ignore[attr-defined]
             elif limited and outcome is End.LIMIT:
                 self.longest = GROWN * length
-        if taken:
-            starts, lengths, series = _together(taken)
-            self.stretches.append(
-                Stretch(starts, lengths, series, self.turns, self.unit, self.work)
-            )
-            first = np.ascontiguousarray(series[:, : self.count, 0].T)
+        if starts:
+            kept = np.array(starts), np.array(lengths), np.array(series)
+            self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
+            first = np.ascontiguousarray(kept[2][:, : self.count, 0].T)
             tau = np.asarray(self.equation.tau(first))
             largest = float(np.max(np.sum(tau**2, axis=0)))
             self.least = max(self.least, CROSSED**2 * largest)
@@ -332,23 +325,29 @@ class _Integration:
     def _sides(self, integrator: Integrator) -> Floats:
         return self._constants(integrator)[self.equation.layout.side :]
 
-    def _go_back(self, integrator: Integrator, step: _Taken) -> None:
+    def _go_back(
+        self, integrator: Integrator, start: float, series: Floats, mark: _Mark
+    ) -> None:
         """Return to the start of a step."""
-        self.time, constants = step.start, self._constants(integrator)
-        constants[self.equation.layout.side :] = step.sides
-        integrator.go_back(step.series[:, 0], step.start, constants, step.seen)
+        seen, sides = mark
+        self.time, constants = start, self._constants(integrator)
+        constants[self.equation.layout.side :] = sides
+        integrator.go_back(series[:, 0], start, constants, seen)
 
-    def _agree(self, integrator: Integrator, steps: list[_Taken]) -> tuple[int, float]:
+    def _agree(
+        self, integrator: Integrator, steps: Sequence[Floats], marks: Sequence[_Mark]
+    ) -> tuple[int, float]:
         """Return how many steps agree with what the loads do, and how long the next may be.
 
-        After one that does not it is the part of it that does, otherwise of any length.
+        `steps` are their starts, lengths and series. After one that does not agree the next
+        is the part of it that does, otherwise of any length.
         """
-        if not steps:
+        starts, lengths, series = steps
+        if not len(starts):
             return 0, np.inf
         steep, count = self.equation.steep, self.count
         assert steep is not None
-        starts, lengths, series = _together(steps)
-        sides = np.array([each.sides for each in steps])
+        sides = np.array([sides for _, sides in marks])
         constants = self._constants(integrator)
 
         def look(step: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
@@ -363,10 +362,10 @@ class _Integration:
             missed = np.abs(rates[:, count] - found[0]) * lengths[step]
             return missed / (MISSED * self.equation.tolerance), found[1:].T
 
-        good = good_until(look, len(steps))
+        good = good_until(look, len(starts))
         wrong = np.flatnonzero(good < 1.0)
         if not len(wrong):
-            return len(steps), np.inf
+            return len(starts), np.inf
         first = int(wrong[0])
         return first, float(lengths[first] * max(good[first], SHRUNK))
 
