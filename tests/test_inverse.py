@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.conventions import Status
+from spherekit.conventions import EPS, Status
 from spherekit.errors import FileError, PlanError, SolveError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
@@ -620,7 +620,7 @@ def test_the_mid_plane_mechanism_returns_from_every_working_mode(count):
         )
         assert np.all(np.isnan(inverse.inputs[k][failed]))
     assert len(found) == 4
-    assert worst < 1e-13
+    assert worst < 2000 * EPS  # rounding, over measures of at least 0.05
 
 
 def test_every_turn_of_the_mid_plane_mechanism_is_found():
