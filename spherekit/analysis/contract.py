@@ -428,7 +428,7 @@ class AbstractAnalysis(ABC):
     they come, and a few rows tell what many cost."""
     reads_samples: ClassVar[bool] = True
     """Whether it reads samples of a run; otherwise it is asked once, with the first
-    block."""
+    block, which is empty where no analysis of the run reads samples."""
     trades: ClassVar[tuple[Sweep, ...]] = ()
     """Own parameters that trade speed for accuracy, where samples are not what costs."""
 
