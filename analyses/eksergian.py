@@ -32,13 +32,17 @@ from spherekit.model.mechanism import Mechanism
 
 Floats = NDArray[np.float64]
 
+USABLE_RATES = 1e-6
+"""Inertia and torque are not given where more than this part of the rates is in doubt."""
+
 
 @final
 @dataclass(frozen=True)
 class Torque:
     """The inverse problem at n rows: inertia, loads and the torque `tau` (n,), N m.
 
-    `status` (n,) is the motion's, with OVERFLOW where the torque is not finite.
+    `status` (n,) is the motion's, with OVERFLOW where the torque is not finite, and
+    ILL_CONDITIONED where the rates of links are not known well enough.
     """
 
     inertia: Inertia
@@ -191,6 +195,8 @@ class Eksergian(AbstractAnalysis):
         status = batch.status.copy()
         finite = np.isfinite(tau) & np.all(np.isfinite(power), axis=1)
         status[(status == Status.OK) & ~finite] = Status.OVERFLOW
+        lost = ~(batch.rates_loss() < USABLE_RATES)
+        status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
         failed = status != Status.OK
         for array in (masses.B_parts, masses.dB_parts, forces, tau):
             array[failed] = np.nan

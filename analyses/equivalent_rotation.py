@@ -94,6 +94,7 @@ class EquivalentRotation(AbstractAnalysis):
         "Z. Chen et al., Motion characteristics analysis of a novel spherical two-degree-"
         "of-freedom parallel mechanism, 2021, doi 10.21203/rs.3.rs-258461",
     )
+    reads_samples: ClassVar[bool] = False
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
             "equivalent_rotation",

@@ -69,7 +69,19 @@ class Poles(AbstractAnalysis):
                 Column(
                     "error_bound",
                     "rad",
-                    "bound of the rounding error of u, given the configuration",
+                    "bound of the error of u: of rounding and of the configuration",
+                    scale="none",
+                ),
+                Column(
+                    "rate_error_bound",
+                    "",
+                    "bound of the error of rate, likewise",
+                    scale="none",
+                ),
+                Column(
+                    "rate_dq_error_bound",
+                    "1/rad",
+                    "bound of the error of rate_dq, likewise",
                     scale="none",
                 ),
                 RESIDUAL,
@@ -137,6 +149,12 @@ class Poles(AbstractAnalysis):
                 "rate_dq": per_pole([batch.rate_dq(*pole) for pole in wanted]),
                 "conditioning": per_pole([batch.conditioning(*pole) for pole in wanted]),
                 "error_bound": per_pole([batch.error_bound(*pole) for pole in wanted]),
+                "rate_error_bound": per_pole(
+                    [batch.rate_error_bound(*pole) for pole in wanted]
+                ),
+                "rate_dq_error_bound": per_pole(
+                    [batch.rate_dq_error_bound(*pole) for pole in wanted]
+                ),
                 "residual": per_row(batch.residual),
                 "status": per_pole([batch.pole_status(*pole) for pole in wanted]),
                 "moved": np.tile(pairs[[moved for *_, moved in wanted]], n),

@@ -1,12 +1,9 @@
 """What a search may spend, and what it says of itself while it goes on."""
 
-import logging
 import time
 from typing import final
 
-PROGRESS = "spherekit.progress"
-"""Name of the logger that is told what a search does; it is silent unless listened to."""
-_told = logging.getLogger(PROGRESS)
+from spherekit.progress import Working
 
 
 @final
@@ -21,6 +18,7 @@ class Budget:
         self.seconds, self.what = seconds, what
         self._started = time.process_time()
         self._note = ""
+        self._working = Working(what)
 
     @property
     def taken(self) -> float:
@@ -29,14 +27,16 @@ class Budget:
 
     def part(self, share: float) -> "Budget":
         """Return a budget of a share of what is left."""
-        return Budget(max(0.0, share * (self.seconds - self.taken)), self.what)
+        part = Budget(max(0.0, share * (self.seconds - self.taken)), self.what)
+        part._working = self._working
+        return part
 
     def goes_on(self, doing: str) -> bool:
         """Return whether there is time left for the next step, and tell what it is.
 
         `doing` is words such as ``"slice 3 of 12"``.
         """
-        _told.info("%s: %s, %.0f s", self.what, doing, self.taken)
+        self._working.tell(lambda: f"{doing}, {self.taken:.0f} s")
         if self.taken < self.seconds:
             return True
         self._note = f"stopped after {self.seconds:.3g} s of processor time before {doing}"

@@ -36,8 +36,9 @@ STATUS_MEANING = {
     Status.NOT_CLOSED: "the closure residual is above the tolerance",
     Status.NO_POLE: "the two links do not move relative to each other here: the "
     "coefficient is zero and they have no pole axis",
-    Status.ILL_CONDITIONED: "the links move, but nearly parallel axes leave the "
-    "direction of this pole unknown to the accuracy asked for",
+    Status.ILL_CONDITIONED: "nearly parallel axes or a singularity nearby leave the "
+    "direction of this pole, though the links move, or the inertia and torque of this row "
+    "unknown to the accuracy asked for",
     Status.OFF_PROFILE: "the contact has run off the end of an open profile",
     Status.CURVATURE: "at the contact the profiles have equal curvature or would enter "
     "each other; use a smaller roller or a less curved cam",

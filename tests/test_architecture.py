@@ -13,7 +13,8 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
-    ("errors", "conventions", "guarantee", "version", "budget"),
+    ("errors", "conventions", "guarantee", "version", "progress"),
+    ("budget", "checked"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),

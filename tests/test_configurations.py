@@ -291,8 +291,10 @@ def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
     assert [len(group.bodies) for group in drive.assembly.groups] == [3, 5]
 
 
-def test_a_contact_is_searched_and_said_to_be():
+def test_wheels_are_searched_and_said_to_be():
     tracer = Tracer(sk.load("bevel_pair"))
     found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
-    assert found.guarantee is Guarantee.COMPONENT
-    assert "wheels in mesh" in str(found.claim)
+    assert found.guarantee is Guarantee.SAMPLED
+    assert "random inputs" in str(found.claim)
+    assert not found.mismatches
+    assert set(found.counts) == {1}

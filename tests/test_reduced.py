@@ -1,6 +1,7 @@
 """Stored functions of a mechanism against other routes to the same values."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,6 +16,7 @@ from spherekit.dynamics.offline import online_model
 from spherekit.dynamics.online import load_reduced
 from spherekit.errors import FileError, ModelError, PlanError, SolveError
 from spherekit.files.read import load
+from spherekit.files.write import dumps
 from spherekit.model.dynamics import (
     Damper,
     Friction,
@@ -306,6 +308,72 @@ def test_the_command_exports_both_forms(tmp_path, capsys):
     arguments = ["export", "four_bar", "--to", "mjcf", "-o", str(target), "--at", "0.3"]
     assert main([*arguments, "-q"]) == 0
     assert "<mujoco" in target.read_text(encoding="utf-8")
+
+
+HELD = """
+[loads.motor]
+pair = "21"
+torque = "sin(t)"
+[loads.bearing]
+kind = "friction"
+pair = "32"
+torque = 0.2
+speed = 0.5
+[loads.coil]
+kind = "spring"
+pair = "32"
+stiffness = 3.0
+[loads.second_coil]
+kind = "spring"
+pair = "32"
+stiffness = 4.0
+[loads.damper]
+kind = "damper"
+pair = "43"
+damping = 0.1
+[stops.41]
+from = -90.0
+to = 90.0
+"""
+
+
+def test_an_export_says_on_the_terminal_what_it_leaves_out(tmp_path, capsys):
+    path = tmp_path / "held.toml"
+    path.write_text(dumps(replace(load("four_bar"), loads=())) + HELD)
+    target = tmp_path / "m.xml"
+    assert main(["export", str(path), "--to", "mjcf", "-o", str(target)]) == 0
+    told, written = capsys.readouterr().err, target.read_text(encoding="utf-8")
+    for name in ("motor", "bearing", "second_coil", "damper"):
+        assert f"{name} (" in told and f"{name} (" in written
+    assert "coil (a hinge" in told and " coil (" not in told
+    assert "pair 43, where the loop is cut" in told
+    assert "stops left out, hinges turn freely: 41" in told
+    assert "outputs left out: rocker" in told
+    assert 'stiffness="3.0"' in written
+
+
+@pytest.mark.parametrize(("unit", "given"), [("deg", "400"), ("rad", "6.981317007977318")])
+def test_the_input_of_an_exported_pose_is_in_the_unit_of_the_file(unit, given, tmp_path):
+    path, target = tmp_path / "m.toml", tmp_path / "m.xml"
+    path.write_text(dumps(load("four_bar"), unit))
+    words = ["export", str(path), "--to", "mjcf", "-o", str(target), "--at", given]
+    assert main(words) == 0
+    pose = dict(re.findall(r'<joint name="(\w+)".* ref="([^"]+)"', target.read_text()))
+    q, gap = float(pose["21"]), float(pose["41"])
+    assert q == pytest.approx(np.radians(400.0), abs=1e-12)
+    wanted = Tracer(load("four_bar"), branch=0).at(np.radians([40.0])).values[0, 3]
+    assert np.exp(1j * gap) == pytest.approx(np.exp(1j * wanted), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "flag"), [("model", "--at=3"), ("mjcf", "--tol=1e-9"), ("mjcf", "--poles=3/1")]
+)
+def test_flags_of_another_export_are_refused(kind, flag, tmp_path, capsys):
+    suffix = {"model": "npz", "mjcf": "xml"}[kind]
+    target = tmp_path / f"m.{suffix}"
+    assert main(["export", "four_bar", "--to", kind, "-o", str(target), flag]) == 1
+    assert "does nothing without --to" in capsys.readouterr().err
+    assert not target.exists()
 
 
 def test_rigid_bodies_have_the_inertia_of_the_mechanism(four_bar, models):

@@ -18,7 +18,8 @@ from spherekit.planning.poles import all_poles
 
 POLES = [
     "sample", "branch", "q", "link", "relative_to", "ux", "uy", "uz",
-    "rate", "rate_dq", "conditioning", "error_bound", "residual", "status", "moved",
+    "rate", "rate_dq", "conditioning", "error_bound", "rate_error_bound",
+    "rate_dq_error_bound", "residual", "status", "moved",
 ]  # fmt: skip
 
 

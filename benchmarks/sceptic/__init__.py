@@ -12,7 +12,7 @@ from itertools import chain
 
 from benchmarks.report import Section, markdown
 from benchmarks.sceptic.checks import CHECKS
-from benchmarks.sceptic.examine import LIMIT, Examined, examine
+from benchmarks.sceptic.examine import BUDGET, LIMIT, Examined, examine
 from benchmarks.sceptic.finding import Kind
 from benchmarks.sceptic.suspects import random_suspects, shipped_suspects
 
@@ -58,6 +58,7 @@ def sections(examined: Sequence[Examined]) -> list[Section]:
         for notes in each.noted.values():
             for text in notes.refused:
                 refused[text] = refused.get(text, 0) + 1
+    unasked = sum(len(each.unasked) for each in examined)
     wrong = sum(each.contradictions for each in examined)
     seconds = sum(each.seconds for each in examined)
     return [
@@ -68,7 +69,8 @@ def sections(examined: Sequence[Examined]) -> list[Section]:
             + ". `of` counts the mechanisms on which a check had something to compare.",
             ("check", "what is asked", "of", "comparisons", "s", *(k.value for k in Kind)),
             asked,
-            f"{wrong} contradictions in {seconds:.0f} s.",
+            f"{wrong} contradictions in {seconds:.0f} s of processor time; {unasked} "
+            f"checks were left out, those of mechanisms that took more than {BUDGET:g} s.",
         ),
         Section(
             "What contradicts",

@@ -9,8 +9,6 @@ from benchmarks.sceptic.finding import Kind, Notes
 
 OFF_RANGE = 1e-9
 """By how much (rad) a row may lie outside the range of an input: rounding."""
-OUTSIDE = ("outside", "beyond", "out of range")
-"""Words of which one marks a row that is not in the range asked for."""
 NOTHING = ("no ", "not ", "none", "empty", "nothing", "never")
 """Words of which one says why a table has no rows."""
 FINITE = {
@@ -64,26 +62,7 @@ def answered(ran: Ran, analysis: str, notes: Notes) -> bool:
 
 def judge_rows(evidence: Evidence, name: str, frame: pd.DataFrame, notes: Notes) -> None:
     """Note rows out of range, and numbers that are there or missing against the status."""
-    several = len(evidence.mechanism.inputs) > 1
-    for item in evidence.mechanism.inputs:
-        column = f"q_{item.pair}" if several else "q"
-        if column not in frame or name.startswith(("workspace", "inverse", "equivalent")):
-            continue
-        if name.startswith("poles") and several:
-            continue
-        low, high = sorted((item.start, item.stop))
-        q = frame[column].to_numpy(dtype=float)
-        out = (q < low - OFF_RANGE) | (q > high + OFF_RANGE)
-        texts = frame.select_dtypes(exclude="number").astype(str)
-        marked = texts.apply(lambda line: any(w in " ".join(line) for w in OUTSIDE), axis=1)
-        out &= ~marked.to_numpy(dtype=bool) if len(frame) else out
-        notes.judged(len(q))
-        if np.any(out):
-            k = int(np.flatnonzero(out)[0])
-            notes.found(
-                f"{name}: {int(np.sum(out))} of {len(q)} rows have {column} outside "
-                f"{low:.6g} to {high:.6g} and do not say so, the first {q[k]:.6g}"
-            )
+    _in_range(evidence, name, frame, notes)
     if "status" not in frame:
         return
     status = frame["status"].astype(str).to_numpy()
@@ -107,6 +86,36 @@ def judge_rows(evidence: Evidence, name: str, frame: pd.DataFrame, notes: Notes)
             notes.found(
                 f"{name}: {column} is {frame[column].iloc[k]} in a row that is "
                 f"{status[k]}, row {k}"
+            )
+
+
+def _in_range(evidence: Evidence, name: str, frame: pd.DataFrame, notes: Notes) -> None:
+    """Note rows outside the ranges of the inputs that do not say so.
+
+    Tables that say `inside` have to say it rightly. Those of given poses have no range.
+    """
+    inputs = evidence.mechanism.inputs
+    columns = ["q"] if len(inputs) == 1 else [f"q_{item.pair}" for item in inputs]
+    given = name.startswith(("workspace", "inverse", "equivalent"))
+    if given or not len(frame) or not set(columns) <= set(frame):
+        return
+    q = frame[columns].to_numpy(dtype=float)
+    ends = np.array([sorted((item.start, item.stop)) for item in inputs])
+    beyond = np.max(np.maximum(ends[:, 0] - q, q - ends[:, 1]), axis=1)
+    told = np.zeros(len(frame), dtype=bool)
+    if "inside" in frame:
+        told = frame["inside"].astype(str).to_numpy() == "no"
+    known = np.isfinite(beyond)
+    notes.judged(int(np.sum(known)))
+    for wrong, words in (
+        (known & (beyond > OFF_RANGE) & ~told, "outside the range and do not say so"),
+        (known & (beyond < -OFF_RANGE) & told, "inside the range and say they are not"),
+    ):
+        if np.any(wrong):
+            k = int(np.flatnonzero(wrong)[0])
+            notes.found(
+                f"{name}: {int(np.sum(wrong))} of {len(q)} rows are {words}, the first at "
+                f"{q[k].round(6).tolist()} rad"
             )
 
 
@@ -144,8 +153,8 @@ def judge_counts(ran: Ran, notes: Notes) -> None:
     (own,) = (each for each in ran.summary["analyses"] if each["name"] == "singularities")
     told = own["findings"].get("singularities")
     if told is not None:
-        kinds = found["kind"].astype(str)
-        counted = kinds[found["inside"].astype(str) == "yes"].value_counts().to_dict()
+        inside = found[found["inside"].astype(str) == "yes"]
+        counted = inside["kind"].astype(str).value_counts().to_dict()
         notes.contradiction(
             {k: v for k, v in counted.items() if v} != told,
             f"the summary counts {told}, the table {counted}",

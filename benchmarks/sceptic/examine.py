@@ -21,6 +21,8 @@ from spherekit.errors import SpherekitError
 
 LIMIT = 60.0
 """Seconds of processor time a check may take; the runs it is the first to ask for count."""
+BUDGET = 240.0
+"""Seconds of processor time that the checks of a mechanism may take before the last."""
 PATIENCE = 20.0
 """How many times as long it may take by the clock, on a machine that others use too."""
 
@@ -33,10 +35,12 @@ class Examined:
     name: str
     kind: str
     noted: dict[str, Notes] = field(default_factory=dict)
+    unasked: tuple[str, ...] = ()
+    """Checks that were left out, since the others took too long."""
 
     @property
     def seconds(self) -> float:
-        """Processor time of the checks that came to an end."""
+        """Processor time of the checks."""
         return sum(notes.seconds for notes in self.noted.values())
 
     @property
@@ -59,6 +63,8 @@ def examine(
         left = list(checks)
         while left:
             left = _in_a_process(suspect, left, limit, examined)
+            if examined.seconds > BUDGET:
+                examined.unasked, left = tuple(left), []
         every.append(examined)
         if tell is not None:
             _tell(examined, tell)
@@ -76,7 +82,8 @@ def _tell(examined: Examined, stream: TextIO) -> None:
     compared = sum(notes.compared for notes in examined.noted.values())
     print(
         f"{examined.name} ({examined.kind}): {compared} comparisons, "
-        f"{examined.contradictions} contradictions, {examined.seconds:.1f} s",
+        f"{examined.contradictions} contradictions, {examined.seconds:.1f} s"
+        + (f"; not asked: {', '.join(examined.unasked)}" if examined.unasked else ""),
         file=stream,
     )
     for notes in examined.noted.values():
@@ -106,11 +113,12 @@ def _in_a_process(
                 except EOFError:
                     worker.join()
                     if worker.exitcode == -signal.SIGPROF:
+                        notes.seconds = limit
                         notes.found(f"nothing after {limit:g} s", Kind.LATE)
                     else:
                         notes.found(f"the process ended: {worker.exitcode}", Kind.FAULT)
             examined.noted[left.pop(0)] = notes
-            if not notes.finished:
+            if not notes.finished or examined.seconds > BUDGET:
                 break
     finally:
         worker.kill()

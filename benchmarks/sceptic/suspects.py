@@ -219,7 +219,7 @@ def _driven_anywhere(random: np.random.Generator, made: Mechanism) -> Mechanism:
 
 
 def _grown(random: np.random.Generator) -> Mechanism:
-    made = grown(random, int(random.choice([6, 8])), bool(random.random() < 0.5))
+    made = grown(random, int(random.choice([6, 6, 8])), bool(random.random() < 0.5))
     return _driven_anywhere(random, made)
 
 

@@ -75,12 +75,13 @@ def evaluate_block(
         if stage is not None:
             with ledger.stage(RECORDING):
                 stage.scenes(scenes, motion)
-    store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, found))
+    if job.motion_tables:
+        store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, found))
+        standing.count(MOTION, MOTION, {"sample": motion.sample})
     if standing.done == 0 and course.simulation is not None:
         store.add(MOTION, EVENTS, course.events())
         standing.count(MOTION, EVENTS.name, course.events())
     if verifier is not None:
         verifier.see(motion, found, angles)
-    standing.count(MOTION, MOTION, {"sample": motion.sample})
     standing.tally.add(course.tracer, motion, found)
     standing.done += motion.samples

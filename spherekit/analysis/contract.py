@@ -274,6 +274,25 @@ class Batch:
             raise UndeclaredNeed("rate_dq was read; declare Needs(derivatives=True)")
         return self._pole(i, j, "rates", self._found(moved).rate_dq)
 
+    def rate_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of `rate`."""
+        return self._pole(i, j, "rates", self._found(moved).rate_error)
+
+    def rate_dq_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of `rate_dq`, 1/rad."""
+        if not self.needs.derivatives:
+            raise UndeclaredNeed(
+                "rate_dq_error_bound was read; declare Needs(derivatives=True)"
+            )
+        return self._pole(i, j, "rates", self._found(moved).rate_dq_error)
+
+    def rates_loss(self, moved: int = 0) -> Floats:
+        """Return (n,) the part of the angular velocities or their derivatives in doubt.
+
+        Of the largest of all links, or of 1, where that is smaller; 0 below about 1e-10.
+        """
+        return self._found(moved).loss
+
     def planes(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 2, 3) unit normals of the great circles that gave the pole."""
         return self._pole(i, j, "planes", self._found(moved).planes)

@@ -19,7 +19,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import wrap
 from spherekit.motion.motion import BLOCK, Motion, Tracer
 from spherekit.motion.timing import Extent, Timing, by_laws
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.sphere.rotation import Floats
 
 UNIT_SPEED = 1.0
@@ -178,8 +178,11 @@ def course_of(
     torque: str | None,
     tolerance: float,
     engine: Engine = "auto",
+    follow: bool = True,
 ) -> Course:
     """Return the course behind the arguments of `spherekit.run`.
+
+    Without `follow` samples over no time have no branches: nothing is to be read there.
 
     Raises
     ------
@@ -188,9 +191,7 @@ def course_of(
     PlanError, SolveError, ModelError
         See `Tracer` and `simulate`.
     """
-    if input_pair is not None:
-        names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
-        mechanism = mechanism.with_inputs(*names)
+    mechanism = driven_at(mechanism, input_pair)
     inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
     mechanism = mechanism.with_inputs(*inputs)
     fault = time_fault(inputs, laws, duration, start, torque)
@@ -198,7 +199,7 @@ def course_of(
         keys, message = fault
         raise AnalysisError(f"{mechanism.name}: {'.'.join(keys)}: {message}")
     if duration is None:
-        tracer = Tracer(mechanism, None, branch, search, samples, grid, path)
+        tracer = Tracer(mechanism, None, branch, search, samples, grid, path, follow)
         lattice = tracer.lattice
         timing = _at_unit_speed(lattice.q) if len(inputs) == 1 else None
         return Course(tracer, lattice.q, lattice.shape, timing, False, {})

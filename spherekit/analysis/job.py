@@ -67,7 +67,12 @@ class Job:
 
     @cached_property
     def motion_tables(self) -> tuple[Table, ...]:
-        """The table of the motion, and of what happened in a simulation."""
+        """The table of the motion, and of what happened in a simulation.
+
+        None where no motion is traced.
+        """
+        if not self.course.tracer.branches:
+            return ()
         table = motion_table(self.course)
         return (table,) if self.course.simulation is None else (table, EVENTS)
 

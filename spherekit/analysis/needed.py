@@ -8,6 +8,7 @@ from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.inputs import driven_at
 from spherekit.planning.part import part_for
 
 
@@ -46,9 +47,7 @@ def needed_part(
             f"{mechanism.name}: a motion that follows from loads needs all links; run it "
             "without only_needed (--only-needed)"
         )
-    if input_pair is not None:
-        names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
-        mechanism = mechanism.with_inputs(*names)
+    mechanism = driven_at(mechanism, input_pair)
     wanted: frozenset[int] = frozenset()
     for analysis in analyses:
         needs = analysis.needs(mechanism)

@@ -236,7 +236,8 @@ class Represented:
     def field(self, motion: Motion) -> PoleField:
         """Return the poles and coefficients at the rows of such a motion.
 
-        `angle`, `error` and `planes` are NaN: they belong to poles that are constructed.
+        `angle`, `planes` and the bounds of errors are NaN: they belong to poles that
+        are constructed.
         """
         n, k = len(motion), motion.samples
         parts = [read(motion.q[:k]) for read in self._reads]
@@ -263,12 +264,15 @@ class Represented:
             rate_dq=change,
             angle=bare,
             error=bare,
+            rate_error=bare,
+            rate_dq_error=bare,
             planes={pole: np.full((n, 2, 3), np.nan) for pole in self._wanted.planes},
             w={link: of("w", link, 3) for link in self._rates},
             dw={link: of("dw", link, 3) for link in self._rates},
             status=status,
             pole_status={pole: resting if pole in still else status for pole in poles},
             by_equations=np.zeros(n, dtype=bool),
+            loss=np.zeros(n),
         )
 
 

@@ -19,6 +19,7 @@ from spherekit.analysis.tables import (
     Table,
     TableData,
 )
+from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes
@@ -58,6 +59,7 @@ class RunResult:
     summary: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
 
+    @checked(AnalysisError)
     def frame(
         self,
         analysis: str | None = None,
@@ -109,6 +111,7 @@ class RunResult:
             )
         return data[table]
 
+    @checked(OutputError)
     def write(
         self,
         folder: str | Path,

@@ -22,7 +22,9 @@ from spherekit.analysis.summary import actual_cost, summary_of
 from spherekit.analysis.tables import FILE_SIZE, Format
 from spherekit.analysis.unfinished import engine_of, kept, opened, setting_of, taken_up
 from spherekit.analysis.verify import Verifier, faults
+from spherekit.checked import checked
 from spherekit.engine.kernels import Engine
+from spherekit.errors import AnalysisError
 from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import DEFAULT_SAMPLES
@@ -31,6 +33,7 @@ from spherekit.sphere.rotation import Floats
 Progress = Callable[[int, int], None]
 
 
+@checked(AnalysisError)
 def run(
     mechanism: Mechanism,
     analyses: str | AbstractAnalysis | Sequence[str | AbstractAnalysis] = "poles",
@@ -70,7 +73,9 @@ def run(
     analyses
         Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects.
     samples, input_pair, branch, search, grid, path
-        Which inputs and assembly modes; see `spherekit.motion.motion.Tracer`.
+        Which inputs and assembly modes; see `spherekit.motion.motion.Tracer`. No motion is
+        traced where no analysis reads samples, unless a `branch`, a `recorder`, times or
+        what is to be verified ask for one.
     laws, duration
         Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
         both ends included. With a duration alone the only input turns at 1 rad/s.
@@ -122,6 +127,13 @@ def run(
         If the folder cannot be written, the disk is full, another run writes there, or
         has left work that does not fit. What is done is kept, to be resumed.
     """
+    for name, number in (("block", block), ("verify", verify), ("log_every", log_every)):
+        if number is not None and number < 1:
+            raise AnalysisError(f"run: {name} is {number}; it has to be 1 or more")
+    if start is None and engine != "auto":
+        raise AnalysisError("run: engine does nothing without a simulation: give start")
+    if folder is None and unfinished != "refuse":
+        raise AnalysisError("run: unfinished does nothing without a folder")
     ledger, whole = Ledger(), mechanism
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
@@ -144,6 +156,14 @@ def run(
                 torque=torque,
                 tolerance=tolerance,
                 engine=engine_of(place, unfinished, engine),
+                follow=bool(
+                    recorder is not None
+                    or verify
+                    or branch is not None
+                    or accuracy is not None
+                    or setting != ORDINARY
+                    or any(analysis.reads_samples for analysis in chosen)
+                ),
             )
         if accuracy is not None:
             setting = setting_of(place, unfinished, setting)

@@ -19,9 +19,10 @@ from spherekit.analysis.result import RunResult
 from spherekit.analysis.run import Progress, run
 from spherekit.analysis.setting import ORDINARY, Setting
 from spherekit.analysis.tables import FILE_SIZE, Format
+from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
 from spherekit.engine.kernels import Engine
-from spherekit.errors import ModelError, PluginError, SpherekitError
+from spherekit.errors import AnalysisError, ModelError, PluginError, SpherekitError
 from spherekit.files.check import mismatch, shown
 from spherekit.files.study import Study, load_study
 from spherekit.model.dynamics import DRIVE, PairTorque
@@ -38,6 +39,7 @@ _WORDS = {
 }
 
 
+@checked(AnalysisError)
 def run_study(
     study: Study | str | os.PathLike[str],
     analyses: Sequence[str | AbstractAnalysis] = (),

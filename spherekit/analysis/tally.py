@@ -26,6 +26,8 @@ class Tally:
         self._residual: float | None = None
         self._off: float | None = None
         self._error: float | None = None
+        self._rate: float | None = None
+        self._rate_dq: float | None = None
         self._by_equations = [0, 0]
         self._rank: int | None = None
         self._repeated: dict[str, Any] | None = None
@@ -38,6 +40,8 @@ class Tally:
             "residual": self._residual,
             "configuration": self._off,
             "error": self._error,
+            "rate": self._rate,
+            "rate_dq": self._rate_dq,
             "by_equations": self._by_equations,
             "rank": self._rank,
             "repeated": self._repeated,
@@ -51,6 +55,7 @@ class Tally:
         tally._poles = np.array(state["poles"])
         tally._residual, tally._error = state["residual"], state["error"]
         tally._off = state["configuration"]
+        tally._rate, tally._rate_dq = state["rate"], state["rate_dq"]
         tally._by_equations = list(state["by_equations"])
         tally._rank, tally._repeated = state["rank"], state["repeated"]
         return tally
@@ -69,9 +74,12 @@ class Tally:
             good = found.status == Status.OK
             for codes in found.pole_status.values():
                 self._poles += np.bincount(codes[good], minlength=CODES)
-            for pole in found.error:
-                error = found.error[pole]
+            for error in found.error.values():
                 self._error = _largest(self._error, error[good])
+            for error in found.rate_error.values():
+                self._rate = _largest(self._rate, error[good])
+            for error in found.rate_dq_error.values():
+                self._rate_dq = _largest(self._rate_dq, error[good])
             self._by_equations[0] += int(np.sum(found.by_equations))
             self._by_equations[1] += len(found.by_equations)
         if self._rank is None and np.any(motion.status == Status.OK):
@@ -110,7 +118,7 @@ class Tally:
 
     def statuses(self) -> dict[str, Any]:
         """Return the counts of samples and pole axes, and what their statuses mean."""
-        status = np.sum(list(self._status.values()), axis=0)
+        status = np.zeros(CODES, dtype=np.int64) + sum(self._status.values())
         met = np.flatnonzero(status + self._poles)
         return {
             "status": _counts(status),
@@ -127,6 +135,8 @@ class Tally:
             "largest_closure_residual_rad": self._residual,
             "largest_configuration_error_rad": self._off,
             "largest_direction_error_bound_rad": self._error,
+            "largest_rate_error_bound": self._rate,
+            "largest_rate_dq_error_bound": self._rate_dq,
             "fraction_by_velocity_equations": some / every if every else None,
         }
 

@@ -32,7 +32,7 @@ from spherekit.exact.rows import ExactRows, exact_rows_by_input
 from spherekit.motion.continued import TURN
 from spherekit.motion.motion import Motion
 from spherekit.motion.timing import Timing
-from spherekit.planning.poles import Plan
+from spherekit.planning.poles import Plan, Pole
 from spherekit.rates.field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
@@ -57,6 +57,8 @@ Read = tuple[Motion, tuple[PoleField, ...], Mapping[str, Floats]]
 
 BEYOND = 1e4
 """A deviation above this many roundings times the conditioning is a fault."""
+
+TINY = 1e-300
 
 OPEN = 100.0
 """Rows of a simulation may be off by this times their residual and conditioning too."""
@@ -239,7 +241,7 @@ class Verifier:
                 for item in columns
                 if not item["compared"]
             ],
-            "directions": _directions(rows, found),
+            **_within_bounds(rows, found),
             "worst": {
                 "column": f"{worst['table']}.{worst['column']}",
                 "in_roundings": worst["in_roundings"],
@@ -275,13 +277,14 @@ def told(verdict: Mapping[str, Any]) -> list[str]:
             f"{item['unit']}".rstrip()
             + f" at {_place(item)} ({item['in_roundings']:.2g} roundings)"
         )
-    found = verdict["directions"]
-    if found["count"]:
-        lines.append(
-            f"  {found['within_bound']} of {found['count']} pole directions lie within "
-            f"their error bound; nearest to it {found['error_rad']:.1e} rad, "
-            f"{found['over_bound']:.2g} of the bound, at {_place(found)}"
-        )
+    for name, words in BOUNDED.items():
+        found = verdict[name]
+        if found["count"]:
+            lines.append(
+                f"  {found['within_bound']} of {found['count']} {words} lie within "
+                f"their error bound; nearest to it {found['error']:.1e}, "
+                f"{found['over_bound']:.2g} of the bound, at {_place(found)}"
+            )
     for row in verdict["without_reference"]:
         lines.append(f"  no reference at {_place(row)}: {row['status']}")
     worst = verdict["worst"]
@@ -307,12 +310,13 @@ def faults(verdict: Mapping[str, Any]) -> list[str]:
             f"verify: {listing(verdict['beyond'])} deviate by more than rounding from "
             f"their values in {verdict['digits']} digits"
         )
-    directions = verdict.get("directions")
-    if directions and directions["within_bound"] < directions["count"]:
-        found.append(
-            f"verify: {directions['count'] - directions['within_bound']} of "
-            f"{directions['count']} pole directions are off by more than their error bound"
-        )
+    for name, words in BOUNDED.items():
+        judged = verdict.get(name)
+        if judged and judged["within_bound"] < judged["count"]:
+            found.append(
+                f"verify: {judged['count'] - judged['within_bound']} of "
+                f"{judged['count']} {words} are off by more than their error bound"
+            )
     if verdict.get("without_reference"):
         places = listing(
             f"{_place(row)} ({row['status']})" for row in verdict["without_reference"]
@@ -478,45 +482,72 @@ def _compared(
         }
 
 
-def _directions(
+def _within_bounds(
     rows: _Rows, found: Sequence[tuple[ExactRows, Request, PoleField]]
-) -> dict[str, Any]:
-    """Return how many pole directions lie within their bounds, and the worst."""
-    motion = rows.motion
-    links = motion.mechanism.links
-    verdict: dict[str, Any] = {
-        "count": 0,
-        "within_bound": 0,
-        "over_bound": 0.0,
-    }
+) -> dict[str, dict[str, Any]]:
+    """Return how many directions, rates and derivatives lie within their bounds.
+
+    With the worst of each.
+    """
+    verdicts = {name: _Within() for name in BOUNDED}
     for exact, wanted, field in found:
         numbers = exact.arithmetic
+        nearest = exact_field(exact, wanted, field)
         for pole in wanted.poles:
             given = field.direction[pole]
             apart = exact_direction(exact, pole, given) - numbers.exact(given)
-            error = np.linalg.norm(numbers.floats(apart), axis=1)
-            judged = rows.known & np.isfinite(error)
-            if not np.any(judged):
-                continue
-            bound = field.error[pole]
-            over = np.where(judged, error / bound, 0.0)
-            verdict["count"] += int(np.sum(judged))
-            verdict["within_bound"] += int(np.sum(judged & (over <= 1.0)))
-            at = int(np.argmax(over))
-            if over[at] >= verdict["over_bound"]:
-                verdict |= {
-                    "over_bound": float(over[at]),
-                    "error_rad": float(error[at]),
-                    "bound_rad": float(bound[at]),
-                    "sample": int(motion.sample[at]),
-                    "branch": int(motion.branch[at]),
-                    "subject": {
-                        "link": links[pole[1]],
-                        "relative_to": links[pole[0]],
-                        "moved": motion.mechanism.pairs[exact.driven].name,
-                    },
-                }
-    return verdict
+            errors = {
+                "directions": np.linalg.norm(numbers.floats(apart), axis=1),
+                "rates": np.abs(field.rate[pole] - nearest.rate[pole]),
+                "rate_derivatives": np.abs(field.rate_dq[pole] - nearest.rate_dq[pole]),
+            }
+            bounds = (field.error, field.rate_error, field.rate_dq_error)
+            for (name, error), bound in zip(errors.items(), bounds, strict=True):
+                verdicts[name].add(rows, exact.driven, pole, error, bound[pole])
+    return {name: verdict.told for name, verdict in verdicts.items()}
+
+
+BOUNDED = {
+    "directions": "pole directions",
+    "rates": "rates",
+    "rate_derivatives": "derivatives of rates",
+}
+"""What has an error bound, by its name in a verdict."""
+
+
+@final
+class _Within:
+    """How many numbers of a kind lie within their bounds, and the worst."""
+
+    def __init__(self) -> None:
+        self.told: dict[str, Any] = {"count": 0, "within_bound": 0, "over_bound": 0.0}
+
+    def add(
+        self, rows: _Rows, driven: int, pole: Pole, error: Floats, bound: Floats
+    ) -> None:
+        """Count the numbers of a pole in all rows."""
+        motion = rows.motion
+        judged = rows.known & np.isfinite(error) & np.isfinite(bound)
+        if not np.any(judged):
+            return
+        over = np.where(judged, error / np.maximum(bound, TINY), 0.0)
+        self.told["count"] += int(np.sum(judged))
+        self.told["within_bound"] += int(np.sum(judged & (over <= 1.0)))
+        at = int(np.argmax(over))
+        if over[at] >= self.told["over_bound"]:
+            links = motion.mechanism.links
+            self.told |= {
+                "over_bound": float(over[at]),
+                "error": float(error[at]),
+                "bound": float(bound[at]),
+                "sample": int(motion.sample[at]),
+                "branch": int(motion.branch[at]),
+                "subject": {
+                    "link": links[pole[1]],
+                    "relative_to": links[pole[0]],
+                    "moved": motion.mechanism.pairs[driven].name,
+                },
+            }
 
 
 def _place(item: Mapping[str, Any]) -> str:

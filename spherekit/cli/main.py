@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from spherekit.errors import SpherekitError
+from spherekit.progress import heard_by
 from spherekit.version import __version__
 
 BAD_INPUT, USAGE, FAILED_SAMPLES, FAILED_ANALYSIS = 1, 2, 3, 4
@@ -64,7 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(words)
     options.words = words
     try:
-        status = int(_module(options.command).execute(options))
+        with heard_by(None if options.quiet else _say):
+            status = int(_module(options.command).execute(options))
         sys.stdout.flush()
         return status
     except SpherekitError as problem:
@@ -79,6 +81,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("spherekit: stopped", file=sys.stderr)
         return 130
+
+
+def _say(text: str) -> None:
+    print(f"spherekit: {text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

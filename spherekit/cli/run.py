@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import logging
 import shlex
 import signal
 import sys
@@ -15,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherekit.budget import PROGRESS
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 
 if TYPE_CHECKING:
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
     from spherekit.model.laws import Law, Start
 
 BAR = 30
-TELL = 3.0
-"""Seconds between two lines that say what a search does."""
 STOPPED = 128
 """Added to the number of the signal that stopped a run, for the exit status."""
 
@@ -197,7 +193,7 @@ def execute(options: argparse.Namespace) -> int:
     if study.folder is not None:
         make_folder(study.folder)
     try:
-        with _stoppable(), _telling(options), _recorder(options, study) as recorder:
+        with _stoppable(), _recorder(options, study) as recorder:
             chosen = _accuracy(study, analyses, options)
             result = run_study(
                 _by_choice(study, chosen),
@@ -517,13 +513,21 @@ def report(summary: Any) -> str:
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
     count = len(summary["branches"])
-    lines = [
-        f"{summary['mechanism']}: {summary['sampling']} samples of "
-        f"{'inputs' if len(summary['inputs']) > 1 else 'input'} "
-        f"{', '.join(summary['inputs'])}, {count} branch{'' if count == 1 else 'es'}; "
-        f"mobility {mobility['graph']} by the graph, {mobility['rank']} by rank; groups: "
-        f"{', '.join(summary['groups'])}"
-    ]
+    names = f"{'inputs' if len(summary['inputs']) > 1 else 'input'} " + ", ".join(
+        summary["inputs"]
+    )
+    if count:
+        first = (
+            f"{summary['sampling']} samples of {names}, {count} "
+            f"branch{'' if count == 1 else 'es'}; mobility {mobility['graph']} by the "
+            f"graph, {mobility['rank']} by rank"
+        )
+    else:
+        first = (
+            f"{names}; no motion was traced, as no analysis reads samples; mobility "
+            f"{mobility['graph']} by the graph"
+        )
+    lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
     repeated = summary["redundant_constraints"]
     if repeated and repeated["count"]:
         lines.append(
@@ -533,6 +537,7 @@ def report(summary: Any) -> str:
     for branch in summary["branches"]:
         counts = ", ".join(f"{n} {name}" for name, n in branch["status"].items())
         lines.append(f"  branch {branch['number']} ({branch['mode']}): {counts}")
+    lines.append(f"assembly modes: {summary['search']}")
     lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
     if lacking:
         counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
@@ -547,8 +552,9 @@ def report(summary: Any) -> str:
             f"({done['end']['reason']}), {done['events']} events, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, energy balanced to "
-            f"{done['energy_imbalance_J']:.1e} of {done['energy_scale_J']:.1e} J"
+            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
+            f"energy balanced to {done['energy_imbalance_J']:.1e} of "
+            f"{done['energy_scale_J']:.1e} J"
         )
     if errors["largest_closure_residual_rad"] is not None:
         line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
@@ -557,10 +563,15 @@ def report(summary: Any) -> str:
             line += f"; configurations known to {off:.1e} rad"
         lines.append(line)
     if errors["largest_direction_error_bound_rad"] is not None:
-        lines.append(
+        line = (
             "largest error bound of a pole direction "
             f"{errors['largest_direction_error_bound_rad']:.1e} rad"
         )
+        if errors["largest_rate_error_bound"] is not None:
+            line += f", of a rate {errors['largest_rate_error_bound']:.1e}"
+        if errors["largest_rate_dq_error_bound"] is not None:
+            line += f", of its derivative {errors['largest_rate_dq_error_bound']:.1e} 1/rad"
+        lines.append(line)
     if "verified" in summary:
         from spherekit.analysis.verify import told
 
@@ -656,35 +667,6 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
             file=sys.stderr,
         )
     recorder.serve_until_interrupted()
-
-
-@contextmanager
-def _telling(options: argparse.Namespace) -> Iterator[None]:
-    """Print to stderr what long searches do, a line every few seconds."""
-    teller = logging.getLogger(PROGRESS)
-    before = teller.level
-    handler = _Told(sys.stderr)
-    if not options.quiet:
-        teller.addHandler(handler)
-        teller.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        teller.removeHandler(handler)
-        teller.setLevel(before)
-
-
-class _Told(logging.StreamHandler[Any]):
-    """Prints what it is told if the last line was printed `TELL` seconds ago."""
-
-    def __init__(self, stream: Any) -> None:
-        super().__init__(stream)
-        self._last = time.monotonic()
-
-    def emit(self, record: logging.LogRecord) -> None:
-        if time.monotonic() - self._last >= TELL:
-            self._last = time.monotonic()
-            super().emit(record)
 
 
 def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:

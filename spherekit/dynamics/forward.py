@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.differences import by_differences
@@ -28,6 +29,7 @@ QUICKER = 200.0
 """How many times as quick as NumPy the compiled engine solves, compiling left out."""
 
 
+@checked(SolveError)
 def simulate(
     mechanism: Mechanism,
     start: Start | PoseStart,
@@ -99,6 +101,8 @@ def simulate(
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is {least:g} to 1e-2"
         )
+    if scheme != "paper" and step is not None:
+        raise SolveError('simulate: step does nothing without scheme = "paper"')
     if scheme == "paper":
         if engine == "compiled":
             raise EngineError(
@@ -126,7 +130,7 @@ def _checked(
         found = replace(found, error=_difference(found, tight), tolerance=tolerance)
         if found.missed is None or tighter <= least:
             return found
-        why = f"{found.engine.reason}; made for {tighter:g} rad, for {made_for:g} rad missed"
+        why = f"{found.engine.reason}; missed with steps for {made_for:g} rad"
         report = replace(tight.engine, reason=why, forecast=found.engine.forecast)
         found, made_for = replace(tight, engine=report), tighter
 

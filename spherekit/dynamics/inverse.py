@@ -6,11 +6,12 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import SINGULAR_RATIO, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
-from spherekit.dynamics.start import into_range
+from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.laws import Law
 from spherekit.model.mechanism import Mechanism
@@ -100,6 +101,7 @@ class InverseSolution:
             return np.asarray(self.tau / self.pair_rates[:, number])
 
 
+@checked(SolveError)
 def inverse_dynamics(
     mechanism: Mechanism,
     law: Law,
@@ -128,14 +130,14 @@ def inverse_dynamics(
         Before any sample is computed. Samples that cannot be reached get a status.
     """
     t = np.atleast_1d(np.asarray(times, dtype=float))
-    if not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
+    if t.ndim != 1 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
         raise SolveError(
-            f"{mechanism.name}: the times of samples must be finite and increase"
+            f"{mechanism.name}: the times (k,) of samples must be finite and increase"
         )
     need_terms(mechanism)
     loads = Loads(mechanism)
     q, dq, ddq = law.at(t)
-    tracer = Tracer(mechanism, input_pair, branch, search)
+    tracer = reaching(Tracer(mechanism, input_pair, branch, search), q, branch, search)
     motion = tracer.at(into_range(tracer, q))
     count = len(tracer.branches)
     values = motion.values.copy()

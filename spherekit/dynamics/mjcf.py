@@ -14,6 +14,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from spherekit.checked import checked
+from spherekit.conventions import listing
 from spherekit.dynamics.inertia import need_inertia
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Damper, Gravity, Spring
@@ -106,7 +108,8 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
     Raises
     ------
     ModelError
-        If a pair is a contact, or no moving link has inertia.
+        If a pair is a contact, no moving link has inertia, or the variables are not as
+        many as there are.
     """
     for pair in mechanism.pairs:
         if pair.type != "R":
@@ -115,8 +118,15 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
                 "are hinges of rigid bodies"
             )
     need_inertia(mechanism)
+    values = np.asarray(values, dtype=float)
+    count = len(mechanism.variable_names)
+    if values.shape != (count,) or not np.all(np.isfinite(values)):
+        raise ModelError(
+            f"{mechanism.name}: a configuration has {count} finite variables "
+            f"({listing(mechanism.variable_names)}), not {values.tolist()}"
+        )
     closure = Closure.of(mechanism, geometry_of(mechanism).joints)
-    placed, states = closure.place(np.asarray(values, dtype=float)[None])
+    placed, states = closure.place(values[None])
     axes = closure.frames(placed, states)[0, :, :, 2]
     links, pairs, ends = mechanism.links, mechanism.pairs, mechanism.ends
     hinges = tuple(
@@ -175,13 +185,14 @@ def _moved(about_O: Floats, mass: float, centre: Floats) -> Floats:
     return np.asarray(0.5 * (tensor + tensor.T))
 
 
+@checked(ModelError)
 def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
     """Return a MuJoCo model (MJCF) of a mechanism in a closed configuration.
 
     Joint positions are the pair variables. Each cut loop is held by one `connect` at unit
     distance on the pair's axis, as stiff as the step allows. Gravity, springs and dampers
     at hinges are exported, other loads are not: every hinge has a motor whose control is
-    a torque (N m).
+    a torque (N m). What is left out is said in comments, and by `left_out`.
 
     Parameters
     ----------
@@ -190,31 +201,14 @@ def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
     timestep
         Step (s) of MuJoCo's integrator; the stiffness of the loops follows from it.
     """
+    if not 0.0 < timestep < np.inf:
+        raise ModelError(f"mjcf: timestep is {timestep} s; it has to be above 0")
     made = rigid_bodies(mechanism, values)
-    loads = {hinge.pair: [0.0, 0.0, 0.0] for hinge in made.hinges}
-    left = []
-    for load in mechanism.loads:
-        if isinstance(load, Spring) and load.pair in loads:
-            if loads[load.pair][0] == 0.0:
-                loads[load.pair][:2] = [load.stiffness, load.rest]
-                continue
-        elif isinstance(load, Damper) and load.pair in loads:
-            loads[load.pair][2] += load.damping
-            continue
-        elif isinstance(load, Gravity):
-            continue
-        left.append(load.name)
+    loads, _ = _at_hinges(made)
     falls = [m.acceleration for m in mechanism.loads if isinstance(m, Gravity)]
     gravity = np.sum(np.array(falls).reshape(-1, 3), axis=0)
-    unknown = [body.link for body in made.bodies if not body.known]
     notes = [f"cut at pair {cut.pair}: connect, of rank two" for cut in made.cuts]
-    if unknown:
-        notes.append(
-            f"links {', '.join(unknown)}: mass and centre unknown, chosen so that the "
-            "tensor about the centre of the sphere is right"
-        )
-    if left:
-        notes.append(f"loads not exported: {', '.join(left)}; use the motors")
+    notes += left_out(made)
     lines = [f"<mujoco model={quoteattr(mechanism.name)}>"]
     lines += [f"  <!-- {note.replace('--', '- -')} -->" for note in notes]
     lines += [
@@ -237,6 +231,60 @@ def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
     lines += ["  </equality>", "  <actuator>"]
     lines += [f'    <motor name="{h.pair}" joint="{h.pair}"/>' for h in made.hinges]
     return "\n".join([*lines, "  </actuator>", "</mujoco>", ""])
+
+
+def left_out(made: RigidBodies) -> tuple[str, ...]:
+    """Return what of a mechanism its MuJoCo model has otherwise or not, in sentences."""
+    mechanism = made.mechanism
+    weighed = {mass.link for mass in mechanism.masses}
+    massless = [body.link for body in made.bodies if body.link not in weighed]
+    unknown = [b.link for b in made.bodies if not b.known and b.link in weighed]
+    _, lost = _at_hinges(made)
+    notes = []
+    if lost:
+        notes.append(
+            f"loads left out: {', '.join(lost)}; give them as controls of the motors"
+        )
+    if mechanism.stops:
+        pairs = listing(stop.pair for stop in mechanism.stops)
+        notes.append(f"stops left out, hinges turn freely: {pairs}")
+    if mechanism.outputs:
+        names = listing(output.name for output in mechanism.outputs)
+        notes.append(f"outputs left out: {names}")
+    if unknown:
+        notes.append(
+            f"mass and centre are not known and were chosen so that the tensor about the "
+            f"centre of the sphere is right: links {listing(unknown)}"
+        )
+    if massless:
+        notes.append(
+            f"links without mass were given {SMALL:g} of the largest inertia: "
+            f"{listing(massless)}"
+        )
+    return tuple(notes)
+
+
+def _at_hinges(made: RigidBodies) -> tuple[dict[str, list[float]], list[str]]:
+    """Return stiffness, rest and damping at every hinge, and the loads left out."""
+    found = {hinge.pair: [0.0, 0.0, 0.0] for hinge in made.hinges}
+    left = []
+    for load in made.mechanism.loads:
+        if isinstance(load, Gravity):
+            continue
+        reason = "MuJoCo has none of its kind"
+        if isinstance(load, Spring | Damper):
+            if load.pair not in found:
+                reason = f"pair {load.pair}, where the loop is cut, has no hinge"
+            elif isinstance(load, Damper):
+                found[load.pair][2] += load.damping
+                continue
+            elif found[load.pair][0] == 0.0:
+                found[load.pair][:2] = [load.stiffness, load.rest]
+                continue
+            else:
+                reason = f"a hinge has one spring, and pair {load.pair} has another"
+        left.append(f"{load.name} ({reason})")
+    return found, left
 
 
 def _children(

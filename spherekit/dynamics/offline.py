@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.heading import Function, Heading, StoredLoad
@@ -60,6 +61,7 @@ SURE = 1e-14
 """Pole axes whose error bound is below this are taken from the plan unquestioned."""
 
 
+@checked(SolveError)
 def online_model(
     mechanism: Mechanism,
     *,

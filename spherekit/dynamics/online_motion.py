@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.dynamics.online import Floats, OnlineModel
 from spherekit.errors import SolveError
 
@@ -49,6 +50,7 @@ class OnlineMotion:
         return float(np.nanmax(np.abs(gap)))
 
 
+@checked(SolveError)
 def online_motion(
     model: OnlineModel,
     times: Sequence[float] | Floats,

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.engine.loads import FULL_TURN
-from spherekit.errors import EngineError
+from spherekit.errors import EngineError, SolveError
 from spherekit.exact.arithmetic import Arithmetic, wide
 from spherekit.exact.simulation import ExactSimulation
 from spherekit.model.laws import Start
@@ -17,6 +18,7 @@ ENDS = ("time", "stop", "sticking")
 """The ends of simulations that a reference finds for itself."""
 
 
+@checked(SolveError)
 def reference_simulation(
     mechanism: Mechanism,
     start: Start,

@@ -39,7 +39,7 @@ CROSSING = (
 JUMPS = "a load jumps or grows without bound here: smooth it, or give its time in switches"
 NO_INERTIA = (
     "the equivalent inertia goes to zero here: no link with mass moves together with the "
-    "input, and the mechanism would go on infinitely fast; give mass to links that move here"
+    "input, and the mechanism would go on infinitely fast; give mass to links that move"
 )
 
 VANISHED = 1e-6

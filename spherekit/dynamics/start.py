@@ -1,7 +1,9 @@
 """Where a simulation starts: the problem checked, the configuration closed."""
 
+from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import final
 
 import numpy as np
@@ -11,6 +13,7 @@ from spherekit.dynamics.inertia import need_inertia
 from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
+from spherekit.files.write import canonical_text
 from spherekit.model.dynamics import DRIVE, PairTorque, TorqueTable
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
@@ -18,6 +21,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
+from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 
@@ -29,6 +33,12 @@ FARTHEST = 1e9
 
 STANDSTILL = 1e-9
 """A pair variable whose rate along the curve is smaller cannot be given a rate."""
+
+KEPT = 8
+"""Geometries whose branches are kept, for further simulations of the same."""
+
+_traced_before: OrderedDict[str, Tracer] = OrderedDict()
+_tracing = Lock()
 
 
 @final
@@ -108,7 +118,10 @@ def prepare(
         values, turns = _closed(closure, mechanism, start.values)
     else:
         moved = driven
-        values, turns = _configuration(Tracer(mechanism), start.q, branch)
+        tracer = _traced(mechanism)
+        if np.isfinite(start.q) and abs(start.q) <= FARTHEST:
+            tracer = reaching(tracer, np.array([start.q]))
+        values, turns = _configuration(tracer, start.q, branch)
     vectors = closure.vectors(*closure.place(values[None]))
     if rank_mobility(closure.tree, vectors)[0] != 1:
         raise SolveError(
@@ -174,6 +187,19 @@ def _need_digits(name: str, values: Floats) -> None:
         )
 
 
+def _traced(mechanism: Mechanism) -> Tracer:
+    """Return the branches of a mechanism, found once for the last few geometries."""
+    bare = replace(mechanism, masses=(), loads=(), stops=(), user={}, source=None)
+    key = canonical_text(bare, "rad")
+    with _tracing:
+        if key not in _traced_before:
+            _traced_before[key] = Tracer(bare)
+        _traced_before.move_to_end(key)
+        if len(_traced_before) > KEPT:
+            _traced_before.popitem(last=False)
+        return _traced_before[key]
+
+
 def _configuration(tracer: Tracer, q: float, branch: int) -> tuple[Floats, Floats]:
     """Return the configuration at an input, and the whole turns that it is less."""
     name = tracer.mechanism.name
@@ -186,15 +212,15 @@ def _configuration(tracer: Tracer, q: float, branch: int) -> tuple[Floats, Float
     if not np.isfinite(q):
         raise SolveError(f"{name}: the input at the start is {q}, give a finite number")
     _need_digits(name, np.array([q]))
-    motion = tracer.at(into_range(tracer, np.array([q])))
-    row = numbers.index(branch)
-    if motion.failed[row]:
-        status = Status(int(motion.status[row]))
+    wanted = tracer.branches[numbers.index(branch)]
+    found = tracer.solver.evaluate(wanted, into_range(tracer, np.array([[q]])))
+    status = Status(int(found.status[0]))
+    if status not in (Status.OK, Status.AT_SINGULARITY):
         raise SolveError(
             f"{name}: no configuration of branch {branch} at q = {q:.6g} rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
-    values: Floats = motion.values[row].copy()
+    values: Floats = found.values[0].copy()
     turns = np.zeros(len(values))
     driven = tracer.solver.single
     values[driven], turns[driven] = reduced(np.array(q)), whole_turns(np.array(q))
@@ -213,12 +239,32 @@ def whole_turns(angles: Floats) -> Floats:
 
 
 def into_range(tracer: Tracer, q: Floats) -> Floats:
-    """Return inputs moved by whole turns into the input's range, where those reach it."""
+    """Return inputs moved by whole turns into the input's range, or as near as these lead.
+
+    Where wheels count the turns, only by those after which all are as before.
+    """
     low, high = tracer.range
-    inside = (q >= low) & (q <= high)
-    least = reduced(q)
-    moved = least + FULL_TURN * np.ceil((low - least) / FULL_TURN)
-    return np.asarray(np.where(inside | ~(moved <= high), q, moved))
+    (period,) = tracer.solver.periods
+    if not np.isfinite(period):
+        return q
+    scale = period / FULL_TURN
+    moved = turned_into(scale * reduced(q / scale), low, high, period)
+    return np.asarray(np.where((q >= low) & (q <= high), q, moved))
+
+
+def reaching(
+    tracer: Tracer, q: Floats, branch: int | None = None, search: bool = True
+) -> Tracer:
+    """Return a tracer over a range that holds inputs q (n,) where wheels count the turns.
+
+    It is the one given where no contact rolls, or whole turns lead into its range.
+    """
+    low, high = tracer.range
+    moved = into_range(tracer, q)
+    if tracer.solver.meshes is None or np.all((moved >= low) & (moved <= high)):
+        return tracer
+    path = np.array([min(low, np.min(moved)), max(high, np.max(moved))])
+    return Tracer(tracer.mechanism, None, branch, search, path=path)
 
 
 def _check_stops(mechanism: Mechanism, values: Floats) -> None:

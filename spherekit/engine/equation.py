@@ -115,8 +115,8 @@ class CompiledEquation:
     what the switches depend on, then its rates by time, from the state, the time and all
     parameters. `steep` gives from the same the rate of the momentum, then the arguments at
     whose zeros and turns loads may change faster than a series shows, None where no load
-    does; `tolerance` is that of a step. The integrator holds the state of a run, so `lock` is held while one
-    lasts; the functions may be called by several threads at once.
+    does; `tolerance` is that of a step. The integrator holds the state of a run, so `lock`
+    is held while one lasts; the functions may be called by several threads at once.
     """
 
     structure: Structure
@@ -208,6 +208,9 @@ def _request(tolerance: float, compact: bool, number: type[Any]) -> str:
 
 def _common(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism without what is set for each run."""
+    tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
+    if not tables and not mechanism.stops:
+        return mechanism
     return replace(
         mechanism,
         loads=tuple(

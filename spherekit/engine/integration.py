@@ -9,7 +9,7 @@ open by little more than rounding, but that adds up, so they are closed now and 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, final
+from typing import Literal, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,36 +194,23 @@ def integrate(
 
 
 @final
-class _Taken:
-    """Steps of a stretch while it goes on: their start, length and series.
+class _Taken(NamedTuple):
+    """A step of a stretch that goes on: its start, length and series.
 
-    `seen` and `sides` are the events seen and the sides of the switches before each;
-    the first `checked` of them are right.
+    `seen` and `sides` are the events seen and the sides of the switches before it.
     """
 
-    def __init__(self) -> None:
-        self.starts: list[float] = []
-        self.lengths: list[float] = []
-        self.series: list[Floats] = []
-        self.seen: list[int] = []
-        self.sides: list[Floats | None] = []
-        self.checked = 0
+    start: float
+    length: float
+    series: Floats
+    seen: int
+    sides: Floats | None
 
-    def add(
-        self, start: float, length: float, series: Floats, seen: int, sides: Floats | None
-    ) -> None:
-        """Add a step."""
-        self.starts.append(start)
-        self.lengths.append(length)
-        self.series.append(series)
-        self.seen.append(seen)
-        self.sides.append(sides)
 
-    def cut(self, count: int) -> None:
-        """Leave the first steps only."""
-        for each in (self.starts, self.lengths, self.series, self.seen, self.sides):
-            del each[count:]
-        self.checked = count
+def _together(steps: Sequence[_Taken]) -> tuple[Floats, Floats, Floats]:
+    """Return the starts, lengths and series of steps."""
+    starts, lengths, series = (np.array([each[k] for each in steps]) for k in range(3))
+    return starts, lengths, series
 
 
 @final
@@ -291,41 +278,44 @@ class _Integration:
         self, integrator: Integrator, target: float, shortest: float
     ) -> tuple[int, RunEnd | None]:
         self._reduce(integrator)
-        taken = _Taken()
+        taken: list[_Taken] = []
+        right = tried = 0
+        looks = self.equation.steep is not None
         end: RunEnd | None = None
-        tried, looks = 0, self.equation.steep is not None
-        while end is None and len(taken.starts) < STRETCH:
+        while end is None and len(taken) < STRETCH:
             tried += 1
             start = integrator.time
             limited = self.longest < target - start
-            mark = (len(integrator.seen), self._sides(integrator)) if looks else (0, None)
+            before = (len(integrator.seen), self._sides(integrator)) if looks else (0, None)
             outcome, length = integrator.step(min(target - start, self.longest))
             if outcome is End.NOT_FINITE:
                 end = "too_fast"
             elif length > 0.0 or outcome is End.EVENT:
                 self.time = integrator.time
-                taken.add(start, length, integrator.coefficients, *mark)
+                taken.append(_Taken(start, length, integrator.coefficients, *before))
             if outcome is End.LIMIT and not limited:
                 end = "time"
             elif outcome is End.EVENT:
                 end = self._event(integrator)
             elif outcome is not End.SWITCH and length < shortest:
                 end = "too_fast"
-            if limited and outcome is not End.LIMIT:
-                self.longest = np.inf
-            if limited or end is not None or len(taken.starts) == STRETCH:
-                missed = self._missed(integrator, taken)
-                if missed:
-                    end = None if self.longest > shortest else "too_fast"
-                elif limited and outcome is End.LIMIT:
-                    self.longest *= GROWN
-        starts, lengths, series = taken.starts, taken.lengths, taken.series
-        if starts:
-            kept = np.array(starts), np.array(lengths), np.array(series)
-            self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
-            tau = np.asarray(
-                self.equation.tau(np.ascontiguousarray(kept[2][:, : self.count, 0].T))
+            if not looks or not (limited or end is not None or len(taken) == STRETCH):
+                continue
+            agree, self.longest = self._agree(integrator, taken[right:])
+            right += agree
+            if right < len(taken):
+                end = None if self.longest > shortest else "too_fast"
+                self._go_back(integrator, taken[right])
+                del taken[right:]
+            elif limited and outcome is End.LIMIT:
+                self.longest = GROWN * length
+        if taken:
+            starts, lengths, series = _together(taken)
+            self.stretches.append(
+                Stretch(starts, lengths, series, self.turns, self.unit, self.work)
             )
+            first = np.ascontiguousarray(series[:, : self.count, 0].T)
+            tau = np.asarray(self.equation.tau(first))
             largest = float(np.max(np.sum(tau**2, axis=0)))
             self.least = max(self.least, CROSSED**2 * largest)
         return tried, end
@@ -340,42 +330,43 @@ class _Integration:
     def _sides(self, integrator: Integrator) -> Floats:
         return self._constants(integrator)[self.equation.layout.side :]
 
-    def _missed(self, integrator: Integrator, taken: "_Taken") -> bool:
-        """Return whether steps missed what the loads do; the first goes back to its start.
+    def _go_back(self, integrator: Integrator, step: _Taken) -> None:
+        """Return to the start of a step."""
+        self.time, constants = step.start, self._constants(integrator)
+        constants[self.equation.layout.side :] = step.sides
+        integrator.go_back(step.series[:, 0], step.start, constants, step.seen)
 
-        The next is then as short as the part of it that was right.
+    def _agree(self, integrator: Integrator, steps: list[_Taken]) -> tuple[int, float]:
+        """Return how many steps agree with what the loads do, and how long the next may be.
+
+        After one that does not it is the part of it that does, otherwise of any length.
         """
-        first, steep = taken.checked, self.equation.steep
-        taken.checked = len(taken.starts)
-        if steep is None or first == taken.checked:
-            return False
-        series, lengths = np.array(taken.series[first:]), np.array(taken.lengths[first:])
-        starts, sides = np.array(taken.starts[first:]), np.array(taken.sides[first:])
-        count, constants = self.count, self._constants(integrator)
+        if not steps:
+            return 0, np.inf
+        steep, count = self.equation.steep, self.count
+        assert steep is not None
+        starts, lengths, series = _together(steps)
+        sides = np.array([each.sides for each in steps])
+        constants = self._constants(integrator)
 
         def look(step: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
             h = x * lengths[step]
             states, rates = _powers(series[step], h)
-            rows = np.empty((states.shape[1] + 1 + len(constants), len(x)))
-            rows[: states.shape[1]] = states.T
-            rows[states.shape[1]] = starts[step] + h
-            rows[states.shape[1] + 1 :] = constants[:, None]
+            width = states.shape[1]
+            rows = np.empty((width + 1 + len(constants), len(x)))
+            rows[:width], rows[width] = states.T, starts[step] + h
+            rows[width + 1 :] = constants[:, None]
             rows[len(rows) - sides.shape[1] :] = sides[step].T
             found = np.asarray(steep(rows))
             missed = np.abs(rates[:, count] - found[0]) * lengths[step]
             return missed / (MISSED * self.equation.tolerance), found[1:].T
 
-        good = good_until(look, len(starts))
+        good = good_until(look, len(steps))
         wrong = np.flatnonzero(good < 1.0)
         if not len(wrong):
-            return False
-        bad = first + int(wrong[0])
-        self.longest = taken.lengths[bad] * max(float(good[wrong[0]]), SHRUNK)
-        self.time = taken.starts[bad]
-        constants[self.equation.layout.side :] = taken.sides[bad]
-        integrator.go_back(taken.series[bad][:, 0], self.time, constants, taken.seen[bad])
-        taken.cut(bad)
-        return True
+            return len(steps), np.inf
+        first = int(wrong[0])
+        return first, float(lengths[first] * max(good[first], SHRUNK))
 
     def _event(self, integrator: Integrator) -> RunEnd:
         kind, _ = self.equation.events[integrator.seen[-1].event]

@@ -7,6 +7,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.engine.algebra import Exprs, Series, length, vector
 from spherekit.engine.arrays import ArrayFunction, array_function
@@ -143,6 +144,7 @@ class Kernel:
         )
 
 
+@checked(EngineError)
 def kernel(
     mechanism: Mechanism,
     input_pair: str,

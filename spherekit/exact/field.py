@@ -95,7 +95,8 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     -------
     PoleField
         NaN, with the status of the reference, where there is no reference; `angle`,
-        `error` and `planes` are NaN, as they belong to the way in which poles were found.
+        `planes` and the bounds of errors are NaN, as they belong to the way in which poles
+        were found.
     """
     if exact.dw is None:
         raise ValueError("a field needs rows of order 2 or 3")
@@ -108,6 +109,8 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         rate_dq={},
         angle={pole: np.full_like(x, np.nan) for pole, x in field.angle.items()},
         error={pole: np.full_like(x, np.nan) for pole, x in field.error.items()},
+        rate_error={pole: np.full_like(x, np.nan) for pole, x in field.rate.items()},
+        rate_dq_error={pole: np.full_like(x, np.nan) for pole, x in field.rate.items()},
         planes={pole: np.full_like(x, np.nan) for pole, x in field.planes.items()},
         w={},
         dw={},

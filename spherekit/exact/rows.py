@@ -13,6 +13,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import CLOSURE_TOLERANCE, Status, listing
 from spherekit.errors import SolveError
 from spherekit.exact.arithmetic import Arithmetic, Numbers, wide
@@ -76,6 +77,7 @@ class ExactRows:
     status: NDArray[np.int8]
 
 
+@checked(SolveError)
 def exact_rows(
     motion: Motion,
     rows: NDArray[np.bool_],

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
+from spherekit.checked import checked
 from spherekit.errors import FileError, ModelError
-from spherekit.files.angles import Vector
+from spherekit.files.angles import AngleUnit, Vector
 from spherekit.files.check import check
 from spherekit.files.contact import Contacts
 from spherekit.files.document import Document, parse, read_text
@@ -38,6 +39,7 @@ _PART = re.compile(r"(\w+)|\[(\d+)\]")
 _KEYED = re.compile(r"(\w+(?:\.\w+|\[\d+\])*): (.*)", re.S)
 
 
+@checked(FileError)
 def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
     """Read a mechanism file, given by its path or by the name of a shipped mechanism.
 
@@ -55,6 +57,16 @@ def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
     return loads(read_text(path), str(path))
 
 
+def angle_unit_of(name_or_path: str | os.PathLike[str]) -> AngleUnit:
+    """Return the unit of the angles in a mechanism file; errors as of `load`."""
+    path = find(name_or_path)
+    document = parse(read_text(path), str(path))
+    check(document)
+    unit: AngleUnit = document.data["angle_unit"]
+    return unit
+
+
+@checked(FileError)
 def loads(text: str, name: str = "text") -> Mechanism:
     """Read a mechanism from the text of a file; errors call the file `name`.
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
 
+from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError, FileError, SpherekitError
 from spherekit.files.angles import angle_at
@@ -60,6 +61,7 @@ class Study:
         return AnalysisError(f"{self.name}: {spelt(path)}: {message}")
 
 
+@checked(FileError)
 def load_study(name_or_path: str | os.PathLike[str]) -> Study:
     """Read a study file; a mechanism file is read as the study with all defaults.
 

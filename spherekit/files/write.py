@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
+from spherekit.checked import checked
 from spherekit.errors import FileError, OutputError
 from spherekit.files.angles import AngleUnit, to_text
 from spherekit.files.atomic import write_text
@@ -18,6 +19,7 @@ from spherekit.model.mechanism import Mechanism, Output, Pair, PoseGeometry, Pro
 _Table = dict[str, Any]
 
 
+@checked(OutputError)
 def dump(
     mechanism: Mechanism, path: str | os.PathLike[str], angle_unit: AngleUnit = "deg"
 ) -> None:
@@ -31,6 +33,7 @@ def dump(
     write_text(path, dumps(mechanism, angle_unit))
 
 
+@checked(OutputError)
 def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     """Return the text of a file that reads back as exactly this mechanism.
 

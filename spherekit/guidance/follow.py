@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.guidance.march import (
@@ -184,6 +185,7 @@ class FollowedRotation:
         return slopes, bends
 
 
+@checked(SolveError)
 def follow_rotation(
     mechanism: Mechanism,
     values: ArrayLike,
@@ -243,6 +245,7 @@ def follow_rotation(
     )
 
 
+@checked(SolveError)
 def follow_to(
     mechanism: Mechanism,
     values: ArrayLike,

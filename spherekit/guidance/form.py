@@ -33,7 +33,7 @@ MARKS = 257
 """Angles on a rotation at which the driven readings are known without jumps."""
 ZOOM = 16
 """Parts into which an interval is cut that holds a crossing."""
-CROSSING_WIDTH = 1e-13
+CROSSING_WIDTH = 1e-14
 """How narrow (rad) it becomes."""
 
 

@@ -22,10 +22,10 @@ from spherekit.guidance.nearest import Target
 from spherekit.guidance.rotation import FixedAxisRotation, unit
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
-from spherekit.motion.branches import Solver, wrap
+from spherekit.motion.branches import Solver
 from spherekit.motion.closure import Closure
 from spherekit.motion.modes import assemblies
-from spherekit.motion.motion import Motion
+from spherekit.motion.motion import Motion, trace
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.solutions import pose_of
 from spherekit.rates.transmission import SINGULAR, Transmission
@@ -38,6 +38,8 @@ SAME_POSE = 1e-7
 well than to rounding."""
 IN_PLANE = 1e-9
 """How near (rad) an orientation is to a mirror image to be taken for one."""
+OFFERED = 61
+"""Samples of the motion, of which the nearest to a pose out of reach is offered."""
 INSIDE = np.radians(0.01)
 """How far inside the legs' reach an offered pose is."""
 
@@ -150,7 +152,8 @@ class PoseFinder:
     """Finds the configurations of a mechanism at poses of an output.
 
     `form` is its mid-plane form for this output, None if it has none; `known` are
-    configurations of which the nearest is offered for a pose out of reach.
+    configurations of which the nearest is offered for a pose out of reach: `OFFERED`
+    samples of the motion if that is empty, traced when they are needed.
     """
 
     solver: Solver
@@ -212,7 +215,7 @@ class PoseFinder:
         driven = list(self.solver.driven)
         found = Candidates(
             values,
-            wrap(values[:, driven]),
+            self.solver.reduced(values[:, driven]),
             pose_of(self.mechanism, self.output, placed),
             tuple(labels),
             self._singular(values),
@@ -272,13 +275,19 @@ class PoseFinder:
 
     def _offer(self, pose: AtInputs | AtOrientation | AtDirection) -> str:
         """Return words on the known configuration nearest to a pose, if there is one."""
-        if self.known is None or np.all(self.known.failed):
+        known = self.known
+        if known is not None and not len(known):
+            try:
+                known = trace(self.mechanism, OFFERED)
+            except SolveError:
+                return ""
+        if known is None or np.all(known.failed):
             return ""
-        good = self.known.rows(~self.known.failed)
+        good = known.rows(~known.failed)
         turned = pose_of(self.mechanism, self.output, good.rotations)
         match pose:
             case AtInputs(inputs):
-                off = np.max(np.abs(wrap(good.inputs - inputs)), axis=1)
+                off = np.max(np.abs(self.solver.reduced(good.inputs - inputs)), axis=1)
             case AtOrientation(orientation):
                 given = np.broadcast_to(orientation, turned.shape)
                 off = turns_between(given, turned).angle

@@ -13,6 +13,7 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
 from spherekit.guidance.rotation import FixedAxisRotation, RotationSamples
@@ -146,6 +147,7 @@ class Schedule:
         return self.at(np.linspace(0.0, self.duration, samples))
 
 
+@checked(SolveError)
 def quickest(
     rotation: FixedAxisRotation,
     speed: ArrayLike | None = None,

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.guidance.form import Carrier, Leg, MidPlaneForm, axis_in
@@ -28,6 +29,7 @@ CLOSED = 1e-12
 """How well every pair has to close in the proof (rad)."""
 
 
+@checked(ModelError)
 def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneForm:
     """Return the mid-plane form of a mechanism.
 

@@ -7,7 +7,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from itertools import combinations
 from types import MappingProxyType
 from typing import Any, final
@@ -216,6 +216,11 @@ def parse(text: str, names: Iterable[str]) -> Expression:
     ModelError
         If anything but the grammar occurs; the message starts with the column.
     """
+    return _parsed(text, tuple(names))
+
+
+@lru_cache(maxsize=1024)
+def _parsed(text: str, names: tuple[str, ...]) -> Expression:
     if len(text) > MAX_LENGTH:
         raise ModelError(
             f"column {MAX_LENGTH + 1}: the expression has {len(text)} characters, at "
@@ -228,7 +233,7 @@ def parse(text: str, names: Iterable[str]) -> Expression:
         raise _fault(foreign.start(), f"found {foreign[0]!a}{hint}")
     if not flat.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
-    reader = _Reader(tuple(names), len(flat) - len(flat.lstrip(" ")))
+    reader = _Reader(names, len(flat) - len(flat.lstrip(" ")))
     root = reader.node(_syntax_tree(flat.strip(" "), reader.margin), 1)
     return Expression(text, frozenset(reader.used), root)
 

@@ -23,9 +23,8 @@ from spherekit.sphere.rotation import (
     cross,
     frame_from,
     perpendicular,
-    rotation_vector,
-    transpose,
 )
+from spherekit.sphere.touching import nearest_frames
 
 Vector = tuple[float, float, float]
 
@@ -130,7 +129,6 @@ def _curve(profile: Profile) -> Curve:
     return fourier(centre, np.array(profile.cosines), np.array(profile.sines))
 
 
-GRID = 360
 TOUCHING = 1e-6
 """Profiles must meet in the reference pose to this (rad); then they are made to exactly."""
 
@@ -139,29 +137,11 @@ def touching(
     mechanism: Mechanism, pair: Pair, curves: tuple[Curve, Curve]
 ) -> tuple[float, float]:
     """Return the arc lengths (rad) at which two profiles touch with links aligned."""
-    grids = [np.linspace(0.0, curve.length, GRID) for curve in curves]
-    frames = [curve.at(grid).frame for curve, grid in zip(curves, grids, strict=True)]
-    near, along = (frames[0][:, :, c] @ frames[1][:, :, c].T for c in (2, 0))
-    a, b = np.unravel_index(int(np.argmax(near + 0.04 * along)), near.shape)
-    s = np.array([grids[0][a], grids[1][b]])
-    for _ in range(50):
-        one, other = (curve.at(x[None]) for curve, x in zip(curves, s, strict=True))
-        miss = rotation_vector(one.frame @ transpose(other.frame))[0]
-        columns = np.stack(
-            [
-                one.frame[0, :, 1] + one.curvature[0] * one.frame[0, :, 2],
-                -(other.frame[0, :, 1] + other.curvature[0] * other.frame[0, :, 2]),
-            ],
-            axis=1,
-        )
-        change = np.linalg.lstsq(columns, -miss, rcond=None)[0]
-        s = s + np.clip(change, -0.1, 0.1)
-        if np.max(np.abs(change)) < 1e-15:
-            break
-    if not np.linalg.norm(miss) < TOUCHING:
+    s, miss = nearest_frames(*curves)
+    if not miss < TOUCHING:
         raise ModelError(
             f"{mechanism.name}: pairs.{pair.name}: the profiles do not touch in the "
-            f"reference pose: the nearest frames differ by {np.linalg.norm(miss):.3g} rad; "
+            f"reference pose: the nearest frames differ by {miss:.3g} rad; "
             'move a profile, or set contact = "internal" or "external"'
         )
     return float(s[0]), float(s[1])

@@ -240,5 +240,5 @@ def need_increasing(key: str, times: tuple[float, ...]) -> None:
 
 def _need_finite(key: str, *numbers: float) -> None:
     for number in numbers:
-        if not math.isfinite(number):
+        if not isinstance(number, int | float) or not math.isfinite(number):
             raise ModelError(f"{key}: found {number}, needs a finite number")

@@ -224,7 +224,7 @@ class Mechanism:
         if name not in self.pair_number:
             raise ModelError(
                 f'{self.name}: no pair is named "{name}"'
-                f"{nearest(name, self.pair_number) or ';'} Pairs: "
+                f"{nearest(str(name), self.pair_number) or ';'} Pairs: "
                 f"{listing(self.pair_number)}"
             )
         return self.pairs[self.pair_number[name]]
@@ -235,6 +235,8 @@ class Mechanism:
         Pairs that are no input yet get a range of one turn.
         """
         known = {item.pair: item for item in self.inputs}
+        if pairs == tuple(known):
+            return self
         full_turn = 6.283185307179586
         return replace(
             self,

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import Status
-from spherekit.model.geometry import Contact
 from spherekit.motion.segments import CurvePoints, Segments
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.periodic import Periodic
@@ -26,6 +25,9 @@ NEAR = 1e-7
 """Configurations (rad) nearer than this to the curve lie on it."""
 BESIDE = 0.3
 """A segment of the curve is nowhere farther from its chord than this part of it."""
+
+AT_REST = 1e-7
+"""A variable that changes by less (rad) along a whole curve stands still on it."""
 
 Along = Callable[[CurvePoints], tuple[Floats, Floats]]
 """A function along the curve and its derivative by s, both (n,)."""
@@ -88,27 +90,9 @@ class ArcCurve:
         finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
         return np.asarray(self.winding * finite)
 
-    @cached_property
-    def returns(self) -> Floats:
-        """Growth (variables,) of a variable with which the same configurations return.
-
-        Where wheels roll, a turn of an R pair is not enough: that of a lap of the curve,
-        infinite if there is none.
-        """
-        joints = self.segments.closure.joints
-        if not any(isinstance(joint, Contact) and joint.rolling for joint in joints):
-            return self.periods
-        return np.where(self.rise != 0.0, np.abs(self.rise), np.inf)
-
-    def first_from(self, values: Floats, variable: int, low: float) -> Floats:
-        """Return values (n,) of a variable on the curve, less what returns, from `low` on.
-
-        Those that never return are left as they are.
-        """
-        period = float(self.returns[variable])
-        if not np.isfinite(period):
-            return values
-        return np.asarray(low + np.mod(values - low, period))
+    def rests(self, variable: int) -> bool:
+        """Return whether a variable stands still along the whole curve."""
+        return bool(np.ptp(self.nodes.values[:, variable]) < AT_REST)
 
     def at(self, s: ArrayLike) -> CurvePoints:
         """Return the curve at arc lengths s (n,) in rad, any order.
@@ -141,15 +125,23 @@ class ArcCurve:
         return Zeros(found.places[once], found.double[once])
 
     def dead_points(self, variable: int) -> Zeros:
-        """Return all s at which a variable stands still: dv/ds = 0."""
+        """Return all s at which a variable stands still: dv/ds = 0.
+
+        None if it does so along the whole curve, see `rests`.
+        """
+        if self.rests(variable):
+            return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
         return self.locate(lambda p: (p.tangents[:, variable], p.bends[:, variable]))
 
-    def at_input(self, variable: int, value: float) -> Zeros:
-        """Return all s at which a variable has a value (rad), or what is the same there.
+    def at_input(self, variable: int, value: float, period: float | None = None) -> Zeros:
+        """Return all s at which a variable has a value (rad), whole periods apart or not.
 
-        See `returns`. Double zeros are those at which the variable turns back.
+        `period` is that of `periods` unless it is given. Double zeros are those at which
+        the variable turns back. None if it stands still along the whole curve.
         """
-        period = float(self.returns[variable])
+        if self.rests(variable):
+            return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
+        period = float(self.periods[variable] if period is None else period)
         rate = np.pi / period
 
         def chord(points: CurvePoints) -> tuple[Floats, Floats]:

@@ -398,5 +398,5 @@ def _first_root(a: float, b: float, c: float) -> float:
     if square < 0.0:
         return np.inf
     q = -0.5 * (b + np.copysign(np.sqrt(square), b))
-    roots = [x for x in (q / c, a / q if q else np.inf) if x > 0.0]
+    roots = [x for x in (q / c if c else np.inf, a / q if q else np.inf) if x > 0.0]
     return min(roots, default=np.inf)

@@ -20,7 +20,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.follow import Curve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
 from spherekit.motion.loops import left_inverse, rank_mobility
-from spherekit.motion.meshes import Meshes, meshes_of
+from spherekit.motion.meshes import TURN, Meshes, meshes_of
 from spherekit.motion.pairs import pair_axes, penetrates
 from spherekit.motion.sheet import Sheet
 from spherekit.planning.assembly import Assembly
@@ -94,6 +94,23 @@ class Solver:
         """How far wheels have rolled at inputs, None without rolling contacts."""
         return meshes_of(self.closure, self.driven, self.geometry.reference)
 
+    @property
+    def periods(self) -> Floats:
+        """(k,) growth (rad) of each input with which the same configurations return.
+
+        A turn; more where wheels count the turns, infinite where they never return.
+        """
+        if self.meshes is None:
+            return np.full(len(self.driven), TURN)
+        return self.meshes.periods
+
+    def reduced(self, q: Floats) -> Floats:
+        """Return inputs (n, k) less whole periods, from half a one below zero to above."""
+        periods = self.periods
+        returns = np.isfinite(periods)
+        scale = np.where(returns, periods, TURN) / TURN
+        return np.where(returns, scale * wrap(q / scale), q)
+
     def start(self, q: Floats) -> State:
         """Return the state in which only the inputs have values q (n, inputs)."""
         return State.start(self.mechanism, self.joints, self.assembly, q)
@@ -143,7 +160,9 @@ class Solver:
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.BRANCH_LOST)
             determinant, flatness = determinant_signs(jacobian)
             if branch.determinants:
+                # of a flat group the sign is rounding
                 flipped = determinant != branch.determinants[number]
+                flipped &= flatness >= FLAT_GROUP
                 _mark(status, flipped, Status.BRANCH_LOST)
             _mark(status, flatness < FLAT_GROUP, Status.AT_SINGULARITY)
             _mark(status, ~np.all(states.inside, axis=1), Status.OFF_PROFILE)

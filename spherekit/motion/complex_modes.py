@@ -25,6 +25,9 @@ from spherekit.sphere.rotation import Floats, from_quaternion
 MOST_COMPLEX = 64
 """Complex modes of a mechanism up to which all of them are followed."""
 
+MOST_ROOTS = 32
+"""Complex modes of a group of seven bodies at most."""
+
 TRIED = (0.3183, 1.7411, 2.9127, 4.0312, 5.3779)
 """Inputs (rad) in no special position at which groups are tried for what they see."""
 ALIKE = 1e-9
@@ -62,6 +65,9 @@ class Meetings(Protocol):
     def cost(self) -> float:
         """About the time (s) that one value of all functions takes."""
 
+    def modes(self, part: int) -> int:
+        """Return the number of complex modes that the function of a group is made of."""
+
     def __call__(self, part: int, q: Floats) -> Floats:
         """Return the function (n,) of group `part` at inputs q (n,) rad.
 
@@ -94,6 +100,9 @@ class _Seven:
     def __init__(self, solver: Solver, which: int) -> None:
         self.solver, self.which = solver, which
         self.groups = solver.assembly.groups
+
+    def modes(self, part: int) -> int:
+        return MOST_ROOTS
 
     @staticmethod
     def of(solver: Solver) -> "_Seven | None":
@@ -139,6 +148,10 @@ class _Chain:
             * float(np.prod([self._counts[earlier] for earlier in seen]))
             for group, seen in zip(self.groups, self._seen, strict=True)
         )
+
+    def modes(self, part: int) -> int:
+        counts = [self._counts[earlier] for earlier in self._seen[part] if earlier < part]
+        return int(np.prod([*counts, self._counts[part]]))
 
     def __call__(self, part: int, q: Floats) -> Floats:
         """Return the function (n,) of group `part` at inputs q (n,) rad."""

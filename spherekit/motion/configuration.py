@@ -15,7 +15,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import Status
+from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.branches import Branch, Solver
@@ -98,6 +100,7 @@ class Configurations:
         return self.claim.box
 
 
+@checked(SolveError)
 def configuration_curves(
     solver: Solver,
     branches: Sequence[Branch],
@@ -129,7 +132,11 @@ def configuration_curves(
     complete = claim.guarantee is not Guarantee.SAMPLED
     if not complete:
         claim = found.search()
-    stretches = [Stretches.of(each, solver.single, low, high) for each in found.curves]
+    found.cross()
+    stretches = [
+        Stretches.of(each, solver.single, low, high, *solver.periods)
+        for each in found.curves
+    ]
     found.count(stretches, complete)
     if complete:
         found.compare(drive, dead)

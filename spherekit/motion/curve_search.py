@@ -10,16 +10,19 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.branches import Solver
+from spherekit.motion.crossing import ways_out
 from spherekit.motion.dead_inputs import DeadInputs
 from spherekit.motion.modes import assemblies
+from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
+from spherekit.motion.search import SEED, STARTS, Census
 from spherekit.motion.stretches import Stretches, turning_inputs
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
 CHECKED = 12
 """Inputs over the range at which modes are counted besides those they were sought at."""
-DRY = 4
-"""Searches in a row without a new curve that end a search from random starts."""
-MOST_SEARCHES = 24
+MOST_CURVES = 64
+"""Curves that are followed; a chain of many dyads can have more."""
 NEAR_DEAD = 1e-6
 """Inputs (rad) nearer to a dead point than this are not counted at."""
 NEAR_CROSSING = 1e-3
@@ -64,6 +67,16 @@ class CurveSearch:
                 self.problems.append(words)
         return len(self.curves) - known
 
+    def cross(self) -> None:
+        """Follow the curves that cross those found, until there are no new ones.
+
+        On some of them the input may stand still, so that no input leads to them.
+        """
+        for curve in self.curves:  # which grow on the way
+            for why, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
+                if why == Status.AT_SINGULARITY:
+                    self.add(ways_out(self.solver.closure, end))
+
     def sweep(self, drive: Solver, dead: DeadInputs, step: float) -> Claim:
         """Follow the curves of all modes of `drive` between its dead inputs."""
         for q in dead.probes(step):
@@ -77,28 +90,26 @@ class CurveSearch:
         return dead.claim(step)
 
     def search(self) -> Claim:
-        """Follow curves that searches at random inputs meet, until no new ones do.
+        """Follow the curves that random starts over the range lead to.
 
-        The modes that curves from other inputs lead to say how many a search misses.
+        The starts are others than those by which a run finds its branches, so that how
+        often they met the curves known before says what both may have missed.
         """
         if self.solver.meshes is not None and not self.solver.meshes.all_known:
             return Claim(Guarantee.COMPONENT, "wheels in mesh as in the branches given")
-        random = np.random.default_rng(20240616)
-        dry = searches = known = met = 0
-        while dry < DRY and searches < MOST_SEARCHES:
-            q = float(random.uniform(self.low, self.high))
-            values, _ = _modes(self.solver, q)
-            for curve in self.curves:
-                known += len(curve.at_input(self.solver.single, q).places)
-                met += int(np.sum(~np.isnan(curve.find(values))))
-            self.counted.append((q, len(values)))
-            searches += 1
-            dry = 0 if self.add(values) else dry + 1
-        words = (
-            f"searches at {searches} random inputs, the last {dry} without a new curve, "
-            f"met {met} of the {known} modes there of curves known before"
-        )
-        return Claim(Guarantee.SAMPLED, words)
+        low, high = np.array([self.low]), np.array([self.high])
+        starts = RangeSearch(self.solver, low, high, seed=SEED + 1)
+        census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
+        working = Working("searching the configuration curves")
+        while census.goes_on and len(self.curves) < MOST_CURVES:
+            values, _ = starts.round()
+            self.add(values)
+            met = np.full(len(values), -1, dtype=np.intp)
+            for number, curve in enumerate(self.curves):
+                met[~np.isnan(curve.find(values))] = number
+            census.add(STARTS, met, len(self.curves))
+            working.tell(lambda: census.words("curves"))
+        return Claim(Guarantee.SAMPLED, census.words("curves"))
 
     def count(self, stretches: list[Stretches], complete: bool) -> None:
         """Compare the number of modes with that of the curves' crossings.

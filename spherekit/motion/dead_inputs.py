@@ -18,6 +18,8 @@ from spherekit.sphere.rotation import Floats
 
 POINTLIKE = 1e-4
 """A doubtful part (rad) so short is not looked into: its sides are."""
+SMOOTH = 4.0 * np.pi
+"""Width (rad), over the number of modes, of parts in which their function is smooth."""
 MOST_TIME = 40.0
 """Rough time (s) that the search for dead inputs may take."""
 
@@ -100,7 +102,13 @@ def dead_inputs(
         return DeadInputs(low, high, np.zeros(0), np.zeros((0, 2)))
     most = int(np.clip(MOST_TIME / (36.0 * meetings.cost), 12, MOST_CELLS))
     found = [
-        crossings(lambda q, part=part: meetings(part, q), low, high, most)  # type: ignore[misc]
+        crossings(
+            lambda q, part=part: meetings(part, q),  # type: ignore[misc]
+            low,
+            high,
+            most,
+            SMOOTH / meetings.modes(part),
+        )
         for part in range(len(meetings.groups))
     ]
     places = np.sort(np.concatenate([part.places for part in found]))

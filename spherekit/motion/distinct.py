@@ -3,6 +3,7 @@
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
 from spherekit.model.geometry import Contact
@@ -16,6 +17,10 @@ SAME_DEAD_CENTRE = 1e-3
 """The same where rounding is felt most: solutions that are multiple."""
 MOST_MODES = 64
 """Configurations of one group that are kept; where it can move there is no end of them."""
+MOST_LOOSE = 4
+"""Of configurations in which the group can move, or nearly so, no more are kept."""
+LOOSE = 1e-9
+"""Smallest singular value, over the largest, of those."""
 SPREAD = 8.0
 """Copies of one solution differ by less than this times their first-order error."""
 
@@ -40,39 +45,62 @@ class Distinct:
         self.closure = closure
         self.values: list[Floats] = []
         self._poses: list[tuple[Floats, float]] = []
+        self._loose = 0
         self._rolling = [
             (variable, joint)
             for variable, pair in enumerate(closure.tree.owners)
             if isinstance(joint := closure.joints[pair], Contact) and joint.rolling
         ]
 
-    def add(self, values: Floats) -> None:
+    def add(self, values: Floats) -> NDArray[np.intp]:
         """Add those of closed configurations (n, variables) that are new.
 
         Those that have rolled least come first; those whose contacts do not exist are
-        left out.
+        left out. Returns the place (n,) in `values` of each, -1 for those left out.
         """
+        places = np.full(len(values), -1, dtype=np.intp)
+        if not len(values):
+            return places
         placed, states = self.closure.place(values)
         exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
         jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
-        least = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
+        sizes = np.linalg.svd(jacobian, compute_uv=False)
+        least, loose = sizes[:, -1], sizes[:, -1] < LOOSE * sizes[:, 0]
         residual = self.closure.residual(placed, states)
         gap = np.max(np.abs(residual), axis=1, initial=0.0)
         error = np.maximum(gap, EPS) / np.maximum(least, EPS)
         tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled = [variable for variable, _ in self._rolling]
         order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
-        for row in order[exists[order]]:
-            if len(self.values) == MOST_MODES:
-                return
-            if any(self._meshes_again(values[row], mode) for mode in self.values):
+        left = order[exists[order]]
+        for number, (pose, other) in enumerate(self._poses):
+            near = self._near(number, values[left], placed[left], pose)
+            same = near <= np.maximum(tolerance[left], other)
+            places[left[same]] = number
+            left = left[~same]
+        while len(left) and len(self.values) < MOST_MODES:
+            number, row = len(self.values), left[0]
+            if loose[row] and self._loose == MOST_LOOSE:
+                left = left[1:]
                 continue
-            if all(
-                are_far(placed[row], pose, max(tolerance[row], other))
-                for pose, other in self._poses
-            ):
-                self.values.append(values[row])
-                self._poses.append((placed[row], tolerance[row]))
+            self._loose += int(loose[row])
+            self.values.append(values[row])
+            self._poses.append((placed[row], tolerance[row]))
+            near = self._near(number, values[left], placed[left], placed[row])
+            same = near <= np.maximum(tolerance[left], tolerance[row])
+            same[0] = True
+            places[left[same]] = number
+            left = left[~same]
+        return places
+
+    def _near(self, number: int, values: Floats, placed: Floats, pose: Floats) -> Floats:
+        """Return how far (n,) configurations are from that of a number, 0 a turn later."""
+        away = np.max(np.abs(placed - pose), axis=(1, 2, 3), initial=0.0)
+        if self._rolling:
+            mode = self.values[number]
+            again = [self._meshes_again(one, mode) for one in values]
+            away[np.array(again, dtype=bool)] = 0.0
+        return np.asarray(away)
 
     def _meshes_again(self, one: Floats, other: Floats) -> bool:
         """Return whether two configurations differ by whole turns of rolling wheels."""

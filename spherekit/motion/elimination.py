@@ -65,13 +65,14 @@ def candidates(group: Group, closure: Closure) -> Candidates | None:
 
     `closure` is the group's own, with a single sample.
     """
-    if not _has_elimination(group):
+    if not has_elimination(group):
         return None
     frames = Frames.of(group, closure)
     return _triad(group, frames) or _tree(group, frames)
 
 
-def _has_elimination(group: Group) -> bool:
+def has_elimination(group: Group) -> bool:
+    """Return whether all solutions of a group may be found by elimination."""
     return group.revolute and len(group.bodies) in (5, 7)
 
 
@@ -209,7 +210,7 @@ def _tree(group: Group, frames: Frames) -> Candidates | None:
 
 def count_orders(group: Group) -> int:
     """Return in how many ways four bodies in a tree with three bars can be eliminated."""
-    return len(_orders(group)[:MOST_ORDERS]) if _has_elimination(group) else 0
+    return len(_orders(group)[:MOST_ORDERS]) if has_elimination(group) else 0
 
 
 @final

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status
 from spherekit.motion.closure import Closure
+from spherekit.motion.crossing import ways_out
 from spherekit.motion.steps import (
     Nodes,
     advance,
@@ -22,6 +23,10 @@ from spherekit.motion.steps import (
 from spherekit.sphere.rotation import Floats
 
 MOST_NODES = 20000
+AT_DEAD_CENTRE = 1e-9
+"""Nodes of a smaller relative singular value are dead centres of the input."""
+NEAR_DEAD_CENTRE = 1e-4
+"""A way into a dead centre ends no farther from it (rad)."""
 
 
 @final
@@ -55,6 +60,26 @@ class Curve:
         )
         return out, np.max(np.abs(b - a), axis=1)
 
+    def to(self, values: Floats, driven: int) -> "Curve | None":
+        """Return the curve with a dead centre (variables,) for its end, None if it is not.
+
+        It is no end where it is farther than `NEAR_DEAD_CENTRE` from both of them.
+        """
+        for end in (0, -1):
+            away = float(np.max(np.abs(self.values[end] - values)))
+            step = abs(float(self.inputs[end] - values[driven]))
+            if not 0.0 < away < NEAR_DEAD_CENTRE or not step:
+                continue
+            place = 0 if end == 0 else len(self.inputs)
+            chord = (self.values[end] - values) / (self.inputs[end] - values[driven])
+            return Curve(
+                np.insert(self.inputs, place, values[driven]),
+                np.insert(self.values, place, values, axis=0),
+                np.insert(self.slopes, place, chord, axis=0),
+                self.ends,
+            )
+        return None
+
     def covers(self, q: Floats) -> NDArray[np.bool_]:
         """Return (n,) whether each input lies on the curve."""
         slack = 1e-14 * np.maximum(1.0, np.abs(q))
@@ -75,6 +100,26 @@ def follow(closure: Closure, driven: int, values: Floats, low: float, high: floa
         (variables,) a closed configuration with `values[driven]` in [low, high], rad.
     """
     start = nodes_at(closure, [driven], values[None], np.ones((1, 1)))
+    if start.flatness[0] > AT_DEAD_CENTRE and np.all(np.isfinite(start.slope)):
+        return _through(closure, driven, start, low, high)
+    for beside in _ways_on(closure, driven, values):
+        start = nodes_at(closure, [driven], beside[None], np.ones((1, 1)))
+        q = float(beside[driven])
+        curve = _through(closure, driven, start, min(low, q), max(high, q))
+        if (reached := curve.to(values, driven)) is not None:
+            return reached
+    return _through(closure, driven, start, low, high)
+
+
+def _ways_on(closure: Closure, driven: int, values: Floats) -> list[Floats]:
+    """Return configurations (variables,) beside a dead centre, in a definite order."""
+    around = ways_out(closure, values)
+    moved = around[np.abs(around[:, driven] - values[driven]) > AT_DEAD_CENTRE]
+    return sorted(moved, key=lambda each: tuple(np.round(values - each, 6)))
+
+
+def _through(closure: Closure, driven: int, start: Nodes, low: float, high: float) -> Curve:
+    """Return the curve through a node at which the input moves."""
     down, why_down = _march(closure, driven, start, low)
     up, why_up = _march(closure, driven, start, high)
     nodes = [*reversed(down), start, *up]

@@ -75,7 +75,7 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
     )
     leads = []
     for which, given in ((0, closure.lead_first), (1, closure.lead_second)):
-        own = np.stack([lift[tree.ends[pair][which]] for pair in pairs])
+        own = np.array([lift[tree.ends[pair][which]] for pair in pairs]).reshape(-1, 3, 3)
         leads.append((own if given is None else own @ given[0][pairs])[None])
     return Locked(
         Closure(

@@ -18,12 +18,12 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.model.geometry import Contact, Joint
+from spherekit.model.geometry import Contact, Joint, Revolute
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.closure import Closure
 from spherekit.motion.distinct import Distinct
 from spherekit.motion.limits import contact_variables
-from spherekit.motion.locked import lock
+from spherekit.motion.locked import Locked, lock
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.search import search
 from spherekit.motion.steps import nodes_at, walk
@@ -77,18 +77,33 @@ class Meshes:
 
     def at(self, q: Floats) -> dict[int, float]:
         """Return the lengths (rad) by the numbers of their variables at inputs q (k,)."""
-        lengths = self.lengths + self.ratios @ (q - self.anchor)
+        lengths = self.rolled(q[None])[0]
         return dict(zip(self.variables, map(float, lengths), strict=True))
+
+    def rolled(self, q: Floats) -> Floats:
+        """Return the lengths (n, m), rad, at inputs q (n, k)."""
+        return np.asarray(self.lengths + (q - self.anchor) @ self.ratios.T)
 
     def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
         """Return the closed configurations (variables,) found at inputs q (k,)."""
+        far, q = q, self._less_periods(q)
         held = dict(zip(driven, map(float, q), strict=True)) | self.at(q)
-        locked = lock(closure, held)
-        found = Distinct(locked.closure)
-        search(locked.closure, found)
-        if not found.values:
-            return []
-        return list(locked.whole(np.array(found.values)))
+        locked = _lock_all(closure, held)
+        found = np.zeros((1, 0))
+        if locked.kept:
+            distinct = Distinct(locked.closure)
+            search(locked.closure, distinct)
+            found = np.array(distinct.values).reshape(-1, len(locked.kept))
+        whole = locked.whole(found)
+        gap = np.max(np.abs(closure.linearise(whole)[0]), axis=1, initial=0.0)
+        return [self.moved(each, driven, far) for each in whole[gap < CLOSURE_TOLERANCE]]
+
+    def _less_periods(self, q: Floats) -> Floats:
+        """Return inputs (k,) as near to the anchor as whole periods bring them."""
+        finite = np.isfinite(self.periods)
+        periods = np.where(finite, self.periods, 1.0)
+        laps = np.where(finite, np.round((q - self.anchor) / periods), 0.0)
+        return np.asarray(q - laps * periods)
 
     def moved(self, values: Floats, driven: Sequence[int], q: Floats) -> Floats:
         """Return the same configuration (variables,) at inputs nearest to q (k,).
@@ -102,6 +117,20 @@ class Meshes:
         values[held] += laps * periods
         values[list(self.variables)] += self.ratios @ (laps * periods)
         return values
+
+
+def _lock_all(closure: Closure, held: dict[int, float]) -> Locked:
+    """Return a closure with pairs locked, and the R pairs that can then move no more."""
+    locked = lock(closure, held)
+    tree, joints = locked.closure.tree, locked.closure.joints
+    _, states = locked.closure.place(np.zeros((1, len(locked.kept))))
+    fixed = {}
+    for pair, (one, other) in enumerate(tree.ends):
+        if one == other and isinstance(joints[pair], Revolute):
+            turn = states.first[0, pair].T @ states.second[0, pair]
+            variable = locked.kept[tree.owners.index(pair)]
+            fixed[variable] = float(np.arctan2(turn[1, 0], turn[0, 0]))
+    return lock(closure, held | fixed) if fixed else locked
 
 
 def rolling_variables(closure: Closure) -> list[int]:
@@ -282,7 +311,7 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
     pairs = [pair for pair, own in of_pair.items() if np.all(linear[own])]
     left = set(pairs)
     while left:
-        bodies, part = set(tree.ends[min(left)]), set()
+        bodies, part = set(tree.ends[min(left)]), set[int]()
         while new := {pair for pair in left if bodies & set(tree.ends[pair])} - part:
             part |= new
             bodies |= {body for pair in new for body in tree.ends[pair]}

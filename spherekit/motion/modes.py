@@ -6,20 +6,21 @@ groups are all found by elimination or some by a search, and each new one is fol
 far as it goes.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.branches import Branch, Solver, determinant_signs
+from spherekit.motion.branches import Branch, Solver, determinant_signs, wrap
 from spherekit.motion.dead_inputs import dead_inputs
-from spherekit.motion.distinct import are_far
+from spherekit.motion.distinct import SAME_MODE
+from spherekit.motion.elimination import has_elimination
 from spherekit.motion.follow import Curve, follow
 from spherekit.motion.groups import (
     State,
@@ -30,13 +31,18 @@ from spherekit.motion.groups import (
 )
 from spherekit.motion.lattice import Lattice
 from spherekit.motion.pairs import pair_axes
+from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
+from spherekit.motion.search import STARTS, Census
 from spherekit.motion.sheet import Sheet, spread
 from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solutions
 from spherekit.motion.steps import walk
 from spherekit.motion.stretches import Stretches
 from spherekit.planning.assembly import Group
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
+
+Rows = NDArray[np.intp]
 
 MOST_BRANCHES = 64
 """Branches of one run; a mechanism of many dyads has 2 to their number."""
@@ -48,6 +54,8 @@ FINER = 3
 """So many times more of them where elimination finds all modes at an input."""
 MOST_COST = 3e-3
 """Time (s) that a value of the functions of meeting modes may take here."""
+NEAR_GUIDE = 1e-3
+"""A branch is examined where its guide is nearer (rad) than this and its nodes' spread."""
 NEAREST = 8
 """Samples nearest to a reference pose that straight ways are tried to."""
 
@@ -164,95 +172,231 @@ def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
 
 
 def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
-    driven = list(solver.driven)
-    branches: list[Branch] = []
-    freedoms: list[int] = []
-    reference = solver.geometry.reference
-    redundant = any(group.redundant for group in solver.assembly.groups)
-
-    def add(values: Floats) -> None:
-        values = solver.closure.solve(values[None], driven).values[0]
-        if redundant:
-            freedoms.append(solver.freedoms(values))
-            if freedoms[-1] != len(driven):
-                return
-        guide = _guide(solver, lattice, values)
-        if guide is not None:
-            branch = Branch(len(branches), _signs_at(solver, values), guide)
-            branches.append(_with_determinants(solver, branch, values))
-
-    meshes = solver.meshes
-    rolls = meshes is not None and not meshes.all_known
-    if reference is not None and meshes is not None:
-        middle = 0.5 * (np.min(lattice.q, axis=0) + np.max(lattice.q, axis=0))
-        add(meshes.moved(reference, driven, middle))
-    elif reference is not None:
-        values = reference.copy()
-        middle = 0.5 * (np.min(lattice.q, axis=0) + np.max(lattice.q, axis=0))
-        half = 0.5 * np.ptp(lattice.q, axis=0)
-        turns = np.round((middle - reference[driven]) / (2 * np.pi))
-        outside = np.abs(reference[driven] - middle) > half
-        values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
-        add(values)
-    if reference is not None and freedoms and freedoms[0] < len(driven):
-        # Where the pose given cannot move, a search of other modes takes long and is not
-        # what was asked.
-        raise _other_rank(solver, freedoms[0])
-    probes = 0
-    methods: list[Method | None] = [None] * len(solver.assembly.groups)
+    gathering = _Gathering(solver, lattice)
+    gathering.add_reference()
     claim = REFERENCE_ONLY
-
-    def probe(inputs: Floats) -> None:
-        nonlocal probes, methods
-        for q in inputs:
-            if (rolls and branches) or len(branches) >= MOST_BRANCHES:
-                break
-            here = assemblies(solver, q)
-            probes += 1
-            methods = [
-                least_complete(*both) for both in zip(methods, here.methods, strict=True)
-            ]
-            add_new([values for _, values in here.modes], q)
-
-    def add_new(modes: Sequence[Floats], q: Floats) -> None:
-        known = _known_at(solver, lattice, branches, q)
-        for values in modes:
-            placed, _ = solver.closure.place(values[None])
-            if len(branches) < MOST_BRANCHES and all(
-                are_far(placed[0], other) for other in known
-            ):
-                add(values)
-                known.append(placed[0])
-
-    if search or not branches:
-        if len(driven) > 1:
-            probe(_scattered(lattice))
-            claim = Claim(Guarantee.SAMPLED, f"modes at {probes} of the samples")
-        else:
-            dead = dead_inputs(solver, *_range(lattice), MOST_COST)
-            step = np.ptp(lattice.q) / PROBES
-            probe(lattice.q[:1] if rolls else np.zeros((0, 1)))
-            probe(dead.probes(step)[:, None])
-            complete = all(method is None or method.is_complete for method in methods)
-            if complete and dead.gap(step) and not rolls:
-                done = dead.probes(step)
-                step = step / FINER
-                finer = dead.probes(step)
-                apart = np.abs(finer[:, None] - done).min(axis=1) > 1e-9
-                probe(finer[apart, None])
-            complete = all(method is None or method.is_complete for method in methods)
-            if dead.gap(step) and not rolls:
-                for values in _beyond_dead_centres(solver, lattice, branches):
-                    if len(branches) >= MOST_BRANCHES:
-                        break
-                    add_new([values], values[driven])
-            claim = dead.claim(step)
-            if rolls or not complete:
-                claim = Claim(Guarantee.SAMPLED, f"modes found at {_inputs(probes)}")
-    if freedoms and not branches and min(freedoms) != len(driven):
+    if search or not gathering.branches:
+        claim = gathering.all_modes()
+    branches, freedoms = gathering.branches, gathering.freedoms
+    if freedoms and not branches and min(freedoms) != len(solver.driven):
         raise _other_rank(solver, min(freedoms))
     claim = _limited(claim, len(branches))
-    return Found(tuple(branches), probes, tuple(methods), claim)
+    return Found(tuple(branches), gathering.probes, tuple(gathering.methods), claim)
+
+
+@final
+class _Gathering:
+    """The branches of a mechanism with irreducible groups, found one after another.
+
+    `families[k]` is the number of the component of branch k, as far as is known: those
+    that were come to on one configuration curve have the same.
+    """
+
+    def __init__(self, solver: Solver, lattice: Lattice) -> None:
+        self.solver, self.lattice = solver, lattice
+        self.branches: list[Branch] = []
+        self.families: list[int] = []
+        self.freedoms: list[int] = []
+        self.probes = 0
+        self.methods: list[Method | None] = [None] * len(solver.assembly.groups)
+        self._curves: list[ArcCurve] = []
+        self._followed = 0
+        self._redundant = any(group.redundant for group in solver.assembly.groups)
+
+    @property
+    def is_full(self) -> bool:
+        return len(self.branches) >= MOST_BRANCHES
+
+    def add(self, values: Floats, family: int | None = None) -> None:
+        """Add the branch through a configuration (variables,), if it is in the range."""
+        driven = list(self.solver.driven)
+        values = self.solver.closure.solve(values[None], driven).values[0]
+        if self._redundant:
+            self.freedoms.append(self.solver.freedoms(values))
+            if self.freedoms[-1] != len(driven):
+                return
+        guide = _guide(self.solver, self.lattice, values)
+        if guide is not None:
+            branch = Branch(len(self.branches), _signs_at(self.solver, values), guide)
+            if isinstance(guide, Curve):  # where the pose itself may be a dead centre
+                values = guide.values[len(guide.values) // 2]
+            self.branches.append(_with_determinants(self.solver, branch, values))
+            new = max(self.families, default=-1) + 1
+            self.families.append(new if family is None else family)
+
+    def add_reference(self) -> None:
+        """Add the branch of the reference pose, if there is one.
+
+        Raises
+        ------
+        PlanError
+            If the rank there leaves fewer freedoms than there are inputs.
+        """
+        reference = self.solver.geometry.reference
+        if reference is None:
+            return
+        driven, q = list(self.solver.driven), self.lattice.q
+        values = reference.copy()
+        middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
+        half = 0.5 * np.ptp(q, axis=0)
+        if self.solver.meshes is not None:
+            values = self.solver.meshes.moved(reference, driven, middle)
+        else:
+            turns = np.round((middle - reference[driven]) / (2 * np.pi))
+            outside = np.abs(reference[driven] - middle) > half
+            values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
+        self.add(values)
+        if self.freedoms and self.freedoms[0] < len(driven):
+            # Where the pose given cannot move, a search of other modes takes long and is
+            # not what was asked.
+            raise _other_rank(self.solver, self.freedoms[0])
+
+    def all_modes(self) -> Claim:
+        """Look for further branches in the whole range; return what is claimed then."""
+        solver, lattice = self.solver, self.lattice
+        if solver.meshes is not None and not solver.meshes.all_known:
+            if not self.branches:
+                self.probe(lattice.q[:1])
+            return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
+        groups = solver.assembly.groups
+        if all(group.is_dyad or has_elimination(group) for group in groups):
+            claim = self._eliminated()
+            if claim is not None:
+                return claim
+        self.methods = [
+            CLOSED_FORM if group.is_dyad else method or Method(0)
+            for group, method in zip(groups, self.methods, strict=True)
+        ]
+        census = self.search()
+        things = "components" if len(solver.driven) == 1 else "modes"
+        return Claim(Guarantee.SAMPLED, census.words(things))
+
+    def _eliminated(self) -> Claim | None:
+        """Find all modes at some inputs; return None if some may be missing there."""
+        if len(self.solver.driven) > 1:
+            self.probe(_scattered(self.lattice))
+            claim = Claim(Guarantee.SAMPLED, f"modes at {self.probes} of the samples")
+            return claim if self._is_complete else None
+        dead = dead_inputs(self.solver, *_range(self.lattice), MOST_COST)
+        step = np.ptp(self.lattice.q) / PROBES
+        self.probe(dead.probes(step)[:, None])
+        if self._is_complete and dead.gap(step):
+            done = dead.probes(step)
+            step = step / FINER
+            finer = dead.probes(step)
+            apart = np.abs(finer[:, None] - done).min(axis=1) > 1e-9
+            self.probe(finer[apart, None])
+        if not self._is_complete:
+            return None
+        claim = dead.claim(step)
+        if not dead.gap(step):
+            return claim
+        self.go_beyond()
+        words = f"{claim.reason}; between them {self.search().words('components')}"
+        return replace(claim, reason=words)
+
+    @property
+    def _is_complete(self) -> bool:
+        return all(method is None or method.is_complete for method in self.methods)
+
+    def probe(self, inputs: Floats) -> None:
+        """Add the branches of all modes found at inputs (n, inputs)."""
+        for q in inputs:
+            if self.is_full:
+                break
+            here = assemblies(self.solver, q)
+            self.probes += 1
+            self.methods = [
+                least_complete(*both)
+                for both in zip(self.methods, here.methods, strict=True)
+            ]
+            if here.modes:
+                values = np.array([values for _, values in here.modes])
+                row = self.lattice.nearest(q, 1)
+                self.add_new(values, np.repeat(row, len(values)))
+
+    def add_new(self, values: Floats, rows: Rows, family: int | None = None) -> Rows:
+        """Add branches of configurations (n, variables) that none of them has.
+
+        `rows` (n,) are the samples they belong to, read if branches are known at samples
+        only. Returns the family (n,) of each, -1 if it is not in the range. With `family`
+        that of all new ones is known.
+        """
+        families = self._families_of(values, rows, 0)
+        for number in np.flatnonzero(families < 0):
+            known = len(self.branches)
+            if families[number] >= 0 or self.is_full:
+                continue
+            self.add(values[number], family)
+            if len(self.branches) == known:
+                continue
+            self.go_beyond()
+            families[number] = self.families[known]
+            left = np.flatnonzero(families < 0)
+            families[left] = self._families_of(values[left], rows[left], known)
+        return families
+
+    def go_beyond(self) -> None:
+        """Follow the curves of branches that end within the range to further branches."""
+        if len(self.solver.driven) > 1:
+            return
+        for branch in self.branches[self._followed :]:
+            self._followed += 1
+            guide = branch.guide
+            if not isinstance(guide, Curve) or guide.ends == (Status.OK, Status.OK):
+                continue
+            values = guide.values[len(guide.values) // 2]
+            if any(np.isfinite(curve.find(values[None])[0]) for curve in self._curves):
+                continue
+            try:
+                self._curves.append(follow_arc(self.solver.closure, values))
+            except SolveError:
+                continue
+            (period,) = self.solver.periods
+            parts = Stretches.of(
+                self._curves[-1], self.solver.single, *_range(self.lattice), period
+            )
+            rows = np.zeros(len(parts.middles), dtype=np.intp)
+            self.add_new(parts.middles, rows, self.families[branch.number])
+
+    def search(self) -> Census:
+        """Add what random starts over the range meet, and return how often they did."""
+        q, several = self.lattice.q, len(self.solver.driven) > 1
+        low, high = np.min(q, axis=0), np.max(q, axis=0)
+        starts = RangeSearch(self.solver, low, high, q if several else None)
+        census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
+        working = Working("searching the assembly modes")
+        self.go_beyond()
+        while census.goes_on and not self.is_full:
+            met = self.add_new(*starts.round())
+            census.add(STARTS, met, max(self.families, default=-1) + 1)
+            self.probes += STARTS
+            working.tell(lambda: census.words("components"))
+        return census
+
+    def _families_of(self, values: Floats, rows: Rows, first: int) -> Rows:
+        """Return the family (n,) of configurations on branches from `first` on, or -1."""
+        solver, driven = self.solver, list(self.solver.driven)
+        angles = [v for v in solver.angles if v not in driven]
+        families = np.full(len(values), -1, dtype=np.intp)
+        placed, _ = solver.closure.place(values)
+        for branch, family in zip(
+            self.branches[first:], self.families[first:], strict=True
+        ):
+            (left,) = np.nonzero(families < 0)
+            if isinstance(branch.guide, Curve) and len(left):
+                along = values[left, driven[0]]
+                predicted, spread = branch.guide.predict(along)
+                away = np.abs(wrap(predicted - values[left])[:, angles])
+                near = np.max(away, axis=1, initial=0.0) < spread + NEAR_GUIDE
+                left = left[near & branch.guide.covers(along)]
+            if not len(left):
+                continue
+            there = solver.evaluate(branch, values[left][:, driven], rows[left])
+            same = np.max(np.abs(there.rotations - placed[left]), axis=(1, 2, 3))
+            closed = (there.status == Status.OK) | (there.status == Status.AT_SINGULARITY)
+            families[left[closed & (same < SAME_MODE)]] = family
+        return families
 
 
 def _other_rank(solver: Solver, freedoms: int) -> PlanError:
@@ -261,28 +405,6 @@ def _other_rank(solver: Solver, freedoms: int) -> PlanError:
         f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
         f"{len(solver.driven)}; {inputs_to_declare(freedoms)}"
     )
-
-
-def _beyond_dead_centres(
-    solver: Solver, lattice: Lattice, branches: Sequence[Branch]
-) -> Iterator[Floats]:
-    """Yield configurations (variables,) of all modes on the curves of branches.
-
-    Only branches that end within the range lead to others.
-    """
-    curves: list[ArcCurve] = []
-    for branch in tuple(branches):
-        guide = branch.guide
-        if not isinstance(guide, Curve) or guide.ends == (Status.OK, Status.OK):
-            continue
-        values = guide.values[len(guide.values) // 2]
-        if any(np.isfinite(curve.find(values[None])[0]) for curve in curves):
-            continue
-        try:
-            curves.append(follow_arc(solver.closure, values))
-        except SolveError:
-            continue
-        yield from Stretches.of(curves[-1], solver.single, *_range(lattice)).middles
 
 
 def _inputs(count: int) -> str:
@@ -334,21 +456,6 @@ def _with_determinants(solver: Solver, branch: Branch, values: Floats) -> Branch
             determinant, _ = determinant_signs(jacobian)
             determinants.append(float(determinant[0]))
     return Branch(branch.number, branch.signs, branch.guide, tuple(determinants))
-
-
-def _known_at(
-    solver: Solver, lattice: Lattice, branches: Sequence[Branch], q: Floats
-) -> list[Floats]:
-    """Return the orientations (links, 3, 3) that branches have at an input (inputs,)."""
-    row = lattice.nearest(q, 1)
-    known = []
-    for branch in branches:
-        if isinstance(branch.guide, Curve) and not branch.guide.covers(q)[0]:
-            continue
-        there = solver.evaluate(branch, q[None], row)
-        if there.status[0] in (Status.OK, Status.AT_SINGULARITY):
-            known.append(there.rotations[0])
-    return known
 
 
 def _why_nothing_closes(solver: Solver, lattice: Lattice) -> str:
@@ -432,7 +539,10 @@ def _grown(
             if not further.lost[0]:
                 grown.append((sign, further))
         return grown, CLOSED_FORM
-    found, method = solutions(group, group_closure(state, group, ends))
+    reference = solver.geometry.reference
+    own = group_variables(state, group)
+    given = None if reference is None else reference[None, own]
+    found, method = solutions(group, group_closure(state, group, ends), given)
     for values in found:
         further = state.copy()
         place_group(further, group, ends, values[None])

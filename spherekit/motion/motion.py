@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.model.geometry import Joint
@@ -29,7 +30,7 @@ from spherekit.motion.pairs import (
 from spherekit.motion.sheet import Sheet
 from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly, plan_assembly
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.sphere.rotation import Floats, quaternion
 
 DEFAULT_SAMPLES = 361
@@ -184,10 +185,10 @@ class Motion:
     def gap(self) -> Floats:
         """(n,) rad, by how much loops may be open, in each component.
 
-        The residual; two roundings of its own, and half of one for each variable of a loop:
-        for its geometry and for the numbers that the file rounds.
+        The residual; two roundings of its own, and one for each variable of a loop: for its
+        geometry, and for the numbers of the file, which float64 rounds.
         """
-        rounding = EPS * (2.0 + 0.5 * self._longest_loop)
+        rounding = EPS * (2.0 + self._longest_loop)
         return np.asarray(np.nan_to_num(self.residual, nan=0.0) + rounding)
 
     @property
@@ -202,10 +203,10 @@ class Motion:
     def configuration_error(self) -> Floats:
         """(n,) rad, how far variables may be off.
 
-        The gap of the loops times `sensitivity` is the first step of Newton's method to the
-        solution, and the way there is at most twice as long while `bend` allows it: infinite
-        where it does not. Two roundings more are for the numbers. NaN where the row failed or
-        was not constructed.
+        The gap of the loops times `sensitivity` is the first step of Newton's method to
+        the solution, and the way there is at most twice as long while `bend` allows it:
+        infinite where it does not. Two roundings more are for the numbers. NaN where the
+        row failed or was not constructed.
         """
         if np.all(np.isnan(self.residual)):
             return np.full(len(self), np.nan)
@@ -240,7 +241,7 @@ class Motion:
 
 def samples_in_block(branches: int) -> int:
     """Return the samples of which so many branches together have about `BLOCK` rows."""
-    return max(1, BLOCK // branches)
+    return max(1, BLOCK // max(1, branches))
 
 
 def motion_of(solver: Solver, values: Floats) -> Motion:
@@ -289,6 +290,9 @@ class Tracer:
         Whether to sample all combinations of the inputs.
     path
         (n, inputs) rad: the inputs wanted, instead of the ranges.
+    follow
+        Whether branches are found and followed over the samples; without there are none,
+        and every motion is empty.
 
     Raises
     ------
@@ -298,6 +302,7 @@ class Tracer:
         If it cannot be assembled anywhere, or the branch is unknown.
     """
 
+    @checked(SolveError)
     def __init__(
         self,
         mechanism: Mechanism,
@@ -307,11 +312,11 @@ class Tracer:
         samples: int | Sequence[int] = DEFAULT_SAMPLES,
         grid: bool = False,
         path: Floats | None = None,
+        follow: bool = True,
     ) -> None:
-        if input_pair is None:
-            names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-        else:
-            names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
+        self._follow = follow
+        mechanism = driven_at(mechanism, input_pair)
+        names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
         self.mechanism = mechanism.with_inputs(*names)
         self.lattice = _lattice(self.mechanism, samples, grid, path)
         self.by_rank = False
@@ -334,6 +339,8 @@ class Tracer:
         """Return the branches; `PlanError` unless there is a freedom for each input."""
         self.assembly = plan_assembly(self.mechanism, self.by_rank)
         self.solver = Solver(self.mechanism, self.assembly)
+        if not self._follow:
+            return ()
         found = find_branches(self.solver, self.lattice, search)
         self.methods, self.claim = found.methods, found.claim
         self._probes = found.probes
@@ -366,6 +373,8 @@ class Tracer:
     @property
     def search(self) -> str:
         """How the assembly modes were found, and what that says of their number."""
+        if not self._follow:
+            return "no motion was traced"
         if not self._probes:
             return f"{self.claim}; no others were looked for"
         used = [
@@ -403,6 +412,9 @@ class Tracer:
         return motion_of(self.solver, values)
 
     def _at(self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int) -> Motion:
+        if not self.branches:
+            none = np.empty((0, len(self.mechanism.variable_owners)))
+            return replace(motion_of(self.solver, none), samples=len(q))
         parts = [self.solver.evaluate(branch, q, rows) for branch in self.branches]
         count, k = len(self.branches), len(q)
         return Motion(
@@ -479,6 +491,7 @@ def _lattice(
     return lattices.straight(inputs, samples)
 
 
+@checked(SolveError)
 def trace(
     mechanism: Mechanism,
     samples: int | Sequence[int] = DEFAULT_SAMPLES,

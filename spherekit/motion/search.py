@@ -1,34 +1,210 @@
-"""Searching the closed configurations of a group from random starts: no proof of all."""
+"""Searching closed configurations from random starts: no proof of all, but a count.
+
+Every start goes down the sum of the squared gaps by Levenberg and Marquardt's method. How
+often the starts met each of the things found says when to stop, and what the search is
+worth: what is met as often as the rarest of them would hardly have been missed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.model.geometry import Revolute
 from spherekit.motion.closure import Closure
 from spherekit.motion.distinct import MOST_MODES, Distinct
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
+SEED = 20240616
+"""The random starts are the same ones every time."""
 STARTS = 192
-"""Random starts of one round; the search ends after two rounds without news."""
-MOST_ROUNDS = 12
+"""Random starts of one round."""
+LEAST_ROUNDS = 2
+"""Rounds of a search at least, and twice as many until none that closes is given up."""
+MOST_ROUNDS = 32
+MOST_WORK = 5e6
+"""Most starts of a search, each times the square of the number of variables."""
+ENOUGH = 8
+"""A search ends when its starts met everything found so often."""
+DOUBT = 0.01
+"""Probability with which a search misses what the stated share of starts leads to."""
+
+STEPS = 60
+"""Steps of a start at most."""
+CLOSE = 1e-6
+"""Root of the sum of squared gaps (rad) from which Newton's method ends the way."""
+FIRST_DAMPING, EASED, RAISED, MOST_DAMPING = 0.1, 0.2, 5.0, 1e9
+STALLED = 8
+"""A start that halved its squared gaps in none of so many steps, far from closed, ends."""
+POLISHING_STEPS = 40
+"""Newton steps at the end; a double solution halves its error in each."""
+FAR = 1e-3
+"""Sum of squared gaps (rad^2) above which it does."""
 
 
-def search(closure: Closure, found: Distinct) -> None:
-    """Add the configurations to `found` that random starts of a single sample lead to.
+@final
+@dataclass
+class Census:
+    """How many random starts were made, and how often they met each of the things found.
 
-    The starts are the same ones every time.
+    `variables` is the number of unknowns of a start, `least` that of rounds made at least.
     """
-    random = np.random.default_rng(20240616)
-    low, high = starting_range(closure)
-    dry = 0
-    for _ in range(MOST_ROUNDS):
-        starts = random.uniform(low, high, (STARTS, len(low)))
-        result = closure.solve(starts, iterations=40)
-        known = len(found.values)
-        found.add(result.values[result.residual < CLOSURE_TOLERANCE])
-        dry = dry + 1 if len(found.values) == known else 0
-        if dry == 2 or len(found.values) == MOST_MODES:
+
+    variables: int
+    least: int = LEAST_ROUNDS
+    starts: int = 0
+    counts: list[int] = field(default_factory=list)
+
+    def add(self, starts: int, met: NDArray[np.intp], known: int) -> None:
+        """Count starts; `met` are the numbers, below `known`, of what they led to."""
+        self.starts += starts
+        self.counts += [0] * (known - len(self.counts))
+        for number in met[met >= 0]:
+            self.counts[number] += 1
+
+    @property
+    def closed(self) -> int:
+        """Number of starts that led to something."""
+        return sum(self.counts)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether more starts are to be made."""
+        rounds = self.starts / STARTS
+        if rounds < self.least:
+            return True
+        if rounds >= MOST_ROUNDS or self.starts * self.variables**2 > MOST_WORK:
+            return False
+        if not self.closed:
+            return rounds < 2 * self.least
+        return min(self.counts) < ENOUGH
+
+    @property
+    def unseen(self) -> float:
+        """Share of the closing starts that would meet something new (Good and Turing)."""
+        return self.counts.count(1) / max(self.closed, 1)
+
+    @property
+    def share(self) -> float:
+        """Share of starts that must lead to what is missed with probability `DOUBT`."""
+        return float(1.0 - DOUBT ** (1.0 / max(self.starts, 1)))
+
+    def words(self, things: str) -> str:
+        """Return what the search is worth; `things` is the name of one thing, or more."""
+        made = f"{self.starts} random starts"
+        if not self.closed:
+            return f"{made}, none closed; {self._missed()}"
+        made += f", {self.closed} closed on {len(self.counts)} {things}"
+        least = min(self.counts)
+        if least > 1:
+            return f"{made}, on each at least {least} times; {self._missed()}"
+        few = sum(count <= 1 for count in self.counts)
+        made += f", on {few} of them at most once, so that about {self.unseen:.1%} of "
+        return f"{made}further ones would close on another; {self._missed()}"
+
+    def _missed(self) -> str:
+        return f"one that {self.share:.2%} of starts close on is missed once in 100 times"
+
+
+def damped(
+    closure: Closure,
+    values: Floats,
+    held: Sequence[int] = (),
+    low: Floats | None = None,
+    high: Floats | None = None,
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Go down the sum of squared gaps from starts; return where that leads.
+
+    Parameters
+    ----------
+    values
+        (n, variables) starts.
+    held
+        Numbers of the variables that are not changed.
+    low, high
+        (variables,) limits that variables do not leave, none by default.
+
+    Returns
+    -------
+    values, near
+        (n, variables), and (n,) whether the gaps are so small that Newton's method
+        closes them.
+    """
+    n, count = values.shape
+    free = [v for v in range(count) if v not in held]
+    values = values.copy()
+    active, damping = np.arange(n), np.full(n, FIRST_DAMPING)
+    gap, jacobian = closure.linearise(values)
+    jacobian = jacobian[:, :, free]
+    size = np.sum(gap**2, axis=1)
+    before, near = np.full(n, np.inf), size < CLOSE**2
+    for turn in range(STEPS):
+        across = np.swapaxes(jacobian, 1, 2)
+        right = -(across @ gap[..., None])
+        normal = across @ jacobian
+        if low is not None and high is not None:
+            here = values[active][:, free]
+            stopped = (here <= low[free]) & (right[..., 0] < 0.0)
+            stopped |= (here >= high[free]) & (right[..., 0] > 0.0)
+            normal[stopped] = 0.0
+            right[stopped] = 0.0
+        diagonal = np.arange(len(free))
+        normal[:, diagonal, diagonal] += damping[active, None]
+        step = np.linalg.solve(normal, right)[..., 0]
+        tried = values[active]
+        tried[:, free] += step
+        if low is not None and high is not None:
+            tried = np.clip(tried, low, high)
+        tried_gap, tried_jacobian = closure.take(active).linearise(tried)
+        tried_size = np.sum(tried_gap**2, axis=1)
+        better = tried_size < size[active]
+        rows = active[better]
+        values[rows], size[rows] = tried[better], tried_size[better]
+        gap[better] = tried_gap[better]
+        jacobian[better] = tried_jacobian[better][:, :, free]
+        damping[active] *= np.where(better, EASED, RAISED)
+        near[rows] = size[rows] < CLOSE**2
+        going = ~near[active] & (damping[active] < MOST_DAMPING)
+        if turn % STALLED == STALLED - 1:
+            going &= (size[active] < 0.5 * before[active]) | (size[active] < FAR)
+            before[active] = size[active]
+        active, gap, jacobian = active[going], gap[going], jacobian[going]
+        if not len(active):
             break
+    return values, near
+
+
+def search(closure: Closure, found: Distinct, given: Floats | None = None) -> Census:
+    """Add the configurations to `found` that starts of a single sample lead to.
+
+    The first starts are those `given` (n, variables), the others random. Returns how
+    often the random ones met each configuration.
+    """
+    random = np.random.default_rng(SEED)
+    low, high = starting_range(closure)
+    if given is not None:
+        found.add(_closed(closure, given))
+    census = Census(len(low))
+    working = Working("searching the modes of a group at an input")
+    while census.goes_on and len(found.values) < MOST_MODES:
+        starts = random.uniform(low, high, (STARTS, len(low)))
+        values, near = damped(closure, starts)
+        met = found.add(_closed(closure, values[near]))
+        census.add(STARTS, met, len(found.values))
+        working.tell(lambda: census.words("modes"))
+    return census
+
+
+def _closed(closure: Closure, values: Floats) -> Floats:
+    """Return the configurations (k, variables) that Newton's method closes."""
+    if not len(values):
+        return values
+    result = closure.solve(values, iterations=POLISHING_STEPS)
+    return result.values[result.residual < CLOSURE_TOLERANCE]
 
 
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:

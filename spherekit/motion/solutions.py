@@ -1,6 +1,6 @@
 """All closed configurations of one irreducible group at one sample, and by which method."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -10,14 +10,12 @@ from spherekit.motion.branches import wrap
 from spherekit.motion.closure import Closure
 from spherekit.motion.distinct import Distinct
 from spherekit.motion.elimination import candidates
-from spherekit.motion.search import search
+from spherekit.motion.search import POLISHING_STEPS, Census, search
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 
 MOVED = 1e-2
 """Farthest (rad) that an angle of a real root moves until the group is closed."""
-POLISHING_STEPS = 30
-"""Newton steps given to a candidate; a double solution halves its error in each."""
 
 
 @final
@@ -26,35 +24,48 @@ class Method:
     """How the modes of one group were found.
 
     `roots` is the number of complex solutions that were all computed, 0 for a search;
-    `problem` says why an elimination that exists for the group was not complete.
+    `problem` says why an elimination that exists for the group was not complete; `census`
+    counts the starts of a search.
     """
 
     roots: int
     problem: str = ""
     closed_form: bool = False
+    census: Census | None = None
 
     @property
     def is_complete(self) -> bool:
         """Whether no real mode at the inputs probed can be missing."""
         return self.roots > 0
 
+    @property
+    def doubt(self) -> float:
+        """What orders methods: 0 where nothing can be missing, the more the worse."""
+        if self.is_complete:
+            return 0.0
+        return 1.0 if self.census is None else self.census.share
+
     def __str__(self) -> str:
         if self.closed_form:
             return "closed form"
         if self.is_complete:
             return f"elimination: all {self.roots} complex roots"
-        return f"search ({self.problem})" if self.problem else "search"
+        words = f"search ({self.problem})" if self.problem else "search"
+        return words if self.census is None else f"{words}: {self.census.words('modes')}"
 
 
 CLOSED_FORM = Method(2, closed_form=True)
 """The method of dyads."""
 
 
-def solutions(group: Group, closure: Closure) -> tuple[list[Floats], Method]:
+def solutions(
+    group: Group, closure: Closure, given: Floats | None = None
+) -> tuple[list[Floats], Method]:
     """Return the closed configurations (variables,) of a group, and the method.
 
     All of them where an elimination applies and is sound, else those that it and a
-    search from random starts find. `closure` is the group's own, with a single sample.
+    search from random starts find, which tries those `given` (n, variables) first.
+    `closure` is the group's own, with a single sample.
     The order is that of the angles and the same every time.
     """
     found = Distinct(closure)
@@ -71,7 +82,8 @@ def solutions(group: Group, closure: Closure) -> tuple[list[Floats], Method]:
         found.add(result.values[closed])
         method = Method(0 if problem else eliminated.roots, problem)
     if not method.is_complete:
-        search(closure, found)
+        census = search(closure, found, given)
+        method = replace(method, census=census)
     values = found.values
     values.sort(key=lambda mode: [round(float(value), 6) for value in wrap(mode)])
     return values, method
@@ -81,4 +93,4 @@ def least_complete(one: Method | None, other: Method | None) -> Method | None:
     """Return the method that guarantees less; None stands for not used."""
     if one is None or other is None:
         return one or other
-    return one if not one.is_complete or other.is_complete else other
+    return max(one, other, key=lambda method: method.doubt)

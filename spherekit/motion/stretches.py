@@ -8,6 +8,7 @@ import numpy as np
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.sphere.rotation import Floats
 
+TURN = 2.0 * np.pi
 SHORTEST = 1e-6
 """Cuts of a curve (rad) nearer to each other than this are one."""
 
@@ -21,7 +22,8 @@ class Stretches:
 
     `starts` and `stops` (k,) are s (rad), the last stop perhaps beyond the length of a
     closed curve; `middles` (k, variables) their middle points, the input in the range;
-    `lowest`, `highest` (k,) the input at their ends.
+    `lowest`, `highest` (k,) the input at their ends. A curve on which the input stands
+    still is one part.
     """
 
     starts: Floats
@@ -31,14 +33,26 @@ class Stretches:
     highest: Floats
 
     @staticmethod
-    def of(curve: ArcCurve, driven: int, low: float, high: float) -> "Stretches":
-        """Return those of a curve for the variable `driven` from `low` to `high` (rad)."""
+    def of(
+        curve: ArcCurve, driven: int, low: float, high: float, period: float = TURN
+    ) -> "Stretches":
+        """Return those of a curve for the variable `driven` from `low` to `high` (rad).
+
+        `period` is the growth of the variable with which the same configurations return.
+        """
+        if curve.rests(driven):
+            middle = curve.at(0.5 * curve.length).values
+            middle[:, driven] = _from(low, middle[:, driven], period)
+            inside = (middle[:, driven] >= low) & (middle[:, driven] <= high)
+            q = middle[inside, driven]
+            stop = np.full(len(q), curve.length)
+            return Stretches(np.zeros(len(q)), stop, middle[inside], q, q)
         cuts = np.unique(
             np.concatenate(
                 [
                     curve.dead_points(driven).places,
-                    curve.at_input(driven, low).places,
-                    curve.at_input(driven, high).places,
+                    curve.at_input(driven, low, period).places,
+                    curve.at_input(driven, high, period).places,
                 ]
             )
         )
@@ -50,7 +64,7 @@ class Stretches:
         cuts = cuts[np.append(True, np.diff(cuts) > SHORTEST)]
         starts, stops = cuts[:-1], cuts[1:]
         middles = curve.at(0.5 * (starts + stops)).values
-        turned = curve.first_from(middles[:, driven], driven, low)
+        turned = _from(low, middles[:, driven], period)
         shift = turned - middles[:, driven]
         ends = [curve.at(cut).values[:, driven] + shift for cut in (starts, stops)]
         middles[:, driven] = turned
@@ -68,8 +82,15 @@ class Stretches:
         return int(np.sum((self.lowest < q) & (q < self.highest)))
 
 
-def turning_inputs(curve: ArcCurve, driven: int, low: float) -> Floats:
+def turning_inputs(
+    curve: ArcCurve, driven: int, low: float, period: float = TURN
+) -> Floats:
     """Return the values (k,) from `low` on at which a variable turns back on a curve."""
     found = curve.dead_points(driven)
     values = curve.at(found.places[~found.double]).values[:, driven]
-    return curve.first_from(values, driven, low)
+    return _from(low, values, period)
+
+
+def _from(low: float, values: Floats, period: float) -> Floats:
+    """Return values (n,) less whole periods, from `low` on; those that have none as are."""
+    return np.asarray(low + np.mod(values - low, period)) if np.isfinite(period) else values

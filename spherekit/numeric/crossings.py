@@ -20,6 +20,9 @@ CELLS = 4
 """Cells of the first division."""
 DEEPEST = 12
 """Halvings of a cell before it is given up."""
+BARREN = 2
+"""Halvings of a cell that made no part of it clear before it is given up: what a function
+is not smooth in, such as its own rounding, does not get clearer."""
 MOST_CELLS = 400
 POLISHING_STEPS = 3
 MOVED = 1e-3
@@ -62,13 +65,18 @@ class Crossings:
 
 
 def crossings(
-    function: Callable[[Floats], Floats], low: float, high: float, most: int = MOST_CELLS
+    function: Callable[[Floats], Floats],
+    low: float,
+    high: float,
+    most: int = MOST_CELLS,
+    smooth: float = np.inf,
 ) -> Crossings:
     """Return the changes of sign of a function (n,) -> (n,) from `low` to `high`.
 
     Samples that are NaN make their cell doubtful. A pair of zeros is found if the
     function between them is larger than its error there. No more than about `most` cells
-    of 36 samples are looked at.
+    of 36 samples are looked at. In a cell no wider than `smooth` the function, if it is
+    smooth there, is well given by so many samples.
     """
     edges = np.linspace(low, high, CELLS + 1)
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
@@ -76,29 +84,36 @@ def crossings(
     slopes: list[Floats] = []
     doubtful: list[Floats] = []
     looked = 0
+    barren = np.zeros(len(cells), dtype=np.int64)
     for depth in range(DEEPEST + 1):
         looked += len(cells)
         last = depth == DEEPEST or looked + 2 * len(cells) > most
         middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
         given = middle[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
         values = function(given.ravel()).reshape(given.shape)
-        again = []
+        kept: list[int] = []
         for number, value in enumerate(values):
             found = _in_cell(value)
             if found is None:
                 zeros, rates, open_parts = np.zeros(0), np.zeros(0), np.array([[-1.0, 1.0]])
             else:
                 zeros, rates, open_parts = found
-            if len(open_parts) and not last:
-                again.append(cells[number])
+            if len(open_parts) and not last and barren[number] < BARREN:
+                kept.append(number)
                 continue
             places.append(middle[number] + half[number] * zeros)
             slopes.append(rates / half[number])
             doubtful.append(middle[number] + half[number] * open_parts)
-        if not again:
+        if not kept:
             break
-        split = np.array(again)
+        split = cells[kept]
         inner = split.mean(axis=1)
+        if depth:  # cells are halves, two and two of one
+            both = np.isin(np.array(kept) ^ 1, kept) & (2.0 * half[kept] <= smooth)
+            barren = np.where(both, barren[kept] + 1, 0)
+        else:
+            barren = np.zeros(len(kept), dtype=np.int64)
+        barren = np.repeat(barren, 2)
         cells = np.stack([split[:, 0], inner, inner, split[:, 1]], axis=1).reshape(-1, 2)
     exact = _polished(function, np.concatenate(places), np.concatenate(slopes))
     parts = _merged(np.concatenate(doubtful))

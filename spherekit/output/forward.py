@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism, Output
@@ -51,11 +52,13 @@ class ForwardKinematics:
         If the output is not declared, or there is not one freedom for each input.
     """
 
+    @checked(SolveError)
     def __init__(self, mechanism: Mechanism, output: str | None = None) -> None:
         self.mechanism = mechanism
         self.output = chosen_output(mechanism, output)
         self.solver = Solver(mechanism, plan_assembly(mechanism))
 
+    @checked(SolveError)
     def at(
         self, inputs: ArrayLike, modes: Sequence[tuple[int, ...]] | None = None
     ) -> Forward:
@@ -90,6 +93,7 @@ class ForwardKinematics:
             np.stack(status),
         )
 
+    @checked(SolveError)
     def solutions(self, inputs: ArrayLike) -> Solutions:
         """Return every configuration found at inputs (n, inputs) rad, row by row.
 

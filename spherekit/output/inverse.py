@@ -18,6 +18,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.model.geometry import Revolute
@@ -150,6 +151,7 @@ class InverseKinematics:
         If the output is not declared, or holding it leaves a part that is rigid or free.
     """
 
+    @checked(SolveError)
     def __init__(self, mechanism: Mechanism, name: str | None = None) -> None:
         self.own = mechanism
         self.wrist: Wrist = with_wrist(mechanism, name)
@@ -219,6 +221,7 @@ class InverseKinematics:
             found = [(*signs, sign) for signs in found for sign in (1, -1)]
         return tuple(found)
 
+    @checked(SolveError)
     def at(
         self,
         poses: ArrayLike,
@@ -356,6 +359,7 @@ class InverseKinematics:
         """The dyads in solving order, none where there is no closed form."""
         return () if self._dyads is None else self._dyads.stands
 
+    @checked(SolveError)
     def solutions(self, poses: ArrayLike) -> Solutions:
         """Return every configuration found at poses, of any mechanism, row by row.
 

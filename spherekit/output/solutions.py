@@ -47,8 +47,8 @@ def solved(
 ) -> Solutions:
     """Return every configuration of a mechanism at inputs (n, inputs), row by row.
 
-    `told` are the variables whose values are the solutions' inputs, in (-pi, pi]; the
-    first `count` variables are kept.
+    `told` are the variables whose values are the solutions' inputs, in (-pi, pi] unless
+    wheels count their turns; the first `count` variables are kept.
     """
     row, values, signs = [], [], []
     complete = np.ones(len(inputs), dtype=bool)
@@ -64,9 +64,10 @@ def solved(
     every = np.array(values).reshape(-1, len(solver.mechanism.variable_owners))
     placed, _ = solver.closure.place(every)
     turned = pose_of(solver.mechanism, output, placed)
+    inputs = every[:, list(told)]
     return Solutions(
         np.array(row, dtype=np.intp),
-        wrap(every[:, list(told)]),
+        solver.reduced(inputs) if tuple(told) == solver.driven else wrap(inputs),
         every[:, :count],
         turned,
         None if output.direction is None else turned @ np.array(output.direction),

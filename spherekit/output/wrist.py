@@ -235,6 +235,4 @@ def _with_axis(sizes: LinkSizes, name: str, arc: float, angle: float) -> LinkSiz
     if not sizes.axes:
         return LinkSizes((name,))
     angles = (*sizes.angles, angle) if len(sizes.axes) > 1 else ()
-    return replace(
-        sizes, axes=(*sizes.axes, name), arcs=(*sizes.arcs, arc), angles=angles
-    )
+    return replace(sizes, axes=(*sizes.axes, name), arcs=(*sizes.arcs, arc), angles=angles)

@@ -1,6 +1,6 @@
 """The driven pairs of a mechanism, and the bodies that are left when some are locked."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
@@ -26,6 +26,23 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
     if not names:
         raise PlanError(f"{mechanism.name}: an input is an R pair, but there is none")
     return tuple(mechanism.pair_number[name] for name in names)
+
+
+def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None) -> Mechanism:
+    """Return a mechanism driven at the pairs of these names; None leaves its inputs.
+
+    Raises
+    ------
+    PlanError
+        If no pair is named.
+    ModelError
+        If there is no such pair, or one is named twice.
+    """
+    if names is None:
+        return mechanism
+    if not names:
+        raise PlanError(f"{mechanism.name}: input_pair names no pair; name one or more")
+    return mechanism.with_inputs(*([names] if isinstance(names, str) else names))
 
 
 def merged(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:

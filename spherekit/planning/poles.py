@@ -14,6 +14,7 @@ from functools import cached_property
 from itertools import combinations
 from typing import final
 
+from spherekit.checked import checked
 from spherekit.conventions import nearest
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
@@ -191,6 +192,7 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     )
 
 
+@checked(PlanError)
 def plan(
     mechanism: Mechanism,
     poles: Iterable[Pole | str] | None = None,
@@ -235,9 +237,14 @@ def plan(
     wanted = []
     for item in poles:
         i, j = parse_pole(mechanism, item) if isinstance(item, str) else item
+        names = mechanism.links
+        if min(i, j) < 0 or max(i, j) >= len(names):
+            raise PlanError(
+                f"{mechanism.name}: pole ({i}, {j}): links are numbered from 0 to "
+                f"{len(names) - 1}; or give text such as {names[-1]}/{names[0]}"
+            )
         pole = whole.pole(i, j)
         if pole is None:
-            names = mechanism.links
             raise PlanError(
                 f"{mechanism.name}: links {names[i]} and {names[j]} are one body while "
                 f"input {mechanism.pairs[moved].name} moves alone; ask for the pole with "

@@ -6,6 +6,8 @@ star marks poles found by solving an irreducible part. (Di Gregorio 2019, lectur
 
 from typing import Any
 
+from spherekit.checked import checked
+from spherekit.errors import PlanError
 from spherekit.planning.poles import (
     BlockPoles,
     CoaxialPole,
@@ -47,6 +49,7 @@ def cells(plan: Plan) -> list[list[str]]:
     return grid
 
 
+@checked(PlanError)
 def as_text(plan: Plan) -> str:
     """Return the Table in aligned columns."""
     names = [plan.name(body) for body in plan.bodies]

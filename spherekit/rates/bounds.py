@@ -72,15 +72,17 @@ def mended_and_bounded(
             else:
                 drift = np.fmin(drawn * tilt[rows], (across + more) / length)
                 direction = given + drift
-            rate += np.abs(dot(unit, v - own)) + 2 * EPS * size + more
+            rate += np.abs(dot(unit, v - own)) + errors.numbers * size + more
             rate += np.fmin(direction, 1.0) ** 2 * length
-            change += np.abs(dot(unit, dv - own_dv)) + 2 * EPS * swing + more_bent
+            change += (
+                np.abs(dot(unit, dv - own_dv)) + errors.numbers * (size + swing) + more_bent
+            )
             change += direction * norm(dv)
             bad = ~(direction < USABLE_DIRECTION)
             if np.any(bad):
                 _, all_w, all_dw = errors.of_vectors(i, j)
-                rate[bad] = (norm(v) + all_w)[bad]
-                change[bad] = (norm(dv) + all_dw)[bad]
+                rate[bad] = (norm(v) + all_w + errors.numbers * size)[bad]
+                change[bad] = (norm(dv) + all_dw + errors.numbers * (size + swing))[bad]
             lines.error[pole][rows] = given
             found.direction[pole][rows] = direction
             found.rate[pole][rows], found.rate_dq[pole][rows] = rate, change

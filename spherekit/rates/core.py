@@ -26,7 +26,7 @@ NEARLY_FLAT = 1e-3
 TRUSTED_CHANGE = 1e-2
 """Rates, or derivatives, that may be off by a larger part than this are lost."""
 SECOND_ORDER = 4.0
-"""Errors of second order, over those of first order times the bend of the loops, at most."""
+"""Errors of second order, over those of first times the bend of the loops, at most."""
 PIECE = 4096
 """Rows whose errors are followed at once."""
 
@@ -53,7 +53,8 @@ class Equations:
 
     `rates`, `change` (n, variables): first and second derivatives of all variables by the
     input; `inverse` (n, free variables, equations) of the closure Jacobian; `w`, `dw`
-    (n, links, 3) those of the links; `flatness` (n,) the reciprocal condition, 0 where redundant equations contradict each other.
+    (n, links, 3) those of the links; `flatness` (n,) the reciprocal condition, 0 where
+    redundant equations contradict each other.
     """
 
     motion: Motion

@@ -1,10 +1,10 @@
 """What rates of links may be off by: loops that do not quite close, and rounding.
 
-A configuration closes its loops up to their residual and the rounding of the numbers they are
-made of. Whichever way they stay open, the links lie elsewhere, their axes with them, and so
-the velocity equations have other coefficients. Each of these ways, three a loop, is followed
-here to first order through the orientations, the rates and their derivatives, so that nothing
-is left out where a number happens to be round.
+A configuration closes its loops up to their residual and the rounding of the numbers
+they are made of. Whichever way they stay open, the links lie elsewhere, their axes with
+them, and so the velocity equations have other coefficients. Each of these ways, three a
+loop, is followed here to first order through the orientations, the rates and their
+derivatives, so that nothing is left out where a number happens to be round.
 """
 
 from dataclasses import dataclass
@@ -28,11 +28,12 @@ STEP = 1e-6
 class RateErrors:
     """How rates change when loops open, by how much they do, and what is rounding.
 
-    Arrays are component-first, (..., 3, ways, n): `turned` (links) and `axes` (pairs) are what
-    orientations and pair axes turn by when loops open by one radian in each of the ways, `w`
-    and `dw` (links) what rates and their derivatives change by. `open`, `slip`, `bend` (n,)
-    bound how far the loops, their velocity equations and those of second derivatives are from
-    closed, in each way.
+    Arrays are component-first, (..., 3, ways, n): `turned` (links) and `axes` (pairs) are
+    what orientations and pair axes turn by when loops open by one radian in each of the
+    ways, `w` and `dw` (links) what rates and their derivatives change by. `open`, `slip`,
+    `bend` (n,) bound how far the loops, their velocity equations and those of second
+    derivatives are from closed, in each way. `numbers` (rad) is the rounding of the axes
+    themselves: two, and one for each pair on the way from the ground.
     """
 
     turned: Floats
@@ -42,6 +43,7 @@ class RateErrors:
     open: Floats
     slip: Floats
     bend: Floats
+    numbers: float
 
     def turned_between(self, i: int, j: int) -> Floats:
         """Return (n,) what link j turns by, seen from i, the ways added up."""
@@ -65,12 +67,16 @@ class RateErrors:
             for part in (self.turned, self.w, self.dw)
         )
         gap, slip, bend = self.open[rows], self.slip[rows], self.bend[rows]
-        return gap * turned, gap * w + slip * turned, gap * dw + 3 * slip * w + bend * turned
+        return (
+            gap * turned,
+            gap * w + slip * turned,
+            gap * dw + 3 * slip * w + bend * turned,
+        )
 
     def along(self, i: int, j: int, unit: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return (n,) bounds of the errors of w and dw of link j, seen from i, along a vector.
+        """Return (n,) bounds of the errors of w and dw, of link j seen from i.
 
-        `unit` is (3, n). The third is that of w across it.
+        Along `unit` (3, n); the third is that of w across it.
         """
         turned = self.turned_between(i, j)
         w, dw = self.w[j] - self.w[i], self.dw[j] - self.dw[i]
@@ -86,7 +92,7 @@ class RateErrors:
 
     def of_axis(self, pair: int) -> Floats:
         """Return (n,) a bound of what the axis of a pair is off by, rad."""
-        return 2.0 * EPS + self.open * _sum_of_sizes(self.axes[pair])
+        return self.numbers + self.open * _sum_of_sizes(self.axes[pair])
 
 
 def rate_errors(
@@ -130,10 +136,15 @@ def rate_errors(
     second = pairs.turned_on(turned, first, own_w, w, own, moved[:, 0])
     skew = first * bent + second * speed + own * faster
     dw = bodies(skew + vectors * solved(skew))
-    size, swing = _size(vectors), _size(own)
-    slip = EPS * np.sum(np.abs(speed[:, 0]) * size, axis=0)[0]
-    bend = EPS * np.sum(np.abs(bent[:, 0]) * size + np.abs(speed[:, 0]) * swing, axis=0)[0]
-    return RateErrors(turned, axes, w, dw, motion.gap, slip, bend)
+    size = _size(vectors)
+    held = [tree.ends[owner][0] for owner in tree.owners]
+    swing = _size(own) + _size(own_w)[held] * size
+    numbers = EPS * (2.0 + np.max(np.count_nonzero(tree.paths, axis=1)))
+    slip = numbers * np.sum(np.abs(speed[:, 0]) * size, axis=0)[0]
+    bend = (
+        numbers * np.sum(np.abs(bent[:, 0]) * size + np.abs(speed[:, 0]) * swing, axis=0)[0]
+    )
+    return RateErrors(turned, axes, w, dw, motion.gap, slip, bend, numbers)
 
 
 @final
@@ -202,7 +213,14 @@ def _repeated(frames: Floats, states: PairStates, ways: int) -> tuple[Floats, Pa
     def tiled(array: Floats) -> Floats:
         return np.tile(array, (ways, *[1] * (array.ndim - 1)))
 
-    return tiled(frames), PairStates(**{k: tiled(v) for k, v in vars(states).items()})
+    many = PairStates(
+        tiled(states.first),
+        tiled(states.second),
+        tiled(states.curvatures),
+        tiled(states.curvature_rates),
+        np.tile(states.inside, (ways, 1)),
+    )
+    return tiled(frames), many
 
 
 def _rows(parts: Floats) -> Floats:
@@ -231,9 +249,7 @@ def _size(vectors: Floats) -> Floats:
 
 def _component(unit: Floats, vectors: Floats) -> Floats:
     """Return (ways, n) the component of vectors (3, ways, n) along unit (3, n)."""
-    return np.asarray(
-        unit[0] * vectors[0] + unit[1] * vectors[1] + unit[2] * vectors[2]
-    )
+    return np.asarray(unit[0] * vectors[0] + unit[1] * vectors[1] + unit[2] * vectors[2])
 
 
 def _sum_of_sizes(vectors: Floats) -> Floats:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import (
-    EPS,
     NO_MOTION,
     SINGULAR_RATIO,
     USABLE_DIRECTION,
@@ -202,9 +201,7 @@ def field_of_rates(
         flat = ~(found.flatness >= SINGULAR_RATIO) | np.isinf(solved.loss)
         status = motion.status.copy()
         status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
-        return _field(
-            motion, wanted, lines, (w, dw), status, everywhere, solved, memory
-        )
+        return _field(motion, wanted, lines, (w, dw), status, everywhere, solved, memory)
 
 
 def _by_lines(

@@ -24,7 +24,6 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import EPS
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
@@ -38,8 +37,6 @@ LOOSE = 1e10
 """Equations whose inverse is larger than this are solved by their singular values."""
 STILL = 1e-8
 """A motion that turns the output by less than this part of its size leaves it at rest."""
-UNHELD = 64.0 * EPS
-"""Singular values below this part of the greatest are rounding."""
 ROWS = 4096
 """Rows computed at once."""
 
@@ -233,9 +230,8 @@ def _by_singular_values(way: Floats, loops: Floats) -> Floats:
         turns = np.linalg.norm(unheld, axis=(1, 2)) > STILL
     else:
         turns = np.zeros(len(loops), dtype=bool)
-    floor = UNHELD * sizes[:, :1]
     still = (sizes < 1.0 / LOOSE) & (np.linalg.norm(moved, axis=1) < STILL)
-    by = np.where(still, 0.0, 1.0 / np.maximum(sizes, np.maximum(floor, 1e-300)))
+    by = np.where(still, 0.0, 1.0 / np.maximum(sizes, 1e-300))
     gives = (moved * by[:, None]) @ np.swapaxes(left, 1, 2)
     gives[turns] = np.inf
     return np.asarray(gives)

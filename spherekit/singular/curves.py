@@ -12,7 +12,8 @@ from typing import final
 import numpy as np
 
 from spherekit.budget import Budget
-from spherekit.errors import AnalysisError
+from spherekit.checked import checked
+from spherekit.errors import AnalysisError, SolveError
 from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.curve import SingularCurve
@@ -89,6 +90,7 @@ class SingularCurves:
     branching: Floats
 
 
+@checked(SolveError)
 def singular_curves(
     mechanism: Mechanism,
     kind: TypeName = "II",

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.motion.branches import Solver
+from spherekit.motion.turns import in_range, into_range
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.rest import InputsRest, OutputRest
-from spherekit.singular.turns import in_range, input_periods, into_range
 from spherekit.sphere.rotation import Floats
 
 TypeName = Literal["I", "II"]
@@ -113,7 +113,7 @@ class View:
         driven = list(self.solver.driven)
         ranges = [(item.start, item.stop) for item in self.solver.mechanism.inputs]
         low, high = np.array(ranges).T
-        periods = input_periods(self.solver)
+        periods = self.solver.periods
         inputs = into_range(values[:, driven], low, high, periods)
         orientation = self.output.orientation(space)
         pointing = None

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.motion.configuration import Configurations
 from spherekit.motion.motion import Tracer
+from spherekit.motion.turns import in_range, into_range
 from spherekit.rates.transmission import hold
 from spherekit.singular.nearness import nearness
 from spherekit.singular.record import AlongOutput, Singularities, Type
 from spherekit.singular.relation import Form
 from spherekit.singular.single import SingleFreedom
-from spherekit.singular.turns import in_range, input_periods, into_range
 from spherekit.sphere.rotation import Floats
 
 NEAR_CROSSING = 1e-4
@@ -154,7 +154,7 @@ class SampledSingularities:
     def input_of(self, values: Floats) -> Floats:
         """Return the input (n,) in configurations (n, V) of a curve like `input_at`."""
         solver = self.tracer.solver
-        (period,) = input_periods(solver)
+        (period,) = solver.periods
         return into_range(values[:, solver.single], *self.tracer.range, period)
 
     def inside(self, q: Floats) -> NDArray[np.bool_]:

@@ -53,11 +53,10 @@ def frame_toward(axis: Floats, other: Floats) -> Floats:
 
 
 def perpendicular(axis: Floats) -> Floats:
-    """Return one unit vector (3,) at right angles to the unit vector `axis` (3,)."""
-    helper = np.zeros(3)
-    helper[int(np.argmin(np.abs(axis)))] = 1.0
+    """Return one unit vector at right angles to each unit vector `axis` (..., 3)."""
+    helper = np.eye(3)[np.argmin(np.abs(axis), axis=-1)]
     side = cross(axis, helper)
-    return np.asarray(side / np.linalg.norm(side))
+    return np.asarray(side / np.linalg.norm(side, axis=-1, keepdims=True))
 
 
 def rotation_vector(matrix: Floats) -> Floats:

@@ -4,7 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import REACH_SLACK
-from spherekit.sphere.rotation import Floats, arc, cross, frame_from, transpose
+from spherekit.sphere.rotation import (
+    Floats,
+    arc,
+    cross,
+    frame_from,
+    perpendicular,
+    transpose,
+)
 
 Bools = NDArray[np.bool_]
 
@@ -71,7 +78,8 @@ def close_dyad(
         (n,) sine of the angle between the two bodies' arcs at the middle axis, 0 at the
         dead centre of the dyad and where an arc is too short to tell.
     closes
-        (n,) whether the arcs can reach each other.
+        (n,) whether the arcs can reach each other. Where they can and the dyad can turn
+        about one line, one of infinitely many configurations is returned.
     """
     # first x second, to rounding of its own size where the axes nearly coincide
     across = 0.5 * cross(first + second, second - first)
@@ -80,7 +88,12 @@ def close_dyad(
     base = np.arctan2(length[..., 0], np.sum(first * second, axis=-1))
     side_near, side_far = arc(*near), arc(*far)
     at_first, at_second, closes = vertex_angles(base, side_near, side_far)
-    closes = closes & (length[:, 0] > REACH_SLACK)
+    # Where the outer axes lie on one line, the two bodies can turn together about it: one
+    # of their configurations is taken.
+    free = length[:, 0] <= REACH_SLACK
+    if np.any(free):
+        normal[free] = perpendicular(first[free])
+        at_first[free] = at_second[free] = 0.5 * np.pi
 
     def placed(
         axis: Floats, toward: Floats, angle: Floats, body: tuple[Floats, Floats]
@@ -89,7 +102,10 @@ def close_dyad(
         outer, middle = body
         side = cross(cross(outer, middle), outer)
         norm = np.linalg.norm(side, axis=-1, keepdims=True)
-        own = frame_from(outer, side / np.where(norm > 0.0, norm, 1.0))
+        short = norm[:, 0] == 0.0
+        if np.any(short):
+            side[short], norm[short] = perpendicular(outer[short]), 1.0
+        own = frame_from(outer, side / norm)
         return frame_from(axis, tangent) @ transpose(own)
 
     near_rotation = placed(first, cross(normal, first), at_first, near)
@@ -98,5 +114,5 @@ def close_dyad(
     height = np.sin(base) * np.sin(at_first) * np.sin(side_near)
     sine = height / np.where(sides > 0.0, sides, np.inf)
     sine[np.minimum(np.sin(side_near), np.sin(side_far)) < SHORTEST] = 0.0
-    closes = closes & (sides > 0.0)
+    sine[free] = 0.0
     return near_rotation, far_rotation, sine, closes

@@ -9,6 +9,7 @@ import numpy as np
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
 from spherekit.analysis.setting import Setting
+from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError
 from spherekit.model.laws import Law
@@ -81,6 +82,7 @@ class Choice:
         }
 
 
+@checked(AnalysisError)
 def choose(
     mechanism: Mechanism,
     analyses: Sequence[AbstractAnalysis],

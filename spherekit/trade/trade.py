@@ -15,6 +15,7 @@ from spherekit.analysis.requests import requests_for
 from spherekit.analysis.run import run
 from spherekit.analysis.setting import Setting
 from spherekit.analysis.tables import TableData
+from spherekit.checked import checked
 from spherekit.conventions import EPS
 from spherekit.errors import AnalysisError
 from spherekit.exact.arithmetic import wide
@@ -39,6 +40,7 @@ CHECKED_ROWS = 1500
 FEWEST = 31
 
 
+@checked(AnalysisError)
 def trade(
     mechanism: Mechanism,
     analysis: str | AbstractAnalysis = "poles",

@@ -3,22 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.motion.branches import Solver
 from spherekit.sphere.rotation import Floats
 
 ROUNDED = 1e-12
 """An input outside a range by less (rad) is at its end."""
 TURN = 2.0 * np.pi
-
-
-def input_periods(solver: Solver) -> Floats:
-    """Return by how much (k,) each input grows until a configuration is there again (rad).
-
-    A turn; where wheels in mesh count the turns more, infinite where they never return.
-    """
-    if solver.meshes is None:
-        return np.full(len(solver.driven), TURN)
-    return solver.meshes.periods
 
 
 def into_range(

@@ -1,0 +1,173 @@
+"""Mechanisms of special geometry, by seed, and the inputs at which rounding shows most.
+
+Right angles, equal arcs, kites, rhombi, parallelograms, and four-bars that fold flat, all
+of them exactly or nearly; by themselves, or with dyads grown on them. Sizes are decimal
+numbers of degrees, as a file has them.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherekit.exact.arithmetic import Arithmetic, Numbers
+from spherekit.model.mechanism import Input, LinkSizes, Mechanism, Pair, SizeGeometry
+from spherekit.sphere.rotation import Floats
+
+KINDS = (
+    "right angles",
+    "rhombus",
+    "parallelogram",
+    "kite",
+    "folding",
+    "supplementary",
+    "some right angles",
+)
+
+FOUR_BAR = (("41", 1, 4), ("21", 1, 2), ("32", 2, 3), ("43", 3, 4))
+
+
+def special_mechanism(seed: int) -> tuple[str, Mechanism, Floats]:
+    """Return the family and the mechanism of a seed, and inputs (n, 1) in rising order."""
+    random = np.random.default_rng(seed)
+    kind = KINDS[random.integers(len(KINDS))]
+    dyads = int(random.choice([0, 1, 2], p=[0.5, 0.3, 0.2]))
+    arcs = _arcs(random, kind)
+    near = random.random() < 0.5
+    if near:
+        which = random.integers(4)
+        arcs[which] = _decimal(arcs[which] + _tiny(random, 3, 12))
+    made = _four_bar(arcs)
+    for _ in range(dyads):
+        made = _with_dyad(random, made, sorted({90.0, *arcs}))
+    driven = str(random.choice(["21", "41", "32"], p=[0.7, 0.2, 0.1]))
+    made = replace(made, inputs=(Input(driven, 0.0, 2.0 * np.pi),))
+    bars = ("four-bar", "six-bar", "eight-bar")[dyads]
+    return f"{bars}, {kind}", made, np.radians(_inputs(random))[:, None]
+
+
+def _arcs(random: np.random.Generator, kind: str) -> list[float]:
+    a, b, c = (float(5 * random.integers(4, 32)) for _ in range(3))
+    if kind == "right angles":
+        return [90.0] * 4
+    if kind == "rhombus":
+        return [a] * 4
+    if kind == "parallelogram":
+        return [a, b, a, b]
+    if kind == "kite":
+        return [a, a, b, b] if random.random() < 0.5 else [a, b, b, a]
+    if kind == "supplementary":
+        return [a, 180.0 - a, b, 180.0 - b]
+    if kind == "some right angles":
+        return list(random.permutation([90.0, 90.0, a, b]))
+    d = a + c - b
+    while not 10.0 <= d <= 170.0:
+        a, b, c = (float(5 * random.integers(4, 32)) for _ in range(3))
+        d = a + c - b
+    return [a, b, c, d]
+
+
+def _inputs(random: np.random.Generator) -> Floats:
+    """Return inputs, degrees: near multiples of 90, multiples of 15, and any."""
+    near = [90.0 * random.integers(0, 5) + _tiny(random, 0, 9) for _ in range(8)]
+    round_ = [15.0 * random.integers(0, 25) for _ in range(4)]
+    return np.unique([*near, *round_, *random.uniform(0.0, 360.0, 4)])
+
+
+def _tiny(random: np.random.Generator, low: int, high: int) -> float:
+    return float(random.choice([-1.0, 1.0]) * 10.0 ** -random.integers(low, high + 1))
+
+
+def _decimal(angle: float) -> float:
+    return float(f"{angle:.12f}")
+
+
+def _four_bar(arcs: list[float]) -> Mechanism:
+    links = {
+        str(k + 1): LinkSizes(axes, (float(np.radians(arc)),))
+        for k, (axes, arc) in enumerate(
+            zip((("41", "21"), ("21", "32"), ("32", "43"), ("43", "41")), arcs, strict=True)
+        )
+    }
+    pairs = tuple(Pair(name, "R", (str(a), str(b))) for name, a, b in FOUR_BAR)
+    drives = (Input("21", 0.0, 2.0 * np.pi),)
+    return Mechanism("special", "1", tuple(links), pairs, SizeGeometry(links), drives)
+
+
+def _with_dyad(
+    random: np.random.Generator, made: Mechanism, sizes: list[float]
+) -> Mechanism:
+    """Return the mechanism with two more links between two of it, of special sizes."""
+    assert isinstance(made.geometry, SizeGeometry)
+    links = dict(made.geometry.links)
+    one, other = (str(k) for k in random.choice(made.links, 2, replace=False))
+    first, second = str(len(links) + 1), str(len(links) + 2)
+    names = (f"{one}_{first}", f"{first}_{second}", f"{other}_{second}")
+    for link, name in ((one, names[0]), (other, names[2])):
+        own = links[link]
+        arc, angle = random.choice(sizes), 30.0 * random.integers(1, 12)
+        links[link] = replace(
+            own,
+            axes=(*own.axes, name),
+            arcs=(*own.arcs, float(np.radians(arc))),
+            angles=(*own.angles, float(np.radians(angle))),
+        )
+    arcs = random.choice(sizes, 2) if random.random() < 0.5 else [random.choice(sizes)] * 2
+    for link, axes, arc in ((first, names[:2], arcs[0]), (second, names[1:], arcs[1])):
+        links[link] = LinkSizes(axes, (float(np.radians(arc)),))
+    ends = ((one, first), (first, second), (other, second))
+    pairs = tuple(Pair(n, "R", pair) for n, pair in zip(names, ends, strict=True))
+    return replace(
+        made, links=tuple(links), pairs=(*made.pairs, *pairs), geometry=SizeGeometry(links)
+    )
+
+
+class AsWritten(Arithmetic):
+    """Numbers of another arithmetic, in which angles are decimal numbers of degrees.
+
+    A float64 number of radians that a decimal number of degrees, of up to twelve places, is
+    rounded to stands for that; 90 degrees are a right angle.
+    """
+
+    def __init__(self, base: Arithmetic) -> None:
+        self.base = base
+        self.name = f"{base.name}, as written"
+        self.digits, self.eps = base.digits, base.eps
+        one = base.exact(1.0)[()]
+        self._number = type(one)
+        self._degree = base.pi() / base.exact(180.0)[()]
+
+    def exact(self, values):
+        """See `Arithmetic`."""
+        given = np.asarray(values, dtype=float)
+        found = np.array(self.base.exact(given))
+        with np.errstate(invalid="ignore"):
+            degrees = np.round(np.degrees(given), 12)
+            written = (given != 0.0) & (np.radians(degrees) == given)
+        for place in np.argwhere(written):
+            at = tuple(place)
+            found[at] = self._parsed(float(degrees[at])) * self._degree
+        return found
+
+    def _parsed(self, degrees: float) -> object:
+        whole = self.base.exact(round(degrees * 10**12))[()]
+        return whole / self.base.exact(10.0**12)[()]
+
+    def floats(self, values: Numbers) -> Floats:
+        """See `Arithmetic`."""
+        return self.base.floats(values)
+
+    def root(self, values: Numbers) -> Numbers:
+        """See `Arithmetic`."""
+        return self.base.root(values)
+
+    def cosine_sine(self, angles: Numbers) -> tuple[Numbers, Numbers]:
+        """See `Arithmetic`."""
+        return self.base.cosine_sine(angles)
+
+    def function(self, name: str, *arguments: Numbers) -> Numbers:
+        """See `Arithmetic`."""
+        return self.base.function(name, *arguments)
+
+    def pi(self):
+        """See `Arithmetic`."""
+        return self.base.pi()

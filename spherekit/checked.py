@@ -1,0 +1,188 @@
+"""Arguments of public functions against the types that their signatures state."""
+
+import functools
+import inspect
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from types import NoneType, UnionType
+from typing import (
+    Any,
+    Literal,
+    ParamSpec,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherekit.conventions import listing, nearest
+from spherekit.errors import SpherekitError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+NUMBERS = "biuf"
+"""Kinds of NumPy's types that arrays of numbers have: truth values, integers, floats."""
+
+_SIMPLE: Mapping[Any, tuple[tuple[type, ...], str]] = {
+    bool: ((bool, np.bool_), "True or False"),
+    int: ((int, np.integer), "a whole number"),
+    float: ((int, float, np.integer, np.floating), "a number"),
+    str: ((str,), "text"),
+    NoneType: ((NoneType,), "None"),
+}
+
+
+def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Return a decorator that refuses arguments which a function's types do not allow.
+
+    The function then raises this error, with its name, the argument, what was found and
+    what is allowed. NaN is no number. Types that cannot be judged pass.
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        signature = inspect.signature(function)
+        noted = {name: each.annotation for name, each in signature.parameters.items()}
+
+        @functools.cache
+        def hints() -> dict[str, Any]:
+            return {name: _resolved(function, each) for name, each in noted.items()}
+
+        @functools.wraps(function)
+        def _judged(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                given = signature.bind(*args, **kwargs).arguments
+            except TypeError:
+                return function(*args, **kwargs)  # says what is missing or too much
+            for name, value in given.items():
+                fault = _fault(name, value, hints().get(name, Any))
+                if fault:
+                    raise error(f"{function.__name__.strip('_')}: {fault}")
+            return function(*args, **kwargs)
+
+        return _judged
+
+    return decorate
+
+
+def _resolved(function: Callable[..., Any], hint: Any) -> Any:
+    """Return the type that an annotation says; of one for type checkers only, any."""
+    if hint is inspect.Parameter.empty:
+        return Any
+    holder = type("_Holder", (), {"__annotations__": {"hint": hint}})
+    try:
+        return get_type_hints(holder, inspect.unwrap(function).__globals__)["hint"]
+    except NameError:
+        return Any
+
+
+def _fault(name: str, value: Any, hint: Any) -> str:
+    """Return what is wrong with a value for a type, or nothing."""
+    if _fits(value, hint):
+        return ""
+    allowed = _choices(hint)
+    if allowed and isinstance(value, str):
+        hint_of = nearest(value, allowed) or ";"
+        return f'{name} "{value}" is not known{hint_of} it is {listing(allowed)}'
+    shown = repr(value)
+    shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
+    return f"{name} is {shown} ({type(value).__name__}), it has to be {_words(hint)}"
+
+
+def _choices(hint: Any) -> list[str]:
+    """Return the words that a type allows, if it allows no other text."""
+    if get_origin(hint) is Literal:
+        return [each for each in get_args(hint) if isinstance(each, str)]
+    if get_origin(hint) in (Union, UnionType):
+        inner = get_args(hint)
+        return [] if str in inner else [word for each in inner for word in _choices(each)]
+    return []
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Return whether a value is one of a type, as far as that can be judged."""
+    if hint is Any:
+        return True
+    if hint is ArrayLike or get_origin(hint) is np.ndarray:
+        return _is_numeric(value, hint)
+    if hint in _SIMPLE:
+        types, _ = _SIMPLE[hint]
+        if isinstance(value, bool | np.bool_):
+            return hint is bool
+        if isinstance(value, float | np.floating) and math.isnan(value):
+            return False
+        return isinstance(value, types)
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return any(type(value) is type(each) and value == each for each in inner)
+    if origin in (Union, UnionType):
+        return any(_fits(value, each) for each in inner)
+    if origin is os.PathLike:
+        return isinstance(value, os.PathLike)
+    if origin is tuple:
+        return _fits_tuple(value, inner)
+    if origin is Sequence:
+        holds = isinstance(value, Sequence | np.ndarray) and not isinstance(
+            value, str | bytes
+        )
+        return holds and all(_fits(each, inner[0]) for each in value)
+    if origin is Mapping:
+        return isinstance(value, Mapping) and all(
+            _fits(key, inner[0]) and _fits(each, inner[1]) for key, each in value.items()
+        )
+    if origin is Iterable:
+        if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+            return False
+        several = isinstance(value, Sequence | Set | np.ndarray)
+        return not several or all(_fits(each, inner[0]) for each in value)
+    if origin is Callable:
+        return callable(value)
+    kind = origin or hint
+    if getattr(kind, "_is_protocol", False):
+        return all(hasattr(value, each) for each in dir(kind) if not each.startswith("_"))
+    return isinstance(value, kind) if isinstance(kind, type) else True
+
+
+def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
+    if not isinstance(value, tuple | list | np.ndarray):
+        return False
+    kinds = inner[:1] * len(value) if inner[1:] == (...,) else inner
+    if len(kinds) != len(value):
+        return False
+    return all(_fits(each, kind) for each, kind in zip(value, kinds, strict=True))
+
+
+def _is_numeric(value: Any, hint: Any) -> bool:
+    """Return whether an array of numbers can be made of a value."""
+    text = hint is not ArrayLike and "str" in str(hint)
+    try:
+        return text or np.asarray(value).dtype.kind in NUMBERS
+    except (TypeError, ValueError):
+        return False
+
+
+def _words(hint: Any) -> str:
+    """Return what values of a type are, in words."""
+    if hint is ArrayLike or get_origin(hint) is np.ndarray:
+        return "numbers"
+    if hint in _SIMPLE:
+        return _SIMPLE[hint][1]
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return f"one of {listing(inner)}"
+    if origin in (Union, UnionType):
+        return " or ".join(dict.fromkeys(map(_words, inner)))
+    if origin is tuple and inner[1:] != (...,):
+        return f"({', '.join(map(_words, inner))})"
+    if origin is Mapping:
+        return f"a mapping of {_words(inner[0])} to {_words(inner[1])}"
+    if origin in (Sequence, Iterable, tuple):
+        return f"a sequence, each {_words(inner[0])}"
+    if origin is os.PathLike:
+        return "a path"
+    return str(getattr(origin or hint, "__name__", hint))

@@ -1,0 +1,85 @@
+"""Searching the configurations of a mechanism over the range of its inputs at random.
+
+With one input the input is unknown too: a start goes to the configuration curves, so that
+one that is short along the input is met as well as others, and not only where an input
+probed happens to lie in it. With several each start has the inputs of one sample. Where
+wheels are in mesh, each start has an input and the lengths rolled that belong to it.
+"""
+
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.motion.branches import Solver, determinant_signs, penetrates, wrap
+from spherekit.motion.search import POLISHING_STEPS, SEED, STARTS, damped, starting_range
+from spherekit.sphere.rotation import Floats
+
+RANGE_ROUNDS = 4
+"""Rounds of a search over a range at least."""
+FLAT = 1e-5
+"""Configurations nearer to a dead centre (relative singular value) are not told apart."""
+
+
+@final
+class RangeSearch:
+    """Rounds of random starts over a range of the inputs, the same ones every time.
+
+    `low`, `high` (inputs,) rad; `samples` (n, inputs) are the inputs to start at if they
+    are to be kept.
+    """
+
+    def __init__(
+        self,
+        solver: Solver,
+        low: Floats,
+        high: Floats,
+        samples: Floats | None = None,
+        seed: int = SEED,
+    ) -> None:
+        self.solver, self.samples = solver, samples
+        self._random = np.random.default_rng(seed)
+        self._low, self._high = starting_range(solver.closure)
+        driven = list(solver.driven)
+        self._low[driven], self._high[driven] = low, high
+        self._least = np.full(len(self._low), -np.inf)
+        self._most = np.full(len(self._low), np.inf)
+        self._least[driven], self._most[driven] = low, high
+
+    def round(self) -> tuple[Floats, NDArray[np.intp]]:
+        """Return closed configurations (k, variables) that `STARTS` starts lead to.
+
+        With them the sample (k,) of each where the inputs are kept. Those whose contacts
+        do not exist, or that lie at a dead centre, are left out.
+        """
+        solver, driven = self.solver, list(self.solver.driven)
+        starts = self._random.uniform(self._low, self._high, (STARTS, len(self._low)))
+        rows = np.zeros(STARTS, dtype=np.intp)
+        closure = solver.closure
+        with np.errstate(all="ignore"):
+            held = driven
+            if self.samples is not None:
+                rows = self._random.integers(0, len(self.samples), STARTS)
+                starts[:, driven] = self.samples[rows]
+            if solver.meshes is not None:
+                held = driven + list(solver.meshes.variables)
+                starts[:, held[len(driven) :]] = solver.meshes.rolled(starts[:, driven])
+            if self.samples is None and solver.meshes is None:
+                values, near = damped(closure, starts, (), self._least, self._most)
+            else:
+                values, near = damped(closure, starts, held)
+            values, rows = values[near], rows[near]
+            if not len(values):
+                return values, rows
+            result = closure.solve(values, held, iterations=POLISHING_STEPS)
+            values = result.values
+            placed, states = closure.place(values)
+            free = [v for v in range(values.shape[1]) if v not in driven]
+            jacobian = closure.tree.jacobian(closure.vectors(placed, states))
+            _, flatness = determinant_signs(jacobian[:, :, free])
+            good = (result.residual < CLOSURE_TOLERANCE) & (flatness > FLAT)
+            good &= np.all(states.inside, axis=1) & ~penetrates(closure.joints, states)
+        turning = [v for v in solver.angles if v not in driven]
+        values[:, turning] = wrap(values[:, turning])
+        return values[good], rows[good]

@@ -1,0 +1,39 @@
+"""Work that may take seconds says what it is doing, to whoever listens."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import final
+
+PATIENCE = 2.0
+"""Time (s) after which work says what it is doing, and then again."""
+
+_listener: ContextVar[Callable[[str], None] | None] = ContextVar("listener", default=None)
+
+
+@contextmanager
+def heard_by(listener: Callable[[str], None] | None) -> Iterator[None]:
+    """Give what work says within the block to a listener, one text at a time."""
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
+
+
+@final
+class Working:
+    """Work that says every few seconds what it is doing and how far it is."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        self._said = time.monotonic()
+
+    def tell(self, how_far: Callable[[], str]) -> None:
+        """Say so if it is time; `how_far` makes the words."""
+        listener = _listener.get()
+        if listener is None or time.monotonic() - self._said < PATIENCE:
+            return
+        self._said = time.monotonic()
+        listener(f"{self.what}: {how_far()}")

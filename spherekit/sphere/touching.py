@@ -1,0 +1,133 @@
+"""Where two curves on the unit sphere touch: the same point with the same tangent."""
+
+import numpy as np
+
+from spherekit.sphere.profile import Curve
+from spherekit.sphere.rotation import Floats, rotation_vector, transpose
+
+TURN = 0.03
+"""Angle (rad) by which the frame of a curve turns from one sample to the next."""
+
+MOST = 3000
+"""Samples of a curve at most; its frame then turns more from one to the next."""
+
+ROUGH = 1000
+STEPS = 60
+LONGEST = 0.1
+"""Longest step (rad) along a curve."""
+
+SAME = 1e-12
+"""Places whose frames differ by no more than this above the least (rad) touch alike."""
+
+NEAR_START = 1e-9
+"""What lies less than this (rad) before the start of the first curve counts as there."""
+
+
+def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
+    """Return the arc lengths (2,) at which two curves have the most similar frames.
+
+    Also the angle (rad) between these frames: 0 where the curves touch. Both curves are
+    sampled so densely that next to every place where they touch there are samples whose
+    frames differ by less than those of neighbours; from all such samples the search goes
+    downhill. Where the curves touch at several places, it is the first along the first one.
+    """
+    curves = (first, second)
+    s, miss = _downhill(curves, _starts(curves))
+    lengths = np.array([curve.length for curve in curves])
+    around = np.array([curve.closed for curve in curves])
+    s = np.where(around, np.mod(s, lengths), s)
+    alike = np.flatnonzero(miss <= np.min(miss) + SAME)
+    start = np.mod(s[alike, 0] + NEAR_START, lengths[0])
+    chosen = alike[np.argmin(start)]
+    return s[chosen], float(miss[chosen])
+
+
+def _starts(curves: tuple[Curve, Curve]) -> Floats:
+    """Return arc lengths (m, 2) next to all places where two curves touch.
+
+    At least the one where frames are nearest, if they touch nowhere.
+    """
+    (one, turn), (other, second_turn) = (_samples(curve) for curve in curves)
+    frames = [
+        curve.at(s).frame.reshape(-1, 9)
+        for curve, s in zip(curves, (one, other), strict=True)
+    ]
+    cosine = 0.5 * (frames[0] @ frames[1].T - 1.0)
+    far = -np.ones((len(one), 1))
+    along = np.hstack([cosine[:, -1:], cosine, cosine[:, :1]])
+    if not curves[1].closed:
+        along = np.hstack([far, cosine, far])
+    top = (cosine >= along[:, :-2]) & (cosine >= along[:, 2:])
+    found = top & (cosine > np.cos(turn + second_turn))
+    found.flat[np.argmax(cosine)] = True
+    first, second = np.nonzero(found)
+    return np.stack([one[first], other[second]], axis=1)
+
+
+def _samples(curve: Curve) -> tuple[Floats, float]:
+    """Return arc lengths (n,) along a curve, and how far its frame turns in between."""
+    rough = np.linspace(0.0, curve.length, ROUGH)
+    speed = np.hypot(1.0, curve.at(rough).curvature)
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))])
+    turned *= rough[1]
+    count = int(min(np.ceil(turned[-1] / TURN), MOST)) + 1
+    even = np.linspace(0.0, turned[-1], count)
+    s = np.interp(even, turned, rough)
+    return (s[:-1] if curve.closed else s), float(even[1])
+
+
+def _downhill(curves: tuple[Curve, Curve], s: Floats) -> tuple[Floats, Floats]:
+    """Return places (m, 2) of least angle between frames, and the angles (m,).
+
+    Damped least squares (Levenberg and Marquardt) from every start at once. One that
+    comes to a least angle that is not zero is followed no further.
+    """
+    low = np.array([-np.inf if curve.closed else 0.0 for curve in curves])
+    high = np.array([np.inf if curve.closed else curve.length for curve in curves])
+    vector, columns = _apart(curves, s)
+    miss = np.linalg.norm(vector, axis=1)
+    damping = np.full(len(s), 1e-6)
+    active = np.arange(len(s))
+    for _ in range(STEPS):
+        own, away = columns[active], vector[active, :, None]
+        size = np.sum(own * own, axis=(1, 2))
+        normal = transpose(own) @ own + (damping[active] * size)[:, None, None] * np.eye(2)
+        change = np.linalg.solve(normal, -(transpose(own) @ away))
+        left = np.linalg.norm((own @ change + away)[..., 0], axis=1)
+        change = change[..., 0]
+        longest = np.max(np.abs(change), axis=1)
+        change *= np.minimum(1.0, LONGEST / np.maximum(longest, LONGEST))[:, None]
+        tried = np.clip(s[active] + change, low, high)
+        new_vector, new_columns = _apart(curves, tried)
+        new_miss = np.linalg.norm(new_vector, axis=1)
+        better = new_miss < miss[active]
+        # What the tangent plane promises: nearly nothing at a least angle beyond zero.
+        lowest = (left > 0.999 * miss[active]) & (damping[active] < 1e-3)
+        taken = active[better]
+        s[taken], miss[taken] = tried[better], new_miss[better]
+        vector[taken], columns[taken] = new_vector[better], new_columns[better]
+        damping[active] = np.clip(
+            damping[active] * np.where(better, 0.1, 30.0), 1e-15, None
+        )
+        done = lowest | (longest < 1e-15) | (damping[active] > 1e3)
+        active = active[~done]
+        if not len(active):
+            break
+    return s, miss
+
+
+def _apart(curves: tuple[Curve, Curve], s: Floats) -> tuple[Floats, Floats]:
+    """Return the rotation vectors (m, 3) between frames, and their derivatives (m, 3, 2).
+
+    The derivatives are those at equal frames.
+    """
+    one, other = (curve.at(each) for curve, each in zip(curves, s.T, strict=True))
+    vector = rotation_vector(one.frame @ transpose(other.frame))
+    columns = np.stack(
+        [
+            one.frame[:, :, 1] + one.curvature[:, None] * one.frame[:, :, 2],
+            -(other.frame[:, :, 1] + other.curvature[:, None] * other.frame[:, :, 2]),
+        ],
+        axis=2,
+    )
+    return vector, columns

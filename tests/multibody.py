@@ -1,0 +1,139 @@
+"""A mechanism as free bodies held together: Newton's and Euler's equations, by SciPy.
+
+Every moving link is a body about the fixed centre, I dw/dt + w x I w = moments; a pair of
+axis u between links i and j holds two components of w_j - w_i at zero by multipliers. The
+unknowns are orientations (quaternions) and angular velocities of all links. Nothing of
+pole axes, Eksergian's equation, closed loops or coordinates is used.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+Torque = Callable[[float, Mapping[str, float], Mapping[str, float]], Mapping[str, float]]
+"""Torques (N m) at pairs, from the time, the angles turned since the start, the rates."""
+
+
+@final
+@dataclass(frozen=True)
+class Hinge:
+    """An R pair: its name, the two bodies (0 is the ground) and its axis at the start."""
+
+    name: str
+    first: int
+    second: int
+    axis: Floats
+
+
+@final
+class MultiBody:
+    """Bodies with tensors (n, 3, 3) about the centre at the start, in ground axes."""
+
+    def __init__(self, tensors: Sequence[Floats], hinges: Sequence[Hinge]) -> None:
+        self.tensors = np.array(tensors)
+        self.hinges = tuple(hinges)
+        self.count = len(self.tensors)
+        sides = [np.linalg.svd(each.axis[None])[2][1:] for each in self.hinges]
+        self._across = np.array(sides)
+        self._axes = np.array([each.axis for each in self.hinges])
+        self._first = np.array([each.first for each in self.hinges])
+        self._second = np.array([each.second for each in self.hinges])
+
+    def rates(self, pair: str, rate: float) -> Floats:
+        """Return the angular velocities (n, 3) at the start for the rate of a pair."""
+        rows = self._rows(self._across)
+        null = np.linalg.svd(rows)[2][-1].reshape(-1, 3)
+        turned = np.concatenate([np.zeros((1, 3)), null])
+        number = [each.name for each in self.hinges].index(pair)
+        along = turned[self._second[number]] - turned[self._first[number]]
+        return null * rate / float(along @ self._axes[number])
+
+    def solve(
+        self,
+        torque: Torque,
+        w: Floats,
+        times: Floats,
+        rtol: float = 1e-11,
+        longest: float = 5e-3,
+    ) -> dict[str, Floats]:
+        """Return the angles (times,) that each pair has turned since the start."""
+        n, names = self.count, [each.name for each in self.hinges]
+        whole = np.tile([1.0, 0.0, 0.0, 0.0], n)
+        start = np.concatenate([whole, w.ravel(), np.zeros(len(names))])
+
+        def change(t: float, y: Floats) -> Floats:
+            q, w = y[: 4 * n].reshape(n, 4), y[4 * n : 7 * n].reshape(n, 3)
+            angles = y[7 * n :]
+            turn = np.concatenate([np.eye(3)[None], _matrices(q)])
+            turning = np.concatenate([np.zeros((1, 3)), w])
+            held = turn[self._first]
+            axes = np.einsum("kij,kj->ki", held, self._axes)
+            across = np.einsum("kij,kaj->kai", held, self._across)
+            apart = turning[self._second] - turning[self._first]
+            speeds = np.sum(apart * axes, axis=1)
+            moments = np.zeros((n + 1, 3))
+            given = torque(
+                t,
+                dict(zip(names, angles, strict=True)),
+                dict(zip(names, speeds, strict=True)),
+            )
+            for number, name in enumerate(names):
+                own = given.get(name, 0.0) * axes[number]
+                moments[self._second[number]] += own
+                moments[self._first[number]] -= own
+            tensors = turn[1:] @ self.tensors @ np.swapaxes(turn[1:], 1, 2)
+            spin = np.einsum("kij,kj->ki", tensors, w)
+            free = moments[1:] - np.cross(w, spin)
+            rows = self._rows(across)
+            moved = np.cross(turning[self._first][:, None], across)
+            gaps = -np.sum(moved * apart[:, None], axis=2).ravel()
+            size = 3 * n
+            matrix = np.zeros((size + len(rows), size + len(rows)))
+            for body in range(n):
+                part = slice(3 * body, 3 * body + 3)
+                matrix[part, part] = tensors[body]
+            matrix[size:, :size], matrix[:size, size:] = rows, rows.T
+            right = np.concatenate([free.ravel(), gaps])
+            faster = np.linalg.solve(matrix, right)[:size]
+            return np.concatenate([_quaternion_rates(q, w).ravel(), faster, speeds])
+
+        found = solve_ivp(
+            change,
+            (0.0, float(times[-1])),
+            start,
+            method="DOP853",
+            t_eval=times,
+            rtol=rtol,
+            atol=rtol,
+            max_step=longest,
+        )
+        assert found.success
+        return dict(zip(names, found.y[7 * n :], strict=True))
+
+    def _rows(self, across: Floats) -> Floats:
+        rows = np.zeros((2 * len(self.hinges), 3 * (self.count + 1)))
+        for number, (i, j) in enumerate(zip(self._first, self._second, strict=True)):
+            part = slice(2 * number, 2 * number + 2)
+            rows[part, 3 * j : 3 * j + 3] += across[number]
+            rows[part, 3 * i : 3 * i + 3] -= across[number]
+        return rows[:, 3:]
+
+
+def _matrices(q: Floats) -> Floats:
+    q = q / np.linalg.norm(q, axis=1)[:, None]
+    a, v = q[:, 0], q[:, 1:]
+    skew = np.zeros((len(q), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        skew[:, i, j], skew[:, j, i] = -v[:, k], v[:, k]
+    return np.eye(3) + 2.0 * a[:, None, None] * skew + 2.0 * skew @ skew
+
+
+def _quaternion_rates(q: Floats, w: Floats) -> Floats:
+    a, v = q[:, :1], q[:, 1:]
+    scalar = -np.sum(w * v, axis=1, keepdims=True)
+    return 0.5 * np.concatenate([scalar, a * w + np.cross(w, v)], axis=1)

@@ -1,0 +1,182 @@
+"""What public functions are given wrongly: refused with a typed error that says what."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.checked import checked
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.dynamics.mjcf import mjcf
+from spherekit.dynamics.offline import online_model
+from spherekit.errors import SpherekitError
+from spherekit.model.laws import ConstantSpeed, Cycloidal, Start, Tabulated
+from spherekit.motion.motion import Tracer
+from spherekit.trade.trade import trade
+
+NAN = float("nan")
+FOUR_BAR, FIVE_BAR = sk.load("four_bar"), sk.load("five_bar")
+START, LAW = Start(0.3, 1.0), ConstantSpeed(1.0)
+FILE = "a file"
+
+WRONG = [
+    (sk.run, (FOUR_BAR,), {"engine": "cuda"}, 'engine "cuda" is not known; it is auto'),
+    (sk.run, (FOUR_BAR,), {"engine": "numpi"}, 'did you mean "numpy"'),
+    (sk.run, (FOUR_BAR,), {"engine": "compiled"}, "without a simulation"),
+    (sk.run, (FOUR_BAR,), {"formats": "csv"}, "formats is 'csv' .str., .* a sequence"),
+    (sk.run, (FOUR_BAR,), {"formats": ["csv", "xls"]}, "one of csv, parquet"),
+    (sk.run, (FOUR_BAR,), {"samples": "many"}, "samples is 'many'"),
+    (sk.run, (FOUR_BAR,), {"samples": 0}, "sample"),
+    (sk.run, (FOUR_BAR,), {"samples": 3.0}, "a whole number"),
+    (sk.run, (FOUR_BAR,), {"samples": True}, "a whole number"),
+    (sk.run, (FIVE_BAR,), {"samples": [3, 0]}, "sample"),
+    (sk.run, (FOUR_BAR,), {"branch": "0"}, "branch is '0'"),
+    (sk.run, (FOUR_BAR,), {"branch": 9}, "no branch 9"),
+    (sk.run, ("four_bar",), {}, "mechanism is 'four_bar' .str., it has to be Mechanism"),
+    (sk.run, (FOUR_BAR, 5), {}, "analyses is 5"),
+    (sk.run, (FOUR_BAR, "polez"), {}, 'did you mean "poles"'),
+    (sk.run, (FOUR_BAR,), {"input_pair": "99"}, 'no pair is named "99"'),
+    (sk.run, (FOUR_BAR,), {"input_pair": []}, "names no pair"),
+    (sk.run, (FOUR_BAR,), {"path": "ab"}, "it has to be numbers"),
+    (sk.run, (FOUR_BAR,), {"path": np.array([["a"]])}, "it has to be numbers"),
+    (sk.run, (FOUR_BAR,), {"path": np.array([[1j]])}, "it has to be numbers"),
+    (sk.run, (FOUR_BAR,), {"path": np.array([[NAN]])}, "finite"),
+    (sk.run, (FOUR_BAR,), {"path": np.zeros((3, 2))}, "path"),
+    (sk.run, (FOUR_BAR,), {"grid": "no"}, "True or False"),
+    (sk.run, (FOUR_BAR,), {"laws": LAW, "duration": 1.0}, "a mapping of text to"),
+    (sk.run, (FOUR_BAR,), {"laws": {"99": LAW}, "duration": 1.0}, "99"),
+    (sk.run, (FOUR_BAR,), {"duration": -1.0}, "duration"),
+    (sk.run, (FOUR_BAR,), {"duration": NAN}, "duration is nan .float., .* a number"),
+    (sk.run, (FOUR_BAR,), {"start": {"q": 1}, "duration": 1.0}, "it has to be Start"),
+    (sk.run, (FOUR_BAR,), {"start": START, "duration": 1.0, "torque": 5}, "torque is 5"),
+    (sk.run, (FOUR_BAR,), {"tolerance": NAN}, "tolerance is nan"),
+    (sk.run, (FOUR_BAR,), {"folder": 5}, "folder is 5 .int., it has to be text or a path"),
+    (sk.run, (FOUR_BAR,), {"unfinished": "go"}, "it is refuse, resume, discard"),
+    (sk.run, (FOUR_BAR,), {"unfinished": "resume"}, "without a folder"),
+    (sk.run, (FOUR_BAR,), {"degrees": "yes"}, "True or False"),
+    (sk.run, (FOUR_BAR,), {"block": 0}, "block is 0; it has to be 1 or more"),
+    (sk.run, (FOUR_BAR,), {"verify": -1}, "verify is -1; it has to be 1 or more"),
+    (sk.run, (FOUR_BAR,), {"log_every": 0}, "log_every is 0; it has to be 1 or more"),
+    (sk.run, (FOUR_BAR,), {"progress": 5}, "progress is 5"),
+    (sk.run, (FOUR_BAR,), {"recorder": 3}, "recorder is 3"),
+    (sk.run, (FOUR_BAR,), {"setting": "fast"}, "it has to be Setting"),
+    (sk.run_study, (5,), {}, "study is 5"),
+    (sk.run_study, ("stephenson_output",), {"engine": "cuda"}, "it is auto"),
+    (sk.trace, (FOUR_BAR,), {"samples": 1.5}, "a whole number"),
+    (sk.trace, (5,), {}, "it has to be Mechanism"),
+    (Tracer, (FOUR_BAR,), {"branch": 1.0}, "branch is 1.0"),
+    (simulate, (FOUR_BAR, START, -1.0), {}, "-1"),
+    (simulate, (FOUR_BAR, START, NAN), {}, "until is nan"),
+    (simulate, (FOUR_BAR, START, np.inf), {}, "inf"),
+    (simulate, (FOUR_BAR, (0.3, 1.0), 1.0), {}, "start is"),
+    (simulate, (FOUR_BAR, START, 0.1), {"engine": "cuda"}, "is not known"),
+    (simulate, (FOUR_BAR, START, 0.1), {"scheme": "euler"}, "it is series, paper"),
+    (simulate, (FOUR_BAR, START, 0.1), {"step": 0.01}, 'without scheme = "paper"'),
+    (simulate, (FOUR_BAR, START, 0.1), {"switches": "abc"}, "switches is 'abc'"),
+    (simulate, (FOUR_BAR, START, 0.1), {"branch": 7}, "branch"),
+    (Start, ("a", 1.0), {}, "found a, needs a finite number"),
+    (ConstantSpeed, ("1",), {}, "found 1, needs a finite number"),
+    (Cycloidal, (0.0, 1.0, -1.0), {}, "duration"),
+    (Tabulated, ((0.0, 1.0), ("a", 2.0), True), {}, "found a, needs a finite"),
+    (inverse_dynamics, (FOUR_BAR, "x", [0.0]), {}, "law is 'x'"),
+    (inverse_dynamics, (FOUR_BAR, LAW, "abc"), {}, "it has to be numbers"),
+    (inverse_dynamics, (FOUR_BAR, LAW, [[0.0]]), {}, "must be finite and increase"),
+    (online_model, (FOUR_BAR,), {"poles": "3/1"}, "a sequence, each text"),
+    (online_model, (FOUR_BAR,), {"poles": ["9/1"]}, "is no pole"),
+    (online_model, (FOUR_BAR,), {"tolerance": -1.0}, "tolerance"),
+    (mjcf, (FOUR_BAR, np.zeros(2)), {}, "has 4 finite variables"),
+    (mjcf, (FOUR_BAR, np.zeros(4)), {"timestep": 0.0}, "above 0"),
+    (trade, (FOUR_BAR, 5), {}, "analysis is 5"),
+    (trade, (FOUR_BAR,), {"settings": ["fast"]}, "each Setting"),
+    (sk.plan, (FOUR_BAR, "3/1"), {}, "poles is '3/1'"),
+    (sk.plan, (FOUR_BAR, ["9/9"]), {}, "is no pole"),
+    (sk.plan, (FOUR_BAR, [(1, 99)]), {}, "numbered from 0 to 3"),
+    (sk.plan, (FOUR_BAR, [(-1, 0)]), {}, "numbered from 0 to 3"),
+    (sk.table, (FOUR_BAR,), {}, "it has to be Plan"),
+    (sk.load, (5,), {}, "text or a path"),
+    (sk.load, ("",), {}, "name a file"),
+    (sk.load_study, (None,), {}, "text or a path"),
+    (sk.dump, ("four_bar", FILE), {}, "it has to be Mechanism"),
+    (sk.dump, (FOUR_BAR, FILE, "grad"), {}, "it is deg, rad"),
+    (sk.mid_plane_form, (5,), {}, "it has to be Mechanism"),
+    (sk.follow_rotation, (FIVE_BAR, np.zeros(5), [0, 0, 1], NAN), {}, "angle is nan"),
+    (sk.follow_to, (FIVE_BAR, "a", np.eye(3)), {}, "values is 'a'"),
+    (sk.quickest, (5,), {}, "rotation is 5"),
+    (sk.InverseKinematics, ("five_bar",), {}, "it has to be Mechanism"),
+    (sk.InverseKinematics, (FIVE_BAR, "nosuch"), {}, "nosuch"),
+    (sk.ForwardKinematics, (5,), {}, "it has to be Mechanism"),
+    (sk.ForwardKinematics(FIVE_BAR).solutions, ("a",), {}, "inputs is 'a'"),
+    (sk.InverseKinematics(FIVE_BAR).solutions, ("a",), {}, "poses is 'a'"),
+    (FOUR_BAR.pair, (5,), {}, 'no pair is named "5"'),
+    (FOUR_BAR.with_inputs, (5,), {}, 'no pair is named "5"'),
+]
+
+
+@pytest.mark.parametrize(
+    ("function", "positional", "named", "said"),
+    WRONG,
+    ids=[
+        f"{case[0].__qualname__}-{'-'.join(case[2]) or 'positional'}-{number}"
+        for number, case in enumerate(WRONG)
+    ],
+)
+def test_wrong_arguments_are_told(function, positional, named, said, tmp_path):
+    positional = [tmp_path / "m.toml" if each is FILE else each for each in positional]
+    with pytest.raises(SpherekitError, match=said):
+        function(*positional, **named)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("named", "said"),
+    [
+        ({"analysis": "polez"}, 'did you mean "poles"'),
+        ({"analysis": 5}, "analysis is 5"),
+        ({"table": "x"}, 'no table "x"'),
+        ({"degrees": "deg"}, "True or False"),
+    ],
+)
+def test_wrong_questions_to_a_result(named, said, tmp_path):
+    result = sk.run(FOUR_BAR, samples=3)
+    with pytest.raises(SpherekitError, match=said):
+        result.frame(**named)
+    for formats in ("csv", ("xls",)):
+        with pytest.raises(SpherekitError, match="formats"):
+            result.write(tmp_path / "out", formats=formats)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_public_function_is_checked():
+    """Each public function refuses an object of no known type in its first argument."""
+    functions = [getattr(sk, name) for name in sk.__all__]
+    functions = [each for each in functions if inspect.isfunction(each)]
+    assert len(functions) > 8
+    for function in functions:
+        parameters = inspect.signature(function).parameters.values()
+        required = [p for p in parameters if p.default is p.empty]
+        with pytest.raises(SpherekitError, match=required[0].name):
+            function(*(object() for _ in required))
+
+
+def test_what_the_types_allow_passes():
+    """NumPy's numbers, lists for sequences, paths for text: nothing right is refused."""
+
+    @checked(SpherekitError)
+    def asked(
+        count: int,
+        size: float = 1.0,
+        flag: bool = False,
+        words: "tuple[str, ...] | None" = None,
+        late: "NoSuchType | None" = None,  # noqa: F821
+    ) -> int:
+        return count
+
+    assert asked(np.int64(3), np.float32(2), np.bool_(True), ["a", "b"], object()) == 3
+    assert asked(count=3, size=2) == 3
+    for wrong in ({"count": 3.0}, {"count": True}, {"count": 3, "size": "2"}):
+        with pytest.raises(SpherekitError):
+            asked(**wrong)
+    with pytest.raises(TypeError, match="missing"):
+        asked()

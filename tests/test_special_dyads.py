@@ -1,0 +1,212 @@
+"""Dyads whose outer axes come to one line, and the ways out of where curves cross."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import FOUR_BAR, STEPHENSON, mechanism, random_axes
+from scipy.optimize import brentq, least_squares
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.model.mechanism import Input, LinkSizes, Mechanism, Pair, SizeGeometry
+from spherekit.motion.loops import LoopTree
+from spherekit.motion.motion import Tracer
+from spherekit.numeric.crossings import crossings
+
+PAIRS = ("drive", "tip", "joint", "hinge")
+"""Of the links 1-2, 2-3, 3-4 and 4-1."""
+
+
+def four_bar(arcs, driven="drive", span=(0.0, 2.0 * np.pi)):
+    """Return the four-bar of these arcs (deg) of links 1 (the ground) to 4."""
+    held = [("hinge", "drive"), ("drive", "tip"), ("tip", "joint"), ("joint", "hinge")]
+    return Mechanism(
+        "bars",
+        "1",
+        tuple("1234"),
+        tuple(
+            Pair(name, "R", ends)
+            for name, ends in zip(PAIRS, ("12", "23", "34", "41"), strict=True)
+        ),
+        SizeGeometry(
+            {
+                link: LinkSizes(axes, (float(np.radians(arc)),))
+                for link, axes, arc in zip("1234", held, arcs, strict=True)
+            }
+        ),
+        inputs=(Input(driven, *span),),
+    )
+
+
+@pytest.fixture(autouse=True)
+def no_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+@pytest.mark.parametrize(
+    ("arcs", "folded"),
+    [
+        ((60, 40, 40, 60), 0.0),
+        ((33, 71, 71, 33), 0.0),
+        ((90, 90, 90, 90), 0.0),
+        ((60, 40, 140, 120), np.pi),
+    ],
+)
+def test_two_bars_that_can_turn_together_are_singular_and_not_out_of_reach(arcs, folded):
+    """The tip of the rocker lies on the crank's axis, or opposite to it."""
+    made = four_bar(arcs, "hinge")
+    gap = np.array([folded, folded + 1e-3, folded + 0.1])
+    motion = Tracer(made).at(gap)
+    status = motion.status.reshape(len(motion.branches), -1)
+    assert np.all(status[:, 0] == Status.AT_SINGULARITY)
+    assert np.all(motion.residual.reshape(len(motion.branches), -1)[:, 0] < 1e-13)
+    # independently: the tip's arc from the crank's axis, by the law of cosines
+    ground, crank, coupler, rocker = np.radians(arcs)
+    cosine = np.cos(ground) * np.cos(rocker) + np.sin(ground) * np.sin(rocker) * np.cos(gap)
+    away = np.arccos(np.clip(cosine, -1.0, 1.0))
+    reach = min(crank + coupler, 2.0 * np.pi - crank - coupler) - away
+    reach = np.minimum(reach, away - abs(crank - coupler))
+    held = np.any(status == Status.OK, axis=0)
+    assert np.array_equal(held[1:], reach[1:] > 0.0)
+
+
+@pytest.mark.parametrize("arcs", [(60, 40, 40, 60), (50, 65, 65, 50)])
+def test_configuration_curves_do_not_depend_on_the_pair_driven(arcs):
+    """With the rocker driven the curves on which it stands still were missing."""
+    lengths = []
+    for driven in PAIRS:
+        found = Tracer(four_bar(arcs, driven), samples=13).configurations
+        lengths.append(sorted(each.curve.length for each in found.curves))
+        # the two bars that turn together keep the other two pairs still
+        moving = [np.ptp(each.curve.nodes.values, axis=0) for each in found.curves]
+        assert sum(int(np.sum(way < 1e-5) == 2) for way in moving) == 2
+    assert all(len(each) == 4 for each in lengths)
+    assert np.allclose(lengths, lengths[0], rtol=0.0, atol=1e-4)
+
+
+def dead_pose(chain, driven, random):
+    """Return random axes of a chain at a dead centre of a pair: a determinant is zero."""
+    while True:
+        axes = random_axes(random, len(chain.split()))
+        moved, goal = random.integers(len(axes)), random_axes(random, 1)[0]
+
+        def at(part, axes=axes, moved=moved, goal=goal):
+            new = axes.copy()
+            new[moved] = (1.0 - part) * axes[moved] + part * goal
+            return new / np.linalg.norm(new, axis=1, keepdims=True)
+
+        def determinant(part, at=at):
+            made = mechanism(chain, at(part), driven)
+            jacobian = LoopTree.of(made).jacobian(at(part)[None])[0]
+            number = made.pair_number[driven]
+            return np.linalg.det(np.delete(jacobian, number, axis=1))
+
+        if determinant(0.0) * determinant(1.0) < 0.0:
+            return at(brentq(determinant, 0.0, 1.0, xtol=1e-15, rtol=1e-15))
+
+
+@pytest.mark.parametrize(
+    ("chain", "driven"), [(FOUR_BAR, "p1_2"), (STEPHENSON, "p1_2"), (STEPHENSON, "p1_6")]
+)
+def test_a_pose_at_a_dead_centre_is_there_and_has_a_way_on(chain, driven):
+    """With a triad nothing but the pose was: both sides were OUT_OF_REACH."""
+    random = np.random.default_rng(11)
+    for _ in range(2):
+        made = mechanism(chain, dead_pose(chain, driven, random), driven)
+        motion = Tracer(made, path=np.array([0.0, -1e-4, 1e-4]), search=False).motion()
+        assert motion.status[0] == Status.AT_SINGULARITY
+        assert np.max(np.abs(motion.values[0])) < 1e-9
+        assert sorted(motion.status[1:]) == [Status.OK, Status.OUT_OF_REACH]
+
+
+SPECIAL = (30.0, 45.0, 60.0, 90.0, 120.0)
+
+
+def closings(made, q, random, starts=12):
+    """Return the least loop opening (rad) found at an input by a search of its own.
+
+    The four axes as unknown points: arcs to neighbours as given, two of them fixed.
+    """
+    ground, crank, coupler, rocker = (
+        made.geometry.links[link].arcs[0] for link in made.links
+    )
+    hinge = np.array([np.sin(ground), 0.0, np.cos(ground)])
+    tip = np.array([np.sin(crank) * np.cos(q), np.sin(crank) * np.sin(q), np.cos(crank)])
+
+    def miss(point):
+        return [
+            point @ point - 1.0,
+            point @ tip - np.cos(coupler),
+            point @ hinge - np.cos(rocker),
+        ]
+
+    best = np.inf
+    for _ in range(starts):
+        found = least_squares(
+            miss, random.normal(size=3), xtol=1e-15, ftol=1e-15, gtol=1e-15
+        )
+        best = min(best, float(np.max(np.abs(found.fun))))
+    return best
+
+
+def test_special_four_bars_lose_no_row_that_closes():
+    """Equal, right and nearly equal arcs; multi-start least squares as the judge."""
+    random = np.random.default_rng(5)
+    lost = 0
+    for number in range(12):
+        off = (0.0, 1e-12, 1e-9, 1e-6, 1e-3)[number % 5]
+        arcs = random.choice(SPECIAL, 4) + np.degrees(off) * random.normal(size=4)
+        made = four_bar(arcs)
+        try:
+            motion = sk.trace(made, samples=13)
+        except sk.SpherekitError:
+            continue
+        status = motion.status.reshape(len(motion.branches), -1)
+        assert np.all(motion.residual[~motion.failed] < 1e-12)
+        for sample in np.flatnonzero(np.all(status == Status.OUT_OF_REACH, axis=0)):
+            lost += 1
+            assert closings(made, motion.q[sample], random) > 1e-13, (arcs, sample)
+    assert lost > 10
+
+
+def test_a_function_of_rounding_only_is_given_up_early():
+    """It was halved up to 400 cells of 36 samples, here and at every group of a chain."""
+    asked = []
+
+    def noise(q):
+        asked.append(len(q))
+        return np.sin(1e9 * q)
+
+    found = crossings(noise, 0.0, 2.0 * np.pi, smooth=0.5 * np.pi)
+    assert sum(asked) < 36 * 64
+    assert np.allclose(found.doubtful, [[0.0, 2.0 * np.pi]])
+
+
+def test_a_smooth_function_of_many_periods_is_not_given_up():
+    found = crossings(np.sin, 0.5, 200.0, smooth=0.5 * np.pi)
+    assert not len(found.doubtful)
+    assert np.allclose(found.places, np.pi * np.arange(1, 64), rtol=0.0, atol=1e-12)
+
+
+def test_right_angled_eight_bars_say_what_is_doubtful():
+    """All arcs 90 deg but for 1e-9: the search for dead inputs and groups took minutes."""
+    made = sk.load("eight_bar_07")
+    links = {
+        link: LinkSizes(
+            names := tuple(pair.name for pair in made.pairs if link in pair.links),
+            tuple(0.5 * np.pi + 1e-9 * (k + len(link)) for k in range(len(names) - 1)),
+            (0.5 * np.pi,) * (len(names) - 2),
+        )
+        for link in made.links
+    }
+    plain = replace(made, geometry=SizeGeometry(links), masses=(), loads=(), outputs=())
+    try:
+        tracer = Tracer(plain, samples=3)
+    except sk.SpherekitError as problem:
+        assert "close" in str(problem)
+    else:
+        assert "complete:" not in tracer.search

@@ -1,0 +1,141 @@
+"""Where profiles touch: curves of every kind turned so that they do at a known place."""
+
+import numpy as np
+import pytest
+
+from spherekit.model.geometry import TOUCHING
+from spherekit.sphere.paths import axes_about
+from spherekit.sphere.profile import (
+    Curve,
+    CurvePoint,
+    circle,
+    fourier,
+    great_circle,
+    through,
+)
+from spherekit.sphere.touching import nearest_frames
+
+KINDS = ("circle", "great_circle", "fourier", "points", "open")
+
+
+class Turned(Curve):
+    """A curve turned by a rotation matrix."""
+
+    def __init__(self, curve, turn):
+        self.curve, self.turn = curve, turn
+        self.length, self.closed = curve.length, curve.closed
+
+    def at(self, s):
+        place = self.curve.at(s)
+        return CurvePoint(
+            self.turn @ place.frame, place.curvature, place.curvature_rate, place.inside
+        )
+
+    def reversed(self):
+        return Turned(self.curve.reversed(), self.turn)
+
+
+def random_curve(random, kind):
+    """Return a random profile of a kind, of all sizes."""
+    axis = random.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    if kind == "circle":
+        return circle(axis, random.uniform(0.05, 2.5))
+    if kind == "great_circle":
+        return great_circle(axis)
+    while True:
+        try:
+            if kind == "fourier":
+                n = random.integers(2, 7)
+                waves = random.normal(size=(2, n)) * 0.15 / np.arange(1, n + 1)
+                cosines = [random.uniform(0.3, 1.6), *waves[0]]
+                return fourier(axis, cosines, [0.0, *waves[1]])
+            n = random.integers(12, 30)
+            a = np.arange(n) * (2 * np.pi / n)
+            wave = random.uniform(0, 0.12) * np.cos(random.integers(1, 5) * a)
+            tilt = random.uniform(0.4, 1.4) + wave
+            flat = [np.sin(tilt) * np.cos(a), np.sin(tilt) * np.sin(a), np.cos(tilt)]
+            points = np.stack(flat, axis=1) @ axes_about(axis).T
+            return through(points) if kind == "points" else through(points[: n // 2], False)
+        except ValueError:  # a cusp, or a point where the curve meets itself
+            continue
+
+
+def touching_at(random, first, second):
+    """Return the second curve turned so that it touches the first, and where they do."""
+    places = [random.uniform(0.0, curve.length) for curve in (first, second)]
+    one, other = (
+        curve.at([s]).frame[0] for curve, s in zip((first, second), places, strict=True)
+    )
+    return Turned(second, one @ other.T), places
+
+
+def judged(first, second):
+    """Return by how much the frames differ at the places found, from the curves alone."""
+    s, miss = nearest_frames(first, second)
+    gap = first.at(s[:1]).frame - second.at(s[1:]).frame
+    assert np.linalg.norm(gap) < 2.0 * miss + 1e-13
+    return miss
+
+
+def check_all_kinds(count, seed):
+    random = np.random.default_rng(seed)
+    for number in range(count):
+        kinds = KINDS[number % 5], KINDS[number // 5 % 5]
+        first, second = (random_curve(random, kind) for kind in kinds)
+        turned, _ = touching_at(random, first, second.reversed())
+        assert judged(first, turned) < 1e-12, (number, kinds)
+
+
+def check_internal(count, seed):
+    """A Fourier profile within another one or a circle, more curved at the contact."""
+    random = np.random.default_rng(seed)
+    for number in range(count):
+        while True:
+            first = random_curve(random, "fourier")
+            second = random_curve(random, "fourier" if number % 2 else "circle")
+            turned, places = touching_at(random, first, second)
+            k = [
+                c.at([s]).curvature[0] for c, s in zip((first, turned), places, strict=True)
+            ]
+            if k[0] > k[1] + 1e-3:
+                break
+        assert judged(first, turned) < 1e-12, number
+
+
+def test_profiles_of_all_kinds_that_touch_are_found_to():
+    check_all_kinds(50, 1)
+
+
+def test_internal_contacts_are_found():
+    check_internal(40, 2)
+
+
+@pytest.mark.slow
+def test_three_thousand_poses():
+    check_all_kinds(3000, 3)
+
+
+@pytest.mark.slow
+def test_many_internal_contacts():
+    check_internal(450, 4)
+
+
+def test_profiles_that_miss_each_other_by_a_little_are_nearest_there():
+    """Two circles apart by a gap: the frames differ by it, where they are nearest."""
+    for gap in (1e-3, 1e-5, 1e-7):
+        first = circle([0.0, 0.0, 1.0], 0.4)
+        centre = 0.4 + 0.3 + gap
+        second = circle([np.sin(centre), 0.0, np.cos(centre)], 0.3).reversed()
+        s, miss = nearest_frames(first, second)
+        assert miss == pytest.approx(gap, rel=1e-3)
+        assert first.at(s[:1]).frame[0, 1, 2] == pytest.approx(0.0, abs=1e-6)
+        assert (miss < TOUCHING) == (gap < TOUCHING)
+
+
+def test_of_several_contacts_it_is_the_first_along_the_first_profile():
+    """A cam of three lobes within a circle touches it with each of them."""
+    cam = fourier([0.0, 0.0, 1.0], [0.5, 0.0, 0.0, 0.1])
+    s, miss = nearest_frames(cam, circle([0.0, 0.0, 1.0], 0.6))
+    assert miss < 1e-12
+    assert min(s[0], cam.length - s[0]) == pytest.approx(0.0, abs=1e-9)

@@ -1,0 +1,226 @@
+"""Wheels over several turns: an input is a place on the line, wherever its range starts.
+
+The independent side is a closed form: of wheels on fixed axes the second turns back by the
+ratio of teeth, and the loop over both cranks closes where their tips are as far apart as
+its two other arcs can reach.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.dynamics.start import prepare
+from spherekit.model.dynamics import Mass
+from spherekit.model.gears import pitch_angles
+from spherekit.model.laws import ConstantSpeed, Start
+from spherekit.model.mechanism import Input, Pair, PoseGeometry, Profile
+from spherekit.motion.motion import Tracer
+from spherekit.output.forward import ForwardKinematics
+
+DEGREE = np.pi / 180.0
+BASE, LEFT, COUPLERS, RIGHT = 75.0, 40.0, (60.0, 55.0), 35.0
+FIVE_BAR = """
+format = 1
+name = "geared_five_bar"
+angle_unit = "deg"
+ground = "1"
+links.1 = {{ axes = ["left", "right"], arcs = [75.0] }}
+links.2 = {{ axes = ["left", "32"], arcs = [40.0] }}
+links.3 = {{ axes = ["32", "43"], arcs = [60.0] }}
+links.4 = {{ axes = ["43", "54"], arcs = [55.0] }}
+links.5 = {{ axes = ["right", "54"], arcs = [35.0] }}
+pairs.left = {{ type = "R", links = ["1", "2"] }}
+pairs.right = {{ type = "R", links = ["1", "5"] }}
+pairs.32 = {{ type = "R", links = ["2", "3"] }}
+pairs.43 = {{ type = "R", links = ["3", "4"] }}
+pairs.54 = {{ type = "R", links = ["4", "5"] }}
+inputs.left = {{ from = {2}, to = {3} }}
+outputs.pointer = {{ link = "3" }}
+[pairs.mesh]
+type = "Cr"
+links = ["2", "5"]
+teeth = [{0}, {1}]
+axes = ["left", "right"]
+"""
+MASS = Mass("3", ((2.0, 0.1, 0.0), (0.1, 1.5, 0.2), (0.0, 0.2, 1.0)))
+
+
+def five_bar(folder, teeth, span):
+    path = folder / "geared.toml"
+    path.write_text(FIVE_BAR.format(*teeth, *span))
+    return sk.load(path)
+
+
+def right_crank(q, teeth):
+    """Return the right crank's angle (deg) at the left one's: both read 90 unrolled.
+
+    The contact lies towards the other axis; where nothing has rolled it lies at azimuth 0,
+    the x axis of both cranks, from which their arcs are 90 degrees on.
+    """
+    return 90.0 - (q - 90.0) * teeth[0] / teeth[1]
+
+
+def tip(axis, along, angle, arc):
+    """Return the tip of a crank about an axis, its angle counted from a direction."""
+    across = np.cross(axis, along)
+    side = np.cos(angle)[:, None] * along + np.sin(angle)[:, None] * across
+    return np.cos(arc) * axis + np.sin(arc) * side
+
+
+def closes(q, right):
+    """Return by how much (rad) couplers reach over the gap between tips at angles (deg)."""
+    left_axis = np.array([0.0, 0.0, 1.0])
+    base = BASE * DEGREE
+    right_axis = np.array([np.sin(base), 0.0, np.cos(base)])
+    one = tip(left_axis, np.array([1.0, 0.0, 0.0]), q * DEGREE, LEFT * DEGREE)
+    back = np.array([-np.cos(base), 0.0, np.sin(base)])
+    other = tip(right_axis, back, right * DEGREE, RIGHT * DEGREE)
+    gap = np.arccos(np.sum(one * other, axis=1)) / DEGREE
+    return np.minimum(sum(COUPLERS) - gap, gap - abs(COUPLERS[0] - COUPLERS[1])) * DEGREE
+
+
+def angle_of(motion, pair):
+    (variable,) = motion.mechanism.variables_of(motion.mechanism.pair_number[pair])
+    return motion.values[:, variable]
+
+
+def turned(angles):
+    """Return angles (rad) less whole turns as their distance from zero."""
+    return np.abs(np.remainder(np.asarray(angles) + np.pi, 2.0 * np.pi) - np.pi)
+
+
+@pytest.mark.parametrize(
+    ("teeth", "span"),
+    [
+        ((20, 40), (-360, 360)),
+        ((20, 40), (600, 720)),
+        ((20, 30), (400, 500)),
+        ((17, 23), (3000, 3100)),
+    ],
+)
+def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth, span):
+    """It was that which had rolled least at the first input of the range."""
+    made = five_bar(tmp_path, teeth, span)
+    motion = sk.trace(made, samples=(span[1] - span[0]) // 5 + 1)
+    q = motion.q / DEGREE
+    held = ~motion.failed
+    assert (
+        np.max(turned(angle_of(motion, "right") - right_crank(q, teeth) * DEGREE)[held])
+        < 1e-9
+    )
+    found = held.reshape(len(motion.branches), -1).sum(axis=0)
+    margin = closes(q, right_crank(q, teeth))[: motion.samples]
+    assert np.any(margin > 0.02)
+    assert np.all(found[margin > 1e-6] == 2)
+    assert not np.any(found[margin < -1e-6])
+
+
+def test_every_analysis_reads_the_same_assembly(tmp_path):
+    """Inputs outside the range, starts of simulations, laws, and poses at inputs."""
+    teeth = 20, 40
+    made = replace(five_bar(tmp_path, teeth, (0, 360)), masses=(MASS,))
+    number = made.variables_of(made.pair_number["right"])[0]
+    for q in (420.0, 700.0, 720060.0):
+        wanted = right_crank(q, teeth) * DEGREE
+        there = ForwardKinematics(made, "pointer").solutions([[q * DEGREE]])
+        assert len(there.values) == 2
+        assert np.max(turned(there.values[:, number] - wanted)) < 1e-8
+        kept = np.remainder(q + 360.0, 720.0) - 360.0
+        assert np.allclose(there.inputs / DEGREE, kept, rtol=0.0, atol=1e-7)
+        problem = prepare(made, Start(q * DEGREE, 1.0), 0.1)
+        assert turned(problem.values[number] - wanted) < 1e-8
+        (row, *_) = inverse_dynamics(made, ConstantSpeed(0.1, q * DEGREE), [0.0]).values
+        assert turned(row[number] - wanted) < 1e-8
+
+
+def test_a_reference_pose_says_the_phase_and_nothing_else_does(tmp_path):
+    """The pose is at 60 degrees, in the second turn of a range, or before it."""
+    teeth, shaft = (17, 23), BASE * DEGREE
+    radii = pitch_angles(teeth, shaft, "external")
+    sizes = five_bar(tmp_path, teeth, (59, 61))
+    there = Tracer(sizes, samples=3).motion()
+    names = [pair.name for pair in sizes.pairs]
+    axes = {
+        name: tuple(map(float, axis))
+        for name, axis in zip(names, there.axes[1], strict=True)
+        if name != "mesh"
+    }
+    left, right = axes["left"], axes["right"]
+    circles = tuple(
+        Profile("circle", axis, radius)
+        for axis, radius in zip((left, right), radii, strict=True)
+    )
+    ends = {"left": "12", "right": "15", "32": "23", "43": "34", "54": "45"}
+    made = sk.Mechanism(
+        "posed",
+        "1",
+        tuple("12345"),
+        (
+            *(Pair(name, "R", tuple(links)) for name, links in ends.items()),
+            Pair("mesh", "Cr", ("2", "5"), circles),
+        ),
+        PoseGeometry(axes, {"left": 60.0 * DEGREE}),
+        inputs=(Input("left", 0.0, 1.0),),
+    )
+    for low, high in ((50.0, 70.0), (-100.0, 0.0), (410.0, 440.0), (-8220.0, -8200.0)):
+        span = Input("left", low * DEGREE, high * DEGREE)
+        motion = Tracer(replace(made, inputs=(span,)), samples=41).motion()
+        held = ~motion.failed
+        back = -(motion.q - 60.0 * DEGREE) * teeth[0] / teeth[1]
+        assert np.any(held)
+        assert np.max(turned(angle_of(motion, "right") - back)[held]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "pair", "ratio"),
+    [
+        ("bevel_pair", "02", -20.0 / 40.0),
+        ("planetary_bevel", "output_pivot", 2.0),
+        ("rolling_cones", "roller_axis", np.sin(50 * DEGREE) / np.sin(20 * DEGREE)),
+    ],
+)
+def test_shipped_trains_turn_by_their_ratio_in_any_range(name, pair, ratio):
+    made = sk.load(name)
+    (driven,) = made.inputs
+    seen = []
+    for low, high in ((0.0, 1.0), (-400.0, -300.0), (1000.0, 1900.0)):
+        span = replace(driven, start=low * DEGREE, stop=high * DEGREE)
+        motion = Tracer(replace(made, inputs=(span,)), samples=11).motion()
+        assert not motion.failed.any()
+        seen.append(angle_of(motion, pair) - ratio * motion.q)
+    assert np.max(turned(np.concatenate(seen) - seen[0][0])) < 1e-9
+
+
+def test_two_inputs_of_a_differential_in_any_range():
+    """The carrier stands half-way between the side gears, both of them counted in turns."""
+    made = sk.load("bevel_differential")
+    for shift in ((0.0, 0.0), (360.0, 0.0), (-720.0, 1080.0)):
+        spans = tuple(
+            replace(item, start=item.start + by * DEGREE, stop=item.stop + by * DEGREE)
+            for item, by in zip(made.inputs, shift, strict=True)
+        )
+        motion = Tracer(replace(made, inputs=spans), samples=9).motion()
+        held = ~motion.failed
+        assert np.sum(held) >= 9
+        carrier = angle_of(motion, "carrier_axle")[held]
+        assert np.max(turned(carrier - 0.5 * np.sum(motion.inputs[held], axis=1))) < 1e-9
+
+
+def test_curves_of_wheels_return_after_all_their_turns(tmp_path):
+    made = five_bar(tmp_path, (20, 40), (0, 720))
+    tracer = Tracer(made, samples=73)
+    found = tracer.configurations
+    assert not found.mismatches
+    motion = tracer.motion()
+    counted = (motion.status == Status.OK).reshape(len(motion.branches), -1).sum(axis=0)
+    assert sum(len(each.pieces) for each in found.curves) == len(tracer.branches)
+    for each in found.curves:
+        q = each.curve.at(np.linspace(0.0, each.curve.length, 200)).values
+        names = made.variable_names
+        left, right = (q[:, names.index(f"theta_{pair}")] for pair in ("left", "right"))
+        assert np.max(turned(right - right_crank(left / DEGREE, (20, 40)) * DEGREE)) < 1e-9
+    assert set(counted) <= {0, 2}
