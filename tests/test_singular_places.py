@@ -193,7 +193,7 @@ def test_a_search_without_time_says_so():
     assert not found.curves and found.claim.guarantee is Guarantee.SAMPLED
     assert "stopped after 0 s" in found.claim.reason
     assert not len(result.frame()) and not len(result.frame(NAME, "aspects"))
-    remarks = result.results[NAME].findings.remarks
+    remarks = result.summary["remarks"]
     for words in ("type II", "type I", "aspects"):
         assert any(words in each and "stopped after 0 s" in each for each in remarks)
 
@@ -214,7 +214,7 @@ def test_a_differential_is_singular_everywhere_and_has_no_regular_part():
     relation = result.frame(NAME, "relation")
     assert set(relation["type"]) == {"I"}
     assert not len(result.frame(NAME, "aspects"))
-    remarks = " ".join(result.results[NAME].findings.remarks)
+    remarks = " ".join(result.summary["remarks"])
     assert "of type I in every row of branches 0" in remarks
     assert "0 aspects" in remarks and "configurations met are singular" in remarks
 
@@ -225,7 +225,7 @@ def test_three_inputs_have_surfaces_by_default_and_every_vertex_a_reason():
     frame = result.frame()
     assert {"I", "II"} == set(frame["kind"])
     assert frame["condition"].astype(bool).all()
-    remarks = result.results[NAME].findings.remarks
+    remarks = result.summary["remarks"]
     assert sum("random starts" in each for each in remarks) == 2
 
 
