@@ -328,15 +328,23 @@ class SeveralInputs:
                 solver_of(batch.mechanism),
                 ranges_of(batch.mechanism),
                 each,
-                Budget(FOR_SLICES * self.seconds, "slices"),
+                self._budget(batch).part(FOR_SLICES, "slices"),
             ),
         )
 
-    def _share(self, batch: Batch, what: str) -> Budget:
-        """Return the budget of one set of curves or surfaces, or of the aspects."""
-        parts = len(KINDS) * len(self.outputs(batch.mechanism)) + (self.lattice > 0)
-        left = 1.0 - (FOR_SLICES if self.slices_of(batch) else 0.0)
-        return Budget(left * self.seconds / parts, what)
+    def _budget(self, batch: Batch) -> Budget:
+        """Return the time of all searches, which runs from the first one on."""
+        return batch.once("budget", lambda: Budget(self.seconds))
+
+    def _share(self, batch: Batch, kind: TypeName, output: str, what: str) -> Budget:
+        """Return the budget of one set of curves or surfaces: an even part of what is left.
+
+        The sets are found in the order of outputs and types, the aspects last.
+        """
+        names = [each.name for each in self.outputs(batch.mechanism)]
+        sets = len(KINDS) * len(names) + (self.lattice > 0)
+        done = len(KINDS) * names.index(output) + KINDS.index(kind)
+        return self._budget(batch).part(1.0 / (sets - done), f"{what} of type {kind}")
 
     def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
         if len(batch.moved_pairs) != 2 or self.slices == 0:
@@ -348,8 +356,8 @@ class SeveralInputs:
 
     def _curves_of(self, batch: Batch, kind: TypeName, output: str) -> SingularCurves:
         """Return the curves of a type: of a mid-plane form, or as slices or starts find."""
-        budget = self._share(batch, f"curves of type {kind}")
         made = self._cut(batch)
+        budget = self._share(batch, kind, output, "curves")
         if made is None:
             found = mid_plane_loci(batch.mechanism, kind, output, budget)
             if found is not None:
@@ -375,7 +383,7 @@ class SeveralInputs:
                     side=side,
                     slices_of_each=0,
                     made=self._cut(batch),
-                    budget=self._share(batch, f"surfaces of type {kind}"),
+                    budget=self._share(batch, kind, output.name, "surfaces"),
                 )
                 for kind in KINDS
             ),
@@ -392,7 +400,7 @@ class SeveralInputs:
                 self.lattice,
                 ("I", "II"),
                 name,
-                budget=self._share(batch, "aspects"),
+                budget=self._budget(batch).part(1.0, "aspects"),
             ),
         )
 
@@ -419,24 +427,30 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
     rest = output_of(batch.mechanism, output.name)
     at = coefficients(motion, rest, by_rank=batch.tracer.by_rank)
     pairs = batch.moved_pairs
+    # At a singularity the plan's axes may be unknown; the rates vanish with c and d.
+    c = np.where(np.isfinite(at.c), at.c, at.input_rate)
+    d = np.where(np.isfinite(at.d), at.d, at.output_rate)
+    u = np.where(np.isfinite(at.u), at.u, at.alone)
     words: list[list[str]] = [[] for _ in points.values]
 
     def note(sizes: Floats, text: Callable[[int], str]) -> None:
         for row, which in zip(*np.nonzero(sizes < VANISHES), strict=True):
             words[row].append(text(which))
 
-    note(np.abs(at.c), lambda k: f"c_{pairs[k]}=0")
-    note(np.abs(at.d), lambda k: f"d_{pairs[k]}=0")
+    note(np.abs(c), lambda k: f"c_{pairs[k]}=0")
+    note(np.abs(d), lambda k: f"d_{pairs[k]}=0")
     if points.pointing is not None:
         turned = motion.rotations[:, rest.relative_to]
         direction = np.einsum("nij,nj->ni", turned, points.pointing)
-        off = np.linalg.norm(np.cross(at.u, direction[:, None]), axis=2)
+        off = np.linalg.norm(np.cross(u, direction[:, None]), axis=2)
         note(off, lambda k: f"u_{pairs[k]} along the direction")
     triples = [", ".join(pairs[k] for k in three) for three in at.triplets]
-    note(np.abs(at.triples), lambda k: f"u of {triples[k]} coplanar")
+    for k, three in enumerate(at.triplets):
+        volume = np.abs(np.linalg.det(u[:, list(three)]))
+        note(volume[:, None], lambda _, own=triples[k]: f"u of {own} coplanar")
     two = list(combinations(range(len(pairs)), 2))
     named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
-    crossed = np.stack([np.cross(at.u[:, j], at.u[:, k]) for j, k in two], axis=1)
+    crossed = np.stack([np.cross(u[:, j], u[:, k]) for j, k in two], axis=1)
     parallel = np.linalg.norm(crossed, axis=2)
     others = [(parallel, "{} along one line")]
     if points.pointing is not None:
@@ -452,10 +466,10 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
             continue
         if at.flatness[row] < VANISHES:
             own.append("the loops lose rank")
-        elif not np.all(np.isfinite(at.u[row])):
+        elif not np.all(np.isfinite(u[row])):
             own.append("pole axes not known")
         else:
-            least = f"{np.min(np.abs([at.c[row], at.d[row]])):.1e}"
+            least = f"{np.min(np.abs([c[row], d[row]])):.1e}"
             own.append(f"motions alone: no c, d below {least}")
     return np.array([" ".join(own) for own in words], dtype=str)
 

@@ -143,7 +143,7 @@ class SingularityAnalysis(AbstractAnalysis):
     slices: int | None = None
     mesh: float | None = None
     lattice: int = 11
-    seconds: float = 40.0
+    seconds: float = 50.0
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
         """Return the relative motions wanted, as numbers of links."""

@@ -25,10 +25,11 @@ class Budget:
         """The processor time (s) taken until now."""
         return time.process_time() - self._started
 
-    def part(self, share: float) -> "Budget":
-        """Return a budget of a share of what is left."""
-        part = Budget(max(0.0, share * (self.seconds - self.taken)), self.what)
-        part._working = self._working
+    def part(self, share: float, what: str | None = None) -> "Budget":
+        """Return a budget of a share of what is left, for the same or another search."""
+        part = Budget(max(0.0, share * (self.seconds - self.taken)), what or self.what)
+        if what is None:
+            part._working = self._working
         return part
 
     def goes_on(self, doing: str) -> bool:

@@ -1,22 +1,22 @@
 """Singularities at the right input, in range or marked; searches that end and say so."""
 
-import logging
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from spherekit.singular.turns import into_range
 from test_singular_several import axes_at
 from test_singular_single import four_bar
 from test_singularities_analysis import ROCKER, findings_of
 
 import spherekit as sk
-from spherekit.budget import PROGRESS, Budget
+from spherekit import progress
+from spherekit.budget import Budget
 from spherekit.guarantee import Guarantee
 from spherekit.guidance.loci import SIDE, mid_plane_loci
 from spherekit.motion.motion import Tracer
+from spherekit.motion.turns import into_range
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.surface import singular_surface
 from spherekit.sphere.mirror import normal_at
@@ -187,26 +187,24 @@ def test_random_starts_meet_the_curves_that_slices_meet(kind):
 
 
 def test_a_search_without_time_says_so():
-    told = []
-    handler = logging.Handler()
-    handler.emit = lambda record: told.append(record.getMessage())
-    logger = logging.getLogger(PROGRESS)
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO)
-    try:
-        budget = Budget(0.0, "curves of type II")
-        found = singular_curves(sk.load("five_bar"), "II", budget=budget)
-        result = sk.run(sk.load("agile_eye"), f"{NAME}:slices=6,seconds=0", samples=3)
-    finally:
-        logger.removeHandler(handler)
-        logger.setLevel(logging.NOTSET)
+    budget = Budget(0.0, "curves of type II")
+    found = singular_curves(sk.load("five_bar"), "II", budget=budget)
+    result = sk.run(sk.load("agile_eye"), f"{NAME}:slices=6,seconds=0", samples=3)
     assert not found.curves and found.claim.guarantee is Guarantee.SAMPLED
     assert "stopped after 0 s" in found.claim.reason
-    assert any("slice 1 of 12" in words for words in told)
     assert not len(result.frame()) and not len(result.frame(NAME, "aspects"))
-    remarks = result.results[NAME].findings.remarks
+    remarks = result.summary["remarks"]
     for words in ("type II", "type I", "aspects"):
         assert any(words in each and "stopped after 0 s" in each for each in remarks)
+
+
+def test_a_search_tells_what_it_does(monkeypatch):
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    told = []
+    with progress.heard_by(told.append):
+        singular_curves(sk.load("five_bar"), "II", slices_of_each=1)
+    assert "search: slice 1 of 1" in told[0]
+    assert any("curve 1 of type II" in words for words in told)
 
 
 @pytest.mark.slow
@@ -216,7 +214,7 @@ def test_a_differential_is_singular_everywhere_and_has_no_regular_part():
     relation = result.frame(NAME, "relation")
     assert set(relation["type"]) == {"I"}
     assert not len(result.frame(NAME, "aspects"))
-    remarks = " ".join(result.results[NAME].findings.remarks)
+    remarks = " ".join(result.summary["remarks"])
     assert "of type I in every row of branches 0" in remarks
     assert "0 aspects" in remarks and "configurations met are singular" in remarks
 
@@ -227,7 +225,7 @@ def test_three_inputs_have_surfaces_by_default_and_every_vertex_a_reason():
     frame = result.frame()
     assert {"I", "II"} == set(frame["kind"])
     assert frame["condition"].astype(bool).all()
-    remarks = result.results[NAME].findings.remarks
+    remarks = result.summary["remarks"]
     assert sum("random starts" in each for each in remarks) == 2
 
 

@@ -142,8 +142,9 @@ def aspects(
     lattice, beside = _lattice(mechanism, each, whole_turn)
     budget = budget or Budget()
     spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None, budget)
-    starts = _starts(solver, lattice)
-    values = np.array([own for own, _ in starts]).reshape(len(starts), -1)
+    going = budget.goes_on("modes at samples of the lattice")
+    starts = _starts(solver, lattice) if going else []
+    values = np.array([own for own, _ in starts]).reshape(len(starts), len(spread.periods))
     for k in np.flatnonzero(spread.regular(values)):
         spread.add(*starts[k])
     spread.singular = len(starts) - len(spread.values)

@@ -75,6 +75,9 @@ class OutputCoefficients:
         (n, g) of the unit motion in which input i moves alone: its rate, which vanishes
         with c_i and has the sign of det N_a, and the size of the output's, which vanishes
         with d_i. NaN where that motion is not unique.
+    alone
+        (n, g, 3) unit vectors along the output's angular velocity in that motion, NaN where
+        it is at rest: the pole axes, up to their signs, also where the plan knows none.
     type_two
         (n,) how surely the inputs hold the output, see `spherekit.rates.transmission`: 0
         where it can move with the inputs at rest, also where the loops lose their rank.
@@ -101,6 +104,7 @@ class OutputCoefficients:
     d: Floats
     input_rate: Floats
     output_rate: Floats
+    alone: Floats
     type_two: Floats
     hold: Floats
     type_one: Floats
@@ -228,6 +232,9 @@ def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputC
     size = np.where(unique, size, np.nan)
     input_rate = determinant[:, None] / size
     output_rate = np.linalg.norm(moving @ alone, axis=1) / size
+    turning = output.angular_velocity(space, space.basis @ alone)
+    speed = np.linalg.norm(turning, axis=2, keepdims=True)
+    known = speed > tolerance * np.linalg.norm(alone, axis=1)[..., None]
     nothing = np.zeros((n, g))
     found = OutputCoefficients(
         w=np.zeros((n, g, 3)),
@@ -236,6 +243,7 @@ def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputC
         d=nothing,
         input_rate=input_rate,
         output_rate=output_rate,
+        alone=turning / np.where(known, speed, np.nan),
         type_two=two,
         hold=hold_of(closure.tree, held, space.vectors)[0],
         type_one=one,
