@@ -254,9 +254,9 @@ class _Gathering:
     def all_modes(self) -> Claim:
         """Look for further branches in the whole range; return what is claimed then."""
         solver, lattice = self.solver, self.lattice
+        if solver.meshes is not None and not self.branches:
+            self.probe(lattice.q[:1])
         if solver.meshes is not None and not solver.meshes.all_known:
-            if not self.branches:
-                self.probe(lattice.q[:1])
             return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
         groups = solver.assembly.groups
         if all(group.is_dyad or has_elimination(group) for group in groups):
