@@ -89,19 +89,23 @@ class DeadInputs:
 
 
 def dead_inputs(
-    solver: Solver, low: float, high: float, most_cost: float = np.inf
+    solver: Solver,
+    low: float,
+    high: float,
+    most_cost: float = np.inf,
+    most_time: float = MOST_TIME,
 ) -> DeadInputs:
     """Return the dead inputs of a mechanism with one input over a range (rad).
 
     Where one value of the functions takes more than `most_cost` (s), the whole range is
-    left doubtful.
+    left doubtful. What is not settled after about `most_time` (s), too.
     """
     meetings = meetings_of(solver, most_cost) if low < high else None
     if meetings is None:
         return DeadInputs(low, high, np.zeros(0), np.array([[low, high]]))
     if not meetings.groups:  # an open chain has one mode
         return DeadInputs(low, high, np.zeros(0), np.zeros((0, 2)))
-    most = int(np.clip(MOST_TIME / (36.0 * meetings.cost), 12, MOST_CELLS))
+    most = int(np.clip(most_time / (36.0 * meetings.cost), 12, MOST_CELLS))
     working = Working("looking for the inputs at which modes meet")
     found = []
     for part in range(len(meetings.groups)):
