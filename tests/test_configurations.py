@@ -295,6 +295,7 @@ def test_wheels_are_searched_and_said_to_be():
     tracer = Tracer(sk.load("bevel_pair"))
     found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
     assert found.guarantee is Guarantee.SAMPLED
-    assert "random inputs" in str(found.claim)
+    assert "random starts" in str(found.claim)
     assert not found.mismatches
-    assert set(found.counts) == {1}
+    assert len(found.curves) == 1
+    assert set(found.counts) <= {1}

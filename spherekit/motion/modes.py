@@ -265,8 +265,10 @@ class _Gathering:
     def all_modes(self) -> Claim:
         """Look for further branches in the whole range; return what is claimed then."""
         solver, lattice = self.solver, self.lattice
+        if solver.meshes is not None and not self.branches:
+            self.probe(lattice.q[:1])
         if solver.meshes is not None and not solver.meshes.all_known:
-            for q in (lattice.q[0], *_scattered(lattice)):
+            for q in _scattered(lattice):
                 if not self.branches:
                     self.probe(q[None])
             return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
