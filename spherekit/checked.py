@@ -17,7 +17,7 @@ from typing import (
 )
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import SpherekitError
@@ -107,6 +107,8 @@ def _fits(value: Any, hint: Any) -> bool:
     """Return whether a value is one of a type, as far as that can be judged."""
     if hint is Any:
         return True
+    if hint == NDArray[Any] and isinstance(value, np.ndarray) and value.dtype == object:
+        return True  # numbers of another arithmetic
     if hint is ArrayLike or get_origin(hint) is np.ndarray:
         return _is_numeric(value, hint)
     if hint in _SIMPLE:
