@@ -129,7 +129,7 @@ def run(
     """
     for name, number in (("block", block), ("verify", verify), ("log_every", log_every)):
         if number is not None and number < 1:
-            raise AnalysisError(f"run: {name} is {number}; it has to be 1 or more")
+            raise AnalysisError(f"run: {name} must be at least 1, not {number}")
     if start is None and engine != "auto":
         raise AnalysisError("run: engine does nothing without a simulation: give start")
     if folder is None and unfinished != "refuse":
