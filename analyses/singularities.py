@@ -404,7 +404,9 @@ class SingularityAnalysis(AbstractAnalysis):
             known = np.isfinite(own.input_rate)
             rest = [np.abs(r) < RESTS for r in (own.output_rate, own.input_rate)]
             return np.select(
-                [~known, rest[0] & rest[1], *rest], ["", "III", "I", "II"], "regular"
+                [found.crossed, ~known, rest[0] & rest[1], *rest],
+                ["III", "", "III", "I", "II"],
+                "regular",
             )
 
         parts: list[Row] = [

@@ -24,7 +24,7 @@ def five_bar(tmp_path_factory):
 def test_points_of_singular_curves_say_why_they_are_singular(five_bar):
     result, _ = five_bar
     frame = result.frame("singularities")
-    assert list(frame)[:6] == ["kind", "condition", "branch", "q_21", "q_51", "output"]
+    assert list(frame)[:6] == ["kind", "condition", "branch", "q_21", "q_51", "inside"]
     assert set(frame.guarantee) == {"complete to a box size"}
     assert frame.residual.max() < 1e-12
     conditions = frame.groupby("kind").condition.unique()
@@ -82,9 +82,9 @@ class Pages:
         self.parts += [(scene.page, part) for part in scene.primitives]
 
 
-def test_three_inputs_have_coefficients_and_a_surface_only_if_asked_for():
+def test_three_inputs_have_coefficients_and_no_surface_if_it_is_left_out():
     pages = Pages()
-    wanted = "singularities:lattice=3"
+    wanted = "singularities:lattice=3,mesh=0"
     result = sk.run(sk.load("three_rrr"), wanted, samples=3, recorder=pages)
     assert result.frame("singularities").empty
     frame = result.frame("singularities", "relation")

@@ -13,6 +13,7 @@ from spherekit.dynamics.path import Traced
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
+    NO_SERIES,
     End,
     EngineReport,
     Event,
@@ -90,7 +91,8 @@ def by_taylor_series(
     Raises
     ------
     EngineError
-        If the mechanism cannot be compiled, or not on all of the way.
+        If the mechanism cannot be compiled, or not on all of the way, or a load has no
+        series at the start.
     """
     mechanism = problem.equation.mechanism
     started = time.perf_counter()
@@ -116,6 +118,9 @@ def by_taylor_series(
     )
     seconds = time.perf_counter() - started
     if not run.stretches:
+        state = problem.equation.state(problem.values, problem.speed, problem.tangent)
+        if _has_value(problem, 0.0, state, problem.tangent, problem.whole):
+            raise EngineError(f"{mechanism.name}: at the start {NO_SERIES}")
         raise cannot_leave(problem, JUMPS)
     path = TaylorPath(run, sense)
     if run.end == "singularity":
@@ -189,5 +194,20 @@ def _end(problem: Problem, path: TaylorPath) -> End:
         return End("sticking", run.time, STICKS)
     if run.end == "too_many":
         return End("too_fast", run.time, too_many(MOST_STEPS))
+    traced = path.at(np.array([run.time]))
+    whole = FULL_TURN * traced.turns[0]
+    if run.end == "not_finite" and _has_value(
+        problem, run.time, traced.states[0], traced.along[0], whole
+    ):
+        return End("too_fast", run.time, NO_SERIES)
     why = f"no step is short enough; {JUMPS}"
     return given_up(problem.equation, path, run.time, why)
+
+
+def _has_value(
+    problem: Problem, t: float, state: Floats, along: Floats, whole: Floats
+) -> bool:
+    """Return whether all loads have values at a state."""
+    with np.errstate(all="ignore"):
+        found = problem.equation.at(np.array([t]), state[None], along, whole)
+    return bool(np.all(np.isfinite(found.forces)))

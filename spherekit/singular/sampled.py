@@ -24,6 +24,8 @@ from spherekit.sphere.rotation import Floats
 
 NEAR_CROSSING = 1e-4
 """Configurations (rad) that near to a crossing may lie where no curve is followed."""
+AT_CROSSING = 1e-8
+"""Configurations (rad) that near to it are the crossing, as far as they can be known."""
 TOUCHES = 1e-6
 """A piece of a curve holds what is nearer than this to its ends (rad of arc length)."""
 
@@ -82,6 +84,8 @@ class SampledSingularities:
     status
         (n,) OK on a curve, AT_SINGULARITY so near to a crossing of curves that none is
         followed there, BRANCH_LOST elsewhere.
+    crossed
+        (n,) whether the row is such a crossing itself, where every rate may vanish.
     """
 
     def __init__(
@@ -108,11 +112,14 @@ class SampledSingularities:
                 on = np.isfinite(places)
                 self.curve[todo[on]], self.s[todo[on]] = number, places[on]
         self.status = np.where(self.curve < 0, Status.BRANCH_LOST, Status.OK)
+        self.crossed = np.zeros(len(values), dtype=bool)
         for crossing in self.report.crossings:
             (lost,) = np.nonzero(known & (self.curve < 0))
             away = self.curves[crossing.ends[0][0]].wrapped(values[lost] - crossing.values)
-            near = np.max(np.abs(away), axis=1) < NEAR_CROSSING
-            self.status[lost[near]] = Status.AT_SINGULARITY
+            far = np.max(np.abs(away), axis=1)
+            self.status[lost[far < NEAR_CROSSING]] = Status.AT_SINGULARITY
+            if crossing.crossing is not None:
+                self.crossed[lost[far < AT_CROSSING]] = True
 
     def branches_at(self, curve: int, s: float) -> tuple[int, ...]:
         """Return the branches whose pieces of a curve hold or touch the place s."""
