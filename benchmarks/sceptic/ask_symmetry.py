@@ -121,21 +121,21 @@ def same_rates(evidence: Evidence, notes: Notes) -> None:
             others, theirs, their_dq = tables[1][key]
             if not len(others):
                 continue
-            gap = np.max(np.abs(others - cosines[row]), axis=1)
-            k = int(np.argmin(gap))
-            if not gap[k] < SAME:
+            # Modes may look alike where they are about to meet: any of them may be meant.
+            alike = np.max(np.abs(others - cosines[row]), axis=1) < SAME
+            if not np.any(alike):
                 continue
             for what, mine, yours in (("rate", rates, theirs), ("rate_dq", dq, their_dq)):
-                known = np.isfinite(mine[row]) & np.isfinite(yours[k])
-                if not np.any(known):
+                size = max(1.0, float(np.nanmax(mine[row], initial=0.0))) ** 2
+                off = np.abs(mine[row] - yours[alike]) / size
+                if not np.any(np.isfinite(off)):
                     continue
-                size = max(1.0, float(np.max(np.abs(mine[row][known])))) ** 2
-                off = float(np.max(np.abs(mine[row] - yours[k])[known])) / size
+                least = float(np.min(np.max(np.nan_to_num(off), axis=1)))
                 notes.contradiction(
-                    not off < AGREE,
+                    not least < AGREE,
                     f"input {key[1]} moves, sample {key[0]}: a {what} is "
                     f"{mine[row].round(9).tolist()} and, told otherwise, "
-                    f"{yours[k].round(9).tolist()}",
+                    f"{yours[alike].round(9).tolist()}",
                 )
 
 

@@ -150,7 +150,7 @@ def checked(evidence: Evidence, name: str) -> Notes:
         try:
             CHECKS[name].ask(evidence, notes)
         except SpherekitError as refusal:
-            notes.refused.append(f"{name}: {type(refusal).__name__}")
+            notes.refused.append(f"{name}: {str(refusal)[:90]}")
         except Exception as error:  # whatever is not a refusal is to be found here
             where = traceback.extract_tb(error.__traceback__)[-1]
             notes.found(
