@@ -305,7 +305,7 @@ def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):
     ):
         result = sk.run(made, request)
         assert not result.failures and not result.results["motion"].tables
-        assert result.summary["branches"] == [] and len(result.frame())
+        assert result.summary["branches"] == [] and result.summary["remarks"]
     with pytest.raises(AssertionError, match="was traced"):
         sk.run(made, ["inverse_kinematics:poses=14:23,columns=21+61", "poles"])
 
