@@ -537,7 +537,8 @@ def report(summary: Any) -> str:
     for branch in summary["branches"]:
         counts = ", ".join(f"{n} {name}" for name, n in branch["status"].items())
         lines.append(f"  branch {branch['number']} ({branch['mode']}): {counts}")
-    lines.append(f"assembly modes: {summary['search']}")
+    if summary["branches"]:
+        lines.append(f"assembly modes: {summary['search']}")
     lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
     if lacking:
         counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
