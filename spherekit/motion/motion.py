@@ -31,7 +31,7 @@ from spherekit.motion.sheet import Sheet
 from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.inputs import driven_at, driven_pairs
-from spherekit.sphere.rotation import Floats, quaternion
+from spherekit.sphere.rotation import Floats, cross, quaternion
 
 DEFAULT_SAMPLES = 361
 BLOCK = 16384
@@ -197,7 +197,11 @@ class Motion:
 
         Above 1/2 nothing says that the solution is near (Kantorovich's theorem).
         """
-        return np.asarray(self._longest_loop * self.sensitivity**2 * self.gap)
+        vectors = self.vectors
+        apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
+        # Nearly parallel axes hardly turn each other.
+        turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
+        return np.asarray(self._longest_loop * turn * self.sensitivity**2 * self.gap)
 
     @cached_property
     def configuration_error(self) -> Floats:

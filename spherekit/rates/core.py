@@ -102,14 +102,13 @@ class Equations:
                 off[1] / np.maximum(_longest(self.dw), 1.0),
             )
         held = (parts <= TRUSTED_CHANGE) & (self.flatness >= SINGULAR_RATIO)
-        held &= np.isfinite(self.motion.configuration_error)
         return np.where(held | ~near, parts, np.inf)
 
     @cached_property
     def second_order(self) -> tuple[Floats, Floats]:
         """(n,) twice: what errors of w and dw may have beyond those of first order."""
         _, *off = self._largest
-        part = SECOND_ORDER * self.motion.bend
+        part = SECOND_ORDER * np.fmin(self.motion.bend, 0.5)
         return part * off[0], part * off[1]
 
     def parts(
