@@ -120,7 +120,7 @@ def _fits(value: Any, hint: Any) -> bool:
     if origin is Literal:
         return any(type(value) is type(each) and value == each for each in inner)
     if origin in (Union, UnionType):
-        return any(_fits(value, each) for each in inner)
+        return any(_fits(value, each) for each in _parts(inner))
     if origin is os.PathLike:
         return isinstance(value, os.PathLike)
     if origin is tuple:
@@ -143,8 +143,19 @@ def _fits(value: Any, hint: Any) -> bool:
         return callable(value)
     kind = origin or hint
     if getattr(kind, "_is_protocol", False):
-        return all(hasattr(value, each) for each in dir(kind) if not each.startswith("_"))
+        # Stand-ins need not have all of it; what has nothing of it is something else.
+        own = {*dir(type(value)), *getattr(value, "__dict__", ())}
+        asked = {each for each in dir(kind) if not each.startswith("_")}
+        return "__getattr__" in own or not own.isdisjoint(asked)
     return isinstance(value, kind) if isinstance(kind, type) else True
+
+
+def _parts(inner: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the parts of a union, with `ArrayLike`, a union itself, as one."""
+    numbers = get_args(ArrayLike)
+    if not set(numbers) <= set(inner):
+        return inner
+    return (ArrayLike, *(each for each in inner if each not in numbers))
 
 
 def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
@@ -175,7 +186,7 @@ def _words(hint: Any) -> str:
     if origin is Literal:
         return f"one of {listing(inner)}"
     if origin in (Union, UnionType):
-        return " or ".join(dict.fromkeys(map(_words, inner)))
+        return " or ".join(dict.fromkeys(map(_words, _parts(inner))))
     if origin is tuple and inner[1:] != (...,):
         return f"({', '.join(map(_words, inner))})"
     if origin is Mapping:

@@ -4,6 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import spherekit as sk
 from spherekit.checked import checked
@@ -175,12 +176,20 @@ def test_what_the_types_allow_passes():
         flag: bool = False,
         words: "tuple[str, ...] | None" = None,
         late: "NoSuchType | None" = None,  # noqa: F821
+        numbers: ArrayLike | None = None,
     ) -> int:
         return count
 
     assert asked(np.int64(3), np.float32(2), np.bool_(True), ["a", "b"], object()) == 3
     assert asked(count=3, size=2) == 3
-    for wrong in ({"count": 3.0}, {"count": True}, {"count": 3, "size": "2"}):
+    for numbers in (1, 0.5, [1, 2], [[1.0], [2.0]], np.eye(3), None):
+        assert asked(3, numbers=numbers) == 3
+    for wrong in (
+        {"count": 3.0},
+        {"count": True},
+        {"count": 3, "size": "2"},
+        {"count": 3, "numbers": "a"},
+    ):
         with pytest.raises(SpherekitError):
             asked(**wrong)
     with pytest.raises(TypeError, match="missing"):
