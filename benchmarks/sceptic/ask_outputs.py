@@ -22,7 +22,7 @@ CLEAR = 0.02
 """Least measure of singularity of configurations that are compared."""
 SAME = 1e-6
 """Inputs and poses that differ by less (rad) are one."""
-STEP = 1e-4
+STEP = 1e-6
 """By how much (rad) a pose is turned for rates."""
 DIRECTIONS = 3000
 """Random directions by which an area is estimated."""
@@ -162,7 +162,7 @@ def inverse_and_rates(evidence: Evidence, notes: Notes) -> None:
             off = float(np.max(np.abs(slope - given)))
             size = max(1.0, float(np.max(np.abs(rows.rates[row]))))
             notes.contradiction(
-                not off < 1e-4 * size**3,
+                not off < 1e-6 * size**2 + STEP**2 * size**5,
                 f"{place_of(rows.inputs[row])}, mode {rows.mode[row]}: rates about axis "
                 f"{axis} are {given.round(6)}, the inputs change by {slope.round(6)}",
             )
