@@ -46,8 +46,14 @@ PLACES = (
 )
 CHECKED = 200
 """Poses whose configurations are put into the closure equations."""
-SAME_INPUTS = 1e-6
-"""Inputs (rad) of a working mode that differ by less are those given."""
+SAME_VALUES = 1e-6
+"""Configurations whose variables (rad) differ by less are one."""
+SOLVED_BY = Column(
+    "solved_by",
+    "",
+    "dyads, graph: all that were found; mid-plane: those that mirror base and output",
+    "text",
+)
 
 
 @final
@@ -116,6 +122,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 Column("type_2", "", "0 at a type II singularity"),
                 Column("sense", "", "sign of the determinant of the rates", "integer"),
                 STATUS,
+                SOLVED_BY,
                 *(
                     Column(f"near_{axis}", "", "of a reachable pose near by")
                     for axis in "xyzw"
@@ -135,6 +142,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 *PLACES,
                 Column("type_2", "", "0 at a type II singularity"),
                 STATUS,
+                SOLVED_BY,
             ),
         ),
         Table(
@@ -192,6 +200,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         figures: dict[str, Any] = {
             "output": found.solver.output.name,
             "closed_form": isinstance(found.solver, ClosedPoses),
+            "solved_by": found.solver.solved_by,
             "legs": list(found.solver.legs),
         }
         if found.rows is None:
@@ -235,7 +244,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         solved = int(np.sum(rows.solved))
         remarks = (
             f"{solved} configurations of {count} poses, at most "
-            f"{int(np.max(solutions, initial=0))} of one",
+            f"{int(np.max(solutions, initial=0))} of one{_rest(found.solver)}",
         )
         return Findings(figures, tuple(warnings), remarks)
 
@@ -353,7 +362,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         none = int(np.sum(number == 0))
         warnings = [f"at {none} of {count} inputs no pose was found"] if none else []
         return Findings(
-            figures, tuple(warnings), (f"{int(np.sum(solved))} poses of {count} inputs",)
+            figures,
+            tuple(warnings),
+            (f"{int(np.sum(solved))} poses of {count} inputs{_rest(found.solver)}",),
         )
 
     def _pair_table(self, mechanism: Mechanism, rows: InverseRows) -> Row:
@@ -384,6 +395,16 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return "\n".join(lines)
 
 
+def _rest(solver: PoseSolver) -> str:
+    """Return words on configurations that the way of solving leaves out."""
+    if solver.solved_by != "mid-plane":
+        return ""
+    return (
+        "; these are the ones whose base and output mirror each other, in closed form; "
+        "graph=true looks for all others too"
+    )
+
+
 def _inverse_table(mechanism: Mechanism, found: Found, rows: InverseRows) -> Row:
     poses = found.given.poses
     assert poses is not None
@@ -409,6 +430,7 @@ def _inverse_table(mechanism: Mechanism, found: Found, rows: InverseRows) -> Row
         "type_2": rows.type_2,
         "sense": sense_of(rows.rates, directions),
         "status": rows.status,
+        "solved_by": np.full(len(rows), found.solver.solved_by),
         **{f"near_{axis}": found.near[:, k] for k, axis in enumerate("xyzw")},
         "away": found.away,
     }
@@ -426,13 +448,13 @@ def _forward_table(mechanism: Mechanism, solver: PoseSolver, inputs: Floats) -> 
         poses = found.directions
     working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.modes), default=1)}")
     type_2 = np.full(len(pose), np.nan)
+    type_2[: len(found.row)] = solver.type_2(found.values)
     if isinstance(solver, ClosedPoses):
-        rows = solver.inverse(poses, solver.modes)
-        off = rows.inputs - inputs[found.row[rows.pose]]
+        rows = solver.inverse(poses, solver.modes, range(len(mechanism.pairs)))
+        off = rows.values - found.values[rows.pose]
         off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi).max(axis=1)
-        same = np.flatnonzero(off < SAME_INPUTS)
+        same = np.flatnonzero(off < SAME_VALUES)
         working[rows.pose[same]] = rows.mode[same]
-        type_2[rows.pose[same]] = rows.type_2[same]
     places = _places(
         solver, np.concatenate([poses, np.full((len(none), *poses.shape[1:]), np.nan)])
     )
@@ -449,6 +471,7 @@ def _forward_table(mechanism: Mechanism, solver: PoseSolver, inputs: Floats) -> 
         **{name: each[order] for name, each in places.items()},
         "type_2": type_2[order],
         "status": status[order],
+        "solved_by": np.full(len(pose), solver.solved_by),
     }
 
 

@@ -18,6 +18,7 @@ NAMES = (
     "planning",
     "motion",
     "configurations",
+    "modes",
     "inverse",
     "singularities",
     "startup",
@@ -67,6 +68,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"{', '.join(NAMES)}; or compare: how the last kept ratios changed",
     )
     parser.add_argument("--quick", action="store_true", help="fewer sizes and rounds")
+    parser.add_argument(
+        "--count", type=int, metavar="N", help="so many mechanisms of each kind in modes"
+    )
     parser.add_argument("--list", action="store_true", help="list the cases of extremes")
     parser.add_argument(
         "--only", action="append", metavar="CASE", help="of extremes this case, in full"
@@ -95,7 +99,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in options.names or NAMES:
         started = time.perf_counter()
         module = import_module(f"benchmarks.{name}")
-        wanted = {"only": only} if name == "extremes" else {}
+        wanted: dict[str, object] = {"only": only} if name == "extremes" else {}
+        if name == "modes":
+            wanted = {"count": options.count}
         sections = module.run(options.quick, **wanted)
         seconds = time.perf_counter() - started
         print(f"{name}: {seconds:.0f} s", file=sys.stderr)

@@ -11,17 +11,20 @@ from spherekit.planning.assembly import plan_assembly
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from chains import EIGHT_BARS, mechanism, random_axes
+from chains import EIGHT_BARS, mechanism, random_axes, random_chain
+from mode_judge import Structure
 from oracles import link_rates, null_space, off_axis
 
 __all__ = [
     "EIGHT_BARS",
+    "Structure",
     "grown",
     "link_rates",
     "mechanism",
     "null_space",
     "off_axis",
     "random_axes",
+    "random_chain",
     "with_contacts",
 ]
 

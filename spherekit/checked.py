@@ -2,7 +2,6 @@
 
 import functools
 import inspect
-import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from types import NoneType, UnionType
@@ -42,7 +41,7 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
     """Return a decorator that refuses arguments which a function's types do not allow.
 
     The function then raises this error, with its name, the argument, what was found and
-    what is allowed. NaN is no number. Types that cannot be judged pass.
+    what is allowed. Types that cannot be judged pass.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -114,8 +113,6 @@ def _fits(value: Any, hint: Any) -> bool:
         types, _ = _SIMPLE[hint]
         if isinstance(value, bool | np.bool_):
             return hint is bool
-        if isinstance(value, float | np.floating) and math.isnan(value):
-            return False
         return isinstance(value, types)
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Literal:

@@ -96,6 +96,40 @@ def integrated(ends, axes, driven, angles, rtol=1e-9):
     return np.array([turned_axes(state)[1] for state in states])
 
 
+def misfits(ends, axes, locked):
+    """Return the matrix that takes the rates of all links to what pairs do not allow.
+
+    An R pair (one with an axis) allows a rate about it, a locked one none.
+    """
+    count = 1 + max(max(pair) for pair in ends)
+    rows = np.zeros((3 * len(ends), 3 * count))
+    for k, ((a, b), axis) in enumerate(zip(ends, axes, strict=True)):
+        own = np.eye(3) - (0.0 if k in locked else np.outer(axis, axis))
+        rows[3 * k : 3 * k + 3, 3 * b : 3 * b + 3] = own
+        rows[3 * k : 3 * k + 3, 3 * a : 3 * a + 3] -= own
+    return rows
+
+
+def least_misfit(ends, axes, locked, link, of, direction=None):
+    """Return the least misfit for a unit rate of a link relative to another.
+
+    All pairs locked it is 1. From link rates: the rows of the inverse of `misfits` that
+    the link's rate has, by singular values; turning about a direction does not count.
+    """
+
+    def turned(held):
+        rows = misfits(ends, axes, held)
+        kept = [k for k in range(rows.shape[1]) if k // 3 != of]
+        _left, sizes, right = np.linalg.svd(rows[:, kept], full_matrices=False)
+        own = [kept.index(3 * link + k) for k in range(3)]
+        part = right[:, own].T
+        if direction is not None:
+            part = part - np.outer(direction, direction @ part)
+        return np.linalg.norm(part / sizes, 2)
+
+    return turned(range(len(ends))) / turned(locked)
+
+
 def off_axis(direction, vector):
     """Return the angle-like distance (n,) of lines along two vectors: |sin|."""
     sine = np.linalg.norm(np.cross(direction, vector), axis=-1)

@@ -290,6 +290,26 @@ def test_what_reads_no_samples_is_asked_once(tmp_path):
     assert timed.logged[0][3].tolist() == [0.0, 0.5, 1.0, 1.5]
 
 
+def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):
+    """No mode is looked for, no sample followed, and no table of a motion written."""
+
+    def followed(*given, **named):
+        raise AssertionError("a motion was traced")
+
+    monkeypatch.setattr("spherekit.motion.motion.find_branches", followed)
+    made = sk.load("two_dof_spm")
+    for request in (
+        "inverse_kinematics:poses=14:23,columns=21+61",
+        "workspace:mode=0,tolerance=0.1",
+        "equivalent_rotation:start=phi=75+gamma=-20,end=phi=70+gamma=20,samples=3",
+    ):
+        result = sk.run(made, request)
+        assert not result.failures and not result.results["motion"].tables
+        assert result.summary["branches"] == [] and len(result.frame())
+    with pytest.raises(AssertionError, match="was traced"):
+        sk.run(made, ["inverse_kinematics:poses=14:23,columns=21+61", "poles"])
+
+
 def test_it_is_not_asked_again_when_a_run_goes_on(tmp_path):
     def stop(done, total):
         if done == 8:
@@ -299,8 +319,8 @@ def test_it_is_not_asked_again_when_a_run_goes_on(tmp_path):
     Apart.calls.clear()
     words = {"samples": 25, "block": 4, "folder": tmp_path}
     with pytest.raises(KeyboardInterrupt):
-        sk.run(made, Apart(), **words, progress=stop)
-    result = sk.run(made, Apart(), **words, unfinished="resume")
+        sk.run(made, [Apart(), "poles"], **words, progress=stop)
+    result = sk.run(made, [Apart(), "poles"], **words, unfinished="resume")
     assert Apart.calls == [0]
     assert len(result.frame("apart")) == 3
     assert result.summary["remarks"] == ["apart: Three."]

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.conventions import Status
+from spherekit.conventions import EPS, Status
 from spherekit.errors import FileError, PlanError, SolveError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
@@ -392,8 +392,10 @@ def test_the_margin_and_measures_of_a_three_legged_wrist():
             n *= np.sign(sine)[:, None]
             assert np.max(np.abs(n - inverse.normals[k][good, i])) < 1e-12
             normals.append(n)
-        volume = np.abs(np.linalg.det(np.stack(normals, axis=1)))
-        assert np.max(np.abs(volume - inverse.type_2[k][good])) < 1e-12
+        # A leg of three pairs with its crank locked resists about its normal alone, as
+        # three springs in a row; three locked legs side by side resist as one spring.
+        least = np.linalg.svd(np.stack(normals, axis=1), compute_uv=False)[:, -1]
+        assert np.max(np.abs(least / np.sqrt(3.0) - inverse.type_2[k][good])) < 1e-12
 
 
 def test_the_jacobian_undoes_differences_of_the_inputs(made):
@@ -618,7 +620,7 @@ def test_the_mid_plane_mechanism_returns_from_every_working_mode(count):
         )
         assert np.all(np.isnan(inverse.inputs[k][failed]))
     assert len(found) == 4
-    assert worst < 1e-13
+    assert worst < 2000 * EPS  # rounding, over measures of at least 0.05
 
 
 def test_every_turn_of_the_mid_plane_mechanism_is_found():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from oracles import least_misfit
 from scipy.spatial.transform import Rotation
 from spherekit_analyses.pose_lists import Given
 from test_inverse import serial
@@ -61,14 +62,23 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     own = ForwardKinematics(solver.mechanism).solver
     turns = output_rates(motion_of(own, rows.values[good]), solver.output)
     directions = poses[rows.pose[good]] if solver.points else None
-    found = measures_of(turns, directions)
+    found = measures_of(turns, rows.type_2[good], directions)
     known = np.isfinite(turns).all(axis=(1, 2))
     assert np.mean(known) > 0.9
     size = np.max(np.abs(rows.rates[good][known]), axis=(1, 2))
     gap = np.max(np.abs(found.rates - rows.rates[good])[known], axis=(1, 2))
     assert np.max(gap / size) < 1e-10
     assert np.max(np.abs(found.type_1 - rows.type_1[good])[known]) < 1e-10
-    assert np.max(np.abs(found.type_2 - rows.type_2[good])[known]) < 1e-10
+    mechanism, output = solver.mechanism, solver.output
+    placed, states = own.closure.place(rows.values[good])
+    axes = own.closure.vectors(placed, states)
+    link, of = (mechanism.link_number[n] for n in (output.link, output.relative_to))
+    for k in range(0, len(axes), 5):
+        direction = None if directions is None else directions[k]
+        if direction is not None:
+            direction = placed[k, of] @ direction
+        least = least_misfit(mechanism.ends, axes[k], own.driven, link, of, direction)
+        assert abs(rows.type_2[good][k] - least) < 1e-12
 
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])

@@ -194,6 +194,8 @@ def test_a_signal_says_how_to_go_on(number, tmp_path, capsys):
         capture_output=True,
         text=True,
         check=False,
+        # Ignored, as by the shells that start jobs in the background, it would stay so.
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
     assert done.returncode == 128 + number
     assert done.stdout == ""
@@ -207,6 +209,21 @@ def test_a_signal_says_how_to_go_on(number, tmp_path, capsys):
     assert main(command[1:]) == 0
     assert main([*words, str(tmp_path / "whole"), "-q"]) == 0
     assert contents(folder) == contents(tmp_path / "whole")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_a_run_in_the_background_of_a_shell_ignores_ctrl_c(tmp_path):
+    """Shells start such jobs with SIGINT ignored, and programs leave it so."""
+    words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "9000", "-o"]
+    done = subprocess.run(
+        [sys.executable, "-c", STOPPED, str(int(signal.SIGINT)), *words, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    )
+    assert done.returncode == 0, done.stderr
+    assert contents(tmp_path)["summary.json"]["samples"] == 9000
 
 
 @pytest.mark.skipif(resource is None, reason="needs limits of files")

@@ -9,9 +9,12 @@ from multibody import Hinge, MultiBody
 
 from spherekit.dynamics.forward import simulate
 from spherekit.engine.compiler import available
+from spherekit.errors import EngineError
 from spherekit.files.read import load
-from spherekit.model.dynamics import Friction, Mass, PairTorque
+from spherekit.model.dynamics import Friction, Mass, PairTorque, Stop
+from spherekit.model.expression import parse
 from spherekit.model.laws import Start
+from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
 
 ENGINES = (
@@ -174,3 +177,165 @@ def test_sticking_is_that_of_an_outside_integrator(engine):
 @pytest.mark.parametrize("dry", [DRY, 6.0])
 def test_dry_friction_of_every_speed(name, speed, dry, engine):
     holds(name, np.deg2rad(speed), 5.0, engine, dry)
+
+
+# --- closed forms on one link ------------------------------------------------------------
+
+INERTIA = 0.75
+
+
+def one_link(*loads, stops=()):
+    """Return one link of this inertia that turns about x in the ground."""
+    made = Mechanism(
+        "one_link",
+        "1",
+        ("1", "2"),
+        (Pair("12", "R", ("1", "2")),),
+        PoseGeometry({"12": (1.0, 0.0, 0.0)}),
+    ).with_inputs("12")
+    tensor = ((INERTIA, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
+    return replace(made, masses=(Mass("2", tensor),), loads=loads, stops=stops)
+
+
+def torque(text):
+    """Return a torque at its pair."""
+    return PairTorque("torque", "12", text)
+
+
+WIDE, NARROW = 1e-3, 1e-6
+IMPULSES = {
+    "bump": ("{high}*exp(-((t - 1.37)/{w})**2)", np.sqrt(np.pi)),
+    "bell": ("{high}*(1 - tanh((t - 1.37)/{w})**2)", 2.0),
+    "root": ("{high}*(1 + ((t - 1.37)/{w})**2)**(-1.5)", 2.0),
+    "hat": ("{high}*max(0, 1 - abs(t - 1.37)/{w})", 1.0),
+    "box": ("{high}*(sign(t - 1.37 + {w}) - sign(t - 1.37 - {w}))", 4.0),
+}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+@pytest.mark.parametrize("kind", IMPULSES)
+def test_an_impulse_however_short_changes_the_momentum(kind, width, engine):
+    """By its integral, less what one leaves out that is never zero; or the run ends there.
+
+    NumPy ends at jumps that no step is short enough for, and says so.
+    """
+    text, area = IMPULSES[kind]
+    high = 0.1 / width
+    made = one_link(torque(text.format(high=repr(high), w=repr(width))))
+    found = simulate(made, Start(0.0, 1.0), 2.0, engine=engine)
+    if engine == "numpy" and kind == "box" and found.end.kind == "too_fast":
+        assert abs(found.end.t - 1.37) < 2.0 * width and "jumps" in found.end.message
+        return
+    rate = found.at([2.0]).dq[0]
+    left_out = 0.0
+    if kind == "root":
+        left_out = sum(1.0 - x / np.hypot(1.0, x) for x in (1.37 / width, 0.63 / width))
+    assert abs(rate - 1.0 - 0.1 * (area - left_out) / INERTIA) < 1e-8
+    assert found.missed is None
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_narrow_step_of_the_potential_changes_the_energy(sense, engine):
+    """A torque F (1 - tanh((theta - a)/w)^2) does the work 2 F w."""
+    width, work = 1e-6, sense * 0.2
+    high = work / (2.0 * width)
+    text = f"{high!r}*(1 - tanh((theta_12 - 0.8)/{width!r})**2)"
+    found = simulate(one_link(torque(text)), Start(0.0, 1.0), 1.7, engine=engine)
+    assert abs(found.at([1.7]).dq[0] - np.sqrt(1.0 + 2.0 * work / INERTIA)) < 1e-8
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("speed", [1e-4, 1e-2, 0.1])
+def test_friction_stops_a_link_and_holds_it(speed, engine):
+    """J w' = -F tanh(w / s): sinh(w / s) falls as exp(-F t / (J s)) does."""
+    made = one_link(Friction("rub", "12", 2.0, 0.0, speed))
+    found = simulate(made, Start(0.0, 1.0), 1.0, engine=engine, check=True)
+    t = np.array([0.1, 0.3, 0.37, 0.375, 0.38, 0.5, 1.0])
+    # ln sinh(1 / s) and its inverse, so that sinh need not be held by a float64.
+    start = 1.0 / speed + np.log1p(-np.exp(-2.0 / speed)) - np.log(2.0)
+    level = start - 2.0 * t / (INERTIA * speed)
+    large = level + np.log(2.0)
+    expected = speed * np.where(
+        level > 20.0, large, np.arcsinh(np.exp(np.minimum(level, 20)))
+    )
+    assert np.max(np.abs(found.at(t).dq - expected)) < 1e-8
+    assert found.missed is None
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_stop_that_is_touched_ends_the_motion(engine):
+    """q = t - t^2 / 2 rises to 1/2, 1e-9 above the stop."""
+    made = one_link(torque(repr(-INERTIA)), stops=(Stop("12", -1.0, 0.5 - 1e-9),))
+    found = simulate(made, Start(0.0, 1.0), 3.0, engine=engine)
+    assert found.end.kind == "stop"
+    assert abs(found.end.t - (1.0 - np.sqrt(2e-9))) < 1e-9
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_motion_that_multiplies_errors_says_that_it_misses_its_tolerance(engine):
+    """On its way into a saddle, exp(-4 t), an error grows by exp(4 t)."""
+    made = one_link(torque(repr(16.0 * INERTIA) + "*theta_12"))
+    near = simulate(made, Start(1.0, -4.0), 1.0, engine=engine, check=True)
+    assert near.missed is None and abs(near.at([1.0]).q[0] - np.exp(-4.0)) < 1e-9
+    found = simulate(made, Start(1.0, -4.0), 7.0, engine=engine, check=True)
+    assert found.error > 1e-9
+    assert "misses its tolerance of 1.0e-09 rad: its error is" in found.missed
+    assert "missed with steps for" in found.engine.reason
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_masses_and_loads_of_any_size_give_the_same_motion(engine):
+    """Scaled together they give the same equation, and as good an answer."""
+    ends = []
+    for scale in (1.0, 2.0**-40):
+        made = one_link(torque(f"{scale!r}*10*sin(2*t) - {scale!r}*theta_12**3"))
+        masses = tuple(
+            replace(m, tensor=tuple(tuple(scale * x for x in row) for row in m.tensor))
+            for m in made.masses
+        )
+        given = replace(made, masses=masses)
+        ends.append(simulate(given, Start(0.3, 1.0), 5.0, engine=engine).at([5.0]).q[0])
+    assert abs(ends[0] - ends[1]) < 1e-9
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_inertia_that_vanishes_is_the_reason(engine):
+    """Where a rocker that alone has mass turns back, nothing with mass moves."""
+    made = load("four_bar")
+    rocker = tuple(mass for mass in made.masses if mass.link == "4")
+    light = replace(made, masses=rocker, loads=())
+    found = simulate(light, START, 10.0, engine=engine)
+    assert found.end.kind == "no_inertia" and "equivalent inertia" in found.end.message
+    # The crank and the coupler are one arc there, of 70 - 20 or 70 + 20 degrees.
+    c, s = np.cos(np.radians([40.0, 60.0])), np.sin(np.radians([40.0, 60.0]))
+    rocking = (np.cos(np.radians([50.0, 90.0])) - c[0] * c[1]) / (s[0] * s[1])
+    angle = found.at([found.end.t]).values[0, made.variable_names.index("theta_41")]
+    assert np.min(np.abs(abs(np.cos(angle)) - np.abs(rocking))) < 1e-4
+
+
+def test_a_load_with_a_value_but_no_series_is_left_to_numpy():
+    """exp(3000) is infinite, and 1 over it zero."""
+    made = one_link(torque("3/(1 + exp((0.3 - t)/0.0001))"))
+    found = simulate(made, Start(0.0, 1.0), 1.0)
+    assert abs(found.at([1.0]).dq[0] - 1.0 - 3.0 * 0.7 / INERTIA) < 1e-8
+    if available():
+        with pytest.raises(EngineError, match="no series"):
+            simulate(made, Start(0.0, 1.0), 1.0, engine="compiled")
+
+
+@pytest.mark.parametrize(
+    ("text", "steep"),
+    [
+        ("sin(theta_12)*t**3 - 2*dtheta_12", 0),
+        ("tanh(dtheta_12/0.01)", 1),
+        ("exp(-((t - 5)/0.01)**2)", 1),
+        ("dtheta_12/sqrt(dtheta_12**2 + 1e-16)", 2),
+        ("max(0, sin(t), 0.2)", 2),
+        ("tanh(3)*t", 0),
+    ],
+)
+def test_steep_arguments_are_found_in_the_expression(text, steep):
+    found = parse(text, ["t", "theta_12", "dtheta_12"])
+    assert len(found.steep) == steep

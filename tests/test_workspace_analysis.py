@@ -215,7 +215,9 @@ def test_measures_of_the_mid_plane_mechanism(mid_plane):
         assert np.min(gap, axis=0).max() < 1e-9
         mode, row = np.nonzero(gap < 1e-9)
         assert np.abs(other.type_1[mode, row] - rows.type_1[row]).max() < 1e-8
-        assert np.abs(other.type_2[mode, row] - rows.type_2[row]).max() < 1e-8
+        off = np.full(gap.shape, np.inf)  # the third leg has two modes with these inputs
+        off[mode, row] = np.abs(other.type_2[mode, row] - rows.type_2[row])
+        assert np.min(off, axis=0).max() < 1e-8
     axes = [mid_plane.at(places, (1, -1, 1)).cosine(pair, 0) for pair in range(14)]
     assert np.all(np.abs(axes) <= 1.0 + 1e-12)
 
@@ -252,7 +254,7 @@ def loop_case():
     wanted = Constraints(
         limits=(PairLimit("f2", -2.0, 1.0),),
         apart=(AxesLimit("b1", "b2", 0.3), AxesLimit("e2", "c", 0.0, 1.9)),
-        near=np.radians(12.0),
+        near=np.radians(6.0),
     )
     return mechanism, kinematics, bounds_of(kinematics, wanted)
 
@@ -277,7 +279,7 @@ def test_mechanism_with_a_loop_within(loop_case, signs):
     inside &= arc(axis("b1"), axis("b2")) >= 0.3
     inside &= arc(axis("e2"), axis("c")) <= 1.9
     least = np.minimum(measures.type_1[0].min(axis=1), measures.type_2[0])
-    inside &= least >= np.sin(np.radians(12.0))
+    inside &= least >= np.sin(np.radians(6.0))
     judged = judge(kinematics, bounds, signs, DIRECTIONS)
     assert 1000 < inside.sum() < 15_000
     assert np.array_equal(judged.inside, inside)

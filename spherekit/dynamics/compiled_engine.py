@@ -8,10 +8,12 @@ import numpy as np
 
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.dynamics.inertia import equivalent_inertia
+from spherekit.dynamics.kinematics import flatness
 from spherekit.dynamics.path import Traced
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
+    NO_SERIES,
     End,
     EngineReport,
     Event,
@@ -26,8 +28,11 @@ from spherekit.dynamics.start import Problem
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import MOST_STEPS, Run, integrate
 from spherekit.engine.loads import FULL_TURN
+from spherekit.errors import EngineError
 from spherekit.sphere.rotation import Floats
 
+NO_CROSSING = 1e-3
+"""Flatter equations of all loops belong to a crossing of curves, see `flatness`."""
 STICKS = (
     "a load that is not smooth would turn back at once, as dry friction does at rest; "
     "sticking is not modelled: smooth the load, or end here"
@@ -86,7 +91,8 @@ def by_taylor_series(
     Raises
     ------
     EngineError
-        If the mechanism cannot be compiled.
+        If the mechanism cannot be compiled, or not on all of the way, or a load has no
+        series at the start.
     """
     mechanism = problem.equation.mechanism
     started = time.perf_counter()
@@ -112,8 +118,13 @@ def by_taylor_series(
     )
     seconds = time.perf_counter() - started
     if not run.stretches:
+        state = problem.equation.state(problem.values, problem.speed, problem.tangent)
+        if _has_value(problem, 0.0, state, problem.tangent, problem.whole):
+            raise EngineError(f"{mechanism.name}: at the start {NO_SERIES}")
         raise cannot_leave(problem, JUMPS)
     path = TaylorPath(run, sense)
+    if run.end == "singularity":
+        _need_crossing(problem, path)
     report = EngineReport("compiled", reason, compiling, seconds, len(run.starts), forecast)
     return Simulation(
         problem.equation,
@@ -124,6 +135,22 @@ def by_taylor_series(
         report,
         tolerance=tolerance,
     )
+
+
+def _need_crossing(problem: Problem, path: TaylorPath) -> None:
+    """Raise `EngineError` where no curves cross at the end of a path.
+
+    Of redundant equations those that are independent where they were chosen are compiled;
+    elsewhere they may depend on each other though the others hold the mechanism.
+    """
+    state = path.at(np.array([path.run.time])).states[0]
+    equation = problem.equation
+    if flatness(equation.closure, state[: equation.variables]) > NO_CROSSING:
+        raise EngineError(
+            f"{equation.mechanism.name}: of its redundant equations those that were chosen "
+            f"depend on each other at t = {path.run.time:.6g} s; use NumPy's "
+            'simulate(engine="numpy"), or --engine numpy'
+        )
 
 
 def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
@@ -167,5 +194,20 @@ def _end(problem: Problem, path: TaylorPath) -> End:
         return End("sticking", run.time, STICKS)
     if run.end == "too_many":
         return End("too_fast", run.time, too_many(MOST_STEPS))
+    traced = path.at(np.array([run.time]))
+    whole = FULL_TURN * traced.turns[0]
+    if run.end == "not_finite" and _has_value(
+        problem, run.time, traced.states[0], traced.along[0], whole
+    ):
+        return End("too_fast", run.time, NO_SERIES)
     why = f"no step is short enough; {JUMPS}"
     return given_up(problem.equation, path, run.time, why)
+
+
+def _has_value(
+    problem: Problem, t: float, state: Floats, along: Floats, whole: Floats
+) -> bool:
+    """Return whether all loads have values at a state."""
+    with np.errstate(all="ignore"):
+        found = problem.equation.at(np.array([t]), state[None], along, whole)
+    return bool(np.all(np.isfinite(found.forces)))

@@ -57,8 +57,9 @@ class StepEvents:
                 beyond = sense * (self.states[:, column] - level)
                 beyond[0] = min(beyond[0], 0.0)
                 value = self._column(column, level)
+                t, beyond = self._with_turns(value, sense, beyond)
                 for k in np.flatnonzero((beyond[1:] > 0.0) & (beyond[:-1] <= 0.0))[:1]:
-                    reached.append((_root(value, self.t[k], self.t[k + 1]), stop))
+                    reached.append((_root(value, t[k], t[k + 1]), stop))
         return min(reached, key=lambda item: item[0], default=None)
 
     def orientation(self, closure: Closure) -> Floats:
@@ -87,6 +88,31 @@ class StepEvents:
         found = self._zeros_of_samples(orientation) if np.any(turned) else []
         first = int(np.argmax(turned | near))
         return min([*found, float(self.t[1 + first])])
+
+    def _with_turns(
+        self, value: Callable[[float], float], sense: float, samples: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return times and samples, and the highest place where samples rise and fall.
+
+        Only where it is not beyond zero already, so that a short visit there is seen.
+        """
+        from scipy.optimize import minimize_scalar
+
+        rising, inside = np.diff(samples) > 0.0, samples[1:-1] <= 0.0
+        steep = np.abs(np.diff(samples))
+        within = -samples[1:-1] <= np.maximum(steep[1:], steep[:-1])
+        t, found = self.t, samples
+        for k in np.flatnonzero(rising[:-1] & ~rising[1:] & inside & within)[::-1] + 1:
+            low, high = self.t[k - 1], self.t[k + 1]
+            best = minimize_scalar(
+                lambda t: -sense * value(t),
+                bounds=(low, high),
+                method="bounded",
+                options={"xatol": 1e-9 * (high - low)},
+            )
+            place = int(np.searchsorted(t, best.x))
+            t, found = np.insert(t, place, best.x), np.insert(found, place, -best.fun)
+        return t, found
 
     def _column(self, column: int, level: float) -> Callable[[float], float]:
         return lambda t: float(self.step.at(np.array([t]))[0, column]) - level

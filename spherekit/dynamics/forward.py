@@ -11,7 +11,7 @@ from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.numpy_engine import Collocation
-from spherekit.dynamics.simulation import Forecast, Simulation
+from spherekit.dynamics.simulation import NO_SERIES, Forecast, Simulation
 from spherekit.dynamics.start import PoseStart, Problem, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
 from spherekit.engine.kernels import ENGINES, Engine
@@ -170,7 +170,7 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
         if not smooth(mechanism):
             why = "NumPy does not find the kinks of the loads"
         if why:
-            return by_taylor_series(problem, tolerance, compact, why)
+            return _while_it_can(solver, by_taylor_series(problem, tolerance, compact, why))
         forecast: Forecast | None = None
         while solver.advance():
             left = solver.left
@@ -179,8 +179,14 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
             now = Forecast(solver.seconds + left, compiling + left / QUICKER)
             forecast = forecast or now
             if left > now.compiled:
-                return by_taylor_series(problem, tolerance, compact, str(now), now)
+                found = by_taylor_series(problem, tolerance, compact, str(now), now)
+                return _while_it_can(solver, found)
     except (EngineError, PlanError) as fault:
         return solver.simulation(str(fault))
     forecast = forecast or Forecast(solver.seconds, compiling)
     return solver.simulation(str(forecast), forecast)
+
+
+def _while_it_can(solver: Collocation, found: Simulation) -> Simulation:
+    """Return a compiled simulation, or NumPy's where a load has a value but no series."""
+    return solver.simulation(NO_SERIES) if found.end.message == NO_SERIES else found

@@ -115,6 +115,20 @@ def by_arc_length(
     )
 
 
+def flatness(closure: Closure, values: Floats) -> float:
+    """Return how surely one motion alone closes the loops at a configuration (variables,).
+
+    The least singular value of the closure equations that a single freedom leaves, over
+    the greatest: 0 where curves of configurations cross, whatever equations are redundant.
+    """
+    _, jacobian = closure.linearise(values[None])
+    sizes = np.linalg.svd(jacobian[0], compute_uv=False)
+    kept = len(values) - 1
+    if not kept:
+        return 1.0
+    return float(sizes[kept - 1] / sizes[0]) if len(sizes) >= kept else 0.0
+
+
 def continued(tangents: Floats, along: Floats) -> Floats:
     """Return the signs (n,) that make tangents of successive rows one sense of travel.
 

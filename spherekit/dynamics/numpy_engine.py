@@ -18,6 +18,7 @@ from spherekit.dynamics.collocation import (
     next_length,
 )
 from spherekit.dynamics.events import StepEvents
+from spherekit.dynamics.kinematics import flatness
 from spherekit.dynamics.path import CollocationPath, Travelled
 from spherekit.dynamics.simulation import (
     CROSSING,
@@ -269,11 +270,8 @@ class Collocation:
         for code, kind in kinds.items():
             if np.any(codes == code):
                 return End(kind, t, STATUS_MEANING[code])
-        values = state[None, : self.equation.variables]
-        _, jacobian = self.equation.closure.linearise(values)
-        sizes = np.linalg.svd(jacobian[0], compute_uv=False)
-        least = float(sizes[-1] / sizes[0]) if len(sizes) else 1.0
-        if least < 1e-5:
+        values = state[: self.equation.variables]
+        if flatness(self.equation.closure, values) < 1e-5:
             return End("singularity", t, CROSSING)
         why = f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}"
         if not self.path:

@@ -53,7 +53,9 @@ BLOCK = 1024
 _FULL_TURN_REST = 2.4492935982947064e-16
 """2 pi less its nearest float64."""
 
-RunEnd = Literal["time", "stop", "singularity", "sticking", "too_fast", "too_many"]
+RunEnd = Literal[
+    "time", "stop", "singularity", "sticking", "too_fast", "too_many", "not_finite"
+]
 
 
 @final
@@ -289,7 +291,7 @@ class _Integration:
             before = (len(integrator.seen), self._sides(integrator)) if looks else (0, None)
             outcome, length = integrator.step(min(target - start, self.longest))
             if outcome is End.NOT_FINITE:
-                end = "too_fast"
+                end = "not_finite"
             elif length > 0.0 or outcome is End.EVENT:
                 self.time = integrator.time
                 taken.append(_Taken(start, length, integrator.coefficients, *before))
@@ -297,7 +299,7 @@ class _Integration:
                 end = "time"
             elif outcome is End.EVENT:
                 end = self._event(integrator)
-            elif outcome is not End.SWITCH and length < shortest:
+            elif outcome in (End.STEP, End.LIMIT) and length < shortest:
                 end = "too_fast"
             if not looks or not (limited or end is not None or len(taken) == STRETCH):
                 continue

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from spherekit.sphere.rotation import Floats
 
 EVEN = 17
-"""Places in a step that are always looked at, both ends among them."""
+"""Places in a step that are always looked at, both ends among them,"""
+
+BESIDE = 1e-6
+"""and two so near to the ends that what turns back beside an end is seen."""
 
 FINER = 9
 """Places in a bracket of a zero or a turn, which one round narrows to two of its gaps,"""
@@ -34,16 +37,21 @@ def good_until(look: Look, steps: int) -> Floats:
     What is missed is right where it is at most 1; the part is that of the last place
     before the first one that is not.
     """
-    even = np.linspace(0.0, 1.0, EVEN)
-    owner, x = np.repeat(np.arange(steps), EVEN), np.tile(even, steps)
+    even = np.sort([*np.linspace(0.0, 1.0, EVEN), BESIDE, 1.0 - BESIDE])
+    owner, x = np.repeat(np.arange(steps), len(even)), np.tile(even, steps)
     missed, arguments = look(owner, x)
-    shaped = arguments.reshape(steps, EVEN, -1)
-    more = [_turns(look, shaped), _zeros(look, shaped)]
-    found = [(owner, x, missed)]
-    for own, places in more:
-        if len(own):
-            found.append((own, places, look(own, places)[0]))
-    owner, x, missed = (np.concatenate(each) for each in zip(*found, strict=True))
+    shaped = arguments.reshape(steps, len(even), -1)
+    more = (_turns(look, even, shaped), _zeros(look, even, shaped))
+    own, places = (np.concatenate(each) for each in zip(*more, strict=True))
+    if len(own):
+        order = np.lexsort((places, own))
+        own, places = own[order], places[order]
+        # Between two jumps, which need not be on either side of a place found.
+        pairs = np.flatnonzero(own[1:] == own[:-1])
+        own = np.append(own, own[pairs])
+        places = np.append(places, 0.5 * (places[pairs] + places[pairs + 1]))
+        owner, x = np.append(owner, own), np.append(x, places)
+        missed = np.append(missed, look(own, places)[0])
     wrong = ~(missed <= 1.0)
     first = np.full(steps, np.inf)
     np.minimum.at(first, owner[wrong], x[wrong])
@@ -54,12 +62,12 @@ def good_until(look: Look, steps: int) -> Floats:
     return good
 
 
-def _turns(look: Look, shaped: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return steps and places at which arguments (steps, EVEN, arguments) turn back."""
+def _turns(look: Look, even: Floats, shaped: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return steps and places at which arguments (steps, even, arguments) turn back."""
     slopes = np.diff(shaped, axis=1)
     step, place, argument = np.nonzero(slopes[:, :-1] * slopes[:, 1:] < 0.0)
     sense = np.sign(slopes[step, place, argument])
-    low, width = place / (EVEN - 1.0), np.full(len(step), 2.0 / (EVEN - 1.0))
+    low, width = even[place], even[place + 2] - even[place]
     rows = np.arange(len(step))
     for _ in range(ROUNDS if len(step) else 0):
         values = sense[:, None] * _finer(look, step, low, width, argument)
@@ -75,11 +83,11 @@ def _turns(look: Look, shaped: Floats) -> tuple[NDArray[np.intp], Floats]:
     return step, low + 0.5 * width * (1.0 + np.where(np.isfinite(shift), shift, 0.0))
 
 
-def _zeros(look: Look, shaped: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return steps and places at which arguments (steps, EVEN, arguments) are zero."""
+def _zeros(look: Look, even: Floats, shaped: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return steps and places at which arguments (steps, even, arguments) are zero."""
     step, place, argument = np.nonzero(shaped[:, :-1] * shaped[:, 1:] < 0.0)
     sense = np.sign(shaped[step, place, argument])
-    low, width = place / (EVEN - 1.0), np.full(len(step), 1.0 / (EVEN - 1.0))
+    low, width = even[place], even[place + 1] - even[place]
     rows = np.arange(len(step))
     before, after = np.ones(len(step)), -np.ones(len(step))
     for _ in range(ROUNDS if len(step) else 0):

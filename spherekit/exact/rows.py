@@ -57,7 +57,8 @@ class ExactRows:
     the inputs, in Frobenius norms: an error e of the geometry moves the configuration by
     up to about `condition` times e, and it grows without bound towards singularities of
     type II. `status` (n,): that of a row which failed already; NOT_CONVERGED;
-    BRANCH_LOST where the solution is farther than 1e-6 rad or others are as near;
+    BRANCH_LOST where the solution is farther than 1e-6 rad and than the row may be off by
+    its open loops, or others are as near;
     AT_SINGULARITY where the Jacobian has no full rank in these numbers; NOT_CLOSED.
     """
 
@@ -292,7 +293,9 @@ class _Solver:
         distance = self._largest(values - start)
         wild = (second > ROUNDING * eps * condition) & (second > CONTRACTION * first)
         status[closed & (residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
-        status[closed & (wild | (distance > RADIUS))] = Status.BRANCH_LOST
+        off = self.motion.configuration_error[rows]
+        near = np.maximum(np.where(np.isfinite(off), 2.0 * off, 0.0), RADIUS)
+        status[closed & (wild | (distance > near))] = Status.BRANCH_LOST
         return _Closed(values, inverse, distance, residual, condition, status)
 
 

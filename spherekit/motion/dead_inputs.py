@@ -14,6 +14,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.branches import Solver
 from spherekit.motion.complex_modes import meetings_of
 from spherekit.numeric.crossings import MOST_CELLS, crossings
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
 POINTLIKE = 1e-4
@@ -88,29 +89,36 @@ class DeadInputs:
 
 
 def dead_inputs(
-    solver: Solver, low: float, high: float, most_cost: float = np.inf
+    solver: Solver,
+    low: float,
+    high: float,
+    most_cost: float = np.inf,
+    most_time: float = MOST_TIME,
 ) -> DeadInputs:
     """Return the dead inputs of a mechanism with one input over a range (rad).
 
     Where one value of the functions takes more than `most_cost` (s), the whole range is
-    left doubtful.
+    left doubtful. What is not settled after about `most_time` (s), too.
     """
     meetings = meetings_of(solver, most_cost) if low < high else None
     if meetings is None:
         return DeadInputs(low, high, np.zeros(0), np.array([[low, high]]))
     if not meetings.groups:  # an open chain has one mode
         return DeadInputs(low, high, np.zeros(0), np.zeros((0, 2)))
-    most = int(np.clip(MOST_TIME / (36.0 * meetings.cost), 12, MOST_CELLS))
-    found = [
-        crossings(
-            lambda q, part=part: meetings(part, q),  # type: ignore[misc]
-            low,
-            high,
-            most,
-            SMOOTH / meetings.modes(part),
-        )
-        for part in range(len(meetings.groups))
-    ]
+    most = int(np.clip(most_time / (36.0 * meetings.cost), 12, MOST_CELLS))
+    working = Working("looking for the inputs at which modes meet")
+    found = []
+    for part in range(len(meetings.groups)):
+        asked = [0]
+
+        def function(q: Floats, part: int = part, asked: list[int] = asked) -> Floats:
+            asked[0] += len(q)
+            words = f"group {part + 1} of {len(meetings.groups)}, {asked[0]} inputs"
+            working.tell(lambda: words)
+            return meetings(part, q)
+
+        smooth = SMOOTH / meetings.modes(part)
+        found.append(crossings(function, low, high, most, smooth))
     places = np.sort(np.concatenate([part.places for part in found]))
     doubtful = np.concatenate([part.doubtful for part in found])
     return DeadInputs(low, high, places, doubtful[np.argsort(doubtful[:, 0])])

@@ -9,6 +9,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import REACH_SLACK
 from spherekit.model.geometry import Joint, Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
@@ -26,7 +27,8 @@ class State:
 
     `joints` are those of the mechanism's pairs and `variables[pair]` the numbers of
     their variables; `within[link]` is (n, 3, 3), from the link's axes to those of its
-    body; `values` (n, variables) are the variables known so far.
+    body; `values` (n, variables) are the variables known so far. `slack` (n,) rad is what
+    bodies may be off by: nearly straight dyads enlarge it, at most to the root of rounding.
     """
 
     joints: tuple[Joint, ...]
@@ -34,6 +36,7 @@ class State:
     within: dict[int, Floats]
     values: Floats
     lost: Bools = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    slack: Floats = field(default_factory=lambda: np.zeros(0))
 
     @staticmethod
     def start(
@@ -63,7 +66,8 @@ class State:
             else:
                 within[a] = within[b] @ transpose(turn)
             placed |= {a, b}
-        return State(joints, variables, within, values, np.zeros(n, dtype=bool))
+        lost, slack = np.zeros(n, dtype=bool), np.full(n, REACH_SLACK)
+        return State(joints, variables, within, values, lost, slack)
 
     def copy(self) -> "State":
         """Return a state that can be assembled differently from here on."""
@@ -125,7 +129,10 @@ def place_dyad(
         (axis(near, 1), axis(middle, 1)),
         (axis(far, 2), axis(middle, 2)),
         sign if even else -sign,
+        state.slack,
     )
+    grown = state.slack / np.maximum(sine, np.sqrt(REACH_SLACK))
+    state.slack = np.minimum(grown, np.sqrt(REACH_SLACK))
     n = len(state.values)
     placed = np.broadcast_to(np.eye(3), (n, 3, 3, 3)).copy()
     placed[:, 1], placed[:, 2] = near_turn, far_turn

@@ -116,12 +116,14 @@ def left_inverse(matrices: Floats) -> Floats:
             return np.concatenate([_one_inverse(matrix[None]) for matrix in matrices])
     inverse = np.full((len(matrices), matrices.shape[2], matrices.shape[1]), np.nan)
     finite = np.all(np.isfinite(matrices), axis=(1, 2))
-    values = np.linalg.svd(matrices[finite], compute_uv=False)
     columns = matrices.shape[2]
-    full = np.zeros(len(matrices), dtype=bool)
-    if values.shape[1] >= columns:
-        full[finite] = values[:, columns - 1] > REDUNDANT * values[:, 0]
-    inverse[full] = np.linalg.pinv(matrices[full], rcond=REDUNDANT)
+    if matrices.shape[1] < columns or not np.any(finite):
+        return inverse
+    left, sizes, right = np.linalg.svd(matrices[finite], full_matrices=False)
+    full = sizes[:, -1] > REDUNDANT * sizes[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = (np.swapaxes(right, 1, 2) / sizes[:, None]) @ np.swapaxes(left, 1, 2)
+    inverse[finite] = np.where(full[:, None, None], found, np.nan)
     return inverse
 
 

@@ -1,9 +1,9 @@
 """Finding the assembly modes of a mechanism over the ranges of its inputs.
 
 With one input they are looked for between all inputs at which modes meet, where those
-are known, else at several. All modes of dyads are enumerated; those of irreducible
-groups are all found by elimination or some by a search, and each new one is followed as
-far as it goes.
+are known, else at several and by a search over the range. All modes of dyads are
+enumerated; those of irreducible groups are all found by elimination or some by a search,
+and each new one is followed as far as it goes.
 """
 
 from dataclasses import dataclass, replace
@@ -46,6 +46,8 @@ Rows = NDArray[np.intp]
 
 MOST_BRANCHES = 64
 """Branches of one run; a mechanism of many dyads has 2 to their number."""
+MOST_FOLLOWED = 60000
+"""Nodes of all branches of irreducible groups, after which no further one is followed."""
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
 PROBES = 5
@@ -54,6 +56,8 @@ FINER = 3
 """So many times more of them where elimination finds all modes at an input."""
 MOST_COST = 3e-3
 """Time (s) that a value of the functions of meeting modes may take here."""
+MOST_TIME = 10.0
+"""Rough time (s) that looking for the inputs at which modes meet may take here."""
 NEAR_GUIDE = 1e-3
 """A branch is examined where its guide is nearer (rad) than this and its nodes' spread."""
 NEAREST = 8
@@ -140,7 +144,7 @@ def _probed(solver: Solver, lattice: Lattice) -> tuple[Floats, Claim]:
         q = lattice.thinned(PROBED_INPUTS).q
         return q, Claim(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
     low, high = _range(lattice)
-    dead = dead_inputs(solver, low, high, MOST_COST)
+    dead = dead_inputs(solver, low, high, MOST_COST, MOST_TIME)
     step = (high - low) / (PROBED_INPUTS - 1)
     return dead.probes(step)[:, None], dead.claim(step)
 
@@ -181,6 +185,9 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     if freedoms and not branches and min(freedoms) != len(solver.driven):
         raise _other_rank(solver, min(freedoms))
     claim = _limited(claim, len(branches))
+    if gathering.nodes > MOST_FOLLOWED:
+        words = f"stopped after {gathering.nodes} steps along {len(branches)} modes"
+        claim = Claim(Guarantee.SAMPLED, f"{words}; there may be more")
     return Found(tuple(branches), gathering.probes, tuple(gathering.methods), claim)
 
 
@@ -197,15 +204,17 @@ class _Gathering:
         self.branches: list[Branch] = []
         self.families: list[int] = []
         self.freedoms: list[int] = []
-        self.probes = 0
+        self.probes = self.nodes = 0
         self.methods: list[Method | None] = [None] * len(solver.assembly.groups)
         self._curves: list[ArcCurve] = []
         self._followed = 0
+        self._working = Working("searching the assembly modes")
         self._redundant = any(group.redundant for group in solver.assembly.groups)
 
     @property
     def is_full(self) -> bool:
-        return len(self.branches) >= MOST_BRANCHES
+        """Whether no further branch is to be followed."""
+        return len(self.branches) >= MOST_BRANCHES or self.nodes > MOST_FOLLOWED
 
     def add(self, values: Floats, family: int | None = None) -> None:
         """Add the branch through a configuration (variables,), if it is in the range."""
@@ -221,6 +230,8 @@ class _Gathering:
             if isinstance(guide, Curve):  # where the pose itself may be a dead centre
                 values = guide.values[len(guide.values) // 2]
             self.branches.append(_with_determinants(self.solver, branch, values))
+            self.nodes += len(guide.values)
+            self._working.tell(lambda: f"{len(self.branches)} followed")
             new = max(self.families, default=-1) + 1
             self.families.append(new if family is None else family)
 
@@ -255,8 +266,9 @@ class _Gathering:
         """Look for further branches in the whole range; return what is claimed then."""
         solver, lattice = self.solver, self.lattice
         if solver.meshes is not None and not solver.meshes.all_known:
-            if not self.branches:
-                self.probe(lattice.q[:1])
+            for q in (lattice.q[0], *_scattered(lattice)):
+                if not self.branches:
+                    self.probe(q[None])
             return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
         groups = solver.assembly.groups
         if all(group.is_dyad or has_elimination(group) for group in groups):
@@ -277,7 +289,7 @@ class _Gathering:
             self.probe(_scattered(self.lattice))
             claim = Claim(Guarantee.SAMPLED, f"modes at {self.probes} of the samples")
             return claim if self._is_complete else None
-        dead = dead_inputs(self.solver, *_range(self.lattice), MOST_COST)
+        dead = dead_inputs(self.solver, *_range(self.lattice), MOST_COST, MOST_TIME)
         step = np.ptp(self.lattice.q) / PROBES
         self.probe(dead.probes(step)[:, None])
         if self._is_complete and dead.gap(step):
@@ -365,13 +377,12 @@ class _Gathering:
         low, high = np.min(q, axis=0), np.max(q, axis=0)
         starts = RangeSearch(self.solver, low, high, q if several else None)
         census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
-        working = Working("searching the assembly modes")
         self.go_beyond()
         while census.goes_on and not self.is_full:
             met = self.add_new(*starts.round())
             census.add(STARTS, met, max(self.families, default=-1) + 1)
             self.probes += STARTS
-            working.tell(lambda: census.words("components"))
+            self._working.tell(lambda: census.words("components"))
         return census
 
     def _families_of(self, values: Floats, rows: Rows, first: int) -> Rows:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.motion.branches import Solver, determinant_signs, penetrates, wrap
+from spherekit.motion.branches import Solver, determinant_signs, wrap
+from spherekit.motion.pairs import penetrates
 from spherekit.motion.search import POLISHING_STEPS, SEED, STARTS, damped, starting_range
 from spherekit.sphere.rotation import Floats
 

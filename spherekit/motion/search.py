@@ -6,7 +6,7 @@ worth: what is met as often as the rarest of them would hardly have been missed.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -57,14 +57,14 @@ class Census:
     variables: int
     least: int = LEAST_ROUNDS
     starts: int = 0
-    counts: list[int] = field(default_factory=list)
+    counts: Sequence[int] = ()
 
     def add(self, starts: int, met: NDArray[np.intp], known: int) -> None:
         """Count starts; `met` are the numbers, below `known`, of what they led to."""
         self.starts += starts
-        self.counts += [0] * (known - len(self.counts))
-        for number in met[met >= 0]:
-            self.counts[number] += 1
+        counts = np.bincount(met[met >= 0], minlength=known)
+        before = [*self.counts, *[0] * (len(counts) - len(self.counts))]
+        self.counts = [int(one + more) for one, more in zip(before, counts, strict=True)]
 
     @property
     def closed(self) -> int:

@@ -22,22 +22,31 @@ SAME_AXIS = 16 * EPS
 @final
 @dataclass(frozen=True)
 class Coaxial:
-    """Links whose relative motions share one axis, that of R pair `pair`."""
+    """Links whose relative motions share one axis, that of R pair `pair`.
+
+    `exactly` says that the axes are equal numbers; others are equal but for rounding.
+    """
 
     links: frozenset[int]
     pair: int
+    exactly: bool
 
 
 def coaxial_links(mechanism: Mechanism) -> tuple[Coaxial, ...]:
     """Return the sets of three or more links that turn about a common axis."""
     number = mechanism.pair_number
     owner = list(range(len(mechanism.pairs)))
+    rounded: set[int] = set()
     for axes in link_axes(mechanism).values():
         names = list(axes)
         for position, one in enumerate(names):
             for other in names[:position]:
                 sine = np.linalg.norm(np.cross(axes[one], axes[other]))
                 if sine < SAME_AXIS:
+                    if not np.array_equal(axes[one], axes[other]) and not np.array_equal(
+                        axes[one], -axes[other]
+                    ):
+                        rounded |= {number[one], number[other]}
                     low, high = sorted((owner[number[one]], owner[number[other]]))
                     owner = [low if each == high else each for each in owner]
     found = []
@@ -45,5 +54,5 @@ def coaxial_links(mechanism: Mechanism) -> tuple[Coaxial, ...]:
         pairs = [pair for pair, each in enumerate(owner) if each == first]
         if len(pairs) > 1:
             links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
-            found.append(Coaxial(links, first))
+            found.append(Coaxial(links, first, not rounded & set(pairs)))
     return tuple(found)

@@ -127,6 +127,12 @@ class Plan:
             for each in coaxial_links(self.mechanism)
         )
 
+    @cached_property
+    def rounded_axes(self) -> frozenset[int]:
+        """The pairs of `coaxial` whose axes are common but for rounding."""
+        shared = coaxial_links(self.mechanism)
+        return frozenset(each.pair for each in shared if not each.exactly)
+
     def pole(self, i: int, j: int) -> Pole | None:
         """Return the pole of the bodies of two links, None if they are one body."""
         a, b = self.body[i], self.body[j]

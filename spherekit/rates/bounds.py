@@ -1,6 +1,6 @@
 """Bounds of the errors of poles: of directions, coefficients and their derivatives."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import final
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS, USABLE_DIRECTION
+from spherekit.planning.coaxial import SAME_AXIS
 from spherekit.planning.poles import Pole
 from spherekit.rates.core import Equations
 from spherekit.rates.lines import Lines
@@ -27,7 +28,7 @@ class Bounds:
 
 def mended_and_bounded(
     poles: Iterable[Pole],
-    pairs: Mapping[Pole, int],
+    axes: tuple[Mapping[Pole, int], Collection[Pole]],
     lines: Lines,
     rates: tuple[Mapping[int, Floats], Mapping[int, Floats]],
     weak: NDArray[np.bool_],
@@ -35,65 +36,75 @@ def mended_and_bounded(
 ) -> Bounds:
     """Return what poles of bodies are off by, and mend the directions of `weak` rows.
 
-    Those come from the relative angular velocity where it is the better source. `pairs` are
-    the poles that are axes of pairs, `rates` w and dw (3, n) of bodies, however found: what
+    Those come from the relative angular velocity where it is the better source. `axes` are
+    the poles that are axes of pairs, and which of them are so but for the rounding of axes
+    that links have in common; `rates` w and dw (3, n) of bodies, however found: what
     they differ by from the solution of the velocity equations is part of their error.
     """
     n = len(weak)
+    pairs, rounded = axes
     poles = list(poles)
     found = Bounds(*({pole: np.full(n, np.nan) for pole in poles} for _ in range(3)))
     # Great circles turn in proportion to the axes that they are drawn through.
     tilt = solved.motion.orientation_error / EPS
-    for rows, part in solved.parts():
-        errors, (more, more_bent) = part.errors, part.second_order
+    for rows, part, errors in solved.parts():
+        if not len(rows):
+            continue
+        more, more_bent = part.second_order
+        own, own_bent = (
+            np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (part.w, part.dw)
+        )
+        sizes, swings = ([norm(link) for link in links] for links in (own, own_bent))
         for pole in poles:
             i, j = pole
-            (v, own), (dv, own_dv) = (
-                _relative(pole, rows, *each)
-                for each in zip(rates, (part.w, part.dw), strict=True)
-            )
-            size, swing = (
-                norm(each[:, i].T) + norm(each[:, j].T) for each in (part.w, part.dw)
-            )
+            size, swing = sizes[i] + sizes[j], swings[i] + swings[j]
+            v, off = _relative(pole, rows, rates[0], own)
+            dv, off_bent = _relative(pole, rows, rates[1], own_bent)
             length = np.maximum(norm(v), EPS * EPS)
             unit = lines.unit[pole][:, rows]
             drawn = np.nan_to_num(lines.error[pole][rows], nan=1.0)
             given = drawn
-            if pole not in pairs:
-                turned = errors.turned_between(i, j)
-                slack = errors.slip * turned + norm(v - own) + EPS * size
+            if pole not in pairs and np.any(weak[rows]):
+                slack = errors.slip * errors.turned_between(i, j) + norm(off) + EPS * size
                 doubt = np.fmin(slack / length, 1.0)
                 better = weak[rows] & (doubt < drawn)
                 unit[:, better] = v[:, better] / length[better]
                 given = np.where(better, doubt, drawn)
+                lines.unit[pole][:, rows], lines.error[pole][rows] = unit, given
             rate, change, across = errors.along(i, j, unit)
             if pole in pairs:
                 direction = errors.of_axis(pairs[pole])
+                if pole in rounded:
+                    apart = 1.0 + SAME_AXIS / errors.numbers
+                    direction = direction + errors.slip * apart / length
             else:
                 drift = np.fmin(drawn * tilt[rows], (across + more) / length)
                 direction = given + drift
-            rate += np.abs(dot(unit, v - own)) + errors.numbers * size + more
+            rate += np.abs(dot(unit, off)) + errors.numbers * size + more
             rate += np.fmin(direction, 1.0) ** 2 * length
-            change += (
-                np.abs(dot(unit, dv - own_dv)) + errors.numbers * (size + swing) + more_bent
-            )
-            change += direction * norm(dv)
+            change += np.abs(dot(unit, off_bent)) + errors.numbers * (size + swing)
+            change += more_bent + direction * norm(dv)
             bad = ~(direction < USABLE_DIRECTION)
             if np.any(bad):
                 _, all_w, all_dw = errors.of_vectors(i, j)
                 rate[bad] = (norm(v) + all_w + errors.numbers * size)[bad]
-                change[bad] = (norm(dv) + all_dw + errors.numbers * (size + swing))[bad]
-            lines.error[pole][rows] = given
+                all_dw += norm(dv) + errors.numbers * (size + swing)
+                change[bad] = all_dw[bad]
             found.direction[pole][rows] = direction
             found.rate[pole][rows], found.rate_dq[pole][rows] = rate, change
     return found
 
 
 def _relative(
-    pole: Pole, rows: slice, given: Mapping[int, Floats], own: Floats
+    pole: Pole, rows: NDArray[np.intp], given: Mapping[int, Floats], own: Floats
 ) -> tuple[Floats, Floats]:
-    """Return rates (3, n) of a pole's links as they were given, and from the equations."""
+    """Return rates (3, n) of a pole's links as they were given, and what they are off by.
+
+    That is against the solution `own` (links, 3, n) of the equations.
+    """
     i, j = pole
-    solved = (own[:, j] - own[:, i]).T
-    known = i in given and j in given
-    return (given[j] - given[i])[:, rows] if known else solved, solved
+    solved = own[j] - own[i]
+    if i not in given or j not in given:
+        return solved, np.zeros_like(solved)
+    v = (given[j] - given[i])[:, rows]
+    return v, v - solved

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import SINGULAR_RATIO
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
-from spherekit.rates.errors import RateErrors, rate_errors
+from spherekit.rates.errors import RateErrors, RoughErrors, rate_errors, rough_errors
 from spherekit.sphere.rotation import Floats
 
 INCONSISTENT = 1e-10
@@ -27,6 +27,8 @@ TRUSTED_CHANGE = 1e-2
 """Rates, or derivatives, that may be off by a larger part than this are lost."""
 SECOND_ORDER = 4.0
 """Errors of second order, over those of first times the bend of the loops, at most."""
+GOOD = 1e-10
+"""Where no derivative can be off by more, norms are enough to say so."""
 PIECE = 4096
 """Rows whose errors are followed at once."""
 
@@ -110,16 +112,31 @@ class Equations:
         part = SECOND_ORDER * self.motion.bend
         return part * off[0], part * off[1]
 
-    def parts(self) -> Iterator[tuple[slice, "Equations"]]:
-        """Yield the rows in pieces that caches hold, with their places."""
-        n = len(self.motion)
-        if n <= PIECE:
-            yield slice(0, n), self
-            return
-        for start in range(0, n, PIECE):
-            rows = np.zeros(n, dtype=bool)
-            rows[start : start + PIECE] = True
-            yield slice(start, min(start + PIECE, n)), self.take(rows)
+    def parts(
+        self,
+    ) -> Iterator[tuple[NDArray[np.intp], "Equations", RateErrors | RoughErrors]]:
+        """Yield all rows in groups: their numbers, their equations, and their errors.
+
+        First those that norms alone show to be good.
+        """
+        left = np.ones(len(self.motion), dtype=bool)
+        if all(pair.type == "R" for pair in self.motion.mechanism.pairs):
+            with np.errstate(invalid="ignore", over="ignore"):
+                rough = rough_errors(self.motion, self.inverse, self.rates, self.change)
+                left = ~((rough.widest < GOOD) & (self.flatness >= NEARLY_FLAT))
+            rows = np.flatnonzero(~left)
+            yield (
+                rows,
+                self if len(rows) == len(left) else self.take(~left),
+                rough.take(rows),
+            )
+        rest = np.flatnonzero(left)
+        for start in range(0, len(rest), PIECE):
+            rows = rest[start : start + PIECE]
+            chosen = np.zeros(len(left), dtype=bool)
+            chosen[rows] = True
+            part = self if len(rows) == len(left) else self.take(chosen)
+            yield rows, part, part.errors
 
     def take(self, rows: NDArray[np.bool_]) -> "Equations":
         """Return some of the rows."""

@@ -81,18 +81,112 @@ class RateErrors:
         turned = self.turned_between(i, j)
         w, dw = self.w[j] - self.w[i], self.dw[j] - self.dw[i]
         part = _component(unit, w)
-        square = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
-        whole = np.sum(np.sqrt(square), axis=0)
-        across = np.sum(np.sqrt(np.maximum(square - part**2, 0.0)), axis=0)
+        whole = _sum_of_sizes(w)
+        w -= unit[:, None] * part
         slip = self.slip * turned
         rate = self.open * np.sum(np.abs(part), axis=0) + slip
         change = self.open * np.sum(np.abs(_component(unit, dw)), axis=0)
         change += 3.0 * self.slip * whole + self.bend * turned
-        return rate, change, self.open * across + slip
+        return rate, change, self.open * _sum_of_sizes(w) + slip
 
     def of_axis(self, pair: int) -> Floats:
         """Return (n,) a bound of what the axis of a pair is off by, rad."""
         return self.numbers + self.open * _sum_of_sizes(self.axes[pair])
+
+
+@final
+@dataclass(frozen=True)
+class RoughErrors:
+    """The same of R pairs, from norms alone: quick, and two or three digits too wide.
+
+    `turned` (links, n) and `w`, `dw` (n,) bound the sums of the ways; the rest is as in
+    `RateErrors`.
+    """
+
+    turned: Floats
+    first: tuple[int, ...]
+    w: Floats
+    dw: Floats
+    open: Floats
+    slip: Floats
+    bend: Floats
+    numbers: float
+
+    @property
+    def widest(self) -> Floats:
+        """(n,) a bound of the error of any derivative."""
+        turned = np.max(self.turned, axis=0)
+        found = self.open * self.dw + 3.0 * self.slip * self.w + self.bend * turned
+        return np.asarray(found)
+
+    def turned_between(self, i: int, j: int) -> Floats:
+        """See `RateErrors`."""
+        return np.asarray(self.turned[i] + self.turned[j])
+
+    def of_vectors(self, i: int, j: int) -> tuple[Floats, Floats, Floats]:
+        """See `RateErrors`."""
+        turned = self.turned_between(i, j)
+        return (
+            self.open * turned,
+            2.0 * self.open * self.w + self.slip * turned,
+            2.0 * self.open * self.dw + 6.0 * self.slip * self.w + self.bend * turned,
+        )
+
+    def along(self, i: int, j: int, unit: Floats) -> tuple[Floats, Floats, Floats]:
+        """See `RateErrors`."""
+        del unit
+        _, w, dw = self.of_vectors(i, j)
+        return w.copy(), dw, w
+
+    def of_axis(self, pair: int) -> Floats:
+        """See `RateErrors`."""
+        return np.asarray(self.numbers + self.open * self.turned[self.first[pair]])
+
+    def take(self, rows: NDArray[np.intp]) -> "RoughErrors":
+        """Return some of the rows."""
+        return RoughErrors(
+            self.turned[:, rows],
+            self.first,
+            self.w[rows],
+            self.dw[rows],
+            self.open[rows],
+            self.slip[rows],
+            self.bend[rows],
+            self.numbers,
+        )
+
+
+def rough_errors(
+    motion: Motion, inverse: Floats, rates: Floats, change: Floats
+) -> RoughErrors:
+    """Return the same as `rate_errors` from norms, of a mechanism that has R pairs only."""
+    tree = LoopTree.of(motion.mechanism)
+    size = np.abs(np.moveaxis(inverse, 0, -1))
+    moved = np.zeros((rates.shape[1], *size.shape[1:]))
+    moved[np.array(motion.free, dtype=np.intp)] = size
+    ways = np.zeros((tree.count, *size.shape[1:]))
+    swept = np.zeros((tree.count, len(rates)))
+    speed, bent = np.abs(rates.T), np.abs(change.T)
+    for pair, parent, child in tree.branches:
+        (variable,) = motion.mechanism.variables_of(pair)
+        ways[child] = ways[parent] + moved[variable]
+        swept[child] = swept[parent] + speed[variable]
+    turned = np.sum(ways, axis=1)
+    most = np.sum(np.max(ways, axis=0), axis=0)
+    all_moved = np.sum(moved, axis=(0, 1))
+    fast, bends, spin = np.sum(speed, axis=0), np.sum(bent, axis=0), np.max(swept, axis=0)
+    w = fast * most * (1.0 + most)
+    dw = bends * most + fast * (w + spin * most) + spin * all_moved * fast * most
+    numbers = _numbers(tree)
+    slip, bend = numbers * fast, numbers * (bends + 2.0 * fast * spin)
+    first = tuple(a for a, _ in tree.ends)
+    dw *= 1.0 + most
+    return RoughErrors(turned, first, w, dw, motion.gap, slip, bend, numbers)
+
+
+def _numbers(tree: LoopTree) -> float:
+    """Return the rounding (rad) of axes that are placed from the ground."""
+    return EPS * (2.0 + float(np.max(np.count_nonzero(tree.paths, axis=1))))
 
 
 def rate_errors(
@@ -111,16 +205,33 @@ def rate_errors(
     back = np.ascontiguousarray(np.moveaxis(inverse, 0, -1))
     count, n = rates.shape[1], len(rates)
     free = np.array(motion.free, dtype=np.intp)
+    owned = [motion.mechanism.variables_of(pair) for pair in range(len(tree.ends))]
 
     def bodies(parts: Floats) -> Floats:
-        flat = tree.paths @ parts.reshape(count, -1)
-        return np.asarray(flat.reshape(tree.count, *parts.shape[1:]))
+        """Return what links turn by (links, 3, ways, n), of `parts` of the variables."""
+        found = np.zeros((tree.count, *parts.shape[1:]))
+        for pair, parent, child in tree.branches:
+            found[child] = found[parent]
+            for variable in owned[pair]:
+                if tree.ends[pair][0] == parent:
+                    found[child] += parts[variable]
+                else:
+                    found[child] -= parts[variable]
+        return found
 
     def solved(parts: Floats) -> Floats:
         """Return what variables change by (V, 1, ways, n) where `parts` open the loops."""
-        loops = (tree.signs @ parts.reshape(count, -1)).reshape(-1, *parts.shape[2:])
+        loops = np.zeros((len(tree.signs), *parts.shape[1:]))
+        for loop, row in zip(loops, tree.signs, strict=True):
+            for variable in np.flatnonzero(row):
+                if row[variable] > 0.0:
+                    loop -= parts[variable]
+                else:
+                    loop += parts[variable]
         found = np.zeros((count, 1, *parts.shape[2:]))
-        found[free, 0] = -np.einsum("fen,ekn->fkn", back, loops)
+        for way, opened in enumerate(loops.reshape(-1, *parts.shape[2:])):
+            for variable, closing in zip(free, back[:, way], strict=True):
+                found[variable, 0] += closing * opened
         return found
 
     moved = np.zeros((count, 1, ways, n))
@@ -130,16 +241,21 @@ def rate_errors(
     speed, bent = rates.T[:, None, None], change.T[:, None, None]
     skew = first * speed
     faster = solved(skew)
-    w = bodies(skew + vectors * faster)
+    skew += vectors * faster
+    w = bodies(skew)
     own_w = bodies(vectors * speed)
     own, _ = pairs.turned(own_w)
     second = pairs.turned_on(turned, first, own_w, w, own, moved[:, 0])
-    skew = first * bent + second * speed + own * faster
-    dw = bodies(skew + vectors * solved(skew))
+    for variable, skewed in enumerate(skew):
+        np.multiply(first[variable], bent[variable], out=skewed)
+        skewed += second[variable] * speed[variable]
+        skewed += own[variable] * faster[variable]
+    skew += vectors * solved(skew)
+    dw = bodies(skew)
     size = _size(vectors)
     held = [tree.ends[owner][0] for owner in tree.owners]
     swing = _size(own) + _size(own_w)[held] * size
-    numbers = EPS * (2.0 + np.max(np.count_nonzero(tree.paths, axis=1)))
+    numbers = _numbers(tree)
     slip = numbers * np.sum(np.abs(speed[:, 0]) * size, axis=0)[0]
     bend = (
         numbers * np.sum(np.abs(bent[:, 0]) * size + np.abs(speed[:, 0]) * swing, axis=0)[0]
@@ -160,7 +276,8 @@ class _Pairs:
     def turned(self, w: Floats) -> tuple[Floats, Floats]:
         """Return how vectors and axes change, as links (links, 3, ways, n) turn."""
         if self._revolute:
-            found = _cross(w[self._ends[0]], self.vectors[:, :, None])
+            found = np.zeros((len(self.vectors), *w.shape[1:]))
+            self._add_turned(found, w)
             return found, found
         motion = self._motion
         frames, states = _repeated(motion.frames, motion.states, w.shape[2])
@@ -182,9 +299,11 @@ class _Pairs:
         """
         owners = self._ends[0]
         if self._revolute:
-            return _cross(changed[owners], self.vectors[:, :, None]) + _cross(
-                w[owners], first
-            )
+            found = np.zeros(first.shape)
+            self._add_turned(found, changed)
+            for owner, own_change, one in zip(owners, found, first, strict=True):
+                _add_cross(own_change, w[owner], one)
+            return found
         motion = self._motion
         ways = moved.shape[1]
         largest = np.max(np.abs(turned), axis=(0, 1), initial=1.0)
@@ -196,6 +315,11 @@ class _Pairs:
         placed = placed + np.cross(turn[:, :, :, None], placed, axis=2)
         later, _ = self._general(placed @ states.first, states, w + h * changed)
         return np.asarray((later - own) / h)
+
+    def _add_turned(self, out: Floats, w: Floats) -> None:
+        """Add how the vectors of R pairs turn with their first links."""
+        for found, owner, vector in zip(out, self._ends[0], self.vectors, strict=True):
+            _add_cross(found, w[owner], vector[:, None])
 
     def _general(
         self, frames: Floats, states: PairStates, w: Floats
@@ -234,13 +358,12 @@ def _columns(rows: Floats, ways: int) -> Floats:
     return np.ascontiguousarray(split.transpose(2, 3, 0, 1))
 
 
-def _cross(a: Floats, b: Floats) -> Floats:
-    """Return a x b of arrays (m, 3, ways, n)."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+def _add_cross(out: Floats, a: Floats, b: Floats) -> None:
+    """Add a x b of arrays (3, ways, n) to another."""
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
-        out[:, k] = a[:, i] * b[:, j] - a[:, j] * b[:, i]
-    return out
+        out[k] += a[i] * b[j]
+        out[k] -= a[j] * b[i]
 
 
 def _size(vectors: Floats) -> Floats:
@@ -253,6 +376,5 @@ def _component(unit: Floats, vectors: Floats) -> Floats:
 
 
 def _sum_of_sizes(vectors: Floats) -> Floats:
-    """Return (n,) the sum of the lengths of vectors (3, ways, n)."""
-    square = vectors[0] ** 2 + vectors[1] ** 2 + vectors[2] ** 2
-    return np.asarray(np.sum(np.sqrt(square), axis=0))
+    """Return (n,) the sum of the sizes, by components, of vectors (3, ways, n)."""
+    return np.asarray(np.sum(np.abs(vectors).reshape(-1, vectors.shape[2]), axis=0))

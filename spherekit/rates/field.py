@@ -253,7 +253,12 @@ def _field(
 ) -> PoleField:
     """Return what was found by the poles that were asked for."""
     bounds = mended_and_bounded(
-        _body_poles(wanted), _pairs(wanted), lines, rates, by_equations, solved
+        _body_poles(wanted),
+        (_pairs(wanted), _rounded(wanted)),
+        lines,
+        rates,
+        by_equations,
+        solved,
     )
     w, dw = rates
     no_rate = status != Status.OK
@@ -406,6 +411,15 @@ def _add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
     field.rate_error[pole] = field.rate[pole].copy()
     field.rate_dq_error[pole] = field.rate[pole].copy()
     field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
+
+
+def _rounded(wanted: Request) -> set[Pole]:
+    """Return the poles of bodies whose pairs have one axis but for rounding."""
+    return {
+        step.pole
+        for step in wanted.plan.steps
+        if isinstance(step, CoaxialPole) and step.pair in wanted.plan.rounded_axes
+    }
 
 
 def _pairs(wanted: Request) -> dict[Pole, int]:

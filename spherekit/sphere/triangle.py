@@ -19,7 +19,9 @@ SHORTEST = 1e-12
 """Rounding alone turns a body whose arc (rad) is nearer to 0 or pi than this."""
 
 
-def vertex_angles(base: Floats, near: Floats, far: Floats) -> tuple[Floats, Floats, Bools]:
+def vertex_angles(
+    base: Floats, near: Floats, far: Floats, slack: Floats | float = REACH_SLACK
+) -> tuple[Floats, Floats, Bools]:
     """Return the angles at both ends of a triangle's base, and whether it closes.
 
     Parameters
@@ -27,6 +29,8 @@ def vertex_angles(base: Floats, near: Floats, far: Floats) -> tuple[Floats, Floa
     base, near, far
         Sides (n,) in rad, 0 to pi: the base, the side at its first end, the side at
         its second end.
+    slack
+        (n,) rad, what the sides may be off by.
 
     Returns
     -------
@@ -34,7 +38,7 @@ def vertex_angles(base: Floats, near: Floats, far: Floats) -> tuple[Floats, Floa
         Angles (n,) in rad, 0 to pi; meaningless where the triangle does not close.
     closes
         (n,) whether the sides satisfy the triangle inequalities and sum to at most a
-        full turn, up to rounding.
+        full turn, up to the slack.
 
     Notes
     -----
@@ -43,7 +47,7 @@ def vertex_angles(base: Floats, near: Floats, far: Floats) -> tuple[Floats, Floa
     """
     half = 0.5 * (base + near + far)
     parts = np.stack([half - base, half - near, half - far, np.pi - half])
-    closes = np.all(parts >= -REACH_SLACK, axis=0)
+    closes = np.all(parts >= -slack, axis=0)
     by_base, by_near, by_far, total = np.sin(np.clip(parts, 0.0, np.pi))
     at_first = 2 * np.arctan2(np.sqrt(by_near * by_base), np.sqrt(total * by_far))
     at_second = 2 * np.arctan2(np.sqrt(by_far * by_base), np.sqrt(total * by_near))
@@ -56,6 +60,7 @@ def close_dyad(
     near: tuple[Floats, Floats],
     far: tuple[Floats, Floats],
     sign: float,
+    slack: Floats | float = REACH_SLACK,
 ) -> tuple[Floats, Floats, Floats, Bools]:
     """Place the two bodies of a dyad between two known axes.
 
@@ -69,6 +74,8 @@ def close_dyad(
         The same for the body at `second`.
     sign
         +1 or -1: the sign of middle . (first x second), which names the assembly mode.
+    slack
+        (n,) rad, what the outer axes may be off by.
 
     Returns
     -------
@@ -87,7 +94,7 @@ def close_dyad(
     normal = across / np.where(length > 0.0, length, 1.0)
     base = np.arctan2(length[..., 0], np.sum(first * second, axis=-1))
     side_near, side_far = arc(*near), arc(*far)
-    at_first, at_second, closes = vertex_angles(base, side_near, side_far)
+    at_first, at_second, closes = vertex_angles(base, side_near, side_far, slack)
     # Where the outer axes lie on one line, the two bodies can turn together about it: one
     # of their configurations is taken.
     free = length[:, 0] <= REACH_SLACK

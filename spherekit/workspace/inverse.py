@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
-from spherekit.errors import AnalysisError
+from spherekit.errors import AnalysisError, ModelError
 from spherekit.guidance.form import MidPlaneForm
+from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.branches import FLAT_DYAD
@@ -127,7 +128,9 @@ class PoseSolver(ABC):
     legs: tuple[str, ...]
     """What each sign belongs to."""
     form: MidPlaneForm | None = None
-    """The mid-plane form, where that is the closed form used."""
+    """The mid-plane form of the output, if it has one."""
+    solved_by: str
+    """What gives the configurations: ``dyads``, ``mid-plane`` or ``graph``."""
 
     @abstractmethod
     def inverse(
@@ -138,6 +141,11 @@ class PoseSolver(ABC):
     @abstractmethod
     def forward(self, inputs: Floats) -> Solutions:
         """Return every pose found at inputs (n, inputs) rad."""
+
+    def type_2(self, values: Floats) -> Floats:
+        """Return the measure (n,) of type II at configurations (n, variables)."""
+        closure = Closure.of(self.mechanism, geometry_of(self.mechanism).joints)
+        return Transmission.of(self.mechanism, self.output).of_values(closure, values)
 
     def residual(self, values: Floats) -> Floats:
         """Return (n,) rad by how much loops fail to close at values (n, variables)."""
@@ -181,6 +189,7 @@ class ForwardPoses(PoseSolver):
     points = False
     modes = ()
     legs = ()
+    solved_by = "graph"
 
     def __init__(self, mechanism: Mechanism, output: str | None) -> None:
         self._own = ForwardKinematics(mechanism, output)
@@ -206,8 +215,9 @@ class ClosedPoses(PoseSolver):
         self.kinematics = kinematics
         self.mechanism, self.output = kinematics.mechanism, kinematics.output
         self.points, self.legs = kinematics.points, kinematics.legs
+        self.solved_by = "dyads"
         if isinstance(kinematics, MidPlaneKinematics):
-            self.form = kinematics.form
+            self.form, self.solved_by = kinematics.form, "mid-plane"
         self._signs = {label_of(signs): signs for signs in kinematics.modes}
         self.modes = tuple(self._signs)
 
@@ -273,11 +283,17 @@ class ClosedPoses(PoseSolver):
 class GraphPoses(PoseSolver):
     """An output whose poses are solved on the graph of all links, row by row."""
 
+    solved_by = "graph"
+
     def __init__(self, inverse: InverseKinematics) -> None:
         self.kinematics = inverse
         self.mechanism, self.output = inverse.own, inverse.wrist.output
         self.points, self.legs = inverse.wrist.points, inverse.legs
         self.modes = tuple(label_of(signs) for signs in inverse.modes)
+        try:
+            self.form = mid_plane_form(self.mechanism, self.output.name)
+        except ModelError:
+            self.form = None
 
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
@@ -309,12 +325,11 @@ class GraphPoses(PoseSolver):
         turns = np.full((len(values), 3, len(self.mechanism.inputs)), np.nan)
         motion = motion_of(self._own.solver, values[known])
         turns[known] = output_rates(motion, self.output)
-        type_2 = np.full(len(values), np.nan)
-        own = Transmission.of(self.mechanism, self.output)
-        type_2[known] = own.of_values(self._own.solver.closure, values[known])
         direction = self.output.direction if self.points else None
         return measures_of(
-            turns, type_2, None if direction is None else rotations @ np.array(direction)
+            turns,
+            self.type_2(values),
+            None if direction is None else rotations @ np.array(direction),
         )
 
     @cached_property

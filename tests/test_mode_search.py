@@ -1,0 +1,165 @@
+"""Searches for modes: what exists is found, and what may be missed is said."""
+
+import numpy as np
+import pytest
+from chains import any_inputs, mechanism, random_axes, random_chain
+from mode_judge import Structure
+
+import spherekit as sk
+from benchmarks.modes import Tally, cams, judge, ten_bar
+from spherekit import progress
+from spherekit.cli.main import main
+from spherekit.motion.branches import Solver
+from spherekit.motion.modes import assemblies
+from spherekit.motion.motion import Tracer
+from spherekit.motion.range_search import RangeSearch
+from spherekit.motion.search import STARTS, Census
+from spherekit.planning.assembly import plan_assembly
+
+
+def solver_of(made):
+    return Solver(made, plan_assembly(made))
+
+
+def lacking(made, solver, q, starts, random):
+    """Return the modes that an independent search finds, and how many assemblies lack."""
+    structure = Structure.of(made)
+    ((modes, _),) = structure.modes(np.array([q]), starts, random)
+    values = np.array([values for _, values in assemblies(solver, np.array([q])).modes])
+    values = values.reshape(-1, len(made.variable_owners))
+    seen = structure.seen(made.links, solver.closure.place(values)[0])
+    away = np.max(np.abs(modes[:, None] - seen[None]), axis=(2, 3, 4), initial=0.0)
+    return len(modes), int(np.sum(np.min(away, axis=1, initial=np.inf) > 1e-5))
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_modes_of_nine_bodies_are_those_of_an_independent_search(seed):
+    made = ten_bar(seed)
+    modes, missed = lacking(made, solver_of(made), 0.0, 300, np.random.default_rng(seed))
+    assert modes >= 4
+    assert missed == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_reference_pose_is_found_whatever_the_starts(seed, monkeypatch):
+    monkeypatch.setattr("spherekit.motion.search.MOST_ROUNDS", 0)
+    monkeypatch.setattr("spherekit.motion.search.LEAST_ROUNDS", 0)
+    monkeypatch.setattr("spherekit.motion.search.Census.goes_on", False)
+    made = ten_bar(seed)
+    solver = solver_of(made)
+    found = [values for _, values in assemblies(solver, np.zeros(1)).modes]
+    assert min(np.max(np.abs(values)) for values in found) < 1e-9
+
+
+def test_curves_that_are_short_along_the_input_are_met():
+    """A crank of 0.2 deg swings the rocker, which is the input, by about half a degree."""
+    small = np.radians(0.2)
+    axes = np.array(
+        [
+            [0.0, 0.0, 1.0],
+            [np.sin(small), 0.0, np.cos(small)],
+            [0.6, 0.6, np.sqrt(0.28)],
+            [1.0, 0.0, 0.0],
+        ]
+    )
+    made = mechanism("1-2 2-3 3-4 1-4", axes, "p1_4")
+    solver = solver_of(made)
+    turn = np.array([np.pi])
+    values, _ = RangeSearch(solver, -turn, turn).round()
+    placed, states = solver.closure.place(values)
+    assert np.max(np.abs(solver.closure.residual(placed, states))) < 1e-12
+    swing = values[:, solver.single]
+    assert np.ptp(swing[np.abs(swing) < 0.1]) < np.radians(1.5)
+    assert np.sum(np.abs(swing) < 0.1) > 0.05 * STARTS
+    assert np.sum(np.abs(swing) > 0.1) > 0.05 * STARTS  # the mirror image of the dyad
+
+
+def test_starts_keep_to_the_range_of_the_input():
+    made = ten_bar(0)
+    low, high = np.array([-0.02]), np.array([0.03])
+    solver = solver_of(made)
+    values, _ = RangeSearch(solver, low, high).round()
+    assert len(values) > 10
+    assert np.all((values[:, solver.single] >= low) & (values[:, solver.single] <= high))
+
+
+def test_the_share_that_is_stated_is_missed_so_rarely():
+    """Searches among things of known shares miss those of the stated share in 1 of 100."""
+    random = np.random.default_rng(5)
+    missed = judged = 0
+    for _ in range(150):
+        shares = random.dirichlet(np.full(12, 0.5))
+        census, numbers = Census(12), {}
+        while census.goes_on:
+            drawn = random.choice(12, STARTS, p=shares)
+            met = [numbers.setdefault(int(each), len(numbers)) for each in drawn]
+            census.add(STARTS, np.array(met), len(numbers))
+        likely = {k for k, share in enumerate(shares) if share >= census.share}
+        judged += len(likely)
+        missed += len(likely - set(numbers))
+    assert judged > 1000
+    assert missed < 0.01 * judged
+
+
+def test_a_search_goes_on_while_it_finds_little():
+    census = Census(12)
+    census.add(STARTS, np.repeat([0, 1], [100, 2]), 2)
+    census.add(STARTS, np.repeat([0, 1], [100, 2]), 2)
+    assert census.goes_on
+    census.add(STARTS, np.repeat([0, 1], [100, 4]), 2)
+    assert not census.goes_on
+    assert "576 random starts, 308 closed on 2 modes, on each at least 8 times" in (
+        census.words("modes")
+    )
+    rare = Census(12)
+    rare.add(STARTS, np.array([0, 0, 1]), 2)
+    assert rare.unseen == pytest.approx(1 / 3)
+    assert "on 1 of them at most once" in rare.words("modes")
+
+
+def test_a_search_that_finds_nothing_ends_and_says_so():
+    census = Census(12)
+    while census.goes_on:
+        census.add(STARTS, np.zeros(0, dtype=np.intp), 0)
+    assert census.starts == 4 * STARTS
+    assert "none closed" in census.words("modes")
+
+
+def test_the_claim_of_a_searched_group_says_how_many_starts_it_rests_on():
+    tracer = Tracer(sk.load("roller_cam"), samples=19)
+    assert "random starts" in tracer.search
+    assert "is missed once in 100 times" in tracer.search
+
+
+def test_the_terminal_says_how_modes_were_found(capsys):
+    assert main(["run", "four_bar", "--samples", "9"]) == 0
+    assert "assembly modes: complete: all modes" in capsys.readouterr().out
+
+
+def test_a_long_search_says_what_it_does_unless_it_is_to_be_quiet(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "PATIENCE", -1.0)
+    assert main(["run", "roller_cam", "--samples", "9"]) == 0
+    assert "spherekit: searching the assembly modes: " in capsys.readouterr().err
+    assert main(["run", "roller_cam", "--samples", "9", "-q"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("links", [4, 8])
+def test_searching_and_eliminating_find_the_same(links):
+    """Dyads and triads have all their modes in closed form or by elimination."""
+    random = np.random.default_rng(links)
+    edges = random_chain(random, links)
+    made = any_inputs(random, mechanism(edges, random_axes(random, len(edges))), 1)
+    modes, missed = lacking(made, solver_of(made), 0.0, 400, random)
+    assert modes >= 2
+    assert missed == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("made", [ten_bar, cams])
+def test_runs_and_curves_have_every_mode(made):
+    tally = Tally()
+    for seed in range(3):
+        judge(tally, made(seed), seed)
+    assert tally.modes > 30
+    assert tally.missed_by_run == tally.missed_by_curves == 0

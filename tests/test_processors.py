@@ -1,0 +1,63 @@
+"""The numerical tests on a lesser processor: NumPy's and OpenBLAS's kernels turned down.
+
+Sums in another order, without fused products, round otherwise. What these tests claim has
+to hold there too.
+"""
+
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from numpy._core._multiarray_umath import __cpu_dispatch__ as DISPATCHED
+
+TESTS = Path(__file__).parent
+NUMERICAL = (
+    "test_change_points",
+    "test_inverse",
+    "test_poles",
+    "test_units",
+    "test_verify",
+)
+"""Files whose claims are close to rounding; together about a minute of processor time."""
+
+CORES = {"x86_64": "Prescott", "AMD64": "Prescott", "aarch64": "ARMV8"}
+"""The least kernels of OpenBLAS by machine."""
+
+
+def lesser():
+    """Return the environment of programs that are to use the least kernels."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
+    return kept | {
+        "NPY_DISABLE_CPU_FEATURES": " ".join(DISPATCHED),
+        "OPENBLAS_CORETYPE": CORES.get(platform.machine(), ""),
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+
+
+def test_the_kernels_are_turned_down():
+    code = (
+        "from numpy._core._multiarray_umath import __cpu_features__, __cpu_dispatch__\n"
+        "print([name for name in __cpu_dispatch__ if __cpu_features__[name]])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=lesser(), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", NUMERICAL)
+def test_numerical_tests_hold_there(name):
+    words = ["-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-q"]
+    chosen = ["-m", "not slow and not long", str(TESTS / f"{name}.py")]
+    done = subprocess.run(
+        [sys.executable, *words, *chosen],
+        env=lesser(),
+        cwd=TESTS.parent,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout[-4000:]

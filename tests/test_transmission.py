@@ -1,0 +1,246 @@
+"""One measure of type II in every analysis: against link rates, many digits, and itself."""
+
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+from oracles import least_misfit, misfits
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.guidance.follow import follow_rotation
+from spherekit.motion.branches import Solver
+from spherekit.motion.motion import Tracer, motion_of
+from spherekit.planning.assembly import plan_assembly
+from spherekit.rates.transmission import SINGULAR, Transmission
+from spherekit.singular.rest import output_of
+from spherekit.singular.several import RowType, coefficients
+from spherekit.sphere.mirror import normal_at
+from spherekit.workspace.constraints import Constraints, bounds_of
+from spherekit.workspace.inverse import pose_solver
+from spherekit.workspace.kinematics import kinematics_of
+from spherekit.workspace.workspace import judge
+
+CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
+DISTANCES = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]
+
+
+def axes_of(mechanism, values):
+    """Return the axes (n, pairs, 3) of R pairs, and directions of the output or None."""
+    solver = Solver(mechanism, plan_assembly(mechanism))
+    placed, states = solver.closure.place(values)
+    output = mechanism.outputs[0]
+    directions = None
+    if len(mechanism.inputs) == 2 and output.direction is not None:
+        turned = placed[:, mechanism.link_number[output.link]]
+        directions = turned @ np.array(output.direction)
+    return solver.closure.vectors(placed, states), directions
+
+
+def by_links(mechanism, values):
+    """Return the measure (n,) from the rates of all links alone."""
+    axes, directions = axes_of(mechanism, values)
+    output = mechanism.outputs[0]
+    link, of = (mechanism.link_number[name] for name in (output.link, output.relative_to))
+    locked = {mechanism.pair_number[item.pair] for item in mechanism.inputs}
+    return np.array(
+        [
+            least_misfit(
+                mechanism.ends,
+                own,
+                locked,
+                link,
+                of,
+                None if directions is None else directions[row],
+            )
+            for row, own in enumerate(axes)
+        ]
+    )
+
+
+def rows_of(name, count=60):
+    """Return the solver, poses and rows of random poses that are reached."""
+    solver = pose_solver(sk.load(name))
+    random = np.random.default_rng(7)
+    poses = random.normal(size=(count, 3))
+    poses /= np.linalg.norm(poses, axis=1, keepdims=True)
+    if not solver.points:
+        poses = Rotation.random(count, random_state=7).as_matrix()
+    pairs = range(len(solver.mechanism.pairs))
+    return solver, poses, solver.inverse(poses, solver.modes, pairs)
+
+
+@pytest.fixture(scope="module")
+def paper():
+    """The rotation of Table 3 of Chen et al. 2021, by its closed form."""
+    form = sk.mid_plane_form(sk.load("two_dof_spm"))
+    start, stop = (normal_at(*np.radians(pose)) for pose in ((75, -20), (70, 20)))
+    return form.rotation_between(start, stop, (-1, 1, 1))
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_all_analyses_judge_a_configuration_alike(name):
+    """Inverse kinematics, workspace, singularities and rotation: one number, one type."""
+    solver, poses, rows = rows_of(name)
+    made = solver.mechanism
+    good = np.flatnonzero(rows.solved & np.isfinite(rows.values).all(axis=1))
+    assert len(good) > 50
+    values, expected = rows.values[good], by_links(made, rows.values[good])
+    assert np.max(np.abs(rows.type_2[good] - expected)) < 1e-12
+    motion = motion_of(Solver(made, plan_assembly(made)), values)
+    found = coefficients(motion, output_of(made))
+    assert np.max(np.abs(found.type_two - expected)) < 1e-12
+    second = np.isin(found.type, (RowType.II, RowType.III))
+    assert np.array_equal(second, expected < SINGULAR)
+    kinematics = kinematics_of(made)
+    bounds = bounds_of(kinematics, Constraints(near=np.radians(8.0)))
+    numbers = {label: k for k, label in enumerate(solver.modes)}
+    for k in range(0, len(good), 7):
+        row = good[k]
+        signs = kinematics.modes[numbers[rows.mode[row]]]
+        pose = poses[rows.pose[row]]
+        place = pose if solver.points else Rotation.from_matrix(pose).as_quat()
+        here = judge(kinematics, bounds, signs, place[None])
+        assert here.type_2[0] == pytest.approx(expected[k], abs=1e-12)
+        least = min(expected[k], rows.type_1[row].min())
+        beside = np.arcsin(least) - np.radians(8.0)
+        assert here.margin[0] <= beside + 1e-9
+        if "type" in bounds[here.limiting[0]].name:
+            assert here.margin[0] == pytest.approx(beside, abs=1e-9)
+    k = good[int(np.argmax(np.minimum(rows.type_2, rows.type_1.min(axis=1))[good]))]
+    turn = follow_rotation(made, rows.values[k], [0.2, 0.3, 0.9], 0.01)
+    assert turn.at([0.0]).control[0] == pytest.approx(rows.type_2[k], abs=1e-9)
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
+    """On the paper's own path, and beside it: the links move though the inputs stand still.
+
+    The determinant of base axes x elbows, in 50 digits, goes through 0 there; the measure
+    is 0.63 of the distance, and both are lost in rounding together.
+    """
+    made = paper.form.mechanism
+    (place,) = paper.crossings
+    at = paper.at(np.array([place + distance]))
+    values = at.values
+    (expected,) = by_links(made, values)
+    assert expected == pytest.approx(0.6315 * distance, rel=0.3, abs=2e-14)
+    assert at.control[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
+    rows = pose_solver(made).inverse(
+        at.orientation @ np.array(made.outputs[0].direction), ["-++"]
+    )
+    assert rows.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-13)
+    found = coefficients(
+        motion_of(Solver(made, plan_assembly(made)), values), output_of(made)
+    )
+    assert found.type_two[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
+    singular = expected < SINGULAR
+    assert (found.type[0] == RowType.II) == singular
+    assert (at.status[0] == Status.AT_SINGULARITY) == singular
+    assert (rows.status[0] == Status.AT_SINGULARITY) == singular
+    kinematics = kinematics_of(made)
+    bounds = bounds_of(kinematics, Constraints(near=np.radians(5.0)))
+    place = at.orientation @ np.array(made.outputs[0].direction)
+    margin = judge(kinematics, bounds, (-1, 1, 1), place).margin[0]
+    # its limit is known by the cosine of twice the angle, which rounds at 1e-8
+    assert margin == pytest.approx(np.arcsin(expected) - np.radians(5.0), abs=3e-8)
+    if distance == 0.0:
+        axes, _ = axes_of(made, values)
+        locked = {made.pair_number[item.pair] for item in made.inputs}
+        held = misfits(made.ends, axes[0], locked)[:, 3:]
+        assert np.linalg.svd(held, compute_uv=False)[-1] < 1e-14
+
+
+def test_near_zero_the_measure_has_its_digits():
+    """Three legs whose planes nearly share a line, against 50 digits."""
+    random = np.random.default_rng(3)
+    made = sk.load("three_rrr")
+    own = Transmission.of(made, made.outputs[0])
+    line = np.array([0.36, 0.48, 0.8])
+    order = [made.pair_number[f"{kind}{leg}"] for leg in "123" for kind in "abc"]
+    for exponent in (3, 6, 9, 12):
+        axes = random.normal(size=(9, 3))
+        for leg in range(3):
+            axes[3 * leg + 1] = random.normal(size=3)
+            axes[3 * leg + 2] = axes[3 * leg + 1] * random.normal() + line
+        axes[2] += 10.0**-exponent * np.cross(axes[1], axes[2])
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        with mp.workdps(50):
+            normals = mp.matrix(3, 3)
+            for leg in range(3):
+                b, c = (mp.matrix(axes[3 * leg + k].tolist()) for k in (1, 2))
+                n = [b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2] for k in range(3)]
+                size = mp.sqrt(sum(x * x for x in n))
+                for k in range(3):
+                    normals[leg, k] = n[k] / size
+            least = min(mp.svd_r(normals, compute_uv=False)) / mp.sqrt(3)
+        given = np.empty((1, 9, 3))
+        given[0, order] = axes
+        assert own.at(given)[0] == pytest.approx(float(least), rel=1e-3, abs=3e-15)
+
+
+@pytest.mark.parametrize("name", ["bevel_differential", "three_rrr", "two_dof_spm"])
+def test_neither_frame_nor_ground_nor_order_matters(name):
+    made = sk.load(name)
+    motion = Tracer(made, samples=3, branch=0).motion()
+    values = motion.values[~motion.failed][:2]
+    closure = Solver(made, plan_assembly(made, by_rank=True)).closure
+    placed, states = closure.place(values)
+    vectors = closure.vectors(placed, states)
+    output = made.outputs[0]
+    own = Transmission.of(made, output)
+    plain = own.at(vectors, own.pointed(placed))
+    turn = Rotation.random(random_state=1).as_matrix()
+    pointed = own.pointed(placed)
+    again = own.at(3.0 * vectors @ turn.T, None if pointed is None else pointed @ turn.T)
+    assert np.max(np.abs(plain - again)) < 1e-13
+    other = replace(made, ground=made.links[-1])
+    moved = Transmission.of(other, output)
+    swapped = moved.at(vectors, None if pointed is None else pointed)
+    assert np.max(np.abs(plain - swapped)) < 1e-13
+
+
+def test_working_modes_of_the_whole_graph_are_all_found():
+    """Forward at (14, 23) deg, counted by an independent damped multi-start search.
+
+    The closed form has those that mirror base and output, says so, and labels each by its
+    own mode.
+    """
+    made = sk.load("two_dof_spm")
+    request = "inverse_kinematics:poses=14:23,columns=21+61"
+    result = sk.run(made, request)
+    table = result.frame("inverse_kinematics", "forward")
+    assert list(table["working"]) == list(table["mode"])
+    assert set(table["solved_by"]) == {"mid-plane"}
+    assert any("graph=true" in text for text in result.summary["remarks"])
+    whole = sk.run(made, request + ",graph=true").frame("inverse_kinematics", "forward")
+    assert set(whole["solved_by"]) == {"graph"}
+    solver = Solver(made, plan_assembly(made))
+    driven = list(solver.driven)
+    free = [k for k in range(14) if k not in driven]
+    random, met = np.random.default_rng(5), []
+    fixed = np.radians([14.0, 23.0])
+
+    def filled(x):
+        values = np.empty((1, 14))
+        values[0, driven], values[0, free] = fixed, x
+        return values
+
+    def gap(x):
+        return solver.closure.residual(*solver.closure.place(filled(x)))[0]
+
+    def slope(x):
+        return solver.closure.linearise(filled(x))[1][0][:, free]
+
+    for _ in range(400):
+        found = least_squares(gap, random.uniform(-np.pi, np.pi, 12), slope, method="lm")
+        if np.max(np.abs(found.fun)) < 1e-11:
+            far = [np.abs(np.exp(1j * found.x) - np.exp(1j * x)).max() for x in met]
+            if all(each > 1e-6 for each in far):
+                met.append(found.x)
+    assert len(whole) == len(met) == 16
+    phi = sk.run(made, "inverse_kinematics:poses=75:-20,columns=phi+gamma,graph=true")
+    assert len(phi.frame("inverse_kinematics")) > 8
