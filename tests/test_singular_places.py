@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from spherekit.singular.turns import into_range
 from test_singular_several import axes_at
 from test_singular_single import four_bar
 from test_singularities_analysis import ROCKER, findings_of
