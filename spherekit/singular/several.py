@@ -173,6 +173,7 @@ def _coefficients(
     for k, (name, field) in enumerate((name, fields[name]) for name in poles):
         w[:, k] = field.w[output.link] - field.w[output.relative_to]
         c[:, k], d[:, k], u[:, k] = _relation(requests[name], field, output)
+    _without_plan(motion, output, c, d, u)
     c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
     triplets = tuple(combinations(range(g), 3))
     triples = [np.linalg.det(u[:, list(three)]) for three in triplets]
@@ -208,6 +209,44 @@ def _relation(
     own = FourLinks(i, r, o, s)
     made = form_i(own, SixPoles.of(own, direction))
     return made.c, made.d, direction(o, s)
+
+
+def _without_plan(
+    motion: Motion, output: OutputRest, c: Floats, d: Floats, u: Floats
+) -> None:
+    """Fill in c, d (n, g) and u (n, g, 3) of rows whose pole axes no plan gives usably.
+
+    Their axes are those of the motion in which one input moves alone. That is finite at
+    singularities; an axis of links that rest in it is not known, but for the input's own.
+    """
+    rows = np.flatnonzero(~motion.failed & np.any(~np.isfinite(c), axis=1))
+    if not len(rows):
+        return
+    closure = Closure.of(motion.mechanism, motion.joints)
+    held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    space = Locus(closure, len(held), output).space(motion.values[rows])
+    alone = space.basis @ adjugate(space.basis[:, held])
+    for k, pair in enumerate(motion.assembly.inputs):
+        ways = alone[:, :, k] / np.linalg.norm(alone[:, :, k], axis=1, keepdims=True)
+        rates = closure.tree.body_rates(space.vectors, ways)
+        r, i = motion.mechanism.ends[pair]
+        own = {pole_of(i, r): space.vectors[:, held[k]]}
+
+        def direction(
+            a: int, b: int, own: dict[Pole, Floats] = own, rates: Floats = rates
+        ) -> Floats:
+            between = own.get(pole_of(a, b), rates[:, a] - rates[:, b])
+            size = np.linalg.norm(between, axis=1, keepdims=True)
+            return np.asarray(between / np.where(size > SINGULAR, size, np.nan))
+
+        o, s = output.link, output.relative_to
+        if len({i, r, o, s}) < 2 or o == s:
+            continue
+        four = FourLinks(i, r, o, s)
+        made = form_i(four, SixPoles.of(four, direction))
+        for whole, found in ((c, made.c), (d, made.d), (u, direction(o, s))):
+            missing = ~np.isfinite(whole[rows, k])
+            whole[rows, k] = np.where(missing, found, whole[rows, k])
 
 
 def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputCoefficients:
