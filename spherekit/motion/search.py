@@ -94,7 +94,7 @@ class Census:
         return float(1.0 - DOUBT ** (1.0 / max(self.starts, 1)))
 
     def words(self, things: str) -> str:
-        """Return what the search is worth; `things` is what they close on, in the plural."""
+        """Return what the search is worth, `things` what it closes on, in the plural."""
         made = f"{self.starts} random starts"
         if not self.closed:
             return f"{made}, none closed; {self._missed()}"
