@@ -94,11 +94,13 @@ class Census:
         return float(1.0 - DOUBT ** (1.0 / max(self.starts, 1)))
 
     def words(self, things: str) -> str:
-        """Return what the search is worth; `things` is the name of one thing, or more."""
+        """Return what the search is worth, `things` what it closes on, in the plural."""
         made = f"{self.starts} random starts"
         if not self.closed:
             return f"{made}, none closed; {self._missed()}"
-        made += f", {self.closed} closed on {len(self.counts)} {things}"
+        count = len(self.counts)
+        met = things.removesuffix("s") if count == 1 else things
+        made += f", {self.closed} closed on {count} {met}"
         least = min(self.counts)
         if least > 1:
             return f"{made}, on each at least {least} times; {self._missed()}"
