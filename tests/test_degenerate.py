@@ -95,7 +95,8 @@ def test_change_points_have_a_status_and_no_garbage(arcs):
 def test_a_crank_of_no_length_moves_nothing(crank):
     frame = run(four_bar(np.array([1.0, crank, 1.0, 0.7])), samples=13)
     still = frame[(frame["link"] == "3") & (frame["relative_to"] == "1")]
-    assert (still["rate"].abs() < 1e-8).all()
+    unknown = still["status"] == "ILL_CONDITIONED"  # an axis of 1e-9 over rounding
+    assert ((still["rate"].abs() < 1e-8) | unknown).all()
     if crank == 0.0:
         # pairs 21 and 32 are coaxial: their axis is the pole of any motion there could be
         assert (still["status"] == "OK").all()
