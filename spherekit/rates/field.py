@@ -372,7 +372,9 @@ def _add_pole(
         return
     i, j = (wanted.plan.body[link] for link in pole)
     unit, error = lines.unit[own].copy(), bounds.direction[own]
-    bad = motion.failed | ~(error < USABLE_DIRECTION)
+    # Where the configuration is singular nothing bounds what it is off by; its status says so.
+    judged = np.where(field.status == Status.OK, error, lines.error[own])
+    bad = motion.failed | ~(judged < USABLE_DIRECTION)
     unit[:, bad] = np.nan
     known = i in w and j in w
     nothing = np.full(unit.shape[1], np.nan)
