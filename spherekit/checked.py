@@ -87,7 +87,8 @@ def _fault(name: str, value: Any, hint: Any) -> str:
     allowed = _choices(hint)
     if allowed and isinstance(value, str):
         hint_of = nearest(value, allowed) or ";"
-        return f'{name} "{value}" is not known{hint_of} it is {listing(allowed)}'
+        words = listing(f'"{each}"' for each in allowed)
+        return f'{name} "{value}" is not known{hint_of} allowed: {words}'
     shown = repr(value)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
     return f"{name} is {shown} ({type(value).__name__}), it has to be {_words(hint)}"

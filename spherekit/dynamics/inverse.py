@@ -13,7 +13,7 @@ from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.laws import Law
+from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Tracer
@@ -104,7 +104,7 @@ class InverseSolution:
 @checked(SolveError)
 def inverse_dynamics(
     mechanism: Mechanism,
-    law: Law,
+    law: TimeLaw,
     times: ArrayLike,
     *,
     input_pair: str | None = None,

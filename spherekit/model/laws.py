@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, final
+from typing import Any, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -160,6 +160,13 @@ class Tabulated:
 
 
 Law = ConstantSpeed | Polynomial | Cycloidal | Tabulated
+
+
+class TimeLaw(Protocol):
+    """Anything that gives an input's variable, rate and acceleration at any time."""
+
+    def at(self, t: ArrayLike) -> States:
+        """Return the input at times t (s)."""
 
 
 @final

@@ -37,7 +37,8 @@ STEPS = 60
 """Steps of a start at most."""
 CLOSE = 1e-6
 """Root of the sum of squared gaps (rad) from which Newton's method ends the way."""
-FIRST_DAMPING, EASED, RAISED, MOST_DAMPING = 0.1, 0.2, 5.0, 1e9
+FIRST_DAMPING, EASED, RAISED = 0.1, 0.2, 5.0
+LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e9
 STALLED = 8
 """A start that halved its squared gaps in none of so many steps, far from closed, ends."""
 POLISHING_STEPS = 40
@@ -168,7 +169,8 @@ def damped(
         values[rows], size[rows] = tried[better], tried_size[better]
         gap[better] = tried_gap[better]
         jacobian[better] = tried_jacobian[better][:, :, free]
-        damping[active] *= np.where(better, EASED, RAISED)
+        changed = damping[active] * np.where(better, EASED, RAISED)
+        damping[active] = np.maximum(changed, LEAST_DAMPING)
         near[rows] = size[rows] < CLOSE**2
         going = ~near[active] & (damping[active] < MOST_DAMPING)
         if turn % STALLED == STALLED - 1:
