@@ -23,7 +23,7 @@ START, LAW = Start(0.3, 1.0), ConstantSpeed(1.0)
 FILE = "a file"
 
 WRONG = [
-    (sk.run, (FOUR_BAR,), {"engine": "cuda"}, 'engine "cuda" is not known; allowed: "auto"'),
+    (sk.run, (FOUR_BAR,), {"engine": "cuda"}, '"cuda" is not known; allowed: "auto"'),
     (sk.run, (FOUR_BAR,), {"engine": "numpi"}, 'did you mean "numpy"'),
     (sk.run, (FOUR_BAR,), {"engine": "compiled"}, "without a simulation"),
     (sk.run, (FOUR_BAR,), {"formats": "csv"}, "formats is 'csv' .str., .* a sequence"),

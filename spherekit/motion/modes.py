@@ -283,7 +283,7 @@ class _Gathering:
         ]
         census = self.search()
         if not self.branches:
-            # Random starts leave out what is next to a dead centre; groups one by one do not.
+            # Random starts leave out what is next to a dead centre.
             self.probe(lattice.q[len(lattice.q) // 2][None])
         things = "components" if len(solver.driven) == 1 else "modes"
         return Claim(Guarantee.SAMPLED, census.words(things))

@@ -372,7 +372,7 @@ def _add_pole(
         return
     i, j = (wanted.plan.body[link] for link in pole)
     unit, error = lines.unit[own].copy(), bounds.direction[own]
-    # Where the configuration is singular nothing bounds what it is off by; its status says so.
+    # Nothing bounds what a singular configuration is off by; its status says so.
     judged = np.where(field.status == Status.OK, error, lines.error[own])
     bad = motion.failed | ~(judged < USABLE_DIRECTION)
     unit[:, bad] = np.nan
