@@ -198,7 +198,7 @@ def test_a_smooth_function_of_many_periods_is_not_given_up():
     assert np.allclose(found.places, np.pi * np.arange(1, 64), rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_right_angled_eight_bars_say_what_is_doubtful():
     """All arcs 90 deg but for 1e-9: the search for dead inputs and groups took minutes."""
     made = sk.load("eight_bar_07")

@@ -111,7 +111,7 @@ def test_internal_contacts_are_found():
     check_internal(40, 2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_three_thousand_poses():
     check_all_kinds(3000, 3)
 

@@ -250,11 +250,11 @@ class _Gathering:
         values = reference.copy()
         middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
         half = 0.5 * np.ptp(q, axis=0)
-        if self.solver.meshes is not None:
+        outside = np.abs(reference[driven] - middle) > half
+        if np.any(outside) and self.solver.meshes is not None:
             values = self.solver.meshes.moved(reference, driven, middle)
-        else:
+        elif np.any(outside):
             turns = np.round((middle - reference[driven]) / (2 * np.pi))
-            outside = np.abs(reference[driven] - middle) > half
             values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
         self.add(values)
         if self.freedoms and self.freedoms[0] < len(driven):
