@@ -202,13 +202,13 @@ def test_on_a_singularity_and_near_it_nothing_is_silently_lost(distance):
     assert 1e-3 * distance - 1e-15 < found.type_two[0] < 2.0 * distance + 1e-15
     singular = distance < 1e-6
     assert found.type[0] == (RowType.II if singular else RowType.REGULAR)
-    # Rounding takes 1.2e-12 / distance^2 of the derivatives at most: from 1.1e-5 on that is
-    # more than the part that may be lost, and rates are not given.
+    # Rounding takes 1.2e-12 / distance^2 of the derivatives at most: from 1.1e-5 on that
+    # is more than the part that may be lost, and rates are not given.
     assert np.all(np.isfinite(found.w)) == (distance > 1.1e-5)
 
 
 def test_what_is_lost_near_a_singularity_is_less_than_is_said_but_not_much_less():
-    """Loops opened every way by a rounding, scaled up so that it shows, change the rates."""
+    """Loops opened every way by a rounding, scaled up to show, change the rates."""
     random = np.random.default_rng(0)
     made, size = near_type_two(1e-4), 100.0 * np.finfo(float).eps
     solver = solver_of(made)

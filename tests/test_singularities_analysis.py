@@ -181,7 +181,8 @@ def resting_arcs(arcs):
     ground, crank, coupler, follower = arcs
 
     def f(q, p):
-        one = [np.sin(crank) * np.sin(q), np.sin(crank) * np.cos(q), np.cos(crank) + 0.0 * q]
+        out = np.sin(crank)
+        one = [out * np.sin(q), out * np.cos(q), np.cos(crank) + 0.0 * q]
         across, along = np.sin(follower) * np.cos(p), np.cos(follower)
         other = [
             np.sin(follower) * np.sin(p),
