@@ -241,7 +241,7 @@ class Verifier:
                 for item in columns
                 if not item["compared"]
             ],
-            **_within_bounds(rows, found),
+            **_within_bounds(rows, found, nearest),
             "worst": {
                 "column": f"{worst['table']}.{worst['column']}",
                 "in_roundings": worst["in_roundings"],
@@ -483,16 +483,17 @@ def _compared(
 
 
 def _within_bounds(
-    rows: _Rows, found: Sequence[tuple[ExactRows, Request, PoleField]]
+    rows: _Rows,
+    found: Sequence[tuple[ExactRows, Request, PoleField]],
+    references: Sequence[PoleField],
 ) -> dict[str, dict[str, Any]]:
     """Return how many directions, rates and derivatives lie within their bounds.
 
     With the worst of each.
     """
     verdicts = {name: _Within() for name in BOUNDED}
-    for exact, wanted, field in found:
+    for (exact, wanted, field), nearest in zip(found, references, strict=True):
         numbers = exact.arithmetic
-        nearest = exact_field(exact, wanted, field)
         for pole in wanted.poles:
             given = field.direction[pole]
             apart = exact_direction(exact, pole, given) - numbers.exact(given)
