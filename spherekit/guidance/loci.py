@@ -24,22 +24,19 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.guidance.form import MidPlaneForm
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Mechanism
+from spherekit.region.mesh import edges_of, hemisphere
 from spherekit.singular.curves import SingularCurves
 from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
 from spherekit.singular.rest import output_of
 from spherekit.singular.slices import solver_of
 from spherekit.sphere.rotation import Floats, cross, perpendicular
 
-HALVINGS = 5
-"""Halvings of the quarters of the hemisphere that make the triangles."""
-SIDE = float(np.radians(90.0 / 2**HALVINGS))
-"""Their sides (rad), about, and the distance of points on circles."""
+SIDE = float(np.radians(4.0))
+"""Longest side (rad) of the triangles, and the distance of points on circles."""
 ALONG = 1e-6
 """Elbows with a smaller sine lie along one line."""
 BISECTIONS = 60
 """Halvings of a side on which a sign changes."""
-
-Edge = tuple[int, int]
 
 
 @final
@@ -138,22 +135,19 @@ class _Modes:
 
     def contours(self, budget: Budget) -> Iterator[MidPlaneCurve]:
         """Yield the lines on which the determinant of the locked mechanism changes sign."""
-        nodes, triangles = _hemisphere()
+        nodes, triangles = hemisphere(SIDE)
+        edges, sides = edges_of(triangles)
         for signs in product((1, -1), repeat=len(self.form.legs)):
             if not budget.goes_on(f"mode {signs}"):
                 return
             modes = np.array(signs)
             values = self._determinants(nodes, modes)
-            ends = np.sort(
-                np.concatenate([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
-            )
-            edges = np.unique(ends, axis=0)
             known = np.all(np.isfinite(values[edges]), axis=1)
             changes = known & (values[edges[:, 0]] * values[edges[:, 1]] < 0.0)
             cut = edges[changes]
             roots = self._roots(nodes[cut[:, 0]], nodes[cut[:, 1]], modes)
-            place = {(int(a), int(b)): k for k, (a, b) in enumerate(cut)}
-            for line, closed in _lines(triangles, place):
+            number = np.where(changes, np.cumsum(changes) - 1, -1)
+            for line, closed in _lines(number[sides], len(cut)):
                 why = self._why(roots[line], modes)
                 yield self._curve(roots[line], modes, closed, why)
 
@@ -217,38 +211,14 @@ class _Modes:
         return MidPlaneCurve(points.rows(kept), tuple(modes.tolist()), s[kept], whole, why)
 
 
-def _hemisphere() -> tuple[Floats, NDArray[np.int64]]:
-    """Return unit vectors (n, 3) with z >= 0, and the triangles (m, 3) between them."""
-    corners = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)]
-    nodes = [np.array(corner) for corner in (*corners, (0.0, 0.0, 1.0))]
-    triangles = [(k, (k + 1) % 4, 4) for k in range(4)]
-    for _ in range(HALVINGS):
-        middles: dict[Edge, int] = {}
-        finer = []
-        for triangle in triangles:
-            between = []
-            for a, b in ((0, 1), (1, 2), (2, 0)):
-                edge = min(triangle[a], triangle[b]), max(triangle[a], triangle[b])
-                if edge not in middles:
-                    middle = nodes[edge[0]] + nodes[edge[1]]
-                    middles[edge] = len(nodes)
-                    nodes.append(middle / np.linalg.norm(middle))
-                between.append(middles[edge])
-            a, b, c = triangle
-            d, e, f = between
-            finer += [(a, d, f), (d, b, e), (f, e, c), (d, e, f)]
-        triangles = finer
-    return np.array(nodes), np.array(triangles, dtype=np.int64)
+def _lines(sides: NDArray[np.intp], count: int) -> Iterator[tuple[list[int], bool]]:
+    """Yield the numbers of the roots in order along each line, and whether it closes.
 
-
-def _lines(
-    triangles: NDArray[np.int64], place: dict[Edge, int]
-) -> Iterator[tuple[list[int], bool]]:
-    """Yield the numbers of cut edges in order along each line, and whether it closes."""
-    beside: dict[int, list[int]] = {k: [] for k in place.values()}
-    for triangle in np.sort(triangles, axis=1).tolist():
-        a, b, c = triangle
-        ends = [place[edge] for edge in ((a, b), (b, c), (a, c)) if edge in place]
+    `sides` (triangles, 3) has the number of the root on each side, -1 for none, of `count`.
+    """
+    beside: dict[int, list[int]] = {k: [] for k in range(count)}
+    for triangle in sides.tolist():
+        ends = [k for k in triangle if k >= 0]
         if len(ends) == 2:
             beside[ends[0]].append(ends[1])
             beside[ends[1]].append(ends[0])

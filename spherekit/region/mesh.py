@@ -40,8 +40,23 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
         for k in range(j)
         if near[i, j] and near[j, k] and near[i, k]
     ]
-    triangles = np.array(faces, dtype=np.intp)
-    points = points @ _TILT.T
+    return refined(points @ _TILT.T, np.array(faces, dtype=np.intp), spacing)
+
+
+@cache
+def hemisphere(spacing: float) -> tuple[Floats, Indices]:
+    """Return vertices (V, 3) with z >= 0 and triangles (T, 3), as `icosahedron`.
+
+    They are quarters of the octahedron's upper half, so that edges lie along the equator.
+    """
+    corners = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)]
+    points = np.array([*corners, (0.0, 0.0, 1.0)])
+    faces = np.array([(k, (k + 1) % 4, 4) for k in range(4)], dtype=np.intp)
+    return refined(points, faces, spacing)
+
+
+def refined(points: Floats, triangles: Indices, spacing: float) -> tuple[Floats, Indices]:
+    """Return triangles quartered until their edges are at most `spacing` (rad) long."""
     while np.max(edge_lengths(points, triangles)) > spacing:
         edges, own = edges_of(triangles)
         a, b, c = triangles.T
