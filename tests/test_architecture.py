@@ -14,7 +14,7 @@ PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
     ("errors", "conventions", "guarantee", "version", "progress"),
-    ("budget", "checked"),
+    ("budget", "checked", "lazily"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),
@@ -26,6 +26,7 @@ LAYERS = (
     ("analysis",),
     ("trade",),
     ("view",),
+    ("front",),
     ("cli",),
 )
 """Each layer may import only layers above it in this list, and itself."""

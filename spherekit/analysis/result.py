@@ -59,6 +59,15 @@ class RunResult:
     summary: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
 
+    def __repr__(self) -> str:
+        tables = listing(
+            name if table is result.tables[0] else f"{name}/{table.name}"
+            for name, result in self.results.items()
+            for table in result.tables
+        )
+        failed = f"; failed: {listing(self.failures)}" if self.failures else ""
+        return f"<RunResult of {self.summary.get('mechanism')}: tables {tables}{failed}>"
+
     @checked(AnalysisError)
     def frame(
         self,

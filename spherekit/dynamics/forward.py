@@ -16,9 +16,9 @@ from spherekit.dynamics.start import PoseStart, Problem, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import EngineError, PlanError, SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.actions import smooth
 from spherekit.model.laws import Start
-from spherekit.model.mechanism import Mechanism
 
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
 """Smallest tolerance of each engine; below, rounding decides."""
@@ -31,7 +31,7 @@ QUICKER = 200.0
 
 @checked(SolveError)
 def simulate(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     start: Start | PoseStart,
     until: float,
     *,
@@ -91,6 +91,7 @@ def simulate(
     EngineError
         With ``engine="compiled"``, if that engine cannot do what is asked.
     """
+    mechanism = mechanism_of(mechanism)
     problem = prepare(mechanism, start, until, torque, input_pair, branch, switches)
     if engine not in ENGINES:
         raise SolveError(

@@ -118,7 +118,7 @@ def prepare(
         values, turns = _closed(closure, mechanism, start.values)
     else:
         moved = driven
-        tracer = _traced(mechanism)
+        tracer = traced(mechanism)
         if np.isfinite(start.q) and abs(start.q) <= FARTHEST:
             tracer = reaching(tracer, np.array([start.q]))
         values, turns = _configuration(tracer, start.q, branch)
@@ -187,7 +187,7 @@ def _need_digits(name: str, values: Floats) -> None:
         )
 
 
-def _traced(mechanism: Mechanism) -> Tracer:
+def traced(mechanism: Mechanism) -> Tracer:
     """Return the branches of a mechanism, found once for the last few geometries."""
     bare = replace(mechanism, masses=(), loads=(), stops=(), user={}, source=None)
     key = canonical_text(bare, "rad")
