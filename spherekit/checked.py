@@ -230,4 +230,6 @@ def _words(hint: Any) -> str:
         return f"a sequence, each {_words(inner[0])}"
     if origin is os.PathLike:
         return "a path"
+    if origin is Callable:
+        return "a function"
     return str(getattr(origin or hint, "__name__", hint))

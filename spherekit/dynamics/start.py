@@ -14,7 +14,7 @@ from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
 from spherekit.files.write import canonical_text
-from spherekit.model.dynamics import DRIVE, PairTorque, TorqueTable
+from spherekit.model.dynamics import DRIVE, PairTorque, TorqueFunction, TorqueTable
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
@@ -33,6 +33,9 @@ FARTHEST = 1e9
 
 STANDSTILL = 1e-9
 """A pair variable whose rate along the curve is smaller cannot be given a rate."""
+
+Torque = float | str | TorqueFunction
+"""A driving torque (N m): a number, an expression, or a function f(t, q, dq)."""
 
 KEPT = 8
 """Geometries whose branches are kept, for further simulations of the same."""
@@ -85,7 +88,7 @@ def prepare(
     mechanism: Mechanism,
     start: Start | PoseStart,
     until: float,
-    torque: str | None = None,
+    torque: Torque | None = None,
     input_pair: str | None = None,
     branch: int = 0,
     switches: Iterable[float] = (),
@@ -106,7 +109,8 @@ def prepare(
     mechanism = mechanism.with_inputs(input_pair)
     driven = variable_of(mechanism, input_pair)
     if torque is not None:
-        drive = PairTorque(DRIVE, input_pair, torque)
+        given = repr(float(torque)) if isinstance(torque, int | float) else torque
+        drive = PairTorque(DRIVE, input_pair, given)
         mechanism = replace(mechanism, loads=(*mechanism.loads, drive))
     times = sorted({float(t) for t in switches} | set(_knots(mechanism, until)))
     if not all(np.isfinite(times)):
