@@ -8,29 +8,36 @@ import numpy as np
 from numpy.typing import NDArray
 from spherekit_analyses.pose_lists import Given, PoseList
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
-from spherekit.analysis.scene import Scene, SphereMap, Text
-from spherekit.analysis.tables import (
+from spherekit.plugin import (
     INPUTS,
     STATUS,
+    AbstractAnalysis,
+    AnalysisError,
+    Batch,
+    ClosedPoses,
     Column,
+    Findings,
+    Floats,
+    InverseRows,
+    Mechanism,
+    Needs,
+    PoseSolver,
+    Scene,
+    SphereMap,
+    Status,
     Table,
     TableData,
+    Text,
+    azimuth_tilt,
     input_columns,
-)
-from spherekit.conventions import Status, listing, nearest
-from spherekit.errors import AnalysisError
-from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, quaternion
-from spherekit.sphere.tilt_torsion import azimuth_tilt, tilt_torsion
-from spherekit.workspace.inverse import (
-    ClosedPoses,
-    InverseRows,
-    PoseSolver,
+    label_of,
+    listing,
+    nearest,
     pose_solver,
+    quaternion,
     sense_of,
+    tilt_torsion,
 )
-from spherekit.workspace.kinematics import label_of
 
 Row = dict[str, Any]
 

@@ -24,11 +24,9 @@ falling.at(np.linspace(0.0, 5.0, 101)).q
 from typing import TYPE_CHECKING
 
 from spherekit.lazily import offered as _offered
-from spherekit.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from spherekit.analysis.result import RunResult as RunResult
-    from spherekit.analysis.run import run as run
     from spherekit.analysis.setting import Setting as Setting
     from spherekit.analysis.study import run_study as run_study
     from spherekit.conventions import Status as Status
@@ -53,6 +51,7 @@ if TYPE_CHECKING:
     from spherekit.front.evaluate import evaluate as evaluate
     from spherekit.front.export import export as export
     from spherekit.front.plan import plan as plan
+    from spherekit.front.run import run as run
     from spherekit.guidance.follow import follow_rotation as follow_rotation
     from spherekit.guidance.follow import follow_to as follow_to
     from spherekit.guidance.schedule import quickest as quickest
@@ -78,10 +77,6 @@ if TYPE_CHECKING:
     from spherekit.planning.poles import Plan as Plan
     from spherekit.planning.table import as_text as table  # noqa: F401
     from spherekit.trade.trade import trade as trade
+    from spherekit.version import __version__ as __version__
 
-_names, __getattr__ = _offered(__name__, __file__)
-__all__ = ["__version__", *_names]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__all__, __getattr__, __dir__ = _offered(__name__, __file__)

@@ -6,14 +6,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-_OFFERED = re.compile(r"^    from (\S+) import (\w+) as (\w+)", re.M)
+_OFFERED = re.compile(r"^    from (\S+) import \(?\s*(\w+) as (\w+)", re.M)
 
 
-def offered(package: str, file: str) -> tuple[list[str], Callable[[str], Any]]:
-    """Return the names that a package offers, and its `__getattr__`, which imports them.
+def offered(
+    package: str, file: str
+) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """Return a package's `__all__`, its `__getattr__` that imports names, its `__dir__`.
 
-    They are those that its `file` imports for type checkers, a line for each, so that they
-    are said once.
+    The names are those that its `file` imports for type checkers, so that they are said
+    once.
     """
     home = {
         name: (module, attribute)
@@ -28,4 +30,4 @@ def offered(package: str, file: str) -> tuple[list[str], Callable[[str], Any]]:
         vars(import_module(package))[name] = value
         return value
 
-    return sorted(home), imported
+    return sorted(home), imported, lambda: sorted(home)

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from public_packages import PUBLIC
 
 import spherekit as sk
 from spherekit import errors
@@ -65,6 +66,15 @@ def test_python_runs(page, folder):
         script = folder / f"block_{number}.py"
         script.write_text(code, encoding="utf-8")
         runpy.run_path(str(script))
+
+
+def test_pages_import_from_public_packages_only():
+    found = set()
+    for text in PAGES.values():
+        found |= set(re.findall(r"^ *(?:from|import) (spherekit[\w.]*)", text, re.M))
+        found |= set(re.findall(r"\bimport (spherekit\.[\w.]+)", text))
+    assert found - {PLUGIN} <= set(PUBLIC), found
+    assert {"spherekit", "spherekit.plugin", "spherekit.engine"} <= found
 
 
 @pytest.mark.parametrize("page", pages_with("console"))
