@@ -43,7 +43,8 @@ class Pack:
 def shipped() -> tuple[Pack, ...]:
     """Return all installed packs with their mechanisms, without importing them."""
     found = sorted(entry_points(group=GROUP), key=lambda each: (each.name, each.value))
-    return tuple(_pack(each) for each in found)
+    unique = {(each.name, each.value): each for each in found}
+    return tuple(_pack(each) for each in unique.values())
 
 
 @final
