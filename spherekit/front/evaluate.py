@@ -61,9 +61,9 @@ class Kinematics:
     Poles are named by two links, ``"3/1"``; coefficients are those of the link that comes
     later in the mechanism against the other, per unit rate of the input `moving` while
     the others are locked. `moving` may be left out where there is one input. The sense of
-    a pole axis, and with it the sign of its coefficient, goes on along the rows of a branch;
-    in the first it is the side that the mechanism's own axes are on. Angles are in rad,
-    vectors in ground axes; rows that failed hold NaN and say why in `status`.
+    a pole axis, and with it the sign of its coefficient, goes on along the rows of a
+    branch; in the first it is the side that the mechanism's axes are on. Angles are in
+    rad, vectors in ground axes; rows that failed hold NaN and say why in `status`.
     """
 
     mechanism: Mechanism
