@@ -28,7 +28,6 @@ from spherekit.lazily import offered as _offered
 if TYPE_CHECKING:
     from spherekit.analysis.result import RunResult as RunResult
     from spherekit.analysis.setting import Setting as Setting
-    from spherekit.analysis.study import run_study as run_study
     from spherekit.conventions import Status as Status
     from spherekit.dynamics.forward import simulate as simulate
     from spherekit.dynamics.inverse import inverse_dynamics as inverse_dynamics
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from spherekit.files.build import build as build
     from spherekit.files.library import mechanisms as mechanisms
     from spherekit.files.read import load as load
-    from spherekit.files.study import Study as Study
     from spherekit.files.study import load_study as load_study
     from spherekit.files.write import dump as dump
     from spherekit.front.evaluate import Kinematics as Kinematics
@@ -70,6 +68,7 @@ if TYPE_CHECKING:
     from spherekit.model.laws import Start as Start
     from spherekit.model.laws import Tabulated as Tabulated
     from spherekit.model.mechanism import Mechanism as Mechanism
+    from spherekit.model.study import Study as Study
     from spherekit.motion.motion import Motion as Motion
     from spherekit.motion.motion import trace as trace
     from spherekit.output.forward import ForwardKinematics as ForwardKinematics

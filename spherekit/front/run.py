@@ -1,6 +1,5 @@
 """A run whose result can be saved as a recording: it is gone through once more."""
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import wraps
@@ -9,7 +8,6 @@ from typing import Any, ParamSpec
 
 from spherekit.analysis import run as analysis
 from spherekit.analysis.result import RunResult
-from spherekit.files.read import load
 
 P = ParamSpec("P")
 
@@ -22,8 +20,6 @@ def _recordable(function: Callable[P, RunResult]) -> Callable[P, RunResult]:
 
     @wraps(function)
     def _run(*args: P.args, **kwargs: P.kwargs) -> RunResult:
-        if args and isinstance(args[0], str | os.PathLike):
-            args = (load(args[0]), *args[1:])  # type: ignore[assignment]
         found = function(*args, **kwargs)
         again: dict[str, Any] = {k: v for k, v in kwargs.items() if k not in ONCE}
 
