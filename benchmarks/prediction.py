@@ -19,7 +19,7 @@ STAGES = ("positions", AXES, TABLES)
 
 def run(quick: bool) -> list[Section]:
     """Return the ratios of actual to predicted costs of shipped mechanisms."""
-    names = QUICK
+    names: tuple[str, ...] = QUICK
     if not quick:
         packs = [pack for pack in shipped() if pack.distribution == "spherekit"]
         names = tuple(sorted(name for pack in packs for name in pack.files))
