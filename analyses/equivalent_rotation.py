@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
-from spherekit_analyses.pose_text import read_end, read_pose
-from spherekit_analyses.rotation_scenes import RotationScenes, mid_planes
 
 from spherekit.plugin import (
     INPUTS,
@@ -45,6 +43,9 @@ from spherekit.plugin import (
     quickest,
     tilt_torsion,
 )
+
+from .pose_text import read_end, read_pose
+from .rotation_scenes import RotationScenes, mid_planes
 
 AGREES = 1e-8
 """Inputs (rad) by the closed form and on the graph that differ by less agree."""

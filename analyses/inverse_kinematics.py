@@ -6,7 +6,6 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
-from spherekit_analyses.pose_lists import Given, PoseList
 
 from spherekit.plugin import (
     INPUTS,
@@ -38,6 +37,8 @@ from spherekit.plugin import (
     sense_of,
     tilt_torsion,
 )
+
+from .pose_lists import Given, PoseList
 
 Row = dict[str, Any]
 

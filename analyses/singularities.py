@@ -6,7 +6,6 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
-from spherekit_analyses.several_singularities import SeveralInputs
 
 from spherekit.plugin import (
     BRANCH,
@@ -40,6 +39,8 @@ from spherekit.plugin import (
     link_bodies,
     ordered_pole,
 )
+
+from .several_singularities import SeveralInputs
 
 Floats = NDArray[np.float64]
 
@@ -368,7 +369,9 @@ class SingularityAnalysis(AbstractAnalysis):
                 {
                     "kind": str(whole.type),
                     "condition": "",
-                    "branch": _joined(sorted({p.branch for p in own} - {None})),
+                    "branch": _joined(
+                        sorted({p.branch for p in own if p.branch is not None})
+                    ),
                     "q": np.nan,
                     "inside": "yes",
                     "output": _named(batch.mechanism, whole.output),
