@@ -34,7 +34,6 @@ NAMES = (
     "long_run",
     "fuzz",
     "pruning",
-    "prediction",
     "extremes",
     "sceptic",
 )
