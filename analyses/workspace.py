@@ -14,6 +14,7 @@ from spherekit.plugin import (
     AxesLimit,
     Batch,
     Bound,
+    ClosedKinematics,
     Column,
     Constraints,
     DirectionWorkspace,
@@ -23,7 +24,6 @@ from spherekit.plugin import (
     Mechanism,
     Needs,
     OrientationWorkspace,
-    OutputKinematics,
     PairLimit,
     Part,
     Primitive,
@@ -37,10 +37,10 @@ from spherekit.plugin import (
     Text,
     bounds_of,
     chosen_modes,
+    closed_kinematics,
     direction_workspaces,
     input_columns,
     judge,
-    kinematics_of,
     label_of,
     nearest_reachable,
     orientation_samples,
@@ -170,7 +170,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"workspace: tolerance: {self.tolerance:g} is no relative error; give one "
                 "above 0 and below 1, or 0 for the default"
             )
-        kinematics = kinematics_of(mechanism, self.output or None)
+        kinematics = closed_kinematics(mechanism, self.output or None)
         bounds_of(kinematics, self._constraints)
         chosen_modes(kinematics, self.mode)
         self._given_pose(kinematics)
@@ -250,9 +250,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
             self.radius,
         )
 
-    def _kinematics(self, batch: Batch) -> OutputKinematics:
+    def _kinematics(self, batch: Batch) -> ClosedKinematics:
         return batch.once(
-            "kinematics", lambda: kinematics_of(batch.mechanism, self.output or None)
+            "kinematics", lambda: closed_kinematics(batch.mechanism, self.output or None)
         )
 
     def _bounds(self, batch: Batch) -> tuple[Bound, ...]:
@@ -429,7 +429,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             )
         return figures, words
 
-    def _given_pose(self, kinematics: OutputKinematics) -> Floats:
+    def _given_pose(self, kinematics: ClosedKinematics) -> Floats:
         """Return the poses (k, 3) or (k, 4) to be judged."""
         given = np.array(self.pose)
         inputs = len(kinematics.mechanism.inputs)

@@ -134,20 +134,20 @@ if TYPE_CHECKING:
     from spherekit.workspace.constraints import Constraints as Constraints
     from spherekit.workspace.constraints import PairLimit as PairLimit
     from spherekit.workspace.constraints import bounds_of as bounds_of
-    from spherekit.workspace.inverse import ClosedPoses as ClosedPoses
-    from spherekit.workspace.inverse import InverseRows as InverseRows
-    from spherekit.workspace.inverse import PoseSolver as PoseSolver
-    from spherekit.workspace.inverse import pose_solver as pose_solver
-    from spherekit.workspace.inverse import sense_of as sense_of
+    from spherekit.workspace.inverse import closed_kinematics as closed_kinematics
+    from spherekit.workspace.inverse import output_kinematics as output_kinematics
+    from spherekit.workspace.kinematics import ClosedKinematics as ClosedKinematics
     from spherekit.workspace.kinematics import OutputKinematics as OutputKinematics
-    from spherekit.workspace.kinematics import kinematics_of as kinematics_of
-    from spherekit.workspace.kinematics import label_of as label_of
+    from spherekit.workspace.rows import InverseRows as InverseRows
+    from spherekit.workspace.rows import label_of as label_of
+    from spherekit.workspace.rows import sense_of as sense_of
     from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
     from spherekit.workspace.workspace import Judged as Judged
     from spherekit.workspace.workspace import OrientationWorkspace as OrientationWorkspace
     from spherekit.workspace.workspace import chosen_modes as chosen_modes
     from spherekit.workspace.workspace import direction_workspaces as direction_workspaces
     from spherekit.workspace.workspace import judge as judge
+    from spherekit.workspace.workspace import nearest_poses as nearest_poses
     from spherekit.workspace.workspace import nearest_reachable as nearest_reachable
     from spherekit.workspace.workspace import orientation_samples as orientation_samples
     from spherekit.workspace.workspace import (

@@ -192,12 +192,6 @@ class PoseFinder:
 
     @cached_property
     def _kinematics(self) -> InverseKinematics:
-        count = len(self.mechanism.inputs)
-        if count not in (2, 3):
-            raise SolveError(
-                f"{self.mechanism.name}: with {count} input the pose of the output is "
-                "given by the input"
-            )
         return InverseKinematics(self.mechanism, self.output.name)
 
     def _assembled(self, inputs: Floats) -> Candidates:
