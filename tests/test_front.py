@@ -112,7 +112,7 @@ WRONG = [
     (sk.follow_rotation, (FIVE_BAR, np.zeros(5), [0, 0, 1], NAN), {}, "angle|nan"),
     (sk.follow_to, (FIVE_BAR, "a", np.eye(3)), {}, "values is 'a'"),
     (sk.quickest, (5,), {}, "rotation is 5"),
-    (sk.InverseKinematics, ("five_bar",), {}, "it has to be Mechanism"),
+    (sk.InverseKinematics, (5,), {}, "InverseKinematics: mechanism is 5"),
     (sk.InverseKinematics, (FIVE_BAR, "nosuch"), {}, "nosuch"),
     (sk.ForwardKinematics, (5,), {}, "it has to be Mechanism"),
     (sk.ForwardKinematics(FIVE_BAR).solutions, ("a",), {}, "inputs is 'a'"),

@@ -446,3 +446,19 @@ def test_what_a_notebook_starts_with_has_an_example():
     functions = "load", "build", "mechanisms", "plan", "evaluate", "simulate", "export"
     changes = (f"Mechanism.with_{each}" for each in ("sizes", "inputs", "mass", "loads"))
     assert {*functions, *changes} <= DOCUMENTED.keys()
+
+
+NAMED = [
+    lambda m: sk.plan(m).steps,
+    lambda m: len(sk.trace(m, samples=3)),
+    lambda m: sk.evaluate(m, [0.3, 0.4]).inputs.shape,
+    lambda m: len(sk.run(m, samples=3).frame()),
+    lambda m: sk.ForwardKinematics(m).mechanism.name,
+    lambda m: sk.InverseKinematics(m).own.name,
+]
+
+
+@pytest.mark.parametrize("ask", NAMED, ids=range(len(NAMED)))
+def test_a_mechanism_is_given_as_such_by_name_or_by_path(ask):
+    mechanism = sk.load("five_bar")
+    assert ask("five_bar") == ask(mechanism) == ask(find("five_bar"))
