@@ -333,7 +333,7 @@ def test_pairs_asked_for():
 def test_at_the_image_of_the_output_nothing_is_determined():
     """Where every mid-plane serves, a row is one of them and says that it is singular."""
     solver = output_kinematics(sk.load("two_dof_spm"))
-    rows = solver.inverse(solver.home[None] @ solver.form.frame.T, ["+++"])
+    rows = solver.inverse(solver.form.home[None] @ solver.form.frame.T, ["+++"])
     assert rows.status[0] == Status.AT_SINGULARITY
     assert np.all(rows.type_1 < 1e-14)
 

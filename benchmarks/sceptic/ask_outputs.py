@@ -292,11 +292,11 @@ def rotation_and_forward(evidence: Evidence, notes: Notes) -> None:
     if len(rows) < 2:
         return
     turned = made.solver.forward(rows[[f"q_{name}" for name in names]].to_numpy())
-    home = made.solver.forward(rows[[f"q_{name}" for name in names]].to_numpy()[:1])
+    home = turned.rotations[turned.row == 0]
     theta = rows["theta"].to_numpy()
     for n in range(1, len(rows)):
         turn = Rotation.from_rotvec((theta[n] - theta[0]) * axis).as_matrix()
-        wanted = turn @ home.rotations
+        wanted = turn @ home
         here = turned.rotations[turned.row == n]
         gap = np.abs(wanted[:, None] - here[None])
         off = float(np.min(np.max(gap, axis=(2, 3)), initial=np.inf))

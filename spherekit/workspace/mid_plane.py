@@ -41,7 +41,6 @@ class MidPlaneKinematics(ClosedKinematics):
             "leg of " + ", ".join(map(self.name_of, (leg.base, leg.elbow, leg.tip)))
             for leg in form.legs
         )
-        self.home = form.image @ np.array(output.direction)
 
     @property
     def spans(self) -> tuple[Span, ...]:
@@ -65,7 +64,7 @@ class MidPlaneKinematics(ClosedKinematics):
         """
         form, plane = self.form, self.form.plane
         upward = plane.normals(inputs)
-        away = -np.sign(upward @ self.home)[:, None]  # from the image of the output
+        away = -np.sign(upward @ form.home)[:, None]  # from the image of the output
         normals, own = away * upward, away * plane.modes(inputs)
         parts: list[tuple[NDArray[np.intp], Floats, list[Signs]]] = []
         for signs in self.modes:
@@ -96,13 +95,7 @@ class _MidPlaneRows:
     def __init__(self, owner: MidPlaneKinematics, points: Floats, signs: Signs) -> None:
         self.form, self.signs, self.points = owner.form, signs, points
         self.driven = list(owner.form.plane.driven)
-        way = points - owner.home
-        # lengths that differ by a rounding would turn the normal by that over the distance
-        longer = np.sum(way * (points + owner.home), axis=1, keepdims=True)
-        way = way - 0.5 * longer * points
-        self.distance = np.linalg.norm(way, axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            self.normals = way / self.distance[:, None]
+        self.normals, self.distance = self.form.normals_to(points)
 
     def cosine(self, one: int, other: int) -> Floats:
         ends = [self._axis(pair) for pair in (one, other)]
