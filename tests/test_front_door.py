@@ -318,6 +318,7 @@ def test_objects_show_themselves_in_a_line():
         "RunResult": sk.run(mechanism, samples=5),
         "Simulation": sk.simulate(mechanism, sk.Start(0.3), 0.1, engine="numpy"),
         "Kinematics": sk.evaluate(mechanism, 0.3),
+        "InverseSolution": sk.inverse_dynamics(mechanism, sk.ConstantSpeed(1.0), [0, 1]),
     }
     for name, each in shown.items():
         assert repr(each).startswith(f"<{name} ") and "four_bar" in repr(each)
