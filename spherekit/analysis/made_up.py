@@ -75,8 +75,8 @@ def _place(solver: Solver, q: Floats, values: Floats) -> None:
         own = group_variables(state, group)
         closure = group_closure(state, group, ends)
         closure.solve(values[:, own], iterations=NEWTON_STEPS)
-        placed, states = closure.place(values[:, own])
-        closure.tree.jacobian(closure.vectors(placed, states))
-        state.merge(group, placed)
+        at = closure.at(values[:, own])
+        state.merge(group, at.placed)
+        at.jacobian  # noqa: B018
         state.values[:, own] = values[:, own]
-    solver.closure.residual(*solver.closure.place(values))
+    solver.closure.at(values).residual  # noqa: B018

@@ -251,7 +251,7 @@ class March:
 
     def _signs(self, values: Floats) -> float:
         free = [v for v in range(values.shape[1]) if v not in self.driven]
-        _, jacobian = self.target.closure.linearise(values)
+        jacobian = self.target.closure.at(values).jacobian
         return float(determinant_sign(jacobian[:, :, free])[0])
 
     def _flip(self, at: Node, node: Node) -> float:
@@ -265,7 +265,7 @@ class March:
             guess = self._between(at, node, theta)[None]
             wanted = rotation(self.axis, np.array([theta])) @ self.start
             near, _, _ = corrected(self.target, guess, wanted, self.exact)
-            return float(np.linalg.det(near.jacobian[0][:, free]))
+            return float(np.linalg.det(near.at.jacobian[0][:, free]))
 
         return float(brentq(determinant, at.theta, node.theta, xtol=1e-13))
 

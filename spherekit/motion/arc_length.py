@@ -24,8 +24,8 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.limits import Limit, contact_variables, limits_of
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.segments import (
+    Bordered,
     CurvePoints,
-    Linearised,
     Segments,
     bordered,
     correct,
@@ -73,7 +73,7 @@ class _Node:
     """One point of the curve with its linearised equations, bordered by its tangent."""
 
     point: CurvePoints
-    equations: Linearised
+    equations: Bordered
 
     @property
     def values(self) -> Floats:
@@ -93,10 +93,8 @@ class _Node:
 
     def margin(self, limit: Limit) -> tuple[float, Floats]:
         """Return how far the limit is, and the gradient (variables,) of that."""
-        equations = self.equations
-        return limit.margin(
-            self.values, equations.curvatures[0], equations.curvature_rates[0]
-        )
+        states = self.equations.at.states
+        return limit.margin(self.values, states.curvatures[0], states.curvature_rates[0])
 
     def taylor(self, way: Floats) -> Floats:
         """Return the curve (n, variables) at arc lengths (n,) from here, second order."""
@@ -201,7 +199,7 @@ def _started(closure: Closure, values: Floats) -> _Node:
     """Return the node of a configuration, after closing it exactly."""
     if not np.all(np.isfinite(values)):
         raise SolveError("the configuration to follow has to be finite, but is not")
-    gap = float(np.max(np.abs(closure.linearise(values[None])[0]), initial=0.0))
+    gap = float(closure.at(values[None]).gap[0])
     if not gap < CLOSED_START:
         raise SolveError(
             f"the configuration to follow does not close: its residual is {gap:.3g} rad, "
@@ -219,8 +217,7 @@ def _started(closure: Closure, values: Floats) -> _Node:
 
 def _motion(closure: Closure, values: Floats) -> Floats:
     """Return the unit vector (variables,) of the only motion, its largest part positive."""
-    _, jacobian = closure.linearise(values[None])
-    _, sizes, right = np.linalg.svd(jacobian[0])
+    _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
     sizes = np.append(sizes, np.zeros(max(0, len(right) - len(sizes))))
     if len(sizes) > 1 and sizes[-2] < SINGULAR * sizes[0]:
         raise SolveError(SINGULAR_START)
@@ -344,13 +341,12 @@ class _March:
     def _onto(self, limit: Limit, values: Floats) -> Floats | None:
         """Return the closed configuration (variables,) on a limit, by Newton's method."""
         for _ in range(12):
-            placed, states = self.closure.place(values)
-            jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
+            at = self.closure.at(values)
             margin, gradient = limit.margin(
-                values[0], states.curvatures[0], states.curvature_rates[0]
+                values[0], at.states.curvatures[0], at.states.curvature_rates[0]
             )
-            inverse = left_inverse(bordered(jacobian, gradient[None]))[0]
-            gap = np.append(self.closure.residual(placed, states)[0], margin)
+            inverse = left_inverse(bordered(at.jacobian, gradient[None]))[0]
+            gap = np.append(at.residual[0], margin)
             change = -inverse @ gap
             if not np.all(np.isfinite(change)):
                 return None

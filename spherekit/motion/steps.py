@@ -18,7 +18,6 @@ from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.model.geometry import Contact
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2
@@ -78,10 +77,8 @@ def nodes_at(
 
     `driven` are the variables of the inputs, `direction` (n, inputs) how those move.
     """
-    placed, states = closure.place(values)
-    frames = closure.frames(placed, states)
-    vectors = variable_vectors(closure.joints, frames, states.curvatures)
-    jacobian = closure.tree.jacobian(vectors)
+    at = closure.at(values)
+    jacobian = at.jacobian
     held = list(driven)
     free = [v for v in range(values.shape[1]) if v not in driven]
     square = jacobian[:, :, free]
@@ -96,11 +93,7 @@ def nodes_at(
     slope[:, held] = direction
     moved = np.einsum("nij,nj->ni", jacobian[:, :, held], direction)
     slope[:, free] = -np.einsum("nij,nj->ni", inverse, moved)
-    w = closure.tree.body_rates(vectors, slope)
-    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
-    turned = pair_rates(closure.joints, frames, states, first, second).vectors
-    bias = np.einsum("nij,nj->ni", closure.tree.jacobian(turned), slope)
-    bend[:, free] = -np.einsum("nij,nj->ni", inverse, bias)
+    bend[:, free] = -np.einsum("nij,nj->ni", inverse, at.bias(slope))
     return Nodes(
         direction,
         values,
@@ -160,7 +153,7 @@ def smallest_step(q: Floats) -> Floats:
 def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
     """Return the status of the samples beyond the last node that could be reached."""
     values = at.values[row]
-    _, states = closure.place(values[None])
+    states = closure.at(values[None]).states
     for k, joint in enumerate(closure.joints):
         if not isinstance(joint, Contact):
             continue

@@ -194,7 +194,7 @@ class _March:
         return node, max(moved)
 
     def _inside(self, node: LocusPoints) -> bool:
-        _, states = self.locus.closure.place(node.values)
+        states = self.locus.closure.at(node.values).states
         return bool(np.all(states.inside))
 
     def _closing(

@@ -150,8 +150,7 @@ class PoseSolver(ABC):
     def residual(self, values: Floats) -> Floats:
         """Return (n,) rad by how much loops fail to close at values (n, variables)."""
         closure = Closure.of(self.mechanism, geometry_of(self.mechanism).joints)
-        gap = np.abs(closure.residual(*closure.place(values)))
-        return np.asarray(np.max(gap, axis=1, initial=0.0))
+        return closure.at(values).gap
 
 
 def pose_solver(
