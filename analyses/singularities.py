@@ -346,7 +346,7 @@ class SingularityAnalysis(AbstractAnalysis):
                         "kind": "III",
                         **_conditions([at for own in on_branches for at in own]),
                         "branch": _joined(sorted(touched)),
-                        **_placed(found, found.input_of(crossing.values[None])),
+                        **_placed(found, found.input_of(curve, crossing.values[None])),
                         "output": _named(batch.mechanism, links),
                         "curve": curve,
                         "s": s,
