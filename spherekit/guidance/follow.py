@@ -16,9 +16,9 @@ from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.guidance.march import (
-    LARGEST_MIDDLE,
     STATIONARY,
     UNFIXED,
+    VERIFIED,
     March,
     Node,
     corrected,
@@ -107,7 +107,7 @@ class FollowedRotation:
         h = angles[cell + 1] - angles[cell]
         ends = [(values[c], first[c], second[c]) for c in (cell, cell + 1)]
         predicted = hermite(ends[0], ends[1], h, (theta - angles[cell]) / h)
-        return predicted, 10.0 * LARGEST_MIDDLE * h + 1e-8
+        return predicted, 10.0 * VERIFIED.middle * h + 1e-8
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
@@ -228,8 +228,7 @@ def follow_rotation(
     )
     start = _configuration(values, len(target.closure.tree.owners), made.name)
     first = _started(target, start, about, made.name)
-    march = March(target, driven, about, float(angle), first.near.reached[0], first.follows)
-    nodes, status, crossings, leaps = march.run(first)
+    march = March(target, driven, about, float(angle), first.follows, [first])
     return FollowedRotation(
         target,
         Transmission.of(made, end),
@@ -238,10 +237,10 @@ def follow_rotation(
         about,
         float(angle),
         march.start,
-        tuple(nodes),
-        status,
-        tuple(crossings),
-        tuple(leaps),
+        tuple(march.nodes),
+        march.end,
+        tuple(march.crossings),
+        tuple(march.leaps),
     )
 
 

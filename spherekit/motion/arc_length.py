@@ -18,7 +18,7 @@ from spherekit.errors import SolveError
 from spherekit.model.geometry import Revolute
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.closure import Closure
-from spherekit.motion.continuation import Verification
+from spherekit.motion.continuation import Rows, Verification
 from spherekit.motion.curve_path import NEARLY_THERE, STEP_PARTS, CurvePath, taylor
 from spherekit.motion.limits import Limit, contact_variables, limits_of
 from spherekit.motion.loops import left_inverse
@@ -36,8 +36,6 @@ LARGEST_STEP = 0.4
 """Longest step (rad of arc length)."""
 LARGEST_TURN = 0.4
 """Angle (rad) by which the tangent may turn in one step, by the curvature at its start."""
-VERIFIED = Verification()
-SMALLEST_STEP = 1e-12
 SINGULAR = 1e-6
 """A node whose equations have this reciprocal condition is a crossing of curves: nearer to
 one, rounding moves points by more than a small part of the steps left. It is met by
@@ -54,7 +52,6 @@ SINGULAR_START = (
     "the configuration to follow is singular: two curves cross in it, or the mechanism "
     "has more than one freedom; start from another one"
 )
-MOST_NODES = 100_000
 MOST_TEETH = 10_000
 """Lengths of rolling profiles have a ratio of whole numbers up to this, or none."""
 
@@ -130,14 +127,14 @@ def follow_arc(
     ways: list[CurvePoints] = []
     ends: list[Status] = []
     for first in (start, _turned(start)):
-        path = _ArcPath(closure, limits, first, periods, longest, step).run(0.1)
+        path = _ArcPath(first, periods, longest, step, closure, limits).run(0.1)
         points = CurvePoints.joined([node.point for node in [first, *path.nodes]])
         if path.closed:
             closed = (Status.OK, Status.OK)
             segments = Segments(closure, points)
             return ArcCurve(segments, periods, True, path.winding, closed, 0)
         ways.append(points)
-        ends.append(path.end)
+        ends.append(path.end or Status.OK)
     ahead, behind = ways
     count = len(behind.values) - 1
     if count == 0 and len(ahead.values) == 1:
@@ -213,31 +210,26 @@ def _turned(node: _Node) -> _Node:
 
 
 @final
+@dataclass
 class _ArcPath(CurvePath[_Node]):
     """One sense of a configuration curve."""
 
-    def __init__(
-        self,
-        closure: Closure,
-        limits: tuple[Limit, ...],
-        start: _Node,
-        periods: Floats,
-        longest: float,
-        largest: float,
-    ) -> None:
-        super().__init__(
-            start, periods, longest, largest, SMALLEST_STEP, SAME, MOST_NODES, VERIFIED
-        )
-        self.closure, self.limits = closure, limits
+    verification = Verification()
+    smallest_step = 1e-12
+    same = SAME
+    most_nodes = 100_000
+
+    closure: Closure
+    limits: tuple[Limit, ...]
 
     def exhausted(self) -> Status | None:
         """Return AT_SINGULARITY at a crossing of curves."""
         return Status.AT_SINGULARITY if self.at.flatness < SINGULAR else None
 
-    def bound(self, step: float) -> float:
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
         """Return the step that the curvature allows."""
         bend = float(np.linalg.norm(self.at.bend))
-        return min(step, self.largest, LARGEST_TURN / (bend + 1e-300))
+        return np.minimum(step, min(self.largest, LARGEST_TURN / (bend + 1e-300)))
 
     def step_to(self, at: _Node, way: float) -> tuple[_Node, float] | None:
         """Return the node at this projection on the tangent if it passes all tests."""
@@ -279,7 +271,7 @@ class _ArcPath(CurvePath[_Node]):
         if landed is not None:
             end, limit = landed
             self.nodes.append(end)
-            self.why = limit.status
+            self.end = limit.status
         return False
 
     def _passed(self, node: _Node) -> bool:
@@ -294,7 +286,7 @@ class _ArcPath(CurvePath[_Node]):
             margin, gradient = at.margin(limit)
             rate, bend = float(gradient @ at.tangent), float(gradient @ at.bend)
             way = _first_root(margin, rate, 0.5 * bend)
-            if way <= SMALLEST_STEP:
+            if way <= self.smallest_step:
                 return None
             if not way <= 1.5 * step:
                 continue

@@ -1,7 +1,8 @@
 """A curve followed in its own arc length, until it closes or ends."""
 
 from abc import ABC, abstractmethod
-from typing import Generic, Protocol, Self, TypeVar
+from dataclasses import dataclass, field
+from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,52 +44,47 @@ def taylor(node: CurveNode, way: Floats) -> Floats:
     return np.asarray(node.values + way * node.tangent + 0.5 * way**2 * node.bend)
 
 
+@dataclass
 class CurvePath(ABC, Generic[Node]):
     """One sense of a curve, from a node on.
 
-    Parameters
+    Attributes
     ----------
+    verification, smallest_step, same, most_nodes
+        The tests of a step, the step at which the curve ends if not even that holds, how
+        near (rad) to its start a lap ends, and the most nodes.
     start
         The first node.
     periods
         (variables,) growth of each variable that changes nothing.
     longest, largest
         Length (rad) after which the curve is ended, and the longest step.
-    smallest, same, most_nodes
-        The step at which it ends if not even that holds, how near (rad) to its start a lap
-        ends, and the most nodes.
-    verification
-        The tests of a step.
-
-    Attributes
-    ----------
     nodes
         What was reached, without the start.
-    why
+    end
         The status of what lies beyond; None while the curve goes on.
     closed
         Whether the last node is the start again, whole periods on.
     """
 
-    def __init__(
-        self,
-        start: Node,
-        periods: Floats,
-        longest: float,
-        largest: float,
-        smallest: float,
-        same: float,
-        most_nodes: int,
-        verification: Verification,
-    ) -> None:
-        self.start, self.at = start, start
-        self.periods, self.longest, self.largest = periods, longest, largest
-        self._smallest, self._same, self._most_nodes = smallest, same, most_nodes
-        self.verification = verification
-        self.nodes: list[Node] = []
-        self.why: Status | None = None
-        self.closed = False
-        self._way = 0.0
+    verification: ClassVar[Verification]
+    smallest_step: ClassVar[float]
+    same: ClassVar[float]
+    most_nodes: ClassVar[int]
+
+    start: Node
+    periods: Floats
+    longest: float
+    largest: float
+    nodes: list[Node] = field(default_factory=list, init=False)
+    end: Status | None = field(default=None, init=False)
+    closed: bool = field(default=False, init=False)
+    way: float = field(default=0.0, init=False)
+
+    @property
+    def at(self) -> Node:
+        """The last node."""
+        return self.nodes[-1] if self.nodes else self.start
 
     def run(self, first_step: float) -> Self:
         """Follow the curve to its end."""
@@ -118,52 +114,48 @@ class CurvePath(ABC, Generic[Node]):
         """Return why not to go on from the last node, if there is a reason."""
         return None
 
-    def bound(self, step: float) -> float:
-        """Return the step that the last node allows, at most as long as given."""
-        return min(step, self.largest)
-
     @property
     def going(self) -> Rows:
         """Number 0, until the curve ends."""
-        if self.why is None:
-            if self._way >= self.longest:
-                self.why = Status.OK
-            elif len(self.nodes) >= self._most_nodes:
-                self.why = Status.BRANCH_LOST
+        if self.end is None:
+            if self.way >= self.longest:
+                self.end = Status.OK
+            elif len(self.nodes) >= self.most_nodes:
+                self.end = Status.BRANCH_LOST
             else:
-                self.why = self.exhausted()
-        return np.arange(1 if self.why is None else 0)
+                self.end = self.exhausted()
+        return np.arange(1 if self.end is None else 0)
 
     def allowed(self, rows: Rows, step: Floats) -> Floats:
-        """See `spherekit.motion.continuation`, as the further methods."""
-        return np.array([self.bound(float(step[0]))])
+        """Return the step, no longer than the longest."""
+        return np.minimum(step, self.largest)
 
     def smallest(self, rows: Rows) -> Floats:
         """Return the step at which the curve ends."""
-        return np.array([self._smallest])
+        return np.full(len(rows), self.smallest_step)
 
     def stop(self, row: int) -> None:
         """End the curve at its last node."""
-        self.why = self.beyond()
+        self.end = self.beyond()
 
     def advance(self, rows: Rows, step: Floats) -> Floats:
         """Go on by a step."""
         at, length = self.at, float(step[0])
         made = self.step_to(at, length)
-        if made is not None and self._way > 4.0 * NEARLY_THERE:
+        if made is not None and self.way > 4.0 * NEARLY_THERE:
             end = self._closing(length, made[0])
             if end is not None:
                 if np.max(np.abs(end.values - at.values)) < NEARLY_THERE:
                     self.nodes.pop()
                 self.nodes.append(end)
-                self.why, self.closed = Status.OK, True
+                self.end, self.closed = Status.OK, True
                 return np.ones(1)
         if not self.within(length, None if made is None else made[0]):
-            return np.ones(1) if self.why is not None else np.zeros(1)
+            return np.array([0.0 if self.end is None else 1.0])
         assert made is not None
-        self.at, change = made
-        self.nodes.append(self.at)
-        self._way += float(np.linalg.norm(self.at.values - at.values))
+        node, change = made
+        self.nodes.append(node)
+        self.way += float(np.linalg.norm(node.values - at.values))
         growth = AIMED * self.verification.change / (change + 1e-300)
         return np.array([min(2.0, max(0.5, growth))])
 
@@ -182,16 +174,11 @@ class CurvePath(ABC, Generic[Node]):
             return None
         if abs(way) > NEARLY_THERE:
             made = self.step_to(at, way)
-            if made is None or np.max(np.abs(made[0].values - values)) > self._same:
+            if made is None or np.max(np.abs(made[0].values - values)) > self.same:
                 return None
-        elif miss > self._same:
+        elif miss > self.same:
             return None
         return self.again(at, values)
-
-    @property
-    def end(self) -> Status:
-        """Why the curve goes no further."""
-        return Status.OK if self.why is None else self.why
 
     @property
     def winding(self) -> NDArray[np.int64]:

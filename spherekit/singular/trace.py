@@ -19,16 +19,10 @@ from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.3
 """Longest step (rad of arc length)."""
-VERIFIED = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
-SMALLEST_STEP = 2e-6
-"""A curve ends where not even such a step (rad) holds."""
 NEARLY_FLAT = 1e-3
 """Equations of this reciprocal condition at a node that no step leaves are a crossing."""
-SAME = 1e-8
-"""A lap ends where it started to this (rad)."""
 SAME_MOTION = 0.8
 """Least cosine between the singular motions where a lap ends and starts."""
-MOST_NODES = 20_000
 
 
 def trace_curve(
@@ -69,13 +63,13 @@ def trace_curve(
     still = np.zeros_like(start.values[0])
     for first in (start, _reversed(start)):
         begin = _Node(first, still)
-        path = _LocusPath(locus, begin, periods, longest, step, budget or Budget())
+        path = _LocusPath(begin, periods, longest, step, locus, budget or Budget())
         nodes = [node.point for node in path.run(0.05).nodes]
         if path.closed:
             joined = LocusPoints.joined([first, *nodes])
             return SingularCurve(locus, joined, periods, True, (Status.OK, Status.OK))
         ways.append(nodes)
-        ends.append(path.end)
+        ends.append(path.end or Status.OK)
     behind = [_reversed(node) for node in reversed(ways[1])]
     joined = LocusPoints.joined([*behind, start, *ways[0]])
     if len(joined) < 2:
@@ -112,22 +106,17 @@ class _Node:
 
 
 @final
+@dataclass
 class _LocusPath(CurvePath[_Node]):
     """One sense of a curve of a locus."""
 
-    def __init__(
-        self,
-        locus: Locus,
-        start: _Node,
-        periods: Floats,
-        longest: float,
-        largest: float,
-        budget: Budget,
-    ) -> None:
-        super().__init__(
-            start, periods, longest, largest, SMALLEST_STEP, SAME, MOST_NODES, VERIFIED
-        )
-        self.locus, self.budget = locus, budget
+    verification = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
+    smallest_step = 2e-6
+    same = 1e-8
+    most_nodes = 20_000
+
+    locus: Locus
+    budget: Budget
 
     def exhausted(self) -> Status | None:
         """Return BRANCH_LOST where the time is over."""
@@ -196,7 +185,7 @@ class _LocusPath(CurvePath[_Node]):
             return False
         inside = bool(np.all(self.locus.closure.at(node.values[None]).states.inside))
         if not inside:
-            self.why = Status.OFF_PROFILE
+            self.end = Status.OFF_PROFILE
         return inside
 
     def beyond(self) -> Status:
