@@ -7,37 +7,45 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import (
+from spherekit.plugin import (
+    INPUTS,
     AbstractAnalysis,
-    Batch,
-    Findings,
-    Needs,
-    Sweep,
-)
-from spherekit.analysis.scene import Mark, Primitive, Scene, SphereCurves, SphereMap, Text
-from spherekit.analysis.tables import INPUTS, Column, Table, TableData, input_columns
-from spherekit.errors import AnalysisError
-from spherekit.model.mechanism import Mechanism
-from spherekit.region.region import Part, Region
-from spherekit.sphere.rotation import quaternion
-from spherekit.workspace.constraints import (
+    AnalysisError,
     AxesLimit,
+    Batch,
     Bound,
+    ClosedKinematics,
+    Column,
     Constraints,
-    PairLimit,
-    bounds_of,
-)
-from spherekit.workspace.kinematics import OutputKinematics, kinematics_of, label_of
-from spherekit.workspace.workspace import (
     DirectionWorkspace,
+    Findings,
     Judged,
+    Mark,
+    Mechanism,
+    Needs,
     OrientationWorkspace,
+    PairLimit,
+    Part,
+    Primitive,
+    Region,
+    Scene,
+    SphereCurves,
+    SphereMap,
+    Sweep,
+    Table,
+    TableData,
+    Text,
+    bounds_of,
     chosen_modes,
+    closed_kinematics,
     direction_workspaces,
+    input_columns,
     judge,
+    label_of,
     nearest_reachable,
     orientation_samples,
     orientation_workspaces,
+    quaternion,
 )
 
 Floats = NDArray[np.float64]
@@ -162,7 +170,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"workspace: tolerance: {self.tolerance:g} is no relative error; give one "
                 "above 0 and below 1, or 0 for the default"
             )
-        kinematics = kinematics_of(mechanism, self.output or None)
+        kinematics = closed_kinematics(mechanism, self.output or None)
         bounds_of(kinematics, self._constraints)
         chosen_modes(kinematics, self.mode)
         self._given_pose(kinematics)
@@ -242,9 +250,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
             self.radius,
         )
 
-    def _kinematics(self, batch: Batch) -> OutputKinematics:
+    def _kinematics(self, batch: Batch) -> ClosedKinematics:
         return batch.once(
-            "kinematics", lambda: kinematics_of(batch.mechanism, self.output or None)
+            "kinematics", lambda: closed_kinematics(batch.mechanism, self.output or None)
         )
 
     def _bounds(self, batch: Batch) -> tuple[Bound, ...]:
@@ -421,7 +429,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             )
         return figures, words
 
-    def _given_pose(self, kinematics: OutputKinematics) -> Floats:
+    def _given_pose(self, kinematics: ClosedKinematics) -> Floats:
         """Return the poses (k, 3) or (k, 4) to be judged."""
         given = np.array(self.pose)
         inputs = len(kinematics.mechanism.inputs)
