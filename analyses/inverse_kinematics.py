@@ -6,7 +6,6 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
-from spherekit_analyses.pose_lists import Given, PoseList
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.scene import Scene, SphereMap, Text
@@ -27,6 +26,8 @@ from spherekit.workspace.inverse import output_kinematics
 from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
 from spherekit.workspace.rows import InverseRows, label_of, sense_of
 from spherekit.workspace.workspace import nearest_poses
+
+from .pose_lists import Given, PoseList
 
 Row = dict[str, Any]
 
