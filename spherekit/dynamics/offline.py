@@ -29,7 +29,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev
 from spherekit.planning.poles import (
     CoaxialPole,
     Pole,
@@ -117,6 +117,7 @@ def online_model(
                 tolerance,
                 own,
                 FIRST_CELLS,
+                rounding=ROUNDING,
             )
         )
         units = zip(names.items(), own, strict=True)

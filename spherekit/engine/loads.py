@@ -111,7 +111,7 @@ def steep_arguments(load: Load, moving: Moving) -> list[Expr]:
     """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
     laws = [part.magnitude for part in components(moving.mechanism, load)]
     return [
-        _value(each, moving)
+        expression_value(each, moving)
         for law in laws
         if isinstance(law, Expression)
         for each in law.steep_and_smooth
@@ -133,10 +133,10 @@ def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) 
 def _magnitude(law: Expression | Called | TorqueTable, moving: Moving) -> Expr:
     if isinstance(law, TorqueTable):
         return moving.table(law.name)
-    return _value(expression_of(law), moving)
+    return expression_value(expression_of(law), moving)
 
 
-def _value(law: Expression, moving: Moving) -> Expr:
+def expression_value(law: Expression, moving: Moving) -> Expr:
     """Return an expression's value.
 
     Beside each part stands one that differs from it by whole turns at most, formed of
