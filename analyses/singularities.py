@@ -323,7 +323,7 @@ class SingularityAnalysis(AbstractAnalysis):
                     "guarantee": claim,
                     "note": "; ".join(filter(None, [point.note, *dict.fromkeys(words)])),
                 }
-                for q in found.inputs_of(point.values)
+                for q in found.inputs_of(point.curve, point.values)
             ]
         for crossing in found.report.crossings:
             ends = [
@@ -355,7 +355,7 @@ class SingularityAnalysis(AbstractAnalysis):
                         "guarantee": claim,
                         "note": "; ".join(filter(None, words)),
                     }
-                    for q in found.inputs_of(crossing.values)
+                    for q in found.inputs_of(curve, crossing.values)
                 ]
         for whole in found.report.whole:
             own = found.configurations.curves[whole.curve].pieces

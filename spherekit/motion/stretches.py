@@ -42,8 +42,10 @@ class Stretches:
     ) -> "Stretches":
         """Return those of a curve for the variable `driven` from `low` to `high` (rad).
 
-        `period` is the growth of the variable with which the same configurations return.
+        `period` is the growth of the variable with which the same configurations return,
+        infinite where only the curve itself can say so.
         """
+        period = curve.returns_after(driven, period)
         if curve.rests(driven):
             ends = np.array([0.0]), np.array([curve.length])
             return Stretches._between(curve, driven, low, high, period, *ends)

@@ -128,7 +128,7 @@ class SampledSingularities:
         """
         item = self.configurations.curves[curve]
         own, driven = item.curve, self.tracer.solver.single
-        (period,) = self.tracer.solver.periods
+        period = self._period(curve)
         whole = whole_periods(*self.tracer.range, period)
         there = float(own.at(s).values[0, driven])
         found: set[int] = set()
@@ -152,18 +152,21 @@ class SampledSingularities:
 
         Only turns are left out after which the configuration is the same.
         """
-        solver = self.tracer.solver
-        q = self.curves[curve].at(s).values[:, solver.single]
-        return into_range(q, *self.tracer.range, *solver.periods)
+        q = self.curves[curve].at(s).values[:, self.tracer.solver.single]
+        return into_range(q, *self.tracer.range, self._period(curve))
 
-    def inputs_of(self, values: Floats) -> Floats:
-        """Return the inputs (k,) of the range at which a configuration (V,) is met.
+    def inputs_of(self, curve: int, values: Floats) -> Floats:
+        """Return the inputs (k,) of the range at which a curve has a configuration (V,).
 
         One outside, as near to the range as turns allow, if there is none.
         """
+        q = values[[self.tracer.solver.single]]
+        return turns_in_range(q, *self.tracer.range, self._period(curve))[0]
+
+    def _period(self, curve: int) -> float:
+        """Return the growth of the input with which a curve returns, infinite if not."""
         solver = self.tracer.solver
-        q = values[[solver.single]]
-        return turns_in_range(q, *self.tracer.range, *solver.periods)[0]
+        return self.curves[curve].returns_after(solver.single, *solver.periods)
 
     def inside(self, q: float) -> bool:
         """Return whether an input is in the range."""
