@@ -20,6 +20,7 @@ from spherekit.analysis.scene import (
 )
 from spherekit.analysis.tables import input_columns
 from spherekit.budget import Budget
+from spherekit.conventions import numbered
 from spherekit.guarantee import Claim
 from spherekit.guidance.loci import mid_plane_loci
 from spherekit.model.mechanism import Mechanism, Output
@@ -214,10 +215,10 @@ class SeveralInputs:
                 if np.any(near):
                     row = int(np.nanargmin(angles))
                     place = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
-                    branches = ", ".join(map(str, np.unique(batch.branch[near])))
+                    branches = numbered("branch", np.unique(batch.branch[near]))
                     warnings.append(
-                        f"type {kind} of output {name}: branches {branches} come within "
-                        f"{self.near:g} deg, nearest {angles[row]:.3g} deg on branch "
+                        f"type {kind} of output {name} comes within {self.near:g} deg of "
+                        f"{branches}, nearest {angles[row]:.3g} deg on branch "
                         f"{batch.branch[row]} at inputs {place} deg"
                     )
         parts = self._aspects(batch)
@@ -492,8 +493,8 @@ def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
         if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
             found.setdefault(_type(kinds.pop()), []).append(number)
     return [
-        f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of branches "
-        + ", ".join(map(str, numbers))
+        f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of "
+        + numbered("branch", numbers)
         for kind, numbers in found.items()
     ]
 
