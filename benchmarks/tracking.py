@@ -12,7 +12,7 @@ from benchmarks.report import Cell, Section
 from benchmarks.timing import median, rounds
 from spherekit.files.read import load
 from spherekit.motion.closure import Closure
-from spherekit.motion.follow import follow
+from spherekit.motion.follow import Curve, follow
 from spherekit.motion.motion import Tracer
 from spherekit.motion.steps import LARGEST_STEP
 
@@ -60,7 +60,7 @@ def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell,
     middle = curve.values[len(curve.inputs) // 2]
     closure, driven = tracer.solver.closure, tracer.solver.driven[0]
 
-    def job() -> object:
+    def job() -> Curve:
         return follow(closure, driven, middle, *tracer.range)
 
     with counted() as cost:
@@ -88,13 +88,13 @@ def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell,
 
 
 @contextmanager
-def counted() -> Iterator[Counter]:
+def counted() -> Iterator[Counter[str]]:
     """Count the calls of `Closure.solve`, the samples given and linearisations made.
 
     Newton's method linearises once more than it steps: `rows` - `solved` are steps.
     """
-    count: Counter = Counter()
-    solve, linearise = Closure.solve, Closure.linearise
+    count: Counter[str] = Counter()
+    solve, at = Closure.solve, Closure.at
 
     @wraps(solve)
     def counting_solve(self: Closure, values: Any, *args: Any, **named: Any) -> Any:
@@ -102,14 +102,14 @@ def counted() -> Iterator[Counter]:
         count["solved"] += len(values)
         return solve(self, values, *args, **named)
 
-    @wraps(linearise)
-    def counting_linearise(self: Closure, values: Any) -> Any:
+    @wraps(at)
+    def counting_at(self: Closure, values: Any) -> Any:
         count["rows"] += len(values)
-        return linearise(self, values)
+        return at(self, values)
 
     Closure.solve = counting_solve  # type: ignore[method-assign]
-    Closure.linearise = counting_linearise  # type: ignore[method-assign]
+    Closure.at = counting_at  # type: ignore[method-assign]
     try:
         yield count
     finally:
-        Closure.solve, Closure.linearise = solve, linearise  # type: ignore[method-assign]
+        Closure.solve, Closure.at = solve, at  # type: ignore[method-assign]

@@ -59,6 +59,8 @@ def whole_periods(low: float, high: float, period: float) -> int:
     if not np.isfinite(period):
         return 0
     count = round((high - low) / period)
+    if not count:
+        return 0
     return count if abs(high - low - count * period) <= ROUNDED * (1 + count) else 0
 
 

@@ -156,15 +156,16 @@ class SampledSingularities:
         return into_range(q, *self.tracer.range, self._period(curve))
 
     def inputs_of(self, curve: int, values: Floats) -> Floats:
-        """Return the inputs (k,) of the range at which a curve has a configuration (V,).
+        """Return the inputs (k,) of the range at which a configuration (V,) is met.
 
-        One outside, as near to the range as turns allow, if there is none.
+        It is one of a curve. One outside, as near to the range as turns allow, if there is
+        none.
         """
         q = values[[self.tracer.solver.single]]
         return turns_in_range(q, *self.tracer.range, self._period(curve))[0]
 
     def _period(self, curve: int) -> float:
-        """Return the growth of the input with which a curve returns, infinite if not."""
+        """Return the growth of the input with which a curve's configurations return."""
         solver = self.tracer.solver
         return self.curves[curve].returns_after(solver.single, *solver.periods)
 
@@ -218,11 +219,10 @@ class SampledSingularities:
             (rows,) = np.nonzero(self.curve == number)
             if len(rows):
                 closure = curve.segments.closure
-                placed, states = closure.place(curve.at(self.s[rows]).values)
                 smallest[rows], ratio[rows] = hold(
                     closure.tree,
                     [self.tracer.solver.single],
-                    closure.vectors(placed, states),
+                    closure.at(curve.at(self.s[rows]).values).vectors,
                 )
         return smallest, ratio
 
@@ -247,8 +247,7 @@ class SampledSingularities:
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
         found = self.curves[curve]
-        placed, _ = found.segments.closure.place(found.at([s]).values)
-        return np.asarray(placed[0])
+        return np.asarray(found.segments.closure.at(found.at([s]).values).placed[0])
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
         curve = self.curves[number]
