@@ -44,6 +44,9 @@ Rows = NDArray[np.intp]
 
 MOST_FOLLOWED = 60000
 """Nodes of all branches of irreducible groups, after which no further one is followed."""
+MOST_IN_VAIN = 12000
+"""The same for steps that led to none: a branch has some tens of nodes, and about three
+such steps; thousands where a configuration is singular in higher order."""
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
 PROBES = 5
@@ -167,8 +170,10 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     if freedoms and not branches and min(freedoms) != len(solver.driven):
         raise _other_rank(solver, min(freedoms))
     claim = _limited(claim, len(branches))
-    if gathering.nodes > MOST_FOLLOWED:
-        words = f"stopped after {gathering.nodes} steps along {len(branches)} modes"
+    if gathering.is_spent:
+        steps = gathering.nodes + gathering.in_vain
+        modes = "1 mode" if len(branches) == 1 else f"{len(branches)} modes"
+        words = f"stopped after {steps} steps along {modes}"
         claim = Claim(Guarantee.SAMPLED, f"{words}; there may be more")
     return Found(tuple(branches), gathering.probes, tuple(gathering.methods), claim)
 
@@ -186,7 +191,7 @@ class _Gathering:
         self.branches: list[Branch] = []
         self.families: list[int] = []
         self.freedoms: list[int] = []
-        self.probes = self.nodes = 0
+        self.probes = self.nodes = self.in_vain = 0
         self.methods: list[Method | None] = [None] * len(solver.assembly.groups)
         self._curves: list[ArcCurve] = []
         self._followed = 0
@@ -196,7 +201,13 @@ class _Gathering:
     @property
     def is_full(self) -> bool:
         """Whether no further branch is to be followed."""
-        return len(self.branches) >= MOST_BRANCHES or self.nodes > MOST_FOLLOWED
+        return len(self.branches) >= MOST_BRANCHES or self.is_spent
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether as many steps were made as may be; there is at least one branch then."""
+        in_vain = bool(self.branches) and self.in_vain > MOST_IN_VAIN
+        return self.nodes > MOST_FOLLOWED or in_vain
 
     def add(self, values: Floats, family: int | None = None) -> None:
         """Add the branch through a configuration (variables,), if it is in the range."""
@@ -206,11 +217,13 @@ class _Gathering:
             self.freedoms.append(self.solver.freedoms(values))
             if self.freedoms[-1] != len(driven):
                 return
-        guide = _guide(self.solver, self.lattice, values)
+        guide, tried = _guide(self.solver, self.lattice, values)
+        self.in_vain += tried
         if guide is not None:
             branch = Branch(len(self.branches), signs_at(self.solver, values), guide)
             if isinstance(guide, Curve):  # where the pose itself may be a dead centre
                 values = guide.values[len(guide.values) // 2]
+                self.in_vain -= len(guide.values) - 1
             self.branches.append(_with_determinants(self.solver, branch, values))
             self.nodes += len(guide.values)
             self._working.tell(lambda: f"{len(self.branches)} followed")
@@ -409,23 +422,29 @@ def _inputs(count: int) -> str:
     return "1 input" if count == 1 else f"{count} inputs"
 
 
-def _guide(solver: Solver, lattice: Lattice, values: Floats) -> Curve | Sheet | None:
-    """Return the guide through a closed configuration, None if it is out of range."""
+def _guide(
+    solver: Solver, lattice: Lattice, values: Floats
+) -> tuple[Curve | Sheet | None, int]:
+    """Return the guide through a closed configuration, None if it is out of range.
+
+    Also the steps tried along a curve.
+    """
     driven = list(solver.driven)
     here = values[driven]
     if len(driven) == 1:
         low, high = _range(lattice)
         q = float(here[0])
         curve = follow(solver.closure, driven[0], values, min(low, q), max(high, q))
-        return curve if curve.inputs[0] <= high and curve.inputs[-1] >= low else None
+        inside = curve.inputs[0] <= high and curve.inputs[-1] >= low
+        return curve if inside else None, curve.tried
     near = lattice.nearest(here, NEAREST)
     start = np.repeat(values[None], len(near), axis=0)
     found, status = walk(solver.closure, driven, start, lattice.q[near])
     arrived = np.flatnonzero(status == Status.OK)
     if not len(arrived):
-        return None
+        return None, 0
     first = arrived[0]
-    return spread(solver.closure, driven, lattice, int(near[first]), found[first])
+    return spread(solver.closure, driven, lattice, int(near[first]), found[first]), 0
 
 
 def _scattered(lattice: Lattice) -> Floats:

@@ -178,6 +178,8 @@ class InputPaths:
         (n,) OK, or why a way ended before its goal.
     trail
         What was reached in each step, with the ways it belongs to, if it is kept.
+    tried
+        How many steps were tried on all ways, those that did not hold too.
     """
 
     def __init__(
@@ -196,6 +198,7 @@ class InputPaths:
         self.status = np.full(len(q), Status.OK, dtype=np.int8)
         self.trail: list[tuple[Rows, Nodes]] | None = [] if keeps_trail else None
         self.going = np.flatnonzero(length > 0.0)
+        self.tried = 0
         self._left = np.full(len(q), MOST_NODES)
         follow_paths(self, np.full(len(q), np.inf))
 
@@ -205,6 +208,7 @@ class InputPaths:
 
     def advance(self, rows: Rows, step: Floats) -> Floats:
         """Go on by steps, the last ones exactly to the inputs wanted."""
+        self.tried += len(rows)
         at, q = self.at.take(rows), self.q[rows]
         here = at.values[:, self.driven]
         rest = np.sum((q - here) * at.direction, axis=1)
