@@ -24,6 +24,7 @@ NAMES = (
     "startup",
     "accuracy",
     "bounds",
+    "routes",
     "tracking",
     "engine",
     "stored",
@@ -33,7 +34,6 @@ NAMES = (
     "long_run",
     "fuzz",
     "pruning",
-    "prediction",
     "extremes",
     "sceptic",
 )

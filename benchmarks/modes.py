@@ -124,10 +124,11 @@ def ten_bar(seed: int) -> Mechanism:
 
 
 def cams(seed: int) -> Mechanism:
-    """Return a chain of up to five links, one or two of its pairs contacts of circles."""
+    """Return a chain of up to five links, one to three of its pairs contacts of circles."""
     random = np.random.default_rng(seed)
     links, sliding = int(random.integers(3, 6)), int(random.integers(1, 3))
-    sliding += (links + sliding) % 2
+    if (links + sliding) % 2:  # no chain grows to that; three links have no room for three
+        sliding += 1 if links > 3 else -1
     return _over_range(with_contacts(random, links, 0, sliding))
 
 
@@ -154,9 +155,9 @@ def judge(tally: Tally, made: Mechanism, seed: int) -> None:
             solver.evaluate(branch, np.array([[q]])).rotations for branch in tracer.branches
         ]
         on_curves = [
-            solver.closure.place(
+            solver.closure.at(
                 each.curve.at(each.curve.at_input(solver.single, float(q)).places).values
-            )[0]
+            ).placed
             for each in found.curves
         ]
         tally.modes += len(modes)
