@@ -27,7 +27,7 @@ from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, OutputError
-from spherekit.files.lock import LockFile
+from spherekit.files.lock import locked
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import ConstantSpeed, Start
 
@@ -288,8 +288,8 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
 def test_the_lock_of_a_killed_run_locks_nothing(tmp_path):
     code = (
         "import os, sys; from pathlib import Path; "
-        "from spherekit.files.lock import LockFile; "
-        "lock = LockFile.taken(Path(sys.argv[1])); print('ready', flush=True); "
+        "from spherekit.files.lock import locked; "
+        "lock = locked(Path(sys.argv[1])); print('ready', flush=True); "
         "sys.stdin.read()"
     )
     path = tmp_path / "lock"
@@ -299,13 +299,16 @@ def test_the_lock_of_a_killed_run_locks_nothing(tmp_path):
         stdout=subprocess.PIPE,
     )
     assert process.stdout.readline() == b"ready\n"
-    assert LockFile.taken(path).startswith(f"process {process.pid} on ")
+    assert locked(path).startswith(f"process {process.pid} on ")
     process.kill()
     process.communicate()
-    lock = LockFile.taken(path)
-    assert isinstance(lock, LockFile)
-    lock.release(remove=True)
-    assert not path.exists()
+    lock = locked(path)
+    assert lock.is_locked
+    assert locked(path).startswith(f"process {os.getpid()} on ")
+    lock.release()
+    again = locked(path)
+    assert again.is_locked
+    again.release()
 
 
 def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
