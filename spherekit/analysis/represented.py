@@ -19,7 +19,7 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import wrap
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.numeric.chebyshev import DEGREE, PiecewiseChebyshev
+from spherekit.numeric.chebyshev import DEGREE, Basis, PiecewiseChebyshev
 from spherekit.numeric.periodic import Periodic
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.rates.core import driven_rates
@@ -107,9 +107,9 @@ class Represented:
             reads = [_fourier(low, high, t) for t in tables]
         else:
             cells = max(1, nodes // (DEGREE + 1))
-            angles = (np.arange(DEGREE, -1, -1) + 0.5) * np.pi / (DEGREE + 1)
             starts = low + (high - low) * np.arange(cells)[:, None] / cells
-            places = starts + 0.5 * (high - low) / cells * (1.0 + np.cos(angles))
+            rising = Basis.of(DEGREE).nodes[::-1]
+            places = starts + 0.5 * (high - low) / cells * (1.0 + rising)
             tables = self._tables(places.ravel())
             reads = [_chebyshev(low, high, t, cells) for t in tables]
         self._places = tables[0].places
@@ -312,37 +312,25 @@ def _straight(
     low: float, high: float, table: _Columns, cubic: bool
 ) -> Callable[[Floats], Floats]:
     """Return the reader of equally spaced nodes, by lines or by Hermite cubics."""
+    from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+
     values, slopes = table.values, table.slopes
-    cells = len(values) - 1
-    h = (high - low) / cells
-    parent = np.full(values.shape[1], -1)
+    nodes = np.linspace(low, high, len(values))
+    if not cubic:
+        lines = make_interp_spline(nodes, values, k=1)
+        return lambda q: np.asarray(lines(q))
+    parent = np.arange(values.shape[1])
+    derived = np.zeros(values.shape[1], dtype=bool)
     for key, source in table.parents.items():
         parent[table.places[key]] = np.arange(values.shape[1])[table.places[source]]
-    smooth = np.flatnonzero(parent < 0)
-    derived = np.flatnonzero(parent >= 0)
-    rows = values[:, parent[derived]], slopes[:, parent[derived]]
+        derived[table.places[key]] = True
+    own = CubicHermiteSpline(nodes, values[:, ~derived], slopes[:, ~derived])
+    rows = parent[derived]
+    rates = CubicHermiteSpline(nodes, values[:, rows], slopes[:, rows]).derivative()
 
     def read(q: Floats) -> Floats:
-        place = (q - low) / h
-        cell = np.clip(place.astype(np.intp), 0, cells - 1)
-        t = (place - cell)[:, None]
-        if not cubic:
-            return np.asarray(values[cell] * (1.0 - t) + values[cell + 1] * t)
         found = np.empty((len(q), values.shape[1]))
-        a, b = values[cell][:, smooth], values[cell + 1][:, smooth]
-        da, db = slopes[cell][:, smooth], slopes[cell + 1][:, smooth]
-        s = 1.0 - t
-        found[:, smooth] = (
-            a * (s * s * (1.0 + 2.0 * t))
-            + b * (t * t * (3.0 - 2.0 * t))
-            + (da * s - db * t) * (h * t * s)
-        )
-        a, b, da, db = (x[cell + k] for x in rows for k in (0, 1))
-        found[:, derived] = (
-            (b - a) * (6.0 * t * s / h)
-            + da * (s * (1.0 - 3.0 * t))
-            + db * (t * (3.0 * t - 2.0))
-        )
+        found[:, ~derived], found[:, derived] = own(q), rates(q)
         return found
 
     return read
@@ -364,10 +352,6 @@ def _chebyshev(
     low: float, high: float, table: _Columns, cells: int
 ) -> Callable[[Floats], Floats]:
     """Return the reader of Chebyshev nodes, in rising order on equal cells."""
-    count = DEGREE + 1
-    angles = (np.arange(DEGREE, -1, -1) + 0.5) * np.pi / count
-    fitting = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
-    fitting[0] *= 0.5
-    known = table.values.reshape(cells, count, -1)
-    series = np.einsum("kj,cjm->ckm", fitting, known)
+    known = table.values.reshape(cells, DEGREE + 1, -1)
+    series = Basis.of(DEGREE).series(known[:, ::-1])
     return PiecewiseChebyshev(low, high, series, np.nan).at

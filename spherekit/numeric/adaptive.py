@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.numeric.chebyshev import DEGREE, Floats
+from spherekit.numeric.chebyshev import DEGREE, Basis, Floats
 
 MOST_CELLS = 2**13
 ROUNDING = 1e-10
@@ -43,13 +43,8 @@ class AdaptiveChebyshev:
         for every function, or is rounding, or there are `MOST_CELLS`.
         """
         count = degree + 1
-        angles = (np.arange(count) + 0.5) * np.pi / count
-        between = np.arange(count + 1) * np.pi / count
-        orders = np.arange(count)
-        fitting = np.cos(np.outer(orders, angles)) * (2.0 / count)
-        fitting[0] *= 0.5
-        checking = np.cos(np.outer(between, orders))
-        places = np.cos(np.concatenate([angles, between]))
+        basis = Basis.of(degree)
+        places = np.concatenate([basis.nodes, basis.between])
         starts = low + (high - low) * np.arange(cells) / cells
         ends = np.append(starts[1:], high)
         before = np.full(cells, np.inf)
@@ -61,8 +56,8 @@ class AdaptiveChebyshev:
             found = np.empty((x.size, len(size)))
             found[order] = function(x.ravel()[order])
             found = found.reshape(len(starts), -1, len(size))
-            series = np.einsum("kj,cjm->ckm", fitting, found[:, :count])
-            gap = np.einsum("jk,ckm->cjm", checking, series) - found[:, count:]
+            series = basis.series(found[:, :count])
+            gap = basis.at_between(series) - found[:, count:]
             error = np.max(np.abs(gap) / size, axis=(1, 2))
             good = (error <= tolerance) | ((error < ROUNDING) & (error > 0.5 * before))
             if len(done) + 2 * len(starts) > MOST_CELLS:

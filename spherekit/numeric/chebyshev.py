@@ -17,6 +17,41 @@ MOST_CELLS = 2**13
 
 @final
 @dataclass(frozen=True)
+class Basis:
+    """Chebyshev series of one degree on [-1, 1], from values at as many `nodes`.
+
+    `nodes` (degree + 1,) fall; `between` (degree + 2,) are the extrema of the next
+    polynomial, which lie midway between them and at both ends.
+    """
+
+    nodes: Floats
+    between: Floats
+    fitting: Floats
+    checking: Floats
+
+    @staticmethod
+    def of(degree: int) -> "Basis":
+        """Return the series of a degree."""
+        count = degree + 1
+        angles = (np.arange(count) + 0.5) * np.pi / count
+        between = np.arange(count + 1) * np.pi / count
+        orders = np.arange(count)
+        fitting = np.cos(np.outer(orders, angles)) * (2.0 / count)
+        fitting[0] *= 0.5
+        checking = np.cos(np.outer(between, orders))
+        return Basis(np.cos(angles), np.cos(between), fitting, checking)
+
+    def series(self, values: Floats) -> Floats:
+        """Return the coefficients (cells, degree + 1, m) of values at the nodes."""
+        return np.asarray(np.einsum("kj,cjm->ckm", self.fitting, values))
+
+    def at_between(self, series: Floats) -> Floats:
+        """Return the values (cells, degree + 2, m) of series at `between`."""
+        return np.asarray(np.einsum("jk,ckm->cjm", self.checking, series))
+
+
+@final
+@dataclass(frozen=True)
 class PiecewiseChebyshev:
     """m functions on [low, high] by `coefficients` (cells, degree + 1, m).
 
@@ -43,13 +78,7 @@ class PiecewiseChebyshev:
         polynomial, which lie midway between the sampled points, is below `tolerance`, or
         until there are `most` cells: `error` says what was reached.
         """
-        count = DEGREE + 1
-        angles = (np.arange(count) + 0.5) * np.pi / count
-        between = np.arange(count + 1) * np.pi / count
-        orders = np.arange(count)
-        fitting = np.cos(np.outer(orders, angles)) * (2.0 / count)
-        fitting[0] *= 0.5
-        checking = np.cos(np.outer(between, orders))
+        basis = Basis.of(DEGREE)
         cells = 1
         while True:
             starts = low + (high - low) * np.arange(cells) / cells
@@ -59,9 +88,9 @@ class PiecewiseChebyshev:
                 s = np.minimum(starts[:, None] + half * (1.0 + x), high)
                 return function(s.ravel()).reshape(*s.shape, -1)
 
-            known, checked = sample(np.cos(angles)), sample(np.cos(between))
-            series = np.einsum("kj,cjm->ckm", fitting, known)
-            gap = np.max(np.abs(np.einsum("jk,ckm->cjm", checking, series) - checked))
+            known, checked = sample(basis.nodes), sample(basis.between)
+            series = basis.series(known)
+            gap = np.max(np.abs(basis.at_between(series) - checked))
             error = float(gap / (np.max(np.abs(checked)) or 1.0))
             if error <= tolerance or 2 * cells > most:
                 return PiecewiseChebyshev(low, high, series, error)
