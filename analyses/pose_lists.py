@@ -7,7 +7,6 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from spherekit_analyses.pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
 
 from spherekit.analysis.numbers import columns_of, read_numbers
 from spherekit.conventions import listing
@@ -15,7 +14,9 @@ from spherekit.errors import AnalysisError
 from spherekit.sphere.mirror import normals_of
 from spherekit.sphere.rotation import Floats, from_quaternion
 from spherekit.sphere.tilt_torsion import from_tilt_torsion, pointing
-from spherekit.workspace.inverse import PoseSolver
+from spherekit.workspace.kinematics import OutputKinematics
+
+from .pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
 
 AZIMUTH_TILT = TILT_TORSION[:2]
 VECTOR = ("rx", "ry", "rz")
@@ -53,7 +54,7 @@ class Given:
     window: tuple[str, ...]
     unit: str
 
-    def read(self, solver: PoseSolver, where: str) -> PoseList:
+    def read(self, solver: OutputKinematics, where: str) -> PoseList:
         """Return the poses.
 
         Raises
@@ -82,11 +83,11 @@ class Given:
                 return self._from_window(solver, where)
             return self._from_text(solver, where)
         except AnalysisError:
-            if not solver.modes:
+            if not solver.labels:
                 solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
             raise
 
-    def _from_text(self, solver: PoseSolver, where: str) -> PoseList:
+    def _from_text(self, solver: OutputKinematics, where: str) -> PoseList:
         rows = []
         for text in self.poses:
             try:
@@ -100,8 +101,8 @@ class Given:
                 )
         kinds = _kinds(solver)
         size = len(rows[0])
-        names = self.columns or next((k for k in kinds if len(k) == size), None)
-        if names is None or len(names) != size:
+        names = self.columns or next((k for k in kinds if len(k) == size), ())
+        if len(names) != size:
             raise AnalysisError(
                 f"{where}: poses: {size} numbers a pose"
                 + (f" for the columns {listing(self.columns)}" if self.columns else "")
@@ -112,7 +113,7 @@ class Given:
         places = [f"number {k + 1}" for k in range(len(rows))]
         return self._made(solver, kind, numbers, {}, places, f"{where}: poses", None)
 
-    def _from_file(self, solver: PoseSolver, where: str) -> PoseList:
+    def _from_file(self, solver: OutputKinematics, where: str) -> PoseList:
         path = Path(self.file)
         header, kinds = columns_of(path), _kinds(solver)
         prefixed = {f"q_{name}": name for name in kinds[-1]}
@@ -129,9 +130,9 @@ class Given:
             held = [kind for kind in kinds if set(kind) <= set(known)]
             held = [k for k in held if not any(set(k) < set(other) for other in held)]
             if len(held) != 1:
-                found = "more than one of" if held else "none of"
+                which = "more than one of" if held else "none of"
                 raise AnalysisError(
-                    f"{where}: {path}: its columns {listing(header)} hold {found} "
+                    f"{where}: {path}: its columns {listing(header)} hold {which} "
                     f"{_ways(held or kinds)}" + ("; say columns=.." if held else "")
                 )
             names = held[0]
@@ -143,7 +144,7 @@ class Given:
             solver, names, found.values, own, found.places, f"{where}: {path}", None
         )
 
-    def _from_window(self, solver: PoseSolver, where: str) -> PoseList:
+    def _from_window(self, solver: OutputKinematics, where: str) -> PoseList:
         axes: dict[str, Floats] = {}
         for text in self.window:
             name, *ends = text.split(":")
@@ -169,7 +170,7 @@ class Given:
 
     def _made(
         self,
-        solver: PoseSolver,
+        solver: OutputKinematics,
         names: tuple[str, ...],
         rows: Floats,
         units: dict[str, str],
@@ -196,7 +197,7 @@ class Given:
 
     def _poses(
         self,
-        solver: PoseSolver,
+        solver: OutputKinematics,
         names: tuple[str, ...],
         rows: Floats,
         places: Sequence[str],
@@ -220,7 +221,7 @@ class Given:
                 form = solver.form
                 assert form is not None and solver.output.direction is not None
                 normals = normals_of(rows[:, 0], rows[:, 1])
-                lost = ~np.isfinite(normals).all(axis=1)
+                lost = np.any(~np.isfinite(normals), axis=1)
                 _refuse(lost, places, where, "is no mid-plane: phi and gamma are too large")
                 return np.asarray(
                     form.orientations(normals) @ np.array(solver.output.direction)
@@ -239,10 +240,10 @@ def _check_size(count: float, where: str) -> None:
         )
 
 
-def _kinds(solver: PoseSolver) -> list[tuple[str, ...]]:
+def _kinds(solver: OutputKinematics) -> list[tuple[str, ...]]:
     """Return what columns make a pose of this output, and the inputs last."""
     kinds: list[tuple[str, ...]]
-    if not solver.modes:
+    if not solver.labels:
         kinds = []
     elif solver.points:
         kinds = [DIRECTION, AZIMUTH_TILT]

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from spherekit.workspace.constraints import (
     PairLimit,
     bounds_of,
 )
-from spherekit.workspace.kinematics import OutputKinematics, kinematics_of
+from spherekit.workspace.inverse import closed_kinematics
+from spherekit.workspace.kinematics import ClosedKinematics
 from spherekit.workspace.workspace import (
     DirectionWorkspace,
     direction_workspaces,
@@ -159,13 +161,13 @@ def _limited(quick: bool) -> Section:
     """Time one mode's workspace to 1e-4 where borders touch or run side by side."""
     rows: list[tuple[Cell, ...]] = []
     for name, pair, near in LIMITED[:3] if quick else LIMITED:
-        kinematics = kinematics_of(load(name))
+        kinematics = closed_kinematics(load(name))
         low, high = np.radians([-40.0, 100.0])
         limits = (PairLimit(pair, float(low), float(high)),) if pair else ()
         bounds = bounds_of(kinematics, Constraints(limits, near=float(np.radians(near))))
 
         def job(
-            kinematics: OutputKinematics = kinematics, bounds: Sequence[Bound] = bounds
+            kinematics: ClosedKinematics = kinematics, bounds: Sequence[Bound] = bounds
         ) -> Region:
             (found,) = direction_workspaces(kinematics, bounds, kinematics.modes[:1], 1e-4)
             return found.region
@@ -190,7 +192,7 @@ def _found(
     mechanism: Mechanism, wanted: Constraints, tolerance: float
 ) -> tuple[DirectionWorkspace, ...]:
     """Return the workspaces of all modes, having judged every vertex."""
-    kinematics = kinematics_of(mechanism)
+    kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, wanted)
     found = direction_workspaces(kinematics, bounds, kinematics.modes, tolerance)
     for item in found:
@@ -208,7 +210,7 @@ def _features(quick: bool) -> Section:
             return np.stack([cosine - limits[0], limits[1] - cosine], axis=1)
 
         exact = 2.0 * np.pi * (limits[1] - limits[0])
-        job = lambda margins=margins: find_region(margins)  # noqa: E731
+        job = partial(find_region, margins)
         times = rounds({"area": job}, 3)
         region = job()
         error = abs(region.area - exact)
@@ -231,11 +233,11 @@ def _orientations(quick: bool) -> Section:
     exact = 4.0 * np.pi**2 * (1.0 - np.cos(angle))
 
     def margins(quaternions: Floats) -> Floats:
-        return from_quaternion(quaternions)[:, 2, 2:] - np.cos(angle)
+        return np.asarray(from_quaternion(quaternions)[:, 2, 2:] - np.cos(angle))
 
     rows: list[tuple[Cell, ...]] = []
     for tolerance in (1e-2, 3e-3) if quick else (1e-2, 3e-3, 1e-3):
-        job = lambda tolerance=tolerance: find_orientations(margins, tolerance)  # noqa: E731
+        job = partial(find_orientations, margins, tolerance)
         times = rounds({"volume": job}, 3)
         found = job()
         error = abs(found.volume - exact) / exact

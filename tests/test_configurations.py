@@ -19,6 +19,7 @@ from spherekit.motion.stretches import Stretches, turning_inputs
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.assembly import plan_assembly
 from spherekit.sphere.complex_rotation import at_arcs, dot, taking
+from spherekit.sphere.dyad import HalfArc
 
 TURN = 2.0 * np.pi
 
@@ -125,7 +126,8 @@ def test_complex_axes_keep_their_arcs():
     random = np.random.default_rng(1)
     first, second = random_axes(random, 200).reshape(2, 100, 3).astype(complex)
     near, far = random.uniform(-1.0, 1.0, (2, 100))
-    both = at_arcs(first, second, near, far)
+    halves = (0.5 * np.arccos(cosine) for cosine in (near, far))
+    both = at_arcs(first, second, *(HalfArc(np.sin(x), np.cos(x)) for x in halves))
     for axis in np.moveaxis(both, 1, 0):
         size = np.sum(np.abs(axis) ** 2, axis=1)
         assert np.max(np.abs(dot(axis, axis) - 1.0) / size) < 1e-12

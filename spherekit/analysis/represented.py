@@ -19,7 +19,8 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import wrap
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.numeric.chebyshev import DEGREE, Basis, PiecewiseChebyshev
+from spherekit.numeric.chebyshev import DEGREE, PiecewiseChebyshev, through
+from spherekit.numeric.chebyshev import nodes as nodes_of
 from spherekit.numeric.periodic import Periodic
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.rates.core import driven_rates
@@ -108,8 +109,7 @@ class Represented:
         else:
             cells = max(1, nodes // (DEGREE + 1))
             starts = low + (high - low) * np.arange(cells)[:, None] / cells
-            rising = Basis.of(DEGREE).nodes[::-1]
-            places = starts + 0.5 * (high - low) / cells * (1.0 + rising)
+            places = starts + 0.5 * (high - low) / cells * (1.0 + nodes_of(DEGREE))
             tables = self._tables(places.ravel())
             reads = [_chebyshev(low, high, t, cells) for t in tables]
         self._places = tables[0].places
@@ -352,6 +352,5 @@ def _chebyshev(
     low: float, high: float, table: _Columns, cells: int
 ) -> Callable[[Floats], Floats]:
     """Return the reader of Chebyshev nodes, in rising order on equal cells."""
-    known = table.values.reshape(cells, DEGREE + 1, -1)
-    series = Basis.of(DEGREE).series(known[:, ::-1])
-    return PiecewiseChebyshev(low, high, series, np.nan).at
+    series = through(table.values.reshape(cells, DEGREE + 1, -1))
+    return PiecewiseChebyshev(np.linspace(low, high, cells + 1), series).at
