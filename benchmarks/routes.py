@@ -73,7 +73,7 @@ def routes(
         ends = (pair[which] for pair in tracer.mechanism.ends)
         return np.stack([rates.get(k, unknown) for k in ends], axis=1)
 
-    turned = motion.rates_of_pairs(of_ends(field.w, 0), of_ends(field.w, 1))
+    turned = motion.linearisation.pair_rates(of_ends(field.w, 0), of_ends(field.w, 1))
 
     def along(route: Route) -> Found:
         lines = evaluate_lines(wanted.plan, motion, route=route)

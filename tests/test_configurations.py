@@ -56,11 +56,9 @@ def check_against_search(chain, axes, driven, inputs, starts, random):
     here = there = 0
     for q in random.uniform(0.0, TURN, inputs):
         values = crossing_values(tracer, found, q)
-        placed, states = tracer.solver.closure.place(values)
-        assert (
-            np.max(np.abs(tracer.solver.closure.residual(placed, states)), initial=0.0)
-            < 1e-12
-        )
+        at = tracer.solver.closure.at(values)
+        placed = at.placed
+        assert np.max(at.gap, initial=0.0) < 1e-12
         searched, links = multi_start(edges, (driven,), axes, random, starts, q=q)
         for turn in searched:
             gaps = np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))

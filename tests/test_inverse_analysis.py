@@ -74,8 +74,8 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     assert np.max(gap / size) < 1e-10
     assert np.max(np.abs(found.type_1 - rows.type_1[good])[known]) < 1e-10
     mechanism, output = solver.mechanism, solver.output
-    placed, states = own.closure.place(rows.values[good])
-    axes = own.closure.vectors(placed, states)
+    at = own.closure.at(rows.values[good])
+    placed, axes = at.placed, at.vectors
     link, of = (mechanism.link_number[n] for n in (output.link, output.relative_to))
     for k in range(0, len(axes), 5):
         direction = None if directions is None else directions[k]

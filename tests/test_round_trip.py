@@ -72,7 +72,7 @@ def test_orientations_return(name, count):
         start = rows.values[good]
         start[:, free] += 1e-4 * rows.type_2[good][:, None] * noise[: np.sum(good)]
         values = own.closure.solve(start, own.driven).values
-        back = pose_of(solver.mechanism, solver.output, own.closure.place(values)[0])
+        back = pose_of(solver.mechanism, solver.output, own.closure.at(values).placed)
         keeps_the_law(turns_between(back, poses[good]).angle, rows.type_2[good])
         again = solver.inverse(back, [mode])
         least = rows.type_1[good].min(axis=1)

@@ -255,8 +255,9 @@ def check_points(made, points, kind):
     turns = (points.inputs - values[:, driven]) / (2.0 * np.pi)
     assert np.max(np.abs(turns - np.round(turns)), initial=0.0) < 1e-9
     values[:, driven] = points.inputs
-    residual, jacobian = solver.closure.linearise(values)
-    assert np.max(np.abs(residual), initial=0.0) < 1e-12
+    at = solver.closure.at(values)
+    jacobian = at.jacobian
+    assert np.max(at.gap, initial=0.0) < 1e-12
     low = np.array([item.start for item in made.inputs])
     high = np.array([item.stop for item in made.inputs])
     within = np.all((points.inputs >= low - 1e-9) & (points.inputs <= high + 1e-9), axis=1)

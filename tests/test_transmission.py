@@ -30,13 +30,13 @@ DISTANCES = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]
 def axes_of(mechanism, values):
     """Return the axes (n, pairs, 3) of R pairs, and directions of the output or None."""
     solver = Solver(mechanism, plan_assembly(mechanism))
-    placed, states = solver.closure.place(values)
+    at = solver.closure.at(values)
     output = mechanism.outputs[0]
     directions = None
     if len(mechanism.inputs) == 2 and output.direction is not None:
-        turned = placed[:, mechanism.link_number[output.link]]
+        turned = at.placed[:, mechanism.link_number[output.link]]
         directions = turned @ np.array(output.direction)
-    return solver.closure.vectors(placed, states), directions
+    return at.vectors, directions
 
 
 def by_links(mechanism, values):
@@ -187,8 +187,8 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     motion = Tracer(made, samples=3, branch=0).motion()
     values = motion.values[~motion.failed][:2]
     closure = Solver(made, plan_assembly(made, by_rank=True)).closure
-    placed, states = closure.place(values)
-    vectors = closure.vectors(placed, states)
+    at = closure.at(values)
+    placed, vectors = at.placed, at.vectors
     output = made.outputs[0]
     own = Transmission.of(made, output)
     plain = own.at(vectors, own.pointed(placed))
@@ -229,10 +229,10 @@ def test_working_modes_of_the_whole_graph_are_all_found():
         return values
 
     def gap(x):
-        return solver.closure.residual(*solver.closure.place(filled(x)))[0]
+        return solver.closure.at(filled(x)).residual[0]
 
     def slope(x):
-        return solver.closure.linearise(filled(x))[1][0][:, free]
+        return solver.closure.at(filled(x)).jacobian[0][:, free]
 
     for _ in range(400):
         found = least_squares(gap, random.uniform(-np.pi, np.pi, 12), slope, method="lm")

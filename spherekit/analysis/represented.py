@@ -133,7 +133,7 @@ class Represented:
         first, second = (
             exact.w[:, [pair[k] for pair in motion.mechanism.ends]] for k in (0, 1)
         )
-        axes = motion.rates_of_pairs(first, second).axes
+        axes = motion.linearisation.pair_rates(first, second).axes
         k = motion.samples
         return [
             self._columns(motion, field, exact.w, exact.dw, axes, slice(n * k, (n + 1) * k))

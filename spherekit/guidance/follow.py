@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.march import (
-    LARGEST_MIDDLE,
     STATIONARY,
     UNFIXED,
+    VERIFIED,
     March,
     Node,
     corrected,
@@ -32,7 +33,6 @@ from spherekit.guidance.rotation import (
     within,
 )
 from spherekit.model.geometry import geometry_of
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.numeric.hermite import hermite
 from spherekit.rates.transmission import SINGULAR, Transmission
@@ -107,7 +107,7 @@ class FollowedRotation:
         h = angles[cell + 1] - angles[cell]
         ends = [(values[c], first[c], second[c]) for c in (cell, cell + 1)]
         predicted = hermite(ends[0], ends[1], h, (theta - angles[cell]) / h)
-        return predicted, 10.0 * LARGEST_MIDDLE * h + 1e-8
+        return predicted, 10.0 * VERIFIED.middle * h + 1e-8
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
@@ -129,7 +129,7 @@ class FollowedRotation:
         followed = status == Status.OK
         status[followed & ~(near.miss(self.exact) < STATIONARY)] = Status.NOT_CONVERGED
         status[(status == Status.OK) & ~(off <= allowed)] = Status.BRANCH_LOST
-        off_profile = (status == Status.OK) & ~np.all(near.states.inside, axis=1)
+        off_profile = (status == Status.OK) & ~np.all(near.at.states.inside, axis=1)
         status[off_profile] = Status.OFF_PROFILE
         held = self.transmission.of_values(self.target.closure, near.values)
         status[(status == Status.OK) & ~(held > SINGULAR)] = Status.AT_SINGULARITY
@@ -187,7 +187,7 @@ class FollowedRotation:
 
 @checked(SolveError)
 def follow_rotation(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     values: ArrayLike,
     axis: ArrayLike,
     angle: float,
@@ -216,6 +216,7 @@ def follow_rotation(
         If the configuration does not close, or the output link cannot turn there in as
         many ways as there are inputs.
     """
+    mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
     made = replace(mechanism, ground=end.relative_to)
     about = unit(axis)
@@ -228,8 +229,7 @@ def follow_rotation(
     )
     start = _configuration(values, len(target.closure.tree.owners), made.name)
     first = _started(target, start, about, made.name)
-    march = March(target, driven, about, float(angle), first.near.reached[0], first.follows)
-    nodes, status, crossings, leaps = march.run(first)
+    march = March(target, driven, about, float(angle), first.follows, [first])
     return FollowedRotation(
         target,
         Transmission.of(made, end),
@@ -238,16 +238,16 @@ def follow_rotation(
         about,
         float(angle),
         march.start,
-        tuple(nodes),
-        status,
-        tuple(crossings),
-        tuple(leaps),
+        tuple(march.nodes),
+        march.end,
+        tuple(march.crossings),
+        tuple(march.leaps),
     )
 
 
 @checked(SolveError)
 def follow_to(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     values: ArrayLike,
     orientation: ArrayLike,
     output: str | None = None,
@@ -257,11 +257,12 @@ def follow_to(
     In the axes of the link that the output is relative to. Other parameters and errors are
     those of `follow_rotation`; `SolveError` also if the axis is not determined.
     """
+    mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
     made = replace(mechanism, ground=end.relative_to)
     closure = Closure.of(made, geometry_of(made).joints)
     start = _configuration(values, len(closure.tree.owners), made.name)
-    placed, _ = closure.place(start[None])
+    placed = closure.at(start[None]).placed
     wanted = np.asarray(orientation, dtype=float)
     proper = wanted.shape == (3, 3) and np.linalg.det(wanted) > 0.0
     if not proper or not np.max(np.abs(wanted @ wanted.T - np.eye(3))) < 1e-9:
@@ -303,14 +304,14 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
             f"declare {freer} R pairs as inputs"
         )
     near = target.at(values[None], np.eye(3)[None])
-    gap = float(np.max(np.abs(near.gap), initial=0.0))
+    gap = float(near.at.gap[0])
     if not gap < CLOSED_START:
         raise SolveError(
             f"{name}: the configuration to start from does not close: its residual is "
             f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
         )
     near, _, _ = corrected(target, values[None], near.reached, False)
-    sizes = np.linalg.svd(near.jacobian[0], compute_uv=False)
+    sizes = np.linalg.svd(near.at.jacobian[0], compute_uv=False)
     held = np.any(sizes[count - target.freedoms :] > UNFIXED * np.max(sizes, initial=0.0))
     if held or not near.looseness[0] > UNFIXED:
         raise SolveError(

@@ -285,7 +285,7 @@ class MidPlaneForm:
             values, gaps = self.values(placed)
             gap = max(gap, float(np.max(gaps)))
         closure = Closure.of(self.mechanism, self.joints)
-        vectors = closure.vectors(*closure.place(values))
+        vectors = closure.at(values).vectors
         freedoms = int(np.min(rank_mobility(closure.tree, vectors)))
         return Proof(len(normals), gap, freedoms)
 

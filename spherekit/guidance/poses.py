@@ -206,7 +206,7 @@ class PoseFinder:
         return self._of_values(np.stack([values for _, values in modes]), labels)
 
     def _of_values(self, values: Floats, labels: Sequence[str]) -> Candidates:
-        placed, _ = self.solver.closure.place(values)
+        placed = self.solver.closure.at(values).placed
         driven = list(self.solver.driven)
         found = Candidates(
             values,

@@ -1,5 +1,6 @@
 """The motion of a mechanism: every branch at every sample of its inputs."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,22 +12,16 @@ from numpy.typing import NDArray
 from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import lattice as lattices
 from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.lattice import Lattice, given_path
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.modes import find_branches
-from spherekit.motion.pairs import (
-    PairRates,
-    PairStates,
-    pair_axes,
-    pair_rates,
-    pair_states,
-    variable_vectors,
-)
 from spherekit.motion.sheet import Sheet
 from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly, plan_assembly
@@ -69,6 +64,14 @@ class Motion:
     timing: Timing | None = None
     sense: Floats | None = None
 
+    def __repr__(self) -> str:
+        counts = Counter(Status(code).name for code in self.status.tolist())
+        found = ", ".join(f"{count} {name}" for name, count in counts.items()) or "no rows"
+        return (
+            f"<Motion of {self.mechanism.name}: {self.samples} samples in "
+            f"{len(self.branches)} branches; {found}>"
+        )
+
     def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
         """Return some rows only, as a motion of one nameless branch."""
         return replace(
@@ -104,25 +107,25 @@ class Motion:
         return self.inputs[:, 0]
 
     @cached_property
-    def states(self) -> PairStates:
-        """The pairs' frames in link axes, curvatures, and whether contacts exist."""
-        return pair_states(self.joints, self.values)
+    def linearisation(self) -> Linearisation:
+        """The rows with all that follows from them, in ground axes."""
+        tree = LoopTree.of(self.mechanism)
+        return Linearisation(tree, self.joints, self.values, None, self.rotations)
 
-    @cached_property
+    @property
     def frames(self) -> Floats:
         """Pair frames (n, pairs, 3, 3) in ground axes; columns as in `Joint`."""
-        owners = [a for a, _ in self.mechanism.ends]
-        return self.rotations[:, owners] @ self.states.first
+        return self.linearisation.frames
 
-    @cached_property
+    @property
     def axes(self) -> Floats:
         """Pair axes (n, pairs, 3) in ground axes, see `spherekit.motion.pairs`."""
-        return pair_axes(self.joints, self.frames)
+        return self.linearisation.axes
 
-    @cached_property
+    @property
     def vectors(self) -> Floats:
         """Vectors of the variables (n, variables, 3) in ground axes."""
-        return variable_vectors(self.joints, self.frames, self.states.curvatures)
+        return self.linearisation.vectors
 
     @cached_property
     def conditioning(self) -> Floats:
@@ -150,8 +153,7 @@ class Motion:
     @cached_property
     def free_jacobian(self) -> Floats:
         """(n, equations, free) how loops open as the variables without the inputs move."""
-        jacobian = LoopTree.of(self.mechanism).jacobian(self.vectors)
-        return np.ascontiguousarray(jacobian[:, :, list(self.free)])
+        return np.ascontiguousarray(self.linearisation.jacobian[:, :, list(self.free)])
 
     @cached_property
     def closure_inverse(self) -> Floats:
@@ -177,7 +179,7 @@ class Motion:
     @property
     def _longest_loop(self) -> int:
         """The number of variables in the longest loop."""
-        signs = LoopTree.of(self.mechanism).signs
+        signs = self.linearisation.tree.signs
         return int(np.max(np.count_nonzero(signs, axis=1), initial=0))
 
     @property
@@ -223,13 +225,9 @@ class Motion:
     @property
     def orientation_error(self) -> Floats:
         """(n,) rad, how far links may be off: all variables on the way to one add up."""
-        paths = LoopTree.of(self.mechanism).paths
+        paths = self.linearisation.tree.paths
         longest = int(np.max(np.count_nonzero(paths, axis=1)))
         return self.configuration_error * longest
-
-    def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
-        """Return how vectors and axes change, see `spherekit.motion.pairs.pair_rates`."""
-        return pair_rates(self.joints, self.frames, self.states, first_w, second_w)
 
     def quaternions(self, link: int) -> Floats:
         """Return (n, 4) xyzw, from the link's axes to ground axes."""
@@ -253,8 +251,7 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
     Singular ones are rows like others: their status is OK.
     """
     n = len(values)
-    placed, states = solver.closure.place(values)
-    gap = np.abs(solver.closure.residual(placed, states))
+    at = solver.closure.at(values)
     return Motion(
         mechanism=solver.mechanism,
         joints=solver.joints,
@@ -265,9 +262,9 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
         branch=np.zeros(n, dtype=np.int64),
         inputs=values[:, list(solver.driven)],
         values=values,
-        rotations=placed,
+        rotations=at.placed,
         status=np.full(n, Status.OK, dtype=np.int8),
-        residual=np.max(gap, axis=1, initial=0.0),
+        residual=at.gap,
         is_path=False,
     )
 
@@ -496,7 +493,7 @@ def _lattice(
 
 @checked(SolveError)
 def trace(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     samples: int | Sequence[int] = DEFAULT_SAMPLES,
     input_pair: str | Sequence[str] | None = None,
     branch: int | None = None,
@@ -508,4 +505,5 @@ def trace(
 
     Parameters and errors are those of `Tracer`.
     """
+    mechanism = mechanism_of(mechanism)
     return Tracer(mechanism, input_pair, branch, search, samples, grid, path).motion()

@@ -329,7 +329,7 @@ def _add_rates(
         ends = [pair[which] for pair in plan.ends]
         return np.stack([w[k].T if k in w else unknown for k in ends], axis=1)
 
-    turned = motion.rates_of_pairs(of_ends(0), of_ends(1))
+    turned = motion.linearisation.pair_rates(of_ends(0), of_ends(1))
     if chart is None:
         evaluate_line_rates(plan, lines, motion, turned)
     else:

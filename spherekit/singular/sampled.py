@@ -219,11 +219,10 @@ class SampledSingularities:
             (rows,) = np.nonzero(self.curve == number)
             if len(rows):
                 closure = curve.segments.closure
-                placed, states = closure.place(curve.at(self.s[rows]).values)
                 smallest[rows], ratio[rows] = hold(
                     closure.tree,
                     [self.tracer.solver.single],
-                    closure.vectors(placed, states),
+                    closure.at(curve.at(self.s[rows]).values).vectors,
                 )
         return smallest, ratio
 
@@ -248,8 +247,7 @@ class SampledSingularities:
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
         found = self.curves[curve]
-        placed, _ = found.segments.closure.place(found.at([s]).values)
-        return np.asarray(placed[0])
+        return np.asarray(found.segments.closure.at(found.at([s]).values).placed[0])
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
         curve = self.curves[number]

@@ -73,8 +73,7 @@ class OutputKinematics(ABC):
 
     def residual(self, values: Floats) -> Floats:
         """Return (n,) rad by how much loops fail to close at values (n, variables)."""
-        gap = np.abs(self._closure.residual(*self._closure.place(values)))
-        return np.asarray(np.max(gap, axis=1, initial=0.0))
+        return self._closure.at(values).gap
 
     @cached_property
     def _forward(self) -> ForwardKinematics:
