@@ -19,9 +19,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import spherekit as sk
-from spherekit.analysis import journal, room, store, tables
+from spherekit.analysis import tables
 from spherekit.analysis.contract import AbstractAnalysis, Needs
-from spherekit.analysis.journal import WORK, RunFolder
+from spherekit.analysis.folder import journal, room, store
+from spherekit.analysis.folder.journal import WORK, RunFolder
 from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
 from spherekit.cli.main import main
@@ -142,7 +143,7 @@ def note(error):
 KILLED = """
 import os, sys
 import spherekit as sk
-from spherekit.analysis import journal
+from spherekit.analysis.folder import journal
 journal.EVERY = 0.0
 def stop(done, total):
     if done >= int(sys.argv[2]):
@@ -173,7 +174,7 @@ def test_killed_runs_go_on(tmp_path):
 
 STOPPED = """
 import os, sys
-from spherekit.analysis import journal
+from spherekit.analysis.folder import journal
 from spherekit.cli import run
 from spherekit.cli.main import main
 journal.EVERY = 0.0
@@ -585,7 +586,7 @@ class Listener:
 
 
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
-    from spherekit.analysis import recording
+    from spherekit.analysis.running import recording
 
     monkeypatch.setattr(recording, "MOST_LOGGED", 10)
     listener = Listener()

@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 
 from spherekit.analysis.contract import Needs
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.setting import Setting
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
