@@ -8,12 +8,13 @@ from typing import Any
 
 from spherekit.checked import checked
 from spherekit.errors import FileError, OutputError
-from spherekit.files.angles import AngleUnit, to_text
+from spherekit.files.angles import to_text
 from spherekit.files.atomic import write_text
 from spherekit.files.check import FORMAT
 from spherekit.files.read import AnyMechanism, loads, mechanism_of
 from spherekit.files.toml_text import Literal, assignment, tables
 from spherekit.files.write_dynamics import load_tables, mass_tables, stop_tables
+from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism, Output, Pair, PoseGeometry, Profile
 
 _Table = dict[str, Any]

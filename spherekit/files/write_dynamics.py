@@ -4,9 +4,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from spherekit.errors import EngineError
-from spherekit.files.angles import AngleUnit, to_text
+from spherekit.files.angles import to_text
 from spherekit.files.toml_text import Literal
 from spherekit.model.actions import not_written
+from spherekit.model.changes import AngleUnit
 from spherekit.model.dynamics import (
     Damper,
     Friction,

@@ -8,12 +8,20 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal, final
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
 from spherekit.errors import ModelError
+from spherekit.model.changes import (
+    AngleUnit,
+    Sizes,
+    all_in_radians,
+    along,
+    changed,
+    in_radians,
+    rows_of,
+)
 from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce, Stop
 from spherekit.model.dynamics_checks import check_loads, check_mass, check_stops
 
@@ -89,7 +97,7 @@ class LinkSizes:
     unpaired: tuple[str, ...] = ()
     signed: bool = False
 
-    def with_arcs(self, arcs: "Sizes") -> "LinkSizes":
+    def with_arcs(self, arcs: Sizes) -> "LinkSizes":
         """Return the same link with other arcs (rad), all or some by the pair they end at.
 
         Raises
@@ -97,17 +105,11 @@ class LinkSizes:
         ModelError
             If no arc ends at a pair that is named.
         """
-        return replace(self, arcs=_changed("arcs", self.axes[1:], self.arcs, arcs))
+        return replace(self, arcs=changed("arcs", self.axes[1:], self.arcs, arcs))
 
-    def with_angles(self, angles: "Sizes") -> "LinkSizes":
+    def with_angles(self, angles: Sizes) -> "LinkSizes":
         """Return the same link with other angles (rad), as `with_arcs` has arcs."""
-        return replace(self, angles=_changed("angles", self.axes[2:], self.angles, angles))
-
-
-Sizes = float | Sequence[float] | Mapping[str, float]
-"""Sizes of a link: its only one, all of them, or some by the pair that they lead to."""
-
-AngleUnit = Literal["deg", "rad"]
+        return replace(self, angles=changed("angles", self.axes[2:], self.angles, angles))
 
 
 @final
@@ -311,7 +313,7 @@ class Mechanism:
                 raise ModelError(
                     f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
                 )
-            known[name] = Input(name, *(_radians(x, angle_unit) for x in (start, stop)))
+            known[name] = Input(name, *(in_radians(x, angle_unit) for x in (start, stop)))
         inputs = (
             known.get(name, Input(self.pair(name).name, 0.0, 2.0 * math.pi))
             for name in names
@@ -377,7 +379,7 @@ class Mechanism:
                     own = links.get(self.links[self.link(link)], LinkSizes(()))
                     change = own.with_arcs if key == "arcs" else own.with_angles
                     try:
-                        links[link] = change(_all_radians(sizes, angle_unit))
+                        links[link] = change(all_in_radians(sizes, angle_unit))
                     except ModelError as error:
                         raise ModelError(f"{self.name}: links.{link}.{error}") from None
             geometry = SizeGeometry(
@@ -385,7 +387,7 @@ class Mechanism:
             )
         else:
             turned = {
-                self.pair(name).name: _unit(f"{self.name}: pairs.{name}", axis)
+                self.pair(name).name: along(f"{self.name}: pairs.{name}", axis)
                 for name, axis in (axes or {}).items()
             }
             geometry = PoseGeometry(
@@ -398,7 +400,7 @@ class Mechanism:
         self, given: Mapping[str, float] | None, unit: AngleUnit
     ) -> dict[str, float]:
         """Return angles in rad by the names of pairs, which are looked up."""
-        return {self.pair(n).name: _radians(x, unit) for n, x in (given or {}).items()}
+        return {self.pair(n).name: in_radians(x, unit) for n, x in (given or {}).items()}
 
     @checked(ModelError)
     def with_mass(
@@ -436,8 +438,8 @@ class Mechanism:
             masses.pop(link, None)
         else:
             where = f"{self.name}: mass.{link}"
-            rows = _rows(f"{where}.tensor", tensor, (3, 3))
-            place = None if centre is None else _rows(f"{where}.centre", centre, (3,))
+            rows = rows_of(f"{where}.tensor", tensor, (3, 3))
+            place = None if centre is None else rows_of(f"{where}.centre", centre, (3,))
             masses[link] = Mass(link, rows, mass, place)
         return replace(self, masses=tuple(masses.values()))
 
@@ -469,51 +471,6 @@ class Mechanism:
             del kept[name]
         kept |= {load.name: load for load in loads}
         return replace(self, loads=tuple(kept.values()))
-
-
-def _radians(angle: float, unit: AngleUnit | None) -> float:
-    return math.radians(angle) if unit == "deg" else float(angle)
-
-
-def _all_radians(sizes: Sizes, unit: AngleUnit) -> Sizes:
-    if isinstance(sizes, Mapping):
-        return {name: _radians(size, unit) for name, size in sizes.items()}
-    if isinstance(sizes, int | float):
-        return (_radians(sizes, unit),)
-    return tuple(_radians(size, unit) for size in sizes)
-
-
-def _changed(
-    key: str, pairs: Sequence[str], old: tuple[float, ...], given: Sizes
-) -> tuple[float, ...]:
-    """Return sizes of a link with those given in place of old ones."""
-    if not isinstance(given, Mapping):
-        return tuple(given) if isinstance(given, Sequence) else (given,)
-    unknown = [name for name in given if name not in pairs]
-    if unknown:
-        raise ModelError(
-            f'{key}: none leads to "{unknown[0]}"{nearest(unknown[0], pairs) or ";"} they '
-            f"lead to: {listing(pairs)}"
-        )
-    return tuple(given.get(name, size) for name, size in zip(pairs, old, strict=True))
-
-
-def _rows(key: str, given: ArrayLike, shape: tuple[int, ...]) -> Any:
-    """Return numbers of a shape as tuples of floats."""
-    found = np.asarray(given, dtype=float)
-    if found.shape != shape:
-        raise ModelError(f"{key}: has the shape {found.shape}, needs {shape}")
-    rows = found.tolist()
-    return tuple(map(tuple, rows)) if len(shape) > 1 else tuple(rows)
-
-
-def _unit(key: str, given: ArrayLike) -> tuple[float, float, float]:
-    """Return the unit vector along a direction (3,)."""
-    x, y, z = _rows(f"{key}.xyz", given, (3,))
-    length = math.hypot(x, y, z)
-    if not (math.isfinite(length) and length > 0.0):
-        raise ModelError(f"{key}.xyz: found [{x:g}, {y:g}, {z:g}], which has no direction")
-    return x / length, y / length, z / length
 
 
 def _check(mechanism: Mechanism) -> None:
