@@ -58,6 +58,7 @@ HOME_OF = {
     "pyarrow": {"analysis/frames.py", "view"},
     "networkx": {"model/graph.py"},
     "jsonschema": {"files/check.py"},
+    "filelock": {"files/lock.py"},
     "heyoka": {"engine/compiler.py"},
     "mpmath": {"exact/arithmetic.py"},
 }

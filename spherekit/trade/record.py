@@ -6,7 +6,7 @@ from typing import Any, TypeVar, final
 
 import numpy as np
 
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.setting import Setting
 from spherekit.errors import AnalysisError
 
 Way = TypeVar("Way")
