@@ -17,7 +17,7 @@ from spherekit.files.locate import locate
 from spherekit.files.read import load, loads
 from spherekit.files.write import dumps
 from spherekit.model.expression import MAX_LENGTH
-from spherekit.model.mechanism import PAIR_TYPES
+from spherekit.model.joints import KINDS
 from spherekit.motion.motion import Tracer
 
 SIZES = """\
@@ -649,7 +649,7 @@ def test_every_key_of_the_schema_is_described():
 def test_the_schema_agrees_with_the_code():
     parts = schema()["$defs"]
     assert parts["name"]["maxLength"] == MAX_NAME_LENGTH
-    assert set(parts["pair"]["properties"]["type"]["enum"]) == {*PAIR_TYPES, "P"}
+    assert set(parts["pair"]["properties"]["type"]["enum"]) == {*KINDS, "P"}
     assert parts["expression"]["maxLength"] == MAX_LENGTH
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.Draft202012Validator.check_schema(schema())

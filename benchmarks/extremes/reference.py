@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.errors import ModelError
-from spherekit.model.geometry import Revolute, geometry_of
+from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 
@@ -133,11 +133,7 @@ class Reference:
         numbers = [mechanism.variables_of(mechanism.pair_number[p])[0] for p in names]
         self.inputs = tuple(numbers)
         self.moved = numbers[names.index(moved) if moved else 0]
-        self.angles = [
-            v
-            for v, p in enumerate(self.tree.owners)
-            if isinstance(self.joints[p], Revolute)
-        ]
+        self.angles = [v for v, p in enumerate(self.tree.owners) if self.joints[p].has_axis]
         with mp.workdps(DIGITS):
             self.data = self._data()
 
@@ -146,7 +142,7 @@ class Reference:
         frames = np.zeros((2, pairs, 3, 3))
         radii, turns = np.ones((2, pairs)), np.ones((2, pairs), dtype=int)
         for k, joint in enumerate(self.joints):
-            if isinstance(joint, Revolute):
+            if joint.has_axis:
                 frames[0, k], frames[1, k] = joint.first, joint.second
                 continue
             profiles = self.mechanism.pairs[k].profiles
@@ -175,7 +171,7 @@ class Reference:
     def _own(self, data: Data, which: int, pair: int, value: Exact) -> tuple[Exact, Exact]:
         """Return the frame of a pair in one link, and the curvature of its circle."""
         joint, frame = self.joints[pair], data.frames[which, pair]
-        if isinstance(joint, Revolute):
+        if joint.has_axis:
             if which:
                 return frame, mp.mpf(0)
             c, s = mp.cos(value), mp.sin(value)
@@ -202,13 +198,12 @@ class Reference:
         vectors_in: list[list[Exact]] = []
         at = 0
         for pair, joint in enumerate(self.joints):
-            revolute = isinstance(joint, Revolute)
-            last = at if revolute or getattr(joint, "rolling", False) else at + 1
+            last = at + joint.freedoms - 1
             first, k1 = self._own(data, 0, pair, values[at])
             second, k2 = self._own(data, 1, pair, values[last])
             own.append((first, second))
             normal, point = first[:, 1], first[:, 2]
-            if revolute:
+            if joint.has_axis:
                 vectors_in.append([point])
             elif last == at:
                 vectors_in.append([(k1 - k2) * point])

@@ -7,11 +7,12 @@ branch will cost can be measured before any branch was found.
 import numpy as np
 
 from spherekit.conventions import Status
-from spherekit.model.geometry import Contact, geometry_of
+from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.groups import group_closure, group_variables, place_dyad
 from spherekit.motion.motion import Motion
+from spherekit.motion.pairs import contact_tracks
 from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats, from_quaternion
@@ -57,10 +58,9 @@ def _values(mechanism: Mechanism, random: np.random.Generator, samples: int) -> 
     """Return arbitrary angles, and arc lengths on their profiles."""
     joints = geometry_of(mechanism).joints
     values = random.uniform(-3.0, 3.0, (samples, len(mechanism.variable_owners)))
-    for number, owner in enumerate(mechanism.variable_owners):
-        joint = joints[owner]
-        if isinstance(joint, Contact):
-            values[:, number] = random.uniform(0.0, joint.first.length, samples)
+    for _, (track, other) in contact_tracks(joints):
+        for variable in sorted({track.variable, other.variable}):
+            values[:, variable] = random.uniform(0.0, track.curve.length, samples)
     return values
 
 

@@ -31,11 +31,7 @@ class Loads:
         self._first = np.array(
             [self.owners.index(k) for k in range(len(each))], dtype=np.intp
         )
-        self._angles = {
-            pair.name: mechanism.variables_of(number)[0]
-            for number, pair in enumerate(mechanism.pairs)
-            if pair.type == "R"
-        }
+        self._angles = mechanism.angles
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
         """Return what each component works on (n, components), per unit rate."""

@@ -132,7 +132,7 @@ def online_model(
         low=sampler.low,
         high=sampler.high,
         variables=made.variable_names,
-        angles=tuple(pair.name for pair in made.pairs if pair.type == "R"),
+        angles=tuple(made.angles),
         poles=tuple(_pole_name(made, pole) for pole in wanted),
         loads=tuple(map(sampler.stored_load, range(len(made.loads)))),
         rise=tuple(sampler.rise.tolist()),

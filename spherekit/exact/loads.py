@@ -67,11 +67,7 @@ class ExactLoads:
         self.parts = [
             part for load in mechanism.loads for part in components(mechanism, load)
         ]
-        self._variables = {
-            pair.name: mechanism.variables_of(number)[0]
-            for number, pair in enumerate(mechanism.pairs)
-            if pair.type == "R"
-        }
+        self._variables = mechanism.angles
 
     def knots(self, until: float) -> list[Any]:
         """Return the times between 0 and `until` (s) at which tables have kinks."""

@@ -15,9 +15,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.geometry import Revolute
+from spherekit.model.joints import PairStates
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import PairStates, pair_rates, variable_vectors
+from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.sphere.poses import LogRate
 from spherekit.sphere.rotation import Floats, cross, rotation_vector, transpose
 
@@ -151,7 +151,7 @@ class Nearness:
         change, _ = self._body_rates(turned, rates)
         out = np.full_like(turned, np.nan)
         for v, pair in enumerate(self.target.closure.tree.owners):
-            if isinstance(self.target.closure.joints[pair], Revolute):
+            if self.target.closure.joints[pair].has_axis:
                 out[:, v] = cross(change[:, pair], self.vectors[:, v])
                 out[:, v] += cross(first[:, pair], turned[:, v])
         return out

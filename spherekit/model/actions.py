@@ -73,7 +73,7 @@ def components(mechanism: Mechanism, load: Load) -> tuple[Component, ...]:
 
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:
     """Return the R pairs whose variable or rate the loads depend on."""
-    names = _revolute(mechanism)
+    names = mechanism.angles
     found: set[str] = set()
     for part in _all(mechanism):
         if part.pair:
@@ -112,12 +112,8 @@ def _all(mechanism: Mechanism) -> Sequence[Component]:
     return [part for load in mechanism.loads for part in components(mechanism, load)]
 
 
-def _revolute(mechanism: Mechanism) -> list[str]:
-    return [pair.name for pair in mechanism.pairs if pair.type == "R"]
-
-
 def _law(mechanism: Mechanism, text: str) -> Expression:
-    return parse(text, load_names(_revolute(mechanism)))
+    return parse(text, load_names(mechanism.angles))
 
 
 def _torque(load: PairTorque | Spring | Damper | Friction) -> str:

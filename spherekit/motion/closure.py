@@ -14,10 +14,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.geometry import Joint
+from spherekit.model.joints import Joint, PairStates
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import REDUNDANT, LoopTree
-from spherekit.motion.pairs import PairStates, pair_states, variable_vectors
+from spherekit.motion.pairs import pair_states, variable_vectors
 from spherekit.sphere.rotation import Floats, rotation_vector, transpose
 
 

@@ -10,11 +10,11 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import REACH_SLACK
-from spherekit.model.geometry import Joint, Revolute
+from spherekit.model.joints import Joint, PairStates, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.pairs import PairStates, pair_states
+from spherekit.motion.pairs import pair_states
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.sphere.rotation import Floats, transpose
 from spherekit.sphere.triangle import Bools, close_dyad
@@ -77,8 +77,7 @@ class State:
 
     def axis(self, pair: int, link: int, is_first: bool) -> Floats:
         """Return the axis (n, 3) of an R pair in the axes of the body that holds `link`."""
-        joint = self.joints[pair]
-        assert isinstance(joint, Revolute)
+        joint = revolute(self.joints[pair])
         frame = joint.first if is_first else joint.second
         return np.asarray(self.within[link] @ frame[:, 2])
 
@@ -93,8 +92,7 @@ class State:
         """Set the variables of a dyad's pairs from the orientations of its links."""
         for pair in group.pairs:
             a, b = ends[pair]
-            joint = self.joints[pair]
-            assert isinstance(joint, Revolute)
+            joint = revolute(self.joints[pair])
             one = self.within[a] @ joint.first
             other = self.within[b] @ joint.second
             cosine = np.sum(one[..., 0] * other[..., 0], axis=-1)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spherekit.checked import checked
 from spherekit.conventions import EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
-from spherekit.model.geometry import Joint
+from spherekit.model.joints import Joint, PairRates, PairStates
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import lattice as lattices
 from spherekit.motion.branches import Branch, Solver
@@ -20,8 +20,6 @@ from spherekit.motion.lattice import Lattice, given_path
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.modes import find_branches
 from spherekit.motion.pairs import (
-    PairRates,
-    PairStates,
     pair_axes,
     pair_rates,
     pair_states,

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
+from spherekit.model.joints import PairRates, PairStates
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
-from spherekit.motion.pairs import PairRates, PairStates, pair_rates, pair_states
+from spherekit.motion.pairs import pair_rates, pair_states
 from spherekit.sphere.rotation import Floats
 
 STEP = 1e-6
@@ -270,7 +271,7 @@ class _Pairs:
     def __init__(self, motion: Motion, tree: LoopTree) -> None:
         self._motion = motion
         self._ends = [[pair[k] for pair in tree.ends] for k in (0, 1)]
-        self._revolute = all(pair.type == "R" for pair in motion.mechanism.pairs)
+        self._revolute = not motion.mechanism.has_contacts
         self.vectors = np.ascontiguousarray(np.moveaxis(motion.vectors, 0, -1))
 
     def turned(self, w: Floats) -> tuple[Floats, Floats]:

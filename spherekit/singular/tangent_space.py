@@ -10,9 +10,10 @@ from typing import final
 
 import numpy as np
 
+from spherekit.model.joints import PairStates
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import REDUNDANT
-from spherekit.motion.pairs import PairStates, pair_rates, variable_vectors
+from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.sphere.rotation import Floats
 
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from spherekit.errors import AnalysisError, ModelError
 from spherekit.guidance.form import MidPlaneForm, axis_in
 from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.model.geometry import COLLINEAR, Revolute
+from spherekit.model.geometry import COLLINEAR
+from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.pairs import turns_of
 from spherekit.output.dyads import Cones, Signs
@@ -365,8 +366,7 @@ class _MidPlaneRows:
         for k, leg in enumerate(self.form.legs):
             if pair == leg.base:
                 return np.asarray(self.form.plane.readings(self._elbows[0])[:, k])
-        ends, joint = self.form.mechanism.ends[pair], self.form.joints[pair]
-        assert isinstance(joint, Revolute)
+        ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
         placed = self.form.place(self.normals, self.signs, links=ends)
         return turns_of([ends], [joint], placed)[0][:, 0]
 
