@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
-from spherekit_analyses.pose_text import read_end, read_pose
-from spherekit_analyses.rotation_scenes import RotationScenes, mid_planes
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.scene import Scene
@@ -31,6 +29,9 @@ from spherekit.model.mechanism import Mechanism, Output
 from spherekit.sphere.mirror import mirror_angles
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.tilt_torsion import tilt_torsion
+
+from .pose_text import read_end, read_pose
+from .rotation_scenes import RotationScenes, mid_planes
 
 AGREES = 1e-8
 """Inputs (rad) by the closed form and on the graph that differ by less agree."""

@@ -6,7 +6,6 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
-from spherekit_analyses.pose_lists import Given, PoseList
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.scene import Scene, SphereMap, Text
@@ -31,6 +30,8 @@ from spherekit.workspace.inverse import (
     sense_of,
 )
 from spherekit.workspace.kinematics import label_of
+
+from .pose_lists import Given, PoseList
 
 Row = dict[str, Any]
 

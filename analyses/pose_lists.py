@@ -7,7 +7,6 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from spherekit_analyses.pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
 
 from spherekit.analysis.numbers import columns_of, read_numbers
 from spherekit.conventions import listing
@@ -16,6 +15,8 @@ from spherekit.sphere.mirror import normals_of
 from spherekit.sphere.rotation import Floats, from_quaternion
 from spherekit.sphere.tilt_torsion import from_tilt_torsion, pointing
 from spherekit.workspace.inverse import PoseSolver
+
+from .pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
 
 AZIMUTH_TILT = TILT_TORSION[:2]
 VECTOR = ("rx", "ry", "rz")
@@ -100,8 +101,8 @@ class Given:
                 )
         kinds = _kinds(solver)
         size = len(rows[0])
-        names = self.columns or next((k for k in kinds if len(k) == size), None)
-        if names is None or len(names) != size:
+        names = self.columns or next((k for k in kinds if len(k) == size), ())
+        if len(names) != size:
             raise AnalysisError(
                 f"{where}: poses: {size} numbers a pose"
                 + (f" for the columns {listing(self.columns)}" if self.columns else "")
@@ -129,9 +130,9 @@ class Given:
             held = [kind for kind in kinds if set(kind) <= set(known)]
             held = [k for k in held if not any(set(k) < set(other) for other in held)]
             if len(held) != 1:
-                found = "more than one of" if held else "none of"
+                which = "more than one of" if held else "none of"
                 raise AnalysisError(
-                    f"{where}: {path}: its columns {listing(header)} hold {found} "
+                    f"{where}: {path}: its columns {listing(header)} hold {which} "
                     f"{_ways(held or kinds)}" + ("; say columns=.." if held else "")
                 )
             names = held[0]
@@ -220,7 +221,7 @@ class Given:
                 form = solver.form
                 assert form is not None and solver.output.direction is not None
                 normals = normals_of(rows[:, 0], rows[:, 1])
-                lost = ~np.isfinite(normals).all(axis=1)
+                lost = np.any(~np.isfinite(normals), axis=1)
                 _refuse(lost, places, where, "is no mid-plane: phi and gamma are too large")
                 return np.asarray(
                     form.orientations(normals) @ np.array(solver.output.direction)

@@ -445,9 +445,9 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
         off = np.linalg.norm(np.cross(u, direction[:, None]), axis=2)
         note(off, lambda k: f"u_{pairs[k]} along the direction")
     triples = [", ".join(pairs[k] for k in three) for three in at.triplets]
-    for k, three in enumerate(at.triplets):
-        volume = np.abs(np.linalg.det(u[:, list(three)]))
-        note(volume[:, None], lambda _, own=triples[k]: f"u of {own} coplanar")
+    volumes = [np.abs(np.linalg.det(u[:, list(three)])) for three in at.triplets]
+    if volumes:
+        note(np.stack(volumes, axis=1), lambda k: f"u of {triples[k]} coplanar")
     two = list(combinations(range(len(pairs)), 2))
     named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
     crossed = np.stack([np.cross(u[:, j], u[:, k]) for j, k in two], axis=1)
@@ -457,7 +457,7 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
         flat = np.abs(np.einsum("npi,ni->np", crossed, direction))
         others.append((flat, "{} coplanar with the direction"))
     for sizes, text in others:
-        for row in np.flatnonzero(np.any(sizes < VANISHES, axis=1)):
+        for row in np.flatnonzero(np.any(sizes < VANISHES, axis=1)).tolist():
             if not words[row]:
                 near = np.flatnonzero(sizes[row] < VANISHES)
                 words[row] += [text.format(named[k]) for k in near]

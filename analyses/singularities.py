@@ -6,7 +6,6 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
-from spherekit_analyses.several_singularities import SeveralInputs
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.scene import (
@@ -36,6 +35,8 @@ from spherekit.singular.record import RelationAt, SingularPoint, Type
 from spherekit.singular.relation import SixPoles
 from spherekit.singular.sampled import Measures, SampledSingularities
 from spherekit.singular.single import ordered_pole
+
+from .several_singularities import SeveralInputs
 
 Floats = NDArray[np.float64]
 
@@ -346,7 +347,7 @@ class SingularityAnalysis(AbstractAnalysis):
                         "kind": "III",
                         **_conditions([at for own in on_branches for at in own]),
                         "branch": _joined(sorted(touched)),
-                        **_placed(found, found.input_of(crossing.values[None])),
+                        **_placed(found, found.input_of(curve, crossing.values[None])),
                         "output": _named(batch.mechanism, links),
                         "curve": curve,
                         "s": s,
@@ -364,7 +365,9 @@ class SingularityAnalysis(AbstractAnalysis):
                 {
                     "kind": str(whole.type),
                     "condition": "",
-                    "branch": _joined(sorted({p.branch for p in own} - {None})),
+                    "branch": _joined(
+                        sorted({p.branch for p in own if p.branch is not None})
+                    ),
                     "q": np.nan,
                     "inside": "yes",
                     "output": _named(batch.mechanism, whole.output),

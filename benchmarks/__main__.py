@@ -33,7 +33,6 @@ NAMES = (
     "long_run",
     "fuzz",
     "pruning",
-    "prediction",
     "extremes",
     "sceptic",
 )

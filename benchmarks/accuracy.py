@@ -136,7 +136,8 @@ def exact_rates(
         for pair, (a, b) in enumerate(ends):
             unit = mpmath.matrix([mpmath.mpf(float(x)) for x in axes[pair]])
             unit /= mpmath.norm(unit)
-            least = sorted(range(3), key=lambda k, u=unit: abs(u[k]))[:2]
+            sizes = [abs(entry) for entry in unit]
+            least = sorted(range(3), key=sizes.__getitem__)[:2]
             normals = [
                 [(1 if k == e else 0) - unit[k] * unit[e] for k in range(3)] for e in least
             ]

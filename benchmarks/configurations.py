@@ -4,6 +4,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -45,16 +46,19 @@ def run(quick: bool) -> list[Section]:
         "poles, over the first row",
     )
     ratios = ("motion, over the first row", "poles, over the first row")
-    longer = {
+    longer: dict[tuple[int, ...], list[Tracer]] = {
         (links,): [
-            _traced(lambda random, m=links: grown(random, m, False), seed)
+            _traced(partial(grown, links=links, triads=False), seed)
             for seed in range(chains)
         ]
         for links in sizes
     }
-    touching = {
+    touching: dict[tuple[int, ...], list[Tracer]] = {
         pairs: [
-            _traced(lambda random, n=pairs: with_contacts(random, FIXED, *n), seed)
+            _traced(
+                partial(with_contacts, links=FIXED, rolling=pairs[0], sliding=pairs[1]),
+                seed,
+            )
             for seed in range(chains)
         ]
         for pairs in counts

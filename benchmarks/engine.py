@@ -11,7 +11,7 @@ from benchmarks.timing import median, ratio, rounds
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import PoseStart, prepare
-from spherekit.engine import cache
+from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import integrate
@@ -186,7 +186,7 @@ def _dynamics(quick: bool) -> Section:
     rows: list[tuple[Cell, ...]] = []
     for compact in (True, False):
         for tolerance in tolerances:
-            cache.clear()
+            COMPILED.clear()
             first = _paper(tolerance, compact)
             seconds = [_paper(tolerance, compact).engine.seconds for _ in range(9)]
             rows.append(

@@ -20,6 +20,7 @@ from benchmarks.report import Section
 from benchmarks.samples import link_rates
 from spherekit.conventions import EPS, Status
 from spherekit.errors import CountError, PlanError, SpherekitError
+from spherekit.model.joints import revolute
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import all_poles
@@ -151,10 +152,10 @@ def judge(motion: Motion, found: PoleField, moved: int, tally: Tally) -> list[st
     w, dw, values, over, free, missed = link_rates(
         made, motion.rotations[held], motion.assembly.inputs, moved
     )
-    for k in np.flatnonzero(~(missed < CLOSED)):
+    for k in np.flatnonzero(~(missed < CLOSED)).tolist():
         faults.append(f"row {rows[k]}: a pair misses by {missed[k]:.1e}")
     faults += _inputs_differ(motion, rows)
-    for k, row in enumerate(rows):
+    for k, row in enumerate(rows.tolist()):
         if found.status[row] == Status.OK:
             least = (0.0, 0.0)
             here = _judge_row(found, row, w[k], dw[k], values[k], over[k], least, tally)
@@ -179,7 +180,7 @@ def _spread(motion: Motion, row: int, moved: int) -> tuple[float, float]:
     noise[0] = noise[:, 0] = 0.0
     turned = exact + np.cross(noise[:, :, None], np.swapaxes(exact, 2, 3)).swapaxes(2, 3)
     w, dw, *_ = link_rates(motion.mechanism, turned, motion.assembly.inputs, moved)
-    return tuple(float(np.max(np.abs(x - x[0]))) for x in (w, dw))
+    return float(np.max(np.abs(w - w[0]))), float(np.max(np.abs(dw - dw[0])))
 
 
 def _not_nan(motion: Motion, found: PoleField) -> list[str]:
@@ -208,7 +209,7 @@ def _inputs_differ(motion: Motion, rows: Any) -> list[str]:
     """Return which rows are not at the input that they say."""
     faults = []
     for column, pair in enumerate(motion.assembly.inputs):
-        joint = motion.joints[pair]
+        joint = revolute(motion.joints[pair])
         a, b = motion.mechanism.ends[pair]
         first = motion.rotations[rows, a] @ joint.first
         second = motion.rotations[rows, b] @ joint.second

@@ -1,6 +1,8 @@
 """Inverse kinematics of outputs: cost for each pose, with reach and measures."""
 
 import time
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from benchmarks.timing import median, rounds
 from spherekit.files.read import load
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.motion.branches import Branch
+from spherekit.output.dyads import Signs
 from spherekit.output.inverse import InverseKinematics
 from spherekit.sphere.mirror import upward
 from spherekit.sphere.rotation import Floats, from_quaternion
@@ -32,13 +35,11 @@ def run(quick: bool) -> list[Section]:
         few = poses[:WHOLE]
         pointing = kinematics.wrist.points
         coordinates = azimuth_tilt(few) if pointing else euler_zyz(few)
-        jobs = {
-            "one": lambda k=kinematics, p=poses, m=one: k.at(p, [m]),
-            "all": lambda k=kinematics, p=poses: k.at(p),
-            "measure": lambda k=kinematics, p=poses[:FEW], m=one: k.at(p, [m]).type_2,
-            "links": lambda k=kinematics, q=coordinates, m=one: k.solver.evaluate(
-                Branch(0, m), q
-            ),
+        jobs: dict[str, Callable[[], object]] = {
+            "one": partial(kinematics.at, poses, [one]),
+            "all": partial(kinematics.at, poses),
+            "measure": partial(_measure, kinematics, poses[:FEW], one),
+            "links": partial(kinematics.solver.evaluate, Branch(0, one), coordinates),
         }
         times = rounds(jobs, 3 if quick else 5)
         found = kinematics.at(poses)
@@ -96,6 +97,7 @@ def _with_bar(quick: bool) -> Section:
     clock = time.perf_counter()
     found = kinematics.solutions(seeds)
     searched = (time.perf_counter() - clock) / len(seeds)
+    assert found.directions is not None
     row, count = 0, FEW if quick else POSES // 5
     rows: list[tuple[Cell, ...]] = []
     for off in OFF:
@@ -160,3 +162,7 @@ def random_poses(kinematics: InverseKinematics, count: int) -> np.ndarray:
     drawn = random.normal(size=(count, size))
     drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
     return drawn if size == 3 else from_quaternion(drawn)
+
+
+def _measure(kinematics: InverseKinematics, poses: Floats, mode: Signs) -> Floats:
+    return kinematics.at(poses, [mode]).type_2

@@ -124,10 +124,11 @@ def ten_bar(seed: int) -> Mechanism:
 
 
 def cams(seed: int) -> Mechanism:
-    """Return a chain of up to five links, one or two of its pairs contacts of circles."""
+    """Return a chain of up to five links, one to three of its pairs contacts of circles."""
     random = np.random.default_rng(seed)
     links, sliding = int(random.integers(3, 6)), int(random.integers(1, 3))
-    sliding += (links + sliding) % 2
+    if (links + sliding) % 2:  # no chain grows to that; three links have no room for three
+        sliding += 1 if links > 3 else -1
     return _over_range(with_contacts(random, links, 0, sliding))
 
 

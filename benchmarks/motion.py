@@ -1,6 +1,7 @@
 """Motion, poles and coefficients with derivatives: time per configuration."""
 
 from collections.abc import Callable
+from functools import partial
 
 from benchmarks.report import Cell, Section
 from benchmarks.timing import Times, median, ratio, rounds
@@ -73,8 +74,8 @@ def times_of(tracers: dict[str, Tracer], repeats: int) -> Times:
         every = all_poles(len(made.links))
         wanted = [request(made, item.pair, every, every) for item in made.inputs]
         blocks = list(tracer.blocks())
-        jobs[f"{name} motion"] = lambda each=tracer: _consume(each)
-        jobs[f"{name} poles"] = lambda each=blocks, what=wanted: _poles(each, what)
+        jobs[f"{name} motion"] = partial(_consume, tracer)
+        jobs[f"{name} poles"] = partial(_poles, blocks, wanted)
     return rounds(jobs, repeats)
 
 

@@ -16,6 +16,7 @@ from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.run import run as run_analyses
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import Request
@@ -67,7 +68,7 @@ def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...
     for what, text in NARROW.items():
         jobs[what] = _job(whole.motion, _request(mechanism, text))
         about[what] = (mechanism, text, False)
-        part = needed_part(mechanism, [create(text)])
+        part = needed_part(Study(mechanism.name, mechanism), [create(text)])
         tracer = Tracer(part, search=False, samples=SAMPLES)
         jobs[f"{what}, only needed"] = _job(tracer.motion, _request(part, text))
         about[f"{what}, only needed"] = (mechanism, text, True)
@@ -76,7 +77,7 @@ def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...
     base = sizes["all poles"]
     rows: list[tuple[Cell, ...]] = []
     for what, (made, text, only) in about.items():
-        solved = needed_part(made, [create(text)]) if only else made
+        solved = needed_part(Study(made.name, made), [create(text)]) if only else made
         counts = counts_of(_request(solved, text))
         own = sizes[what]
         rows.append(

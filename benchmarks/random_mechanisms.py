@@ -47,7 +47,7 @@ def _of_family(random: np.random.Generator, family: str) -> Mechanism:
         links = int(random.choice([4, 6, 8, 10, 12]))
         return grown(random, links, family == "triads")
     if family == "eight-bar":
-        chain = EIGHT_BARS[random.integers(len(EIGHT_BARS))]
+        chain = EIGHT_BARS[int(random.integers(len(EIGHT_BARS)))]
         return mechanism(chain, random_axes(random, 10))
     if family == "contacts":
         links = int(random.integers(4, 9))

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -208,7 +209,7 @@ def _features(quick: bool) -> Section:
             return np.stack([cosine - limits[0], limits[1] - cosine], axis=1)
 
         exact = 2.0 * np.pi * (limits[1] - limits[0])
-        job = lambda margins=margins: find_region(margins)  # noqa: E731
+        job = partial(find_region, margins)
         times = rounds({"area": job}, 3)
         region = job()
         error = abs(region.area - exact)
@@ -231,11 +232,11 @@ def _orientations(quick: bool) -> Section:
     exact = 4.0 * np.pi**2 * (1.0 - np.cos(angle))
 
     def margins(quaternions: Floats) -> Floats:
-        return from_quaternion(quaternions)[:, 2, 2:] - np.cos(angle)
+        return np.asarray(from_quaternion(quaternions)[:, 2, 2:] - np.cos(angle))
 
     rows: list[tuple[Cell, ...]] = []
     for tolerance in (1e-2, 3e-3) if quick else (1e-2, 3e-3, 1e-3):
-        job = lambda tolerance=tolerance: find_orientations(margins, tolerance)  # noqa: E731
+        job = partial(find_orientations, margins, tolerance)
         times = rounds({"volume": job}, 3)
         found = job()
         error = abs(found.volume - exact) / exact

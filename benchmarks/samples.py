@@ -1,17 +1,26 @@
 """The chains and oracles of the tests, and chains grown to any number of links."""
 
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry, Profile
+from spherekit.model.joints import PairType
+from spherekit.model.mechanism import (
+    Input,
+    Mechanism,
+    Pair,
+    PoseGeometry,
+    Profile,
+)
 from spherekit.planning.assembly import plan_assembly
+from spherekit.sphere.rotation import Floats
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from chains import EIGHT_BARS, mechanism, random_axes, random_chain
+import chains
 from mode_judge import Structure
 from oracles import link_rates, null_space, off_axis
 
@@ -25,11 +34,17 @@ __all__ = [
     "off_axis",
     "random_axes",
     "random_chain",
+    "vector",
     "with_contacts",
 ]
 
 
 Edge = tuple[int, int]
+
+EIGHT_BARS: Sequence[Sequence[Edge]] = chains.EIGHT_BARS
+mechanism: Callable[..., Mechanism] = chains.mechanism
+random_axes: Callable[..., Floats] = chains.random_axes
+random_chain: Callable[..., Sequence[Edge]] = chains.random_chain
 
 
 def grown(random: np.random.Generator, links: int, triads: bool) -> Mechanism:
@@ -71,7 +86,8 @@ def with_contacts(
     has as many links as asked for.
     """
     while True:
-        kinds = dict.fromkeys(_grown_edges(random, links + sliding, False), "R")
+        edges = _grown_edges(random, links + sliding, False)
+        kinds: dict[Edge, PairType] = dict.fromkeys(edges, "R")
         for link in random.permutation(np.arange(3, links + sliding + 1)).tolist():
             near = [edge for edge in kinds if link in edge]
             ends = tuple(sorted(sum(edge) - link for edge in near))
@@ -98,14 +114,14 @@ def with_contacts(
             return made
 
 
-def _touching(random: np.random.Generator, kinds: dict[Edge, str]) -> Mechanism:
+def _touching(random: np.random.Generator, kinds: dict[Edge, PairType]) -> Mechanism:
     """Return a chain with random axes, and circles that touch at random points."""
     axes, pairs = {}, []
     for (a, b), kind in kinds.items():
         name, ends = f"p{a}_{b}", (str(a), str(b))
         point, other = random_axes(random, 2)
         if kind == "R":
-            axes[name] = tuple(map(float, point))
+            axes[name] = vector(point)
             pairs.append(Pair(name, "R", ends))
             continue
         across = np.cross(point, other)
@@ -121,5 +137,11 @@ def _touching(random: np.random.Generator, kinds: dict[Edge, str]) -> Mechanism:
     return Mechanism("chain", "1", links, tuple(pairs), PoseGeometry(axes), (drives,))
 
 
-def _tilted(point: np.ndarray, across: np.ndarray, angle: float) -> tuple[float, ...]:
-    return tuple(map(float, np.cos(angle) * point + np.sin(angle) * across))
+def _tilted(point: Floats, across: Floats, angle: float) -> tuple[float, float, float]:
+    return vector(np.cos(angle) * point + np.sin(angle) * across)
+
+
+def vector(given: Floats) -> tuple[float, float, float]:
+    """Return the three components as floats of Python."""
+    x, y, z = map(float, given)
+    return x, y, z

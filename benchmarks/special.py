@@ -6,6 +6,7 @@ numbers of degrees, as a file has them.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -136,7 +137,7 @@ class AsWritten(Arithmetic):
         self._number = type(one)
         self._degree = base.pi() / base.exact(180.0)[()]
 
-    def exact(self, values):
+    def exact(self, values: Any) -> Numbers:
         """See `Arithmetic`."""
         given = np.asarray(values, dtype=float)
         found = np.array(self.base.exact(given))
@@ -168,6 +169,6 @@ class AsWritten(Arithmetic):
         """See `Arithmetic`."""
         return self.base.function(name, *arguments)
 
-    def pi(self):
+    def pi(self) -> Any:
         """See `Arithmetic`."""
         return self.base.pi()

@@ -12,7 +12,7 @@ from benchmarks.report import Cell, Section
 from benchmarks.timing import median, rounds
 from spherekit.files.read import load
 from spherekit.motion.closure import Closure
-from spherekit.motion.follow import follow
+from spherekit.motion.follow import Curve, follow
 from spherekit.motion.motion import Tracer
 from spherekit.motion.steps import LARGEST_STEP
 
@@ -60,7 +60,7 @@ def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell,
     middle = curve.values[len(curve.inputs) // 2]
     closure, driven = tracer.solver.closure, tracer.solver.driven[0]
 
-    def job() -> object:
+    def job() -> Curve:
         return follow(closure, driven, middle, *tracer.range)
 
     with counted() as cost:
@@ -88,12 +88,12 @@ def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell,
 
 
 @contextmanager
-def counted() -> Iterator[Counter]:
+def counted() -> Iterator[Counter[str]]:
     """Count the calls of `Closure.solve`, the samples given and linearisations made.
 
     Newton's method linearises once more than it steps: `rows` - `solved` are steps.
     """
-    count: Counter = Counter()
+    count: Counter[str] = Counter()
     solve, linearise = Closure.solve, Closure.linearise
 
     @wraps(solve)

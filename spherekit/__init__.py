@@ -20,11 +20,9 @@ if TYPE_CHECKING:
     from spherekit.analysis.contract import Needs as Needs
     from spherekit.analysis.result import RunResult as RunResult
     from spherekit.analysis.run import run as run
-    from spherekit.analysis.study import run_study as run_study
     from spherekit.conventions import Status as Status
     from spherekit.errors import SpherekitError as SpherekitError
     from spherekit.files.read import load as load
-    from spherekit.files.study import Study as Study
     from spherekit.files.study import load_study as load_study
     from spherekit.files.write import dump as dump
     from spherekit.guidance.follow import follow_rotation as follow_rotation
@@ -32,6 +30,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.schedule import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
     from spherekit.model.mechanism import Mechanism as Mechanism
+    from spherekit.model.study import Study as Study
     from spherekit.motion.motion import Motion as Motion
     from spherekit.motion.motion import trace as trace
     from spherekit.output.forward import ForwardKinematics as ForwardKinematics
@@ -52,7 +51,7 @@ _HOME = {
     "RunResult": "spherekit.analysis.result:RunResult",
     "SpherekitError": "spherekit.errors:SpherekitError",
     "Status": "spherekit.conventions:Status",
-    "Study": "spherekit.files.study:Study",
+    "Study": "spherekit.model.study:Study",
     "dump": "spherekit.files.write:dump",
     "follow_rotation": "spherekit.guidance.follow:follow_rotation",
     "follow_to": "spherekit.guidance.follow:follow_to",
@@ -62,7 +61,6 @@ _HOME = {
     "plan": "spherekit.planning.poles:plan",
     "quickest": "spherekit.guidance.schedule:quickest",
     "run": "spherekit.analysis.run:run",
-    "run_study": "spherekit.analysis.study:run_study",
     "table": "spherekit.planning.table:as_text",
     "trace": "spherekit.motion.motion:trace",
 }

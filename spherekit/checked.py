@@ -69,6 +69,20 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
     return decorate
 
 
+def check_fields(made: object, error: type[SpherekitError], where: str) -> None:
+    """Raise an error unless every field of a dataclass has a value of its type."""
+    kind: Any = type(made)
+    for name, hint in _hints_of(kind).items():
+        fault = _fault(name, getattr(made, name), hint)
+        if fault:
+            raise error(f"{where}: {fault}")
+
+
+@functools.cache
+def _hints_of(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
 def _resolved(function: Callable[..., Any], hint: Any) -> Any:
     """Return the type that an annotation says; of one for type checkers only, any."""
     if hint is inspect.Parameter.empty:

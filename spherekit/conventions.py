@@ -67,6 +67,9 @@ EQUAL_CURVATURE = 1e-9
 SINGULAR_RATIO = 1e-11
 """Smallest relative singular value of the closure Jacobian with trusted rates."""
 
+DEFAULT_SAMPLES = 361
+"""Samples along the range of an input: one for each degree of a whole turn."""
+
 NAME_PATTERN = re.compile(r"[A-Za-z0-9_]+")
 """Names of links, pairs, masses, loads: letters, digits and underscores."""
 

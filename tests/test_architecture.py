@@ -1,13 +1,17 @@
 """The house rules that a machine can check: layers, heavy imports, public names."""
 
 import ast
+import inspect
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 import spherekit
+from spherekit.analysis.execution import Execution
+from spherekit.model.study import Study
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "spherekit"
@@ -70,7 +74,12 @@ HOME_OF = {
 
 
 def imports(path):
-    """Return the modules a file imports, and whether at run time (not type checking)."""
+    """Return the modules a file imports, and whether at run time (not type checking).
+
+    The analyses import their helpers relatively: their package has its name when it is
+    installed, and type checkers see the folder.
+    """
+    deepest = 1 if path.parent.name == "analyses" else 0
     found = set()
 
     def visit(node, typing_only):
@@ -83,7 +92,7 @@ def imports(path):
         if isinstance(node, ast.Import):
             found.update((alias.name, typing_only) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
+            assert node.level <= deepest, f"{path}: relative import"
             found.add((node.module, typing_only))
         for child in ast.iter_child_nodes(node):
             visit(child, typing_only)
@@ -205,4 +214,35 @@ def test_public_functions_have_no_catch_all_keywords_and_are_described():
         assert ast.get_docstring(tree) or path.name == "__init__.py", path
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
-                assert node.args.kwarg is None, f"{path.name}: {node.name}(**...)"
+                named = any("takes(" in ast.unparse(each) for each in node.decorator_list)
+                assert node.args.kwarg is None or named, f"{path.name}: {node.name}(**...)"
+
+
+MOST_PARAMETERS = 6
+
+
+def test_what_carries_a_run_takes_few_parameters():
+    """What a run goes through is one object, and how it is done another."""
+    too_many = []
+    for part in ("analysis", "trade", "cli"):
+        for path in sorted((PACKAGE / part).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.FunctionDef):
+                    named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                    count = sum(each.arg not in ("self", "cls") for each in named)
+                    if count > MOST_PARAMETERS and (path.name, node.name) not in LONG:
+                        too_many.append(f"{path.name}: {node.name} takes {count}")
+    assert not too_many, "\n".join(too_many)
+
+
+LONG = {("recording.py", "start")}
+"""What a recorder of a viewer is given once, by keyword."""
+
+
+def test_options_of_a_run_are_shown_and_are_fields():
+    shown = inspect.signature(spherekit.run).parameters
+    assert all(each.kind is not each.VAR_KEYWORD for each in shown.values())
+    options = {name for name in shown if name not in ("subject", "analyses", "input_pair")}
+    kept = {item.name for kind in (Study, Execution) for item in fields(kind)}
+    assert options == kept - {"name", "mechanism", "analyses", "recording", "locate"}
+    assert shown["samples"].default == Study("x", spherekit.load("four_bar")).samples

@@ -15,7 +15,7 @@ from test_planner import LECTURE_TABLE
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.cli.run import duration
+from spherekit.cli.run import Bar, duration
 from spherekit.errors import ModelError
 from spherekit.guidance.symmetry import mid_plane_form
 
@@ -295,3 +295,14 @@ def test_an_output_without_legs_says_so(tmp_path):
     path.write_text(text)
     with pytest.raises(ModelError, match="no leg of two links joins the base"):
         mid_plane_form(sk.load(path), "tool")
+
+
+def test_progress_says_how_long_the_rest_will_take(capsys):
+    clock = iter([0.0, 10.0, 14.0, 30.0])
+    show = Bar(lambda: next(clock))
+    for done in (200, 300, 1000):  # 200 were done before: 100 samples took 4 s
+        show(done, 1000)
+    first, second, last = capsys.readouterr().err.removesuffix("\n").split("\r")[1:]
+    assert first == "[######........................] 200/1000 samples"
+    assert second.endswith("300/1000 samples, 28 s left")
+    assert last.rstrip() == f"[{'#' * 30}] 1000/1000 samples" and len(last) == len(second)

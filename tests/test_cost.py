@@ -13,14 +13,13 @@ from rerun.chunk import RrdReader
 import spherekit as sk
 from spherekit.analysis import expected, recording
 from spherekit.analysis.cost import Ledger, counts_of
-from spherekit.analysis.expected import with_samples
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.sizes import csv_row
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
-from spherekit.files.study import load_study
 from spherekit.model.laws import Start
+from spherekit.model.study import Study
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.part import needed_groups, part_for
 from spherekit.planning.poles import (
@@ -312,9 +311,9 @@ def test_what_is_not_known_is_not_predicted(capsys):
     assert main(["explain", "single_flier", "-a", "singularities", "-a", "poles"]) == 0
     out = capsys.readouterr().out
     assert "predicted, for each branch: 361 configurations" in out
-    assert "not predicted: the search for branches and their number, analysis sing" in out
+    assert "not predicted: the number of branches, analysis singularities" in out
     assert main(["explain", "four_bar", "--samples", "2"]) == 0
-    assert "cost: not predicted; a run of 2 samples" in capsys.readouterr().out
+    assert "sizes: not predicted; a run of 2 samples" in capsys.readouterr().out
 
 
 def test_a_stage_within_a_stage_counts_once():
@@ -365,6 +364,6 @@ def test_a_recording_is_predicted_block_by_block(most, monkeypatch):
     analyses = [create("poles:only=31")]
     actual = Counted()
     sk.run(made, analyses, samples=20_000, tables=False, recorder=actual)
-    study = with_samples(load_study("four_bar"), 20_000)
+    study = Study("four_bar", made, 20_000)
     found = expected.extrapolated_recording(study, analyses, lambda _: Counted())
     assert found == pytest.approx(actual.cost, rel=2e-3)

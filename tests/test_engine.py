@@ -19,6 +19,7 @@ from scipy.integrate import solve_ivp
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.start import PoseStart, prepare
 from spherekit.engine.arrays import BLOCK
+from spherekit.engine.cache import Cache
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import integrate
@@ -889,3 +890,17 @@ def dead_centre(mechanism):
     start = PoseStart(start_of(mechanism, 2.0), "41", 1.0)
     found = run(mechanism, start, 20.0)
     return found.at([next(e.t for e in found.events if e.kind == "dead_centre")])
+
+
+def test_a_cache_with_a_limit_forgets_what_was_wanted_longest_ago():
+    kept, made = Cache(most=2), []
+
+    def get(name):
+        kept.get(load("four_bar"), name, lambda: made.append(name))
+
+    for name in ("a", "b", "a", "c", "a", "b"):
+        get(name)
+    assert made == ["a", "b", "c", "b"]
+    assert kept.known(load("four_bar"), "a")
+    assert not kept.known(load("four_bar"), "c")
+    assert not kept.known(load("watt"), "a")

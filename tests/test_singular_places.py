@@ -96,6 +96,70 @@ def test_places_of_a_geared_five_bar_are_at_their_turn(low, high, tmp_path):
     assert np.all((outside < np.radians(low)) | (outside > np.radians(high)))
 
 
+DWELL = """
+format = 1
+name = "dwell_drive"
+angle_unit = "deg"
+ground = "frame"
+[links.frame]
+axes = ["cam", "swing", "turn", "out"]
+arcs = [60.0, 80.0, 50.0]
+angles = [0.0, 70.0]
+[links]
+disc = { axes = ["cam"] }
+follower = { axes = ["swing"] }
+crank = { axes = ["turn", "pin"], arcs = [25.0] }
+coupler = { axes = ["pin", "joint"], arcs = [60.0] }
+rocker = { axes = ["out", "joint"], arcs = [55.0] }
+[pairs]
+cam = { type = "R", links = ["frame", "disc"] }
+swing = { type = "R", links = ["frame", "follower"] }
+turn = { type = "R", links = ["frame", "crank"] }
+pin = { type = "R", links = ["crank", "coupler"] }
+joint = { type = "R", links = ["coupler", "rocker"] }
+out = { type = "R", links = ["frame", "rocker"] }
+[pairs.mesh]
+type = "Cr"
+links = ["follower", "crank"]
+teeth = [48, 16]
+axes = ["swing", "turn"]
+[pairs.contact]
+type = "Cs"
+links = ["disc", "follower"]
+follower = { link = "follower", roller = 12.0, centre_lonlat = [90.0, 45.0] }
+[pairs.contact.profiles.disc]
+kind = "fourier"
+centre_xyz = [0.0, 0.0, 1.0]
+cosines = [25.0, 4.0, 3.0]
+sines = [0.0, 0.0, 1.0]
+[inputs.cam]
+from = 0.0
+to = 360.0
+[outputs.rocker]
+link = "rocker"
+"""
+"""A cam swings a wheel that turns the crank of a four-bar: what has rolled at an input
+does not grow with the input, but comes back with it."""
+
+
+def test_what_rolls_with_a_cam_comes_back_with_the_input(tmp_path):
+    """Reversals of the rocker, read off its angle along the motion, are the places."""
+    path = tmp_path / "dwell.toml"
+    path.write_text(DWELL)
+    result = sk.run(sk.load(path), NAME, samples=721)
+    motion, places = result.frame("motion"), result.frame()
+    assert set(motion["status"]) == {"OK"} and set(places["kind"]) == {"I"}
+    for branch, rows in motion.groupby("branch"):
+        angle = np.unwrap(rows["theta_out"])
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(angle)))) + 1
+        before, at, after = angle[turns - 1], angle[turns], angle[turns + 1]
+        off = 0.5 * (before - after) / (before - 2.0 * at + after)  # of the parabola
+        step = 2.0 * np.pi / 720
+        there = places[places["branch"] == str(branch)]
+        assert np.sort(there["q"]) == pytest.approx((turns + off) * step, abs=0.05 * step)
+        assert set(there["inside"]) == {"yes"}
+
+
 def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
     """Dead centres of a rocker: coupler and follower in line, an angle of their arcs."""
     base, crank, coupler, follower = ROCKER

@@ -17,7 +17,8 @@ from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, FileError
 from spherekit.files.check import schema
 from spherekit.files.library import shipped
-from spherekit.files.study import Study, load_study
+from spherekit.files.study import load_study
+from spherekit.model.study import Study
 
 STUDY = """\
 format = 1
@@ -344,12 +345,12 @@ def test_a_study_is_no_mechanism(tmp_path):
 def test_a_study_made_in_python_names_itself_and_the_key():
     study = Study("mine", sk.load("four_bar"), analyses={"poles": {"onyl": []}})
     with pytest.raises(AnalysisError, match=r"^mine: analyses.poles.onyl: unknown par"):
-        sk.run_study(study)
+        sk.run(study)
 
 
-def test_run_study_is_run_with_what_the_file_says(tmp_path):
+def test_a_study_is_run_with_what_the_file_says(tmp_path):
     text = STUDY.replace("[analyses.tuned]", "[output.x]").split("[output.x]")[0]
-    ours = sk.run_study(write(tmp_path, text))
+    ours = sk.run(write(tmp_path, text))
     study = load_study(tmp_path / "x.study.toml")
     theirs = sk.run(study.mechanism, "poles:only=6/1+5/1,show=6/1", samples=7, branch=1)
     pd.testing.assert_frame_equal(ours.frame(), theirs.frame())
@@ -419,7 +420,7 @@ def test_shipped_studies_are_found_by_name_and_run():
     studies = [name for pack in shipped() for name in pack.studies]
     assert "stephenson_output" in studies
     for name in studies:
-        result = sk.run_study(name)
+        result = sk.run(name)
         assert not result.failures
         assert set(result.summary["status"]) == {"OK"}
 

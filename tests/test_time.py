@@ -12,7 +12,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis.contract import AbstractAnalysis, Needs
-from spherekit.analysis.study import run_study
+from spherekit.analysis.run import run
 from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main
 from spherekit.dynamics.forward import simulate
@@ -56,7 +56,7 @@ def study(tmp_path):
 def test_torque_of_every_law(name, study):
     text = f"duration = 3\n[inputs.21.law]\n{LAWS[name]}\n[analyses.eksergian]\n"
     read = load_study(study(HEAD + text))
-    found = run_study(read)
+    found = run(read)
     frame, t = found.frame(), np.linspace(0.0, 3.0, 41)
     want = inverse_dynamics(read.mechanism, read.laws["21"], t)
     assert set(frame["branch"]) == {0, 1}
@@ -77,7 +77,7 @@ def test_without_a_law_the_input_turns_at_1_rad_per_s(study):
     frame = still.frame()
     assert np.array_equal(frame["t"], frame["q"])
     assert set(frame["dq"]) == {1.0}
-    timed = run_study(study(HEAD + "duration = 3\n"), ["eksergian"])
+    timed = run(study(HEAD + "duration = 3\n"), ["eksergian"])
     want = inverse_dynamics(mechanism, ConstantSpeed(1.0), np.linspace(0.0, 3.0, 41))
     assert np.max(np.abs(timed.frame()["tau"] - want.tau)) < 1e-12
 
@@ -122,7 +122,7 @@ def test_every_analysis_can_have_the_time_of_all_inputs():
 
 def test_simulation_of_a_study(study):
     read = load_study(study(FREE + "[analyses.poles]\n[analyses.eksergian]\n"))
-    found = run_study(read)
+    found = run(read)
     assert not found.failures
     want = simulate(read.mechanism, Start(0.3, 1.0), 2.0, torque="10*sin(2*t)")
     t = np.linspace(0.0, 2.0, 41)
@@ -252,20 +252,20 @@ def test_faults_have_file_and_line(case, study):
         text = text.replace("samples = 41\n", "branch = 0\n")
     path = study(text)
     with pytest.raises(FileError) as caught:
-        run_study(path)
+        run(path)
     assert str(caught.value).startswith(f"{path}:{line}: {words}")
 
 
 def test_faults_with_several_inputs(study):
     head = HEAD.replace("four_bar", "five_bar") + "duration = 1\n"
     with pytest.raises(FileError, match=r"start: .* one input, not 2 \(21, 51\)"):
-        run_study(study(head + "[start]\nq = 0\n"))
+        run(study(head + "[start]\nq = 0\n"))
     with pytest.raises(FileError, match="input 51 has no law; give one for every input"):
-        run_study(study(head + f"[inputs.21.law]\n{LAWS['constant']}\n"))
+        run(study(head + f"[inputs.21.law]\n{LAWS['constant']}\n"))
     grid = head.replace("samples = 41", "samples = [4, 4]")
     laws = "".join(f"[inputs.{p}.law]\n{LAWS['constant']}\n" for p in ("21", "51"))
     with pytest.raises(FileError, match="samples: over time the samples are times"):
-        run_study(study(grid + laws))
+        run(study(grid + laws))
 
 
 @pytest.mark.parametrize(
@@ -275,7 +275,10 @@ def test_faults_with_several_inputs(study):
         ({"laws": {"21": ConstantSpeed(1.0)}}, "needs a duration"),
         ({"start": Start(0.0), "duration": -1.0}, "needs a finite time above 0"),
         ({"torque": "sin(t)"}, "a driving torque needs a start"),
-        ({"duration": 1.0, "path": np.zeros(3)}, "a grid or a path"),
+        (
+            {"duration": 1.0, "path": np.zeros(3)},
+            "inputs.21.values: excluded by the duration",
+        ),
     ],
 )
 def test_faults_of_a_run(options, words):
@@ -311,7 +314,7 @@ def test_flags_say_the_same_as_a_study(tmp_path, study):
     flags = ["--law", law, "--duration", "3", "--samples", "41", "-a", "eksergian"]
     assert main(["run", "four_bar", *flags, "-o", str(tmp_path / "flags")]) == 0
     text = f"duration = 3\n[inputs.21.law]\n{LAWS['polynomial']}\n[analyses.eksergian]\n"
-    run_study(study(HEAD + text)).write(tmp_path / "study")
+    run(study(HEAD + text)).write(tmp_path / "study")
     both = [(tmp_path / name / "eksergian.csv").read_text() for name in ("flags", "study")]
     assert both[0] == both[1]
 

@@ -20,9 +20,10 @@ from spherekit.exact.arithmetic import Digits
 from spherekit.exact.field import exact_direction
 from spherekit.exact.rows import exact_rows
 from spherekit.model.mechanism import LinkSizes, PoseGeometry
+from spherekit.model.study import Study
 from spherekit.trade.choice import WORTH, choose
 from spherekit.trade.measure import Bench
-from spherekit.trade.record import MARGIN, Measured
+from spherekit.trade.record import MARGIN, Measured, check_tolerance
 from spherekit.trade.stored import read_trade
 from spherekit.trade.trade import trade
 
@@ -36,23 +37,7 @@ FEW = (
 
 
 def course(mechanism, samples, **given):
-    return course_of(
-        mechanism,
-        **{
-            "samples": samples,
-            "input_pair": None,
-            "branch": None,
-            "search": True,
-            "grid": False,
-            "path": None,
-            "laws": {},
-            "duration": None,
-            "start": None,
-            "torque": None,
-            "tolerance": 1e-9,
-        }
-        | given,
-    )
+    return course_of(Study(mechanism.name, mechanism, samples, **given))
 
 
 def in_fifty_digits(bench):
@@ -305,9 +290,9 @@ def test_an_analysis_trades_its_own_parameters():
 @pytest.mark.parametrize("tolerance", [0.0, -1e-9, np.nan, np.inf])
 def test_no_tolerance(tolerance):
     with pytest.raises(AnalysisError, match="give a positive number"):
-        trade(sk.load("four_bar"), tolerance=tolerance)
+        check_tolerance("four_bar", tolerance)
     with pytest.raises(AnalysisError, match="give a positive number"):
-        choose(sk.load("four_bar"), [create("poles")], tolerance, samples=9)
+        choose(Study("x", sk.load("four_bar"), 9), [create("poles")], tolerance)
 
 
 def test_nothing_to_trade():
@@ -388,7 +373,7 @@ def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
     capsys, tmp_path, monkeypatch
 ):
     few = [Setting(integrator="numpy", tolerance=t) for t in (1e-4, 1e-7, 1e-11)]
-    monkeypatch.setattr("spherekit.trade.trade.of_simulation", lambda: few)
+    monkeypatch.setattr("spherekit.trade.simulated.of_simulation", lambda: few)
     kept = stored_trade(tmp_path, *MOVED)
     capsys.readouterr()
     given = ["run", "four_bar", *MOVED, "--trade", kept]

@@ -13,6 +13,10 @@ import spherekit as sk
 from spherekit.analysis import evaluation, verify
 from spherekit.analysis import run as runner
 from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.course import Course
+from spherekit.analysis.evaluation import Evaluation
+from spherekit.analysis.job import Job
+from spherekit.analysis.setting import ORDINARY
 from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
 from spherekit.analysis.verify import Verifier, faults, told
 from spherekit.cli.main import main
@@ -143,9 +147,9 @@ def test_a_wrong_direction_is_outside_its_bound(monkeypatch):
 def verifier_of(tracer, count):
     made = tracer.mechanism
     wanted = request(made, "21", [(0, 3)], [(0, 3)])
-    return wanted, Verifier(
-        (wanted.plan,), [wanted], [], [], len(tracer.lattice), count, False
-    )
+    course = Course(tracer, tracer.lattice.q, tracer.lattice.shape, None, False, {})
+    evaluation = Evaluation(ORDINARY, course, [wanted], Needs())
+    return wanted, Verifier(Job(course, (), (), (wanted,), len(course), evaluation), count)
 
 
 def test_a_wrong_configuration_has_no_reference():
@@ -313,7 +317,7 @@ def test_a_study_may_ask_for_it(tmp_path):
     path.write_text(f"{text}verify = 3\n", encoding="utf-8")
     study = sk.load_study(path)
     assert study.verify == 3
-    assert sk.run_study(study).summary["verified"]["rows"] == 3
+    assert sk.run(study).summary["verified"]["rows"] == 3
     path.write_text(f"{text}verify = 0\n", encoding="utf-8")
     with pytest.raises(FileError, match="verify"):
         sk.load_study(path)

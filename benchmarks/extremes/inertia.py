@@ -71,8 +71,8 @@ def _inertias(made: Mechanism, known: Truth) -> tuple[list[Exact], list[float]]:
     right = _of(made, known.rotations, known.rates, known.derivatives, None)
     condition = [1.0, 1.0, 1.0]
     for changed in known.changed:
-        values = (changed[name] for name in ("rotations", "rates", "derivatives"))
-        other = _of(made, *values, random)
+        there = (changed["rotations"], changed["rates"], changed["derivatives"])
+        other = _of(made, *there, random)
         for k, (one, moved) in enumerate(zip(right, other, strict=True)):
             condition[k] = max(condition[k], float(abs((moved - one) / one) / SMALL))
     return right, condition

@@ -3,11 +3,20 @@
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import mpmath as mp
 
 import spherekit as sk
-from benchmarks.extremes.reference import DIGITS, SMALL, Reference, Truth, exact, truth
+from benchmarks.extremes.reference import (
+    DIGITS,
+    SMALL,
+    Exact,
+    Reference,
+    Truth,
+    exact,
+    truth,
+)
 from benchmarks.extremes.registry import Row, case
 from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
@@ -15,6 +24,7 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import SpherekitError
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
+from spherekit.model.joints import revolute
 from spherekit.model.laws import Polynomial, Start
 from spherekit.model.mechanism import Mechanism
 
@@ -54,8 +64,10 @@ def _torque(reference: Reference, known: Truth, size: mp.mpf) -> tuple[mp.mpf, f
     rocker = reference.angles.index(made.variable_names.index("theta_41"))
     link = made.link_number["4"]
 
-    def at(angles, rotations, rates):  # type: ignore[no-untyped-def]
-        axis = reference.joints[made.pair_number["41"]].first[:, 2]  # type: ignore[union-attr]
+    joint = revolute(reference.joints[made.pair_number["41"]])
+    axis = joint.first[:, 2]
+
+    def at(angles: Exact, rotations: Exact, rates: Exact) -> mp.mpf:
         return -size * mp.sin(angles[rocker]) * (rates[link] @ exact(axis))
 
     right = at(known.angles, known.rotations, known.rates)
@@ -84,6 +96,7 @@ def loads_that_overflow(powers: Sequence[float]) -> Iterator[Row]:
     for power in powers:
         made = loaded(*[f"4*{10.0**power!r}*cos(theta_41)"] * 4)
         frame = sk.run(made, "eksergian", samples=5).frame()
+        row: Any
         for row in frame.itertuples():
             finite = abs(row.tau) < float("inf")
             yield Row(power, "torque", 1.0, 0.0 if finite else float("inf"), row.status)

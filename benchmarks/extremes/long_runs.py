@@ -52,7 +52,8 @@ def energies(
             closure = max(closure, found.checks.closure)
             steps += found.engine.steps
             turns += float(history.q[-1] - history.q[0]) / (2 * np.pi)
-            start = PoseStart(wrap(history.values[-1]), "21", float(history.dq[-1]))
+            reached = wrap(history.values[-1]).tolist()
+            start = PoseStart(reached, "21", float(history.dq[-1]))
             left -= PIECE
             if found.end.kind != "time":
                 status = found.end.kind

@@ -20,7 +20,7 @@ CHAINS = (0, 5, 13)
 def small_four_bar(sizes: Sequence[float]) -> Iterator[Row]:
     """A four-bar given by arcs of this size, at an input far from its reference."""
     for size in sizes:
-        arcs = size * np.array([1.0, 0.4, 1.1, 0.8])
+        arcs = [size * arc for arc in (1.0, 0.4, 1.1, 0.8)]
         reference, point = point_of(four_bar(arcs), size, 2.0)
         yield from judged(reference, [point])
 

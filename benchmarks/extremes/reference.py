@@ -13,6 +13,7 @@ import numpy as np
 
 from spherekit.errors import ModelError
 from spherekit.model.geometry import geometry_of
+from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 
@@ -143,11 +144,12 @@ class Reference:
         radii, turns = np.ones((2, pairs)), np.ones((2, pairs), dtype=int)
         for k, joint in enumerate(self.joints):
             if joint.has_axis:
-                frames[0, k], frames[1, k] = joint.first, joint.second
+                hinge = revolute(joint)
+                frames[0, k], frames[1, k] = hinge.first, hinge.second
                 continue
             profiles = self.mechanism.pairs[k].profiles
             assert profiles is not None
-            for which, curve in enumerate((joint.first, joint.second)):
+            for which, curve in enumerate(track.curve for track in joint.tracks):
                 profile = profiles[which]
                 if profile.kind not in ("circle", "great_circle"):
                     raise ModelError(
@@ -177,7 +179,7 @@ class Reference:
             c, s = mp.cos(value), mp.sin(value)
             x, y, z = frame.T
             return np.stack([c * x + s * y, c * y - s * x, z], axis=-1), mp.mpf(0)
-        start = joint.start[which] if joint.rolling else 0.0
+        start = joint.tracks[which].start
         turn, radius = int(data.turns[which, pair]), data.radii[which, pair]
         sine, cosine = mp.sin(radius), mp.cos(radius)
         angle = turn * (value + start) / sine

@@ -187,7 +187,7 @@ def three_rrr_output_stands(distances: Sequence[float]) -> Iterator[Row]:
 @case(FAMILY, "input beside the change point, rad", TO_STANDSTILL)
 def change_point(distances: Sequence[float]) -> Iterator[Row]:
     """Type III: a four-bar with opposite arcs equal, where its two modes cross."""
-    made = four_bar(np.radians([60.0, 40.0, 60.0, 40.0]))
+    made = four_bar(np.radians([60.0, 40.0, 60.0, 40.0]).tolist())
     first = Tracer(made, path=np.array([[0.5]])).motion()
     reference = Reference(made)
     for values in first.values:

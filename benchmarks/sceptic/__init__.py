@@ -7,6 +7,7 @@ as a sceptic would: see `benchmarks.sceptic.checks` for what is asked.
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from itertools import chain
 
@@ -53,11 +54,11 @@ def sections(examined: Sequence[Examined]) -> list[Section]:
         for notes in each.noted.values()
         for finding in notes.findings
     ]
-    refused: dict[str, int] = {}
+    refused: Counter[str] = Counter()
     for each in examined:
         for notes in each.noted.values():
             for text in notes.refused:
-                refused[text] = refused.get(text, 0) + 1
+                refused[text] += 1
     unasked = sum(len(each.unasked) for each in examined)
     wrong = sum(each.contradictions for each in examined)
     seconds = sum(each.seconds for each in examined)
@@ -83,7 +84,7 @@ def sections(examined: Sequence[Examined]) -> list[Section]:
             "What was refused",
             "Analyses that say they do not apply, by what they say first.",
             ("refusal", "times"),
-            sorted(refused.items(), key=lambda item: -item[1]),
+            refused.most_common(),
         ),
     ]
 

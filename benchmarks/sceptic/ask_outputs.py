@@ -98,7 +98,7 @@ def forward_and_inverse(evidence: Evidence, notes: Notes) -> None:
         own = (rows.pose == k) & (rows.status != Status.OUT_OF_REACH)
         q = made.inputs[found.row[k]]
         gap = apart(q[None], rows.inputs[own])
-        near = np.flatnonzero(own)[np.argsort(gap[0])] if np.any(own) else []
+        near = np.flatnonzero(own)[np.argsort(gap[0])] if np.any(own) else ()
         off = float(np.nanmin(gap, initial=np.inf))
         if not off < SAME:
             motion = evidence.tracer.given(found.values[k : k + 1])

@@ -1,5 +1,7 @@
 """Singularities against poles, motions and the velocity equations."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -57,6 +59,7 @@ def places_are_singular(evidence: Evidence, notes: Notes) -> None:
 def _on_curves(evidence: Evidence, points: pd.DataFrame, notes: Notes) -> None:
     curves, tracer = evidence.configurations.curves, evidence.tracer
     points = points[points["s"].notna() & (points["decided"].astype(str) == "yes")]
+    row: Any
     for row in points.head(MOST).itertuples():
         values = curves[row.curve].curve.at(row.s).values.reshape(1, -1)
         worst = float(tracer.given(values).conditioning[0])
@@ -217,12 +220,13 @@ def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
         there = frame[ends.isin((output, f"{base}/{link}"))]
         own = points[points["output"].astype(str).isin((output, "", "nan"))]
         turning = own["turns"].astype(str).str.contains("output").to_numpy(bool)
+        branch: Any
         for branch, rows in there.groupby("branch"):
             on_branch = (
                 own["branch"].map(lambda text, b=branch: _among(b, text)).to_numpy(bool)
             )
             at = np.sort(own.loc[turning & on_branch, "q"].to_numpy())
-            _parities(evidence, output, int(branch), rows, at, sampled, notes)
+            _parities(evidence, output, branch, rows, at, sampled, notes)
 
 
 def _parities(

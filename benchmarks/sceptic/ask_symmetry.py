@@ -3,10 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from mechanism_strategies import reordered, turned
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
+from benchmarks.samples import vector
 from benchmarks.sceptic.ask_modes import CLEAR
 from benchmarks.sceptic.check import check
 from benchmarks.sceptic.evidence import Evidence
@@ -40,7 +42,7 @@ def told_otherwise(evidence: Evidence) -> Mechanism | None:
         if not len(good):
             return None
         row = int(good[evidence.random.integers(len(good))])
-        axes = {p.name: _vector(motion.axes[row, k]) for k, p in enumerate(made.pairs)}
+        axes = {p.name: vector(motion.axes[row, k]) for k, p in enumerate(made.pairs)}
         value = {
             made.pairs[owner].name: float(motion.values[row, k])
             for k, owner in enumerate(made.variable_owners)
@@ -48,12 +50,8 @@ def told_otherwise(evidence: Evidence) -> Mechanism | None:
         bare = replace(bare, geometry=PoseGeometry(axes, value))
     turn = Rotation.random(random_state=int(evidence.random.integers(1 << 30)))
     other, _ = reordered(bare, evidence.random.permutation(len(bare.links) - 1).tolist())
-    return turned(other, turn.as_matrix())
-
-
-def _vector(axis: Floats) -> tuple[float, float, float]:
-    x, y, z = (float(c) for c in axis)
-    return x, y, z
+    found: Mechanism = turned(other, turn.as_matrix())
+    return found
 
 
 def _angles(motion: Motion, sample: int) -> Floats:
@@ -154,7 +152,7 @@ def _rates(made: Mechanism) -> dict[tuple[int, str], tuple[Floats, Floats, Float
             poles["link"].astype(str), poles["relative_to"].astype(str), strict=True
         )
     ]
-    poles = poles.assign(both=together)
+    poles = poles.assign(both=pd.Series(together, index=poles.index))
     for name in names:
         rows = poles[poles["both"] == frozenset(ends[name])]
         columns[name] = rows.set_index(["sample", "branch", "moved"])[

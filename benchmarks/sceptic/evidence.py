@@ -15,10 +15,11 @@ import pandas as pd
 from benchmarks.sceptic.suspects import Suspect
 from spherekit.analysis.frames import read_parquet
 from spherekit.cli.main import main
+from spherekit.conventions import DEFAULT_SAMPLES
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.configuration import Configurations
-from spherekit.motion.motion import DEFAULT_SAMPLES, Motion, Tracer
+from spherekit.motion.motion import Motion, Tracer
 
 ANALYSES = (
     "poles",

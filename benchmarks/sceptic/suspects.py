@@ -7,7 +7,14 @@ from typing import final
 import numpy as np
 
 from benchmarks.random_mechanisms import random_mechanism
-from benchmarks.samples import EIGHT_BARS, grown, mechanism, random_axes, with_contacts
+from benchmarks.samples import (
+    EIGHT_BARS,
+    grown,
+    mechanism,
+    random_axes,
+    vector,
+    with_contacts,
+)
 from spherekit.errors import SpherekitError
 from spherekit.files.library import shipped
 from spherekit.files.read import load
@@ -81,7 +88,8 @@ def with_masses(random: np.random.Generator, made: Mechanism) -> Mechanism:
             a = random.normal(size=(3, 3))
             spread = 1e-3 * (a @ a.T)
             tensor = np.trace(spread) * np.eye(3) - spread
-            masses.append(Mass(link, tuple(tuple(map(float, row)) for row in tensor)))
+            one, two, three = map(vector, tensor)
+            masses.append(Mass(link, (one, two, three)))
     return replace(made, masses=tuple(masses))
 
 
@@ -167,8 +175,8 @@ def _geared(random: np.random.Generator) -> Mechanism:
             "Cr",
             ("a", "b"),
             (
-                Profile("circle", tuple(map(float, left)), float(first)),
-                Profile("circle", tuple(map(float, right)), float(shafts - first)),
+                Profile("circle", vector(left), float(first)),
+                Profile("circle", vector(right), float(shafts - first)),
             ),
         ),
     )
@@ -181,7 +189,7 @@ def _geared(random: np.random.Generator) -> Mechanism:
         "ground",
         ("ground", "a", "b", "c", "d"),
         pairs,
-        PoseGeometry({name: tuple(map(float, axis)) for name, axis in given.items()}),
+        PoseGeometry({name: vector(axis) for name, axis in given.items()}),
         (Input("left" if random.random() < 0.7 else "right", *span),),
     )
 
@@ -207,7 +215,7 @@ def _legs(random: np.random.Generator, count: int) -> Mechanism:
     low, high = spans[random.integers(len(spans))]
     driven = [p.name for p in made.pairs if p.links[0] == "1"]
     inputs = tuple(Input(name, low, high) for name in driven)
-    direction = None if count == 3 else tuple(float(x) for x in axes[2])
+    direction = None if count == 3 else vector(axes[2])
     output = Output("body", "8" if count == 3 else "3", "1", direction)
     return replace(made, inputs=inputs, outputs=(output,))
 
@@ -233,7 +241,7 @@ def _any(random: np.random.Generator) -> Mechanism:
 
 
 def _eight_bar(random: np.random.Generator) -> Mechanism:
-    chain = EIGHT_BARS[random.integers(len(EIGHT_BARS))]
+    chain = EIGHT_BARS[int(random.integers(len(EIGHT_BARS)))]
     return _driven_anywhere(random, mechanism(chain, random_axes(random, 10)))
 
 

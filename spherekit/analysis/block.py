@@ -1,6 +1,7 @@
 """One block of a run: evaluated, given to all analyses, and handed over."""
 
 import traceback
+from collections.abc import Mapping
 
 from spherekit.analysis.contract import Batch
 from spherekit.analysis.cost import AXES, RECORDING, Ledger
@@ -11,9 +12,10 @@ from spherekit.analysis.recording import Stage
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.standing import Standing
 from spherekit.analysis.store import AbstractStore
-from spherekit.analysis.verify import Verifier
 from spherekit.errors import SpherekitError
 from spherekit.motion.motion import Motion
+from spherekit.rates.field import PoleField
+from spherekit.sphere.rotation import Floats
 
 
 def evaluate_block(
@@ -22,12 +24,12 @@ def evaluate_block(
     standing: Standing,
     store: AbstractStore,
     stage: Stage | None,
-    verifier: Verifier | None,
     ledger: Ledger,
-) -> None:
+) -> tuple[tuple[PoleField, ...], Mapping[str, Floats]]:
     """Evaluate a block for all analyses, and hand over what they make of it.
 
-    An analysis that fails is noted in `standing`, and not asked again.
+    Return its poles for each input, and the variables that go on. An analysis that fails
+    is noted in `standing`, and not asked again.
     """
     course = job.course
     with ledger.stage(AXES):
@@ -81,7 +83,6 @@ def evaluate_block(
     if standing.done == 0 and course.simulation is not None:
         store.add(MOTION, EVENTS, course.events())
         standing.count(MOTION, EVENTS.name, course.events())
-    if verifier is not None:
-        verifier.see(motion, found, angles)
     standing.tally.add(course.tracer, motion, found)
     standing.done += motion.samples
+    return found, angles

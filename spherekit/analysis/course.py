@@ -1,6 +1,6 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, final
@@ -13,20 +13,19 @@ from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.engine.kernels import Engine
-from spherekit.errors import AnalysisError
-from spherekit.model.laws import ConstantSpeed, Law, Start, time_fault
+from spherekit.errors import ModelError
+from spherekit.model.dynamics import DRIVE, PairTorque
+from spherekit.model.laws import ConstantSpeed, Law, time_fault
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
 from spherekit.motion.branches import wrap
 from spherekit.motion.motion import BLOCK, Motion, Tracer
 from spherekit.motion.timing import Extent, Timing, by_laws
-from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 
 UNIT_SPEED = 1.0
 """An input without a law turns at this speed (rad/s), as in the source's example."""
-
-DEFAULT_TOLERANCE = 1e-9
-"""Error tolerated in each step of a simulation, for pair variables (rad)."""
 
 EVENTS = Table(
     "events",
@@ -163,71 +162,91 @@ class Course:
         return {"simulation": found}
 
 
-def course_of(
-    mechanism: Mechanism,
-    *,
-    samples: int | Sequence[int],
-    input_pair: str | Sequence[str] | None,
-    branch: int | None,
-    search: bool,
-    grid: bool,
-    path: Floats | None,
-    laws: Mapping[str, Law],
-    duration: float | None,
-    start: Start | None,
-    torque: str | None,
-    tolerance: float,
-    engine: Engine = "auto",
-    follow: bool = True,
-) -> Course:
-    """Return the course behind the arguments of `spherekit.run`.
+def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Course:
+    """Return the course of a study, simulated by an engine if loads say the motion.
 
     Without `follow` samples over no time have no branches: nothing is to be read there.
 
     Raises
     ------
-    AnalysisError
+    AnalysisError, FileError
         If what is said of time does not fit together.
     PlanError, SolveError, ModelError
         See `Tracer` and `simulate`.
     """
-    mechanism = driven_at(mechanism, input_pair)
-    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-    mechanism = mechanism.with_inputs(*inputs)
-    fault = time_fault(inputs, laws, duration, start, torque)
-    if fault is not None:
-        keys, message = fault
-        raise AnalysisError(f"{mechanism.name}: {'.'.join(keys)}: {message}")
-    if duration is None:
-        tracer = Tracer(mechanism, None, branch, search, samples, grid, path, follow)
-        lattice = tracer.lattice
-        timing = _at_unit_speed(lattice.q) if len(inputs) == 1 else None
-        return Course(tracer, lattice.q, lattice.shape, timing, False, {})
-    if grid or path is not None or isinstance(samples, Sequence):
-        raise AnalysisError(
-            f"{mechanism.name}: over time the samples are times; a grid or a path of the "
-            "inputs is excluded"
+    check_time(study)
+    mechanism, branch, samples = study.mechanism, study.branch, study.samples
+    if study.duration is None:
+        tracer = Tracer(
+            mechanism, None, branch, study.search, samples, study.grid, study.path, follow
         )
-    t = np.linspace(0.0, duration, samples) if samples > 1 else np.zeros(samples)
-    if start is not None:
+        lattice = tracer.lattice
+        timing = _at_unit_speed(lattice.q) if len(tracer.inputs) == 1 else None
+        return Course(tracer, lattice.q, lattice.shape, timing, False, {})
+    assert isinstance(samples, int)
+    t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
+    if study.start is not None:
         tracer = Tracer(mechanism, None, branch or 0, samples=2)
         simulation = simulate(
-            mechanism,
-            start,
-            duration,
-            torque=torque,
+            tracer.mechanism,
+            study.start,
+            study.duration,
+            torque=study.torque,
             branch=branch or 0,
-            tolerance=tolerance,
+            tolerance=study.tolerance,
             check=True,
             engine=engine,
         )
-        return simulated_course(tracer, simulation, t, tolerance)
+        return simulated_course(tracer, simulation, t, study.tolerance)
+    inputs, laws = _inputs(study), study.laws
     if not laws:
-        driven = mechanism.inputs[0]
-        laws = {driven.pair: ConstantSpeed(UNIT_SPEED, driven.start)}
+        laws = {inputs[0]: ConstantSpeed(UNIT_SPEED, _first(mechanism))}
     q, timing = by_laws(inputs, laws, t)
-    tracer = Tracer(mechanism, None, branch, search, path=q)
-    return Course(tracer, q, (len(q),), timing, True, laws, duration)
+    tracer = Tracer(mechanism, None, branch, study.search, path=q)
+    return Course(tracer, q, (len(q),), timing, True, laws, study.duration)
+
+
+def check_time(study: Study) -> None:
+    """Refuse a study in which laws, duration, start and samples do not fit together.
+
+    Raises
+    ------
+    AnalysisError, FileError
+        With what does not fit, and with file and line if the study is from a file.
+    """
+    inputs = _inputs(study)
+    fault = time_fault(inputs, study.laws, study.duration, study.start, study.torque)
+    if fault is not None:
+        raise study.fault(*fault)
+    if study.torque is not None:
+        drive = PairTorque(DRIVE, inputs[0], study.torque)
+        try:
+            replace(study.mechanism, loads=(*study.mechanism.loads, drive))
+        except ModelError as problem:
+            raise study.fault(("start", "torque"), str(problem)) from None
+    if study.duration is None:
+        return
+    if study.path is not None:
+        raise study.fault(
+            ("inputs", inputs[0], "values"),
+            "excluded by the duration: over time the samples are times",
+        )
+    if study.grid or not isinstance(study.samples, int):
+        raise study.fault(
+            ("samples",),
+            "over time the samples are times; give a single number of them",
+        )
+
+
+def _inputs(study: Study) -> list[str]:
+    """Return the names of the driven pairs."""
+    pairs = study.mechanism.pairs
+    return [pairs[pair].name for pair in driven_pairs(study.mechanism)]
+
+
+def _first(mechanism: Mechanism) -> float:
+    """Return where the range of the only input begins (rad)."""
+    return mechanism.inputs[0].start if mechanism.inputs else 0.0
 
 
 def simulated_course(

@@ -1,39 +1,47 @@
-"""What a study will cost, said before it is run."""
+"""How large the tables and the recording of a study will be, judged from a short run."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
-from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
-from spherekit.analysis.forecast import LEAST, extrapolated, forecast
-from spherekit.analysis.made_up import made_up_motion
+from spherekit.analysis.block import evaluate_block
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.cost import Ledger
+from spherekit.analysis.course import course_of
+from spherekit.analysis.execution import Execution
+from spherekit.analysis.job import job_of
 from spherekit.analysis.recording import MOST_LOGGED
-from spherekit.analysis.run import run
-from spherekit.files.study import Study
-from spherekit.motion.continued import AngleMemory
-from spherekit.motion.motion import DEFAULT_SAMPLES, Motion, samples_in_block
+from spherekit.analysis.result import stem_of
+from spherekit.analysis.run import executed, traced
+from spherekit.analysis.setting import ORDINARY
+from spherekit.analysis.sizes import csv_row, parquet_row
+from spherekit.analysis.standing import Standing
+from spherekit.analysis.store import InMemory
+from spherekit.model.study import Study
+from spherekit.motion.motion import samples_in_block
 from spherekit.planning.assembly import Assembly
-from spherekit.rates.request import Request
+from spherekit.rates.field import SignMemory
 
-TRIED = 361
-"""Samples over which branches are looked for when only their number is wanted."""
+LEAST = 4
+"""Samples below which no short run is smaller than the run."""
+
+FEW = 48
+"""Samples of a short run."""
+
+SHORT = 16
+"""Samples of the shortest recording that is made."""
 
 
 def expected(
-    study: Study,
-    analyses: Sequence[AbstractAnalysis],
-    assembly: Assembly,
-    wanted: Sequence[Request],
+    study: Study, analyses: Sequence[AbstractAnalysis], assembly: Assembly
 ) -> dict[str, Any]:
-    """Return what a run of the study will cost, ready for JSON.
+    """Return what a run of the study will evaluate and write, ready for JSON.
 
     Where all groups are dyads the branches are found, as the run will; otherwise the
-    search may take long, `branches` is None, and the cost is that of each branch.
-    `reason` says why there is no prediction, where there is none.
+    search may take long, `branches` is None, and the figures are those of each branch.
+    `reason` says why there are none, where there are none.
 
     Raises
     ------
@@ -42,79 +50,49 @@ def expected(
     """
     if study.start is not None:
         return {"reason": "the motion follows from the loads, and is not known before"}
-    mechanism = study.mechanism
-    samples = _samples(study)
+    samples = study.count
     if samples < LEAST:
         return {"reason": f"a run of {samples} samples is over before it is predicted"}
-    own = [analysis.needs(mechanism) for analysis in analyses]
+    few = shortened(study, min(samples, FEW))
     if not assembly.has_closed_form:
-        return {"branches": None} | _of_a_branch(analyses, own, assembly, wanted, samples)
-    if study.path is not None:
-        rows = np.unique(np.linspace(0, samples - 1, min(samples, TRIED)).astype(np.intp))
-        path = np.array(study.path)[rows]
-    started = time.process_time()
-    course = course_of(
-        mechanism,
-        samples=_fewer(study.samples or DEFAULT_SAMPLES),
-        input_pair=None,
-        branch=study.branch,
-        search=study.search,
-        grid=False,
-        path=None if study.path is None else path,
-        laws=study.laws,
-        duration=study.duration,
-        start=None,
-        torque=None,
-        tolerance=DEFAULT_TOLERANCE,
-        engine="auto",
-    )
-    searched = time.process_time() - started
-    found = forecast(course, analyses, own, wanted, samples, course.tracer.block)
-    return found | {"seconds": {"search": searched, **found["seconds"]}}
+        few = replace(few, search=False)
+    able = [analysis for analysis in analyses if analysis.rowwise]
+    course = course_of(few, follow=traced(study, analyses, Execution()))
+    job = job_of(course, able, None, ORDINARY, all_links=False)
+    standing, store = Standing([SignMemory() for _ in job.requests]), InMemory()
+    for motion in job.evaluation.blocks(job.block):
+        evaluate_block(job, motion, standing, store, None, Ledger())
+    tried = standing.tally.configurations
+    every = len(course.tracer.branches)
+    branches = every if assembly.has_closed_form else None
+    rows = samples * (min(every, 1) if branches is None else branches)
+    tables = {}
+    for name, own in job.tables(standing.failures).items():
+        for table in own:
+            data = store.table(name, table)
+            count = round(standing.rows[name, table.name] * rows / max(tried, 1))
+            tables[stem_of(name, own, table)] = {
+                "rows": count,
+                "columns": len(table.columns),
+                "csv_bytes": round(count * csv_row(data, samples)),
+                "parquet_bytes": round(count * parquet_row(data, count, samples)),
+            }
+    names = {analysis.name for analysis in able} - set(standing.failures)
+    return {
+        "branches": branches,
+        "configurations": rows,
+        "tables": tables,
+        "velocity_equation_solves": round(standing.tally.solves * rows / max(tried, 1)),
+        "not_predicted": [a.name for a in analyses if a.name not in names],
+    }
 
 
-def _samples(study: Study) -> int:
-    if study.path is not None:
-        return len(study.path)
-    return int(np.prod(study.samples or DEFAULT_SAMPLES))
-
-
-def _fewer(samples: int | tuple[int, ...]) -> int | tuple[int, ...]:
-    """Return samples, or the shape of a grid, with no more than are needed to search."""
-    if isinstance(samples, int):
-        return min(samples, TRIED)
-    most = max(2, int(TRIED ** (1.0 / len(samples))))
-    return tuple(min(count, most) for count in samples)
-
-
-def _of_a_branch(
-    analyses: Sequence[AbstractAnalysis],
-    own: Sequence[Needs],
-    assembly: Assembly,
-    wanted: Sequence[Request],
-    samples: int,
-) -> dict[str, Any]:
-    mechanism = wanted[0].plan.mechanism
-    plans = tuple(item.plan for item in wanted)
-
-    def few(count: int) -> Motion:
-        return made_up_motion(mechanism, assembly, count)
-
-    def batch(motion: Motion, needs: Needs, found: Any) -> Batch:
-        angles = AngleMemory().continued(motion, needs.continued_values)
-        return Batch(mechanism, plans, needs, motion, found, angles)
-
-    block = samples_in_block(1)
-    return extrapolated(few, batch, analyses, own, wanted, 1, samples, block)
-
-
-def with_samples(study: Study, samples: int | tuple[int, ...] | None) -> Study:
-    """Return the study with so many samples, if any are given."""
-    return study if samples is None else replace(study, samples=samples, path=None)
-
-
-SHORT = 16
-"""Samples of the shortest recording that is made for a prediction."""
+def shortened(study: Study, samples: int) -> Study:
+    """Return the study with so many of its samples, along a path through its ranges."""
+    path = study.path
+    if path is not None:
+        path = path[np.linspace(0, len(path) - 1, samples).astype(int)]
+    return replace(study, samples=samples, grid=False, path=path, verify=None)
 
 
 def extrapolated_recording(
@@ -129,24 +107,9 @@ def extrapolated_recording(
     """
 
     def recorded(samples: int, block: int) -> tuple[int, int, int, int]:
-        path = study.path
-        if path is not None:
-            path = tuple(
-                path[k] for k in np.linspace(0, len(path) - 1, samples).astype(int)
-            )
         with made(samples + block) as recorder:
-            result = run(
-                study.mechanism,
-                analyses,
-                samples=samples,
-                path=None if path is None else np.array(path),
-                branch=study.branch,
-                search=study.search,
-                laws=study.laws,
-                duration=study.duration,
-                recorder=recorder,
-                block=block,
-            )
+            execution = Execution(recorder=recorder, block=block)
+            result = executed(shortened(study, samples), analyses, execution)
             found = recorder.cost
         branches = len(result.summary["branches"])
         return branches, found["entities"], found["rows"], found["bytes"]
@@ -155,7 +118,7 @@ def extrapolated_recording(
     _, _, _, cut = recorded(2 * SHORT, SHORT)
     branches, entities, many, two = recorded(2 * SHORT, 2 * SHORT)
     each_block, each = cut - two, (two - one) / SHORT
-    total = _samples(study)
+    total = study.count
     samples = -(-total // -(-total // MOST_LOGGED))
     blocks = min(samples, -(-total // samples_in_block(branches)))
     return {

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.tables import (
     FILE_SIZE,
     AbstractRows,
-    Format,
+    Files,
     RowsInMemory,
     Table,
     TableData,
@@ -78,8 +78,7 @@ def write_table(
     table: Table,
     rows: AbstractRows,
     notes: Mapping[str, str],
-    degrees: bool = False,
-    formats: Sequence[Format] = tuple(FILE_SIZE),
+    wanted: Files,
 ) -> list[str]:
     """Write a table in pieces, CSV and Parquet side by side; return the files' names.
 
@@ -97,7 +96,7 @@ def write_table(
     import pyarrow.csv as pc
     import pyarrow.parquet as pq
 
-    names = {kind: f"{stem}.{kind}" for kind in FILE_SIZE if kind in formats}
+    names = {kind: f"{stem}.{kind}" for kind in FILE_SIZE if kind in wanted.formats}
     plain = not any(SPECIAL & set(word) for own in rows.words.values() for word in own)
     options = pc.WriteOptions(
         include_header=False, quoting_style="none" if plain else "needed"
@@ -110,7 +109,7 @@ def write_table(
         schema, parquet, text = None, None, None
         try:
             for piece in rows.chunks():
-                frame = _frame(table, piece, rows.words, degrees)
+                frame = _frame(table, piece, rows.words, wanted.degrees)
                 whole = pa.Table.from_pandas(frame, preserve_index=False)
                 if schema is None:
                     metadata = dict(whole.schema.metadata or {})

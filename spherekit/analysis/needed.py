@@ -6,9 +6,8 @@ from typing import Any
 from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
-from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.inputs import driven_at
+from spherekit.model.study import Study
 from spherekit.planning.part import part_for
 
 
@@ -24,15 +23,8 @@ def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
     )
 
 
-def needed_part(
-    mechanism: Mechanism,
-    analyses: Sequence[AbstractAnalysis],
-    input_pair: str | Sequence[str] | None = None,
-    start: Start | None = None,
-) -> Mechanism:
-    """Return the mechanism without what no analysis needs, driven at `input_pair`.
-
-    By default at the inputs that it declares; `start` is that of a simulation.
+def needed_part(study: Study, analyses: Sequence[AbstractAnalysis]) -> Mechanism:
+    """Return the mechanism of a study without what no analysis needs.
 
     Raises
     ------
@@ -42,12 +34,12 @@ def needed_part(
     PlanError
         If there is not one freedom for each input.
     """
-    if start is not None:
+    mechanism = study.mechanism
+    if study.start is not None:
         raise AnalysisError(
             f"{mechanism.name}: a motion that follows from loads needs all links; run it "
             "without only_needed (--only-needed)"
         )
-    mechanism = driven_at(mechanism, input_pair)
     wanted: frozenset[int] = frozenset()
     for analysis in analyses:
         needs = analysis.needs(mechanism)

@@ -14,6 +14,7 @@ from spherekit.analysis.tables import (
     COLUMNS,
     FILE_SIZE,
     AbstractRows,
+    Files,
     Format,
     RowsInMemory,
     Table,
@@ -144,7 +145,7 @@ class RunResult:
                     f"{str(folder)!r}: there is unfinished work of a run; finish it with "
                     'unfinished="resume" first, or choose another folder'
                 )
-            paths, _ = write_results(place, rows, self.summary, degrees, formats)
+            paths, _ = write_results(place, rows, self.summary, Files(degrees, formats))
             return paths
 
 
@@ -167,8 +168,7 @@ def result_of(
     store: AbstractStore,
     place: RunFolder | None,
     summary: dict[str, Any],
-    degrees: bool,
-    formats: Sequence[Format],
+    wanted: Files,
 ) -> RunResult:
     """Return the tables declared by name of analysis, written if there is a folder.
 
@@ -197,12 +197,12 @@ def result_of(
             for name, tables in declared.items()
             for table in tables
         ]
-        files, summary = write_results(place, rows, summary, degrees, formats)
+        files, summary = write_results(place, rows, summary, wanted)
         for name, tables in declared.items():
             for table in tables:
                 path = place.path / f"{stem_of(name, tables, table)}.parquet"
                 if path in files:
-                    data[name][table.name] = ParquetColumns(path, table, degrees)
+                    data[name][table.name] = ParquetColumns(path, table, wanted.degrees)
     results = {
         name: AnalysisResult(name, tuple(tables), data[name])
         for name, tables in declared.items()
@@ -214,8 +214,7 @@ def write_results(
     folder: RunFolder,
     tables: Sequence[tuple[str, Table, AbstractRows]],
     summary: Mapping[str, Any],
-    degrees: bool,
-    formats: Sequence[Format],
+    wanted: Files,
 ) -> tuple[list[Path], dict[str, Any]]:
     """Write the tables of analyses, and the summary with their names and the time.
 
@@ -237,15 +236,15 @@ def write_results(
         stem = stem_of(analysis, own, table)
         stems[stem] = table
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
-        own_names = write_table(made, stem, table, rows, notes, degrees, formats)
+        own_names = write_table(made, stem, table, rows, notes, wanted)
         for name in own_names:
             key = f"{name.rpartition('.')[2]}_bytes"
             summary["cost"]["tables"][stem][key] = (made / name).stat().st_size
         names += own_names
-    write_bytes(made / COLUMNS, columns_text(stems, degrees))
+    write_bytes(made / COLUMNS, columns_text(stems, wanted.degrees))
     names.append(COLUMNS)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
-    written = {**summary, "units": units_of(stems, degrees), "files": names}
+    written = {**summary, "units": units_of(stems, wanted.degrees), "files": names}
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())
     return folder.publish(made, [*names, SUMMARY]), written

@@ -1,10 +1,6 @@
 """How many bytes the rows of a table take in a file, judged from a few of them."""
 
-from dataclasses import dataclass
-from typing import Any, final
-
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.tables import TableData
 from spherekit.conventions import Status
@@ -17,49 +13,6 @@ COMPRESSED = 0.8
 
 LONG_RUN = 8
 """Equal values in a row from which Parquet counts them instead of listing them."""
-
-
-@final
-@dataclass(frozen=True)
-class Growth:
-    """Rows of a whole table, and the different values of each column in all of them."""
-
-    rows: int
-    different: dict[str, float]
-
-    @staticmethod
-    def between(
-        small: tuple[int, TableData],
-        large: tuple[int, TableData],
-        configurations: int,
-        samples: int,
-    ) -> "Growth":
-        """Return the growth along the line through two trials.
-
-        Each trial is a number of configurations with its table.
-        """
-        (a, less), (b, more) = small, large
-
-        def line(one: int, other: int) -> float:
-            slope = (other - one) / (b - a)
-            return max(one + slope * (configurations - a), 0.0)
-
-        rows = round(line(_rows(less), _rows(more)))
-        different = {
-            name: line(_different(less[name]), _different(values))
-            for name, values in more.items()
-        }
-        if "sample" in different:
-            different["sample"] = float(samples)
-        return Growth(rows, different)
-
-
-def _rows(data: TableData) -> int:
-    return len(next(iter(data.values()), ()))
-
-
-def _different(values: NDArray[Any]) -> int:
-    return len(np.unique(values))
 
 
 def csv_row(data: TableData, samples: int) -> float:
@@ -94,22 +47,27 @@ def _mean(lengths: list[int]) -> float:
     return sum(lengths) / max(len(lengths), 1)
 
 
-def parquet_row(data: TableData, growth: Growth) -> float:
+def parquet_row(data: TableData, rows: int, samples: int) -> float:
     """Return the mean bytes of a row as Parquet with dictionaries, without the frame.
 
-    Different numbers are kept once, rows as places among them; equal neighbours cost
-    little.
+    Different numbers are kept once, each of so many `rows` as a place among them; equal
+    neighbours cost little. How many differ follows from every second sample of `data`.
     """
     total = 0.0
     for name, values in data.items():
-        different = max(growth.different[name], 1.0)
+        some = data["sample"] % 2 == 0 if "sample" in data else slice(None, None, 2)
+        less, more = (len(np.unique(each)) for each in (values[some], values))
+        growing = (more - less) / max(len(values) - len(values[some]), 1)
+        different = max(more + growing * (rows - len(values)), 1.0)
+        if name == "sample":
+            different = float(samples)
         held = min(different, DICTIONARY)
         width = 8.0 if values.dtype.kind in "fi" and name != "status" else 0.0
         place = np.log2(held) / 8.0
         run = len(values) / max(1, int(np.sum(values[1:] != values[:-1])) + 1)
         if run >= LONG_RUN:
             place = min(place, (1.0 + np.ceil(place)) / run)
-        share = min(1.0, different / max(growth.rows, 1))
+        share = min(1.0, different / max(rows, 1))
         plain = max(0.0, 1.0 - DICTIONARY / different) if different > DICTIONARY else 0.0
         total += (1.0 - plain) * place + width * share
     return COMPRESSED * total

@@ -1,34 +1,18 @@
-"""Running studies: the analyses a study file names, checked against their plugins."""
+"""The analyses that a study names, checked against their plugins."""
 
-import os
 import types
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import MISSING, replace
+from dataclasses import MISSING
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
-
-import numpy as np
 
 from spherekit.analysis.arguments import parameters
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.course import DEFAULT_TOLERANCE
-from spherekit.analysis.journal import Unfinished
-from spherekit.analysis.recording import Recorder
 from spherekit.analysis.registry import load
-from spherekit.analysis.result import RunResult
-from spherekit.analysis.run import Progress, run
-from spherekit.analysis.setting import ORDINARY, Setting
-from spherekit.analysis.tables import FILE_SIZE, Format
-from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
-from spherekit.engine.kernels import Engine
-from spherekit.errors import AnalysisError, ModelError, PluginError, SpherekitError
+from spherekit.errors import PluginError, SpherekitError
 from spherekit.files.check import mismatch, shown
-from spherekit.files.study import Study, load_study
-from spherekit.model.dynamics import DRIVE, PairTorque
-from spherekit.model.laws import time_fault
-from spherekit.motion.motion import DEFAULT_SAMPLES
-from spherekit.planning.inputs import driven_pairs
+from spherekit.model.study import Study
 
 DEFAULT_ANALYSIS = "poles"
 _WORDS = {
@@ -37,108 +21,6 @@ _WORDS = {
     float: "a number",
     str: "text in quotes",
 }
-
-
-@checked(AnalysisError)
-def run_study(
-    study: Study | str | os.PathLike[str],
-    analyses: Sequence[str | AbstractAnalysis] = (),
-    *,
-    folder: str | os.PathLike[str] | None = None,
-    unfinished: Unfinished = "refuse",
-    formats: Sequence[Format] = tuple(FILE_SIZE),
-    engine: Engine = "auto",
-    only_needed: bool = False,
-    tables: bool = True,
-    recorder: Recorder | None = None,
-    log_every: int | None = None,
-    progress: Progress | None = None,
-    setting: Setting = ORDINARY,
-    accuracy: Mapping[str, Any] | None = None,
-) -> RunResult:
-    """Run a study, given as such, as the path of its file, or as a shipped name.
-
-    Nothing is written unless a `folder` is given, such as the study's own.
-
-    Parameters
-    ----------
-    study
-        The study; a mechanism file is the study with all defaults.
-    analyses
-        Names or analysis objects that replace the study's own.
-    folder, unfinished, formats, engine, only_needed, tables, recorder, log_every, progress,
-    setting, accuracy
-        See `spherekit.run`.
-
-    Raises
-    ------
-    FileError
-        With file and line of what the study asks for wrongly.
-    PlanError, SolveError
-        See `spherekit.run`.
-    """
-    if not isinstance(study, Study):
-        study = load_study(study)
-    check_time(study)
-    return run(
-        study.mechanism,
-        analyses or analyses_of(study),
-        samples=study.samples or DEFAULT_SAMPLES,
-        path=None if study.path is None else np.array(study.path),
-        branch=study.branch,
-        search=study.search,
-        laws=study.laws,
-        duration=study.duration,
-        start=study.start,
-        torque=study.torque,
-        tolerance=study.tolerance or DEFAULT_TOLERANCE,
-        engine=engine,
-        only_needed=only_needed,
-        folder=folder,
-        unfinished=unfinished,
-        degrees=study.degrees,
-        formats=formats,
-        tables=tables,
-        recorder=recorder,
-        log_every=log_every,
-        progress=progress,
-        setting=setting,
-        accuracy=accuracy,
-        verify=study.verify,
-    )
-
-
-def check_time(study: Study) -> None:
-    """Refuse a study in which laws, duration, start and samples do not fit together.
-
-    Raises
-    ------
-    FileError
-        With file and line of what does not fit.
-    """
-    pairs = study.mechanism.pairs
-    inputs = [pairs[pair].name for pair in driven_pairs(study.mechanism)]
-    fault = time_fault(inputs, study.laws, study.duration, study.start, study.torque)
-    if fault is not None:
-        raise study.fault(*fault)
-    if study.torque is not None:
-        drive = PairTorque(DRIVE, inputs[0], study.torque)
-        try:
-            replace(study.mechanism, loads=(*study.mechanism.loads, drive))
-        except ModelError as problem:
-            raise study.fault(("start", "torque"), str(problem)) from None
-    if study.duration is None:
-        return
-    if study.path is not None:
-        raise study.fault(
-            ("inputs", inputs[0], "values"),
-            "excluded by the duration: over time the samples are times",
-        )
-    if isinstance(study.samples, tuple):
-        raise study.fault(
-            ("samples",),
-            "over time the samples are times; give a single number of them",
-        )
 
 
 def analyses_of(study: Study) -> list[AbstractAnalysis]:

@@ -22,6 +22,16 @@ Format = Literal["csv", "parquet"]
 FILE_SIZE: Mapping[Format, float] = {"csv": 2.2, "parquet": 0.6}
 """About how large files are, over packed rows; measured on motions and poles."""
 
+
+@final
+@dataclass(frozen=True)
+class Files:
+    """Which files tables go to, and whether angles there are in degrees."""
+
+    degrees: bool = False
+    formats: Sequence[Format] = tuple(FILE_SIZE)
+
+
 IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}
 """Units of angles, and those in which tables give them if asked for degrees. Quantities per
 angle stay per rad."""

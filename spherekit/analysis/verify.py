@@ -16,7 +16,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.contract import Batch, Needs
+from spherekit.analysis.job import Job
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.tables import BRANCH, RESIDUAL, SAMPLE, Column, Table, TableData
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status, listing
@@ -32,7 +33,7 @@ from spherekit.exact.rows import ExactRows, exact_rows_by_input
 from spherekit.motion.continued import TURN
 from spherekit.motion.motion import Motion
 from spherekit.motion.timing import Timing
-from spherekit.planning.poles import Plan, Pole
+from spherekit.planning.poles import Pole
 from spherekit.rates.field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
@@ -105,30 +106,17 @@ class Verifier:
 
     Parameters
     ----------
-    plans, wanted
-        The plans of the run, and the requests behind its fields.
-    analyses, needs
-        What the run computes, and what each of them declared.
-    samples, count
-        Samples of the whole run, and how many rows to verify.
-    timed
-        Whether the samples are times.
+    job
+        What the run evaluates.
+    count
+        How many rows to verify.
     """
 
-    def __init__(
-        self,
-        plans: tuple[Plan, ...],
-        wanted: Sequence[Request],
-        analyses: Sequence[AbstractAnalysis],
-        needs: Sequence[Needs],
-        samples: int,
-        count: int,
-        timed: bool,
-    ) -> None:
-        self._plans, self._timed = plans, timed
-        self._wanted = [item for item in wanted if item.poles]
-        self._analyses = list(zip(analyses, needs, strict=True))
-        self._samples, self._count = samples, count
+    def __init__(self, job: Job, count: int) -> None:
+        self._plans, self._timed = job.plans, job.course.timed
+        self._wanted = [item for item in job.requests if item.poles]
+        self._analyses = list(zip(job.analyses, job.needs, strict=True))
+        self._samples, self._count = len(job.course), count
         self._kept: _Kept | None = None
         self._whole: Read | None = None
 

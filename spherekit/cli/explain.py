@@ -5,36 +5,23 @@ import json
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.run import duration, megabytes, sample_counts
+from spherekit.cli.run import megabytes
+from spherekit.cli.study import add_study_arguments, study_from
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
-    from spherekit.files.study import Study
+    from spherekit.model.study import Study
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
-    )
+    add_study_arguments(parser, timed=False)
     parser.add_argument(
         "-a",
         "--analysis",
         action="append",
         metavar="NAME[:key=value,...]",
         help="analysis to explain, may be repeated (default: the study's, or poles)",
-    )
-    parser.add_argument(
-        "--input",
-        action="append",
-        metavar="PAIR",
-        help="a driven pair, once for each freedom (default: the file's)",
-    )
-    parser.add_argument(
-        "--samples",
-        type=sample_counts,
-        metavar="N[xM...]",
-        help="samples of the run whose cost is predicted (default: the study's, or 361)",
     )
     parser.add_argument(
         "--only-needed",
@@ -52,25 +39,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.cost import counts_of
-    from spherekit.analysis.expected import expected, with_samples
+    from spherekit.analysis.expected import expected
     from spherekit.analysis.needed import needed_part
     from spherekit.analysis.registry import create
     from spherekit.analysis.requests import needs_of, requests_for
     from spherekit.analysis.room import memory_at_once, size_text
     from spherekit.analysis.study import analyses_of
-    from spherekit.files.study import load_study
     from spherekit.planning.assembly import plan_assembly
     from spherekit.planning.inputs import driven_pairs
     from spherekit.planning.table import describe
 
-    study = with_samples(load_study(options.file), options.samples)
-    if options.input:
-        changed = study.mechanism.with_inputs(*options.input)
-        study = replace(study, mechanism=changed, path=None)
+    study = study_from(options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
     if options.only_needed:
-        part = needed_part(study.mechanism, analyses, start=study.start)
-        study = replace(study, mechanism=part)
+        study = replace(study, mechanism=needed_part(study, analyses))
     mechanism = study.mechanism
     needs = needs_of(mechanism, analyses)
     requests = requests_for(mechanism, needs)
@@ -105,7 +87,7 @@ def execute(options: argparse.Namespace) -> int:
         "other_configurations": [
             analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
         ],
-        "predicted": expected(study, analyses, assembly, requests),
+        "predicted": expected(study, analyses, assembly),
     }
     at_once = [analysis.name for analysis in analyses if analysis.at_once]
     facts["at_once"] = {"analyses": at_once, "bytes_a_row": memory_at_once(mechanism, 1)}
@@ -158,17 +140,12 @@ def _print_plans(facts: dict[str, Any], every: int) -> None:
 
 
 def _predicted(found: dict[str, Any], recording: bool) -> list[str]:
-    """Return the prediction in lines for people; perhaps one of a `recording` was asked."""
+    """Return the sizes in lines for people; perhaps those of a `recording` were asked."""
     if "reason" in found:
-        return [f"cost: not predicted; {found['reason']}"]
+        return [f"sizes: not predicted; {found['reason']}"]
     branches = found["branches"]
     who = "for each branch" if branches is None else f"{branches} branches"
-    seconds = found["seconds"]
-    stages = ", ".join(f"{name} {duration(value)}" for name, value in seconds.items())
-    lines = [
-        f"predicted, {who}: {found['configurations']} configurations, "
-        f"{duration(sum(seconds.values()))} s ({stages}), within a factor of about two"
-    ]
+    lines = [f"predicted, {who}: {found['configurations']} configurations"]
     solves = found["velocity_equation_solves"]
     if solves and branches is not None:
         lines.append(
@@ -188,7 +165,7 @@ def _predicted(found: dict[str, Any], recording: bool) -> list[str]:
         )
     missing = [f"analysis {name}" for name in found["not_predicted"]]
     if branches is None:
-        missing.insert(0, "the search for branches and their number")
+        missing.insert(0, "the number of branches")
         missing += ["the recording"] if recording else []
     if missing:
         lines.append(f"  not predicted: {', '.join(missing)}")

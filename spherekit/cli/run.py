@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
+from spherekit.cli.study import add_study_arguments, study_from
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.analysis.journal import Unfinished
     from spherekit.analysis.result import RunResult
     from spherekit.analysis.tables import Format
-    from spherekit.files.study import Study
-    from spherekit.model.laws import Law, Start
+    from spherekit.model.study import Study
 
 BAR = 30
 STOPPED = 128
@@ -33,15 +33,11 @@ FORMATS: dict[str, tuple["Format", ...]] = {
     "csv": ("csv",),
     "parquet": ("parquet",),
 }
-LAW_WORDS = {"start": "from", "stop": "to"}
-"""What fields of laws are called in files and flags."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
-    )
+    add_study_arguments(parser)
     parser.add_argument(
         "-a",
         "--analysis",
@@ -68,43 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="throw away the work of a run that was stopped in DIR, and start",
     )
     parser.add_argument(
-        "--samples",
-        type=sample_counts,
-        metavar="N[xM...]",
-        help="samples along the input's range, default 361; with several inputs on the "
-        "straight path through their ranges, or on a grid with 41x21",
-    )
-    parser.add_argument(
-        "--input",
-        action="append",
-        metavar="PAIR",
-        help="a driven pair, once for each freedom (default: the file's)",
-    )
-    parser.add_argument(
-        "--law",
-        action="append",
-        metavar="[PAIR=]KIND:key=value,...",
-        help="time law of an input: constant_speed:speed=,from= polynomial:"
-        "coefficients=a+b+c cycloidal:from=,to=,duration= table:times=a+b,angles=a+b,"
-        "rest_at_ends=; angles in rad, times in s",
-    )
-    parser.add_argument(
-        "--start",
-        metavar="q=Q[,dq=W]",
-        help="state of the input at t = 0 in rad and rad/s: the motion then follows from "
-        "the loads",
-    )
-    parser.add_argument(
-        "--torque", metavar="EXPR", help="driving torque at the input, N m, with --start"
-    )
-    parser.add_argument(
-        "--duration",
-        type=float,
-        metavar="T",
-        help="time in s that the samples divide, for --law and --start; with neither "
-        "the input turns at 1 rad/s",
-    )
-    parser.add_argument(
         "--tol",
         type=float,
         metavar="T",
@@ -124,12 +83,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("auto", "numpy", "compiled"),
         default="auto",
         help="what solves a simulation (--start), default auto: the quicker one",
-    )
-    parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
-    parser.add_argument(
-        "--no-search",
-        action="store_true",
-        help="only the assembly mode of the reference pose, if the file gives one",
     )
     parser.add_argument(
         "--verify",
@@ -181,12 +134,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run, write, and print the summary."""
     from spherekit.analysis.registry import create
-    from spherekit.analysis.study import analyses_of, run_study
+    from spherekit.analysis.run import run
+    from spherekit.analysis.study import analyses_of
     from spherekit.errors import SpherekitError
     from spherekit.files.atomic import make_folder
-    from spherekit.files.study import load_study
 
-    study = overridden(load_study(options.file), options)
+    study = _wanted(options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
     _check_effect(study, options)
     made = study.folder is not None and not study.folder.exists()
@@ -195,7 +148,7 @@ def execute(options: argparse.Namespace) -> int:
     try:
         with _stoppable(), _recorder(options, study) as recorder:
             chosen = _accuracy(study, analyses, options)
-            result = run_study(
+            result = run(
                 _by_choice(study, chosen),
                 analyses,
                 folder=study.folder,
@@ -376,31 +329,13 @@ def _accuracy(
         )
     if options.tol is None or (study.start is not None and not options.trade):
         return {}
-    import numpy as np
-
-    from spherekit.motion.motion import DEFAULT_SAMPLES
     from spherekit.trade.choice import choose, choose_simulation, stored_for
-    from spherekit.trade.stored import run_of
 
-    common: dict[str, Any] = {
-        "samples": study.samples or DEFAULT_SAMPLES,
-        "branch": study.branch,
-        "search": study.search,
-        "path": None if study.path is None else np.array(study.path),
-        "laws": study.laws,
-        "duration": study.duration,
-    }
-
-    def made_for(analysis: "AbstractAnalysis") -> dict[str, Any]:
-        return run_of(
-            study.mechanism, analysis, **common, start=study.start, torque=study.torque
-        )
-
-    stored = stored_for(analyses, options.trade, made_for) if options.trade else []
+    stored = stored_for(study, analyses, options.trade) if options.trade else []
     if study.start is not None:
         choice = choose_simulation(study.mechanism.name, options.tol, stored)
     else:
-        choice = choose(study.mechanism, analyses, options.tol, stored=stored, **common)
+        choice = choose(study, analyses, options.tol, stored)
     return {"setting": choice.setting, "accuracy": choice.as_dict()}
 
 
@@ -417,17 +352,6 @@ def _engine(options: argparse.Namespace, chosen: dict[str, Any]) -> Any:
     return options.engine
 
 
-def sample_counts(text: str) -> int | tuple[int, ...]:
-    """Return the number of samples that ``361`` or, for a grid, ``41x21`` names."""
-    parts = text.split("x")
-    if not all(part.isdecimal() and int(part) > 0 for part in parts):
-        raise argparse.ArgumentTypeError(
-            f"needs whole numbers of at least 1, such as 361 or 41x21, not {text!r}"
-        )
-    counts = tuple(int(part) for part in parts)
-    return counts[0] if len(counts) == 1 else counts
-
-
 def row_count(text: str) -> int:
     """Return the number of rows that a text names."""
     if not text.isdecimal() or int(text) < 1:
@@ -438,74 +362,21 @@ def row_count(text: str) -> int:
     return int(text)
 
 
-def overridden(study: "Study", options: argparse.Namespace) -> "Study":
-    """Return a study in which the flags given explicitly replace what the file says."""
-    if options.input is not None:
-        study = replace(study, mechanism=study.mechanism.with_inputs(*options.input))
-    if options.law is not None:
-        laws = laws_of(options.law, study)
-        study = replace(study, laws=laws, start=None, torque=None)
-    if options.start is not None:
-        kept = study.laws if options.law is not None else {}
-        study = replace(study, start=start_of(options.start), laws=kept)
+def _wanted(options: argparse.Namespace) -> "Study":
+    """Return the study in which the flags given explicitly replace what the file says."""
+    study = study_from(options)
     given = {
-        "torque": options.torque,
-        "duration": options.duration,
         "tolerance": options.tol,
         "verify": options.verify,
-        "samples": options.samples,
-        "branch": options.branch,
         "folder": None if options.output is None else Path(options.output),
         "recording": None if options.save is None else Path(options.save),
-        "search": False if options.no_search else None,
         "degrees": True if options.deg else None,
     }
-    changes = {key: value for key, value in given.items() if value is not None}
-    if options.samples is not None or options.input is not None:
-        changes["path"] = None
-    study = replace(study, **changes)
+    study = replace(study, **{k: v for k, v in given.items() if v is not None})
     if options.view and study.recording is None:
         folder = study.folder or Path(tempfile.mkdtemp(prefix="spherekit-"))
         study = replace(study, recording=folder / f"{study.mechanism.name}.rrd")
     return study
-
-
-def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
-    """Return the time laws that ``[PAIR=]KIND:key=value,...`` gives, by input."""
-    from spherekit.analysis.arguments import given_in
-    from spherekit.conventions import listing, nearest
-    from spherekit.errors import AnalysisError, ModelError
-    from spherekit.model.laws import KINDS
-    from spherekit.planning.inputs import driven_pairs
-
-    mechanism = study.mechanism
-    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-    laws: dict[str, Law] = {}
-    for text in texts:
-        head, _, keys = text.partition(":")
-        pair, _, kind = head.rpartition("=")
-        if kind not in KINDS:
-            hint = nearest(kind, KINDS) or "."
-            raise AnalysisError(f'--law: no law is "{kind}"{hint} Laws: {listing(KINDS)}')
-        fields = given_in(keys, KINDS[kind], f"--law {kind}", LAW_WORDS)
-        try:
-            law = KINDS[kind](**fields)
-        except ModelError as problem:
-            raise AnalysisError(f"--law {kind}: {problem}") from None
-        if not pair and len(inputs) > 1:
-            raise AnalysisError(
-                f"--law: there are several inputs ({listing(inputs)}); write PAIR={text}"
-            )
-        laws[pair or inputs[0]] = law
-    return laws
-
-
-def start_of(text: str) -> "Start":
-    """Return the state of the input that ``q=Q,dq=W`` gives."""
-    from spherekit.analysis.arguments import given_in
-    from spherekit.model.laws import Start
-
-    return Start(**given_in(text, Start, "--start"))
 
 
 def report(summary: Any) -> str:
@@ -587,21 +458,15 @@ def report(summary: Any) -> str:
 
 
 def spent(cost: Any) -> list[str]:
-    """Return what a run has cost in lines for people, the prediction beside it."""
-    foreseen = cost["predicted"]
+    """Return what a run has cost in lines for people."""
     seconds = cost["seconds"]
-    guess = ""
-    if foreseen is not None:
-        shared = [name for name in foreseen["seconds"] if name in seconds]
-        both = [sum(of["seconds"][name] for name in shared) for of in (foreseen, cost)]
-        guess = f"; predicted {duration(both[0])} s for what took {duration(both[1])}"
     whole = sum(seconds.values())
     shown = [(name, took) for name, took in seconds.items() if took > 0.005 * whole]
     stages = ", ".join(f"{name} {duration(took)}" for name, took in shown)
     lines = [
         f"cost: {cost['configurations']} configurations, {cost['poles']} pole axes, "
         f"{cost['axis_derivatives']} derivatives, {cost['link_rates']} link rates; "
-        f"{duration(whole)} s ({stages}){guess}"
+        f"{duration(whole)} s ({stages})"
     ]
     tables = cost["tables"]
     rows = sum(table["rows"] for table in tables.values())
@@ -609,9 +474,6 @@ def spent(cost: Any) -> list[str]:
     for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
         if all(kind in table for table in tables.values()):
             line += f", {megabytes(sum(table[kind] for table in tables.values()))} {name}"
-            if foreseen is not None and set(foreseen["tables"]) == set(tables):
-                guessed = sum(table[kind] for table in foreseen["tables"].values())
-                line += f" (predicted {megabytes(guessed)})"
     if "recording" in cost:
         own = cost["recording"]
         line += f"; recording: {own['entities']} entities, {megabytes(own['bytes'])}"
@@ -673,14 +535,32 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
 def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:
     if options.quiet or not sys.stderr.isatty():
         return None
-    started = time.monotonic()
+    return Bar(time.monotonic)
 
-    def show(done: int, total: int) -> None:
-        if time.monotonic() - started < 0.5 and done < total:
+
+class Bar:
+    """A line that says how many samples are done, and how long the others will take.
+
+    That follows from those done since the first call; `now` gives seconds.
+    """
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now, self._started = now, now()
+        self._first: tuple[float, int] | None = None
+        self._width = 0
+
+    def __call__(self, done: int, total: int) -> None:
+        """Print it; `done` of `total` samples are done."""
+        now = self._now()
+        since, before = self._first = self._first or (now, done)
+        if now - self._started < 0.5 and done < total:
             return
         filled = BAR * done // total
+        text = f"[{'#' * filled + '.' * (BAR - filled)}] {done}/{total} samples"
+        if before < done < total:
+            rest = (now - since) * (total - done) / (done - before)
+            text += f", {duration(rest)} s left"
         end = "\n" if done == total else ""
-        bar = "#" * filled + "." * (BAR - filled)
-        print(f"\r[{bar}] {done}/{total} samples", end=end, file=sys.stderr, flush=True)
-
-    return show
+        shown = text.ljust(self._width)
+        self._width = len(text)
+        print(f"\r{shown}", end=end, file=sys.stderr, flush=True)

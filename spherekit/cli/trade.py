@@ -5,14 +5,12 @@ import json
 import sys
 from typing import Any
 
-from spherekit.cli.run import laws_of, sample_counts, start_of
+from spherekit.cli.study import add_study_arguments, study_from
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
-    )
+    add_study_arguments(parser)
     parser.add_argument(
         "-a",
         "--analysis",
@@ -24,24 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="T",
         help="largest error of any column: the cheapest setting that meets it is named",
-    )
-    parser.add_argument(
-        "--samples",
-        type=sample_counts,
-        metavar="N[xM...]",
-        help="samples of the run that is planned, default 361; settings that pay only for "
-        "many samples are recommended for many",
-    )
-    parser.add_argument("--input", action="append", metavar="PAIR", help="a driven pair")
-    parser.add_argument(
-        "--law", action="append", metavar="[PAIR=]KIND:...", help="as in run"
-    )
-    parser.add_argument("--start", metavar="q=Q[,dq=W]", help="as in run: a simulation")
-    parser.add_argument("--torque", metavar="EXPR", help="driving torque, with --start")
-    parser.add_argument("--duration", type=float, metavar="T", help="time in s, as in run")
-    parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
-    parser.add_argument(
-        "--no-search", action="store_true", help="only the mode of the reference pose"
     )
     parser.add_argument(
         "--rounds",
@@ -65,16 +45,13 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.analysis.registry import create
     from spherekit.analysis.study import analyses_of
     from spherekit.errors import AnalysisError
-    from spherekit.files.study import load_study
-    from spherekit.motion.motion import DEFAULT_SAMPLES
     from spherekit.trade.record import check_tolerance
     from spherekit.trade.text import as_text
     from spherekit.trade.trade import trade
 
-    study = load_study(options.file)
-    mechanism = study.mechanism
+    study = study_from(options)
     if options.tol is not None:
-        check_tolerance(mechanism.name, options.tol)
+        check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
     if options.analysis is not None:
@@ -86,21 +63,7 @@ def execute(options: argparse.Namespace) -> int:
                 f"{options.file}: names several analyses; say which with -a NAME"
             )
     _check_places(options)
-    timed = options.law is not None or options.start is not None
-    found = trade(
-        mechanism,
-        analysis,
-        samples=options.samples or study.samples or DEFAULT_SAMPLES,
-        input_pair=options.input,
-        branch=study.branch if options.branch is None else options.branch,
-        search=study.search and not options.no_search,
-        path=_path(study, options),
-        laws=laws_of(options.law, study) if options.law else {} if timed else study.laws,
-        duration=study.duration if options.duration is None else options.duration,
-        start=start_of(options.start) if options.start else None if timed else study.start,
-        torque=options.torque or (None if timed else study.torque),
-        rounds=options.rounds,
-    )
+    found = trade(study, analysis, rounds=options.rounds)
     if options.json:
         print(json.dumps(found.as_dict(options.tol), indent=2, ensure_ascii=False))
     else:
@@ -111,14 +74,6 @@ def execute(options: argparse.Namespace) -> int:
     if options.save is not None:
         _record(found, options)
     return 0
-
-
-def _path(study: Any, options: argparse.Namespace) -> Any:
-    import numpy as np
-
-    if study.path is None or options.samples is not None or options.input is not None:
-        return None
-    return np.array(study.path)
 
 
 def _check_places(options: argparse.Namespace) -> None:

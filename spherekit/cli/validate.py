@@ -46,7 +46,8 @@ def check(name: str) -> dict[str, Any]:
     """Return what a mechanism or study file holds, having planned and assembled it."""
     import numpy as np
 
-    from spherekit.analysis.study import analyses_of, check_time
+    from spherekit.analysis.course import check_time
+    from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
     from spherekit.motion.loops import rank_mobility
     from spherekit.motion.motion import Tracer
@@ -61,7 +62,7 @@ def check(name: str) -> dict[str, Any]:
         "pairs": len(mechanism.pairs),
         "mobility": graph_mobility(mechanism),
     }
-    if study.document is not None:
+    if study.locate is not None:
         check_time(study)
         facts["study"] = study.name
         facts["analyses"] = [analysis.name for analysis in analyses_of(study)]

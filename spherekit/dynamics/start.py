@@ -1,9 +1,7 @@
 """Where a simulation starts: the problem checked, the configuration closed."""
 
-from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from threading import Lock
 from typing import final
 
 import numpy as np
@@ -11,9 +9,9 @@ import numpy as np
 from spherekit.conventions import STATUS_MEANING, Status, listing
 from spherekit.dynamics.inertia import need_inertia
 from spherekit.dynamics.state import EquationOfMotion
+from spherekit.engine.cache import Cache
 from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
-from spherekit.files.write import canonical_text
 from spherekit.model.dynamics import DRIVE, PairTorque, TorqueTable
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
@@ -37,8 +35,7 @@ STANDSTILL = 1e-9
 KEPT = 8
 """Geometries whose branches are kept, for further simulations of the same."""
 
-_traced_before: OrderedDict[str, Tracer] = OrderedDict()
-_tracing = Lock()
+_TRACERS = Cache(most=KEPT)
 
 
 @final
@@ -189,15 +186,8 @@ def _need_digits(name: str, values: Floats) -> None:
 
 def _traced(mechanism: Mechanism) -> Tracer:
     """Return the branches of a mechanism, found once for the last few geometries."""
-    bare = replace(mechanism, masses=(), loads=(), stops=(), user={}, source=None)
-    key = canonical_text(bare, "rad")
-    with _tracing:
-        if key not in _traced_before:
-            _traced_before[key] = Tracer(bare)
-        _traced_before.move_to_end(key)
-        if len(_traced_before) > KEPT:
-            _traced_before.popitem(last=False)
-        return _traced_before[key]
+    bare = replace(mechanism, masses=(), loads=(), stops=())
+    return _TRACERS.get(bare, "branches", lambda: Tracer(bare))
 
 
 def _configuration(tracer: Tracer, q: float, branch: int) -> tuple[Floats, Floats]:

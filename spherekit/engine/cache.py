@@ -1,39 +1,47 @@
-"""What has been compiled, for the life of the process."""
+"""What has been made for a mechanism, for the life of the process."""
 
 from collections.abc import Callable
 from dataclasses import replace
 from threading import RLock
-from typing import Any, TypeVar
+from typing import Any, TypeVar, final
 
 from spherekit.files.write import canonical_text
 from spherekit.model.mechanism import Mechanism
 
 Made = TypeVar("Made")
 
-_kept: dict[tuple[str, str], Any] = {}
-_making = RLock()
-"""Held while something is compiled, so that two threads do not compile it twice."""
 
+@final
+class Cache:
+    """What was made for a mechanism's content and a request; the last `most`, if given."""
 
-def cached(mechanism: Mechanism, request: str, make: Callable[[], Made]) -> Made:
-    """Return what was made before for this content and request, or make it now."""
-    key = _key(mechanism, request)
-    with _making:
-        if key not in _kept:
-            _kept[key] = make()
-        made: Made = _kept[key]
-    return made
+    def __init__(self, most: int | None = None) -> None:
+        self._most = most
+        self._kept: dict[tuple[str, str], Any] = {}
+        self._making = RLock()  # held meanwhile, so that two threads do not make it twice
 
+    def get(self, mechanism: Mechanism, request: str, make: Callable[[], Made]) -> Made:
+        """Return what was made before for this content and request, or make it now."""
+        key = _key(mechanism, request)
+        with self._making:
+            made: Made = self._kept.pop(key) if key in self._kept else make()
+            self._kept[key] = made
+            if self._most is not None and len(self._kept) > self._most:
+                del self._kept[next(iter(self._kept))]
+        return made
 
-def known(mechanism: Mechanism, request: str) -> bool:
-    """Return whether something was made before for this content and request."""
-    return _key(mechanism, request) in _kept
+    def known(self, mechanism: Mechanism, request: str) -> bool:
+        """Return whether something was made before for this content and request."""
+        return _key(mechanism, request) in self._kept
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._kept.clear()
 
 
 def _key(mechanism: Mechanism, request: str) -> tuple[str, str]:
     return canonical_text(replace(mechanism, user={}, source=None), "rad"), request
 
 
-def clear() -> None:
-    """Forget everything compiled."""
-    _kept.clear()
+COMPILED = Cache()
+"""Kernels and equations of motion that were compiled."""

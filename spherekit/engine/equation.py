@@ -18,7 +18,7 @@ from typing import Any, Literal, final
 import numpy as np
 
 from spherekit.engine.algebra import dot, vector
-from spherekit.engine.cache import cached, known
+from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import (
     Event,
     Function,
@@ -175,7 +175,7 @@ def compiled_equation(
         fresh.append(True)
         return _compile(common, min(tolerance, LOOSEST), compact, number)
 
-    return cached(common, _request(tolerance, compact, number), make), not fresh
+    return COMPILED.get(common, _request(tolerance, compact, number), make), not fresh
 
 
 def compiling_time(mechanism: Mechanism, tolerance: float, compact: bool) -> float:
@@ -192,7 +192,7 @@ def compiling_time(mechanism: Mechanism, tolerance: float, compact: bool) -> flo
     turning_pairs(mechanism)
     if not available():
         heyoka()
-    if known(_common(mechanism), _request(tolerance, compact, float)):
+    if COMPILED.known(_common(mechanism), _request(tolerance, compact, float)):
         return 0.0
     variables = len(mechanism.variable_names)
     on_links = sum(isinstance(x, Gravity | PointForce | Moment) for x in mechanism.loads)

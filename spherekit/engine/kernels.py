@@ -11,7 +11,7 @@ from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.engine.algebra import Exprs, Series, length, vector
 from spherekit.engine.arrays import ArrayFunction, array_function
-from spherekit.engine.cache import cached
+from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import Function, available, compile_function
 from spherekit.engine.dyads import place_by_input
 from spherekit.engine.inertia import inertia, tensors
@@ -255,7 +255,7 @@ def kernel(
             else array_function(outputs, inputs, number),
         )
 
-    return cached(mechanism, request, make)
+    return COMPILED.get(mechanism, request, make)
 
 
 def _engine(mechanism: Mechanism, engine: Engine) -> Literal["numpy", "compiled"]:

@@ -2,63 +2,23 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, final
+
+import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import listing, nearest
-from spherekit.errors import AnalysisError, FileError, SpherekitError
+from spherekit.conventions import DEFAULT_SAMPLES, listing, nearest
+from spherekit.errors import FileError
 from spherekit.files.angles import angle_at
 from spherekit.files.check import check
-from spherekit.files.document import Document, parse, read_text, spelt
+from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, shipped
-from spherekit.files.locate import KeyPath
 from spherekit.files.read import load
 from spherekit.files.read_laws import read_laws, read_start
-from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Input, Mechanism
-
-
-@final
-@dataclass(frozen=True)
-class Study:
-    """A mechanism with the inputs it is driven at, and what is to be run on it.
-
-    `samples` are those of a path through the ranges of the inputs or, with a number for
-    each input, of a grid; `path` has the inputs (rad) of every sample instead.
-    `analyses` maps names to parameters as they stand in the file; whether such
-    analyses exist and take them is for `spherekit.analysis.study` to say, with the
-    lines of `document`. `folder` and `recording` are relative to the working folder.
-    `laws` has the time law of each input that is given one, by pair, `duration` the time
-    (s) from t = 0 on, and `start` the input's state at t = 0 for forward dynamics, with
-    the `torque` (N m, an expression) that drives it and the `tolerance` of a step.
-    `verify` is how many rows to compute once more in many digits.
-    """
-
-    name: str
-    mechanism: Mechanism
-    samples: int | tuple[int, ...] | None = None
-    path: tuple[tuple[float, ...], ...] | None = None
-    branch: int | None = None
-    search: bool = True
-    analyses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    folder: Path | None = None
-    recording: Path | None = None
-    degrees: bool = False
-    laws: Mapping[str, Law] = field(default_factory=dict)
-    duration: float | None = None
-    start: Start | None = None
-    torque: str | None = None
-    tolerance: float | None = None
-    verify: int | None = None
-    document: Document | None = field(default=None, repr=False, compare=False)
-
-    def fault(self, path: KeyPath, message: str) -> SpherekitError:
-        """Return the error to raise about a key, with file and line if it has one."""
-        if self.document is not None:
-            return self.document.fault(path, message)
-        return AnalysisError(f"{self.name}: {spelt(path)}: {message}")
+from spherekit.model.study import DEFAULT_TOLERANCE, Study
+from spherekit.sphere.rotation import Floats
 
 
 @checked(FileError)
@@ -94,9 +54,9 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
         duration=float(data["duration"]) if "duration" in data else None,
         start=read_start(document),
         torque=data.get("start", {}).get("torque"),
-        tolerance=float(data["tolerance"]) if "tolerance" in data else None,
+        tolerance=float(data.get("tolerance", DEFAULT_TOLERANCE)),
         verify=int(data["verify"]) if "verify" in data else None,
-        document=document,
+        locate=document.fault,
     )
 
 
@@ -151,10 +111,10 @@ def _ranged(document: Document, own: Input) -> Input:
     return Input(own.pair, start, stop)
 
 
-def _samples(document: Document, mechanism: Mechanism) -> int | tuple[int, ...] | None:
-    found = document.data.get("samples")
+def _samples(document: Document, mechanism: Mechanism) -> int | tuple[int, ...]:
+    found = document.data.get("samples", DEFAULT_SAMPLES)
     if not isinstance(found, list):
-        return None if found is None else int(found)
+        return int(found)
     if len(found) != len(mechanism.inputs):
         raise document.fault(
             ("samples",),
@@ -164,10 +124,8 @@ def _samples(document: Document, mechanism: Mechanism) -> int | tuple[int, ...] 
     return tuple(int(count) for count in found)
 
 
-def _input_path(
-    document: Document, mechanism: Mechanism
-) -> tuple[tuple[float, ...], ...] | None:
-    """Return the rows of the inputs' values, one number for each input, if given."""
+def _input_path(document: Document, mechanism: Mechanism) -> Floats | None:
+    """Return the inputs' values (samples, inputs) in rad, if given."""
     given = document.data.get("inputs", {})
     if not any("values" in item for item in given.values()):
         return None
@@ -201,7 +159,7 @@ def _input_path(
             )
     if "samples" in document.data:
         raise document.fault(("samples",), "excluded by the inputs' values")
-    return tuple(zip(*columns, strict=True))
+    return np.array(columns).T
 
 
 def _path(document: Document, output: Mapping[str, str], key: str) -> Path | None:

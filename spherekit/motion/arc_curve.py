@@ -90,6 +90,16 @@ class ArcCurve:
         finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
         return np.asarray(self.winding * finite)
 
+    def returns_after(self, variable: int, period: float) -> float:
+        """Return the growth of a variable with which the curve's configurations return.
+
+        That is `period` where it is finite; where it is not, as with wheels whose rolled
+        length does not follow from the variable alone, a closed curve returns all the same
+        once it went round. Infinite if it does not.
+        """
+        once = abs(float(self.rise[variable]))
+        return period if np.isfinite(period) or once == 0.0 else once
+
     def rests(self, variable: int) -> bool:
         """Return whether a variable stands still along the whole curve."""
         return bool(np.ptp(self.nodes.values[:, variable]) < AT_REST)

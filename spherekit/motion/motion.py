@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import EPS, Status, listing
+from spherekit.conventions import DEFAULT_SAMPLES, EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.model.joints import Joint, PairRates, PairStates
 from spherekit.model.mechanism import Mechanism
@@ -31,7 +31,6 @@ from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.sphere.rotation import Floats, cross, quaternion
 
-DEFAULT_SAMPLES = 361
 BLOCK = 16384
 """Rows evaluated at once by `Tracer.blocks`: enough to hide the overhead of calls, few
 enough for the caches; with half or twice as many a run takes the same time."""

@@ -38,8 +38,10 @@ class Stretches:
     ) -> "Stretches":
         """Return those of a curve for the variable `driven` from `low` to `high` (rad).
 
-        `period` is the growth of the variable with which the same configurations return.
+        `period` is the growth of the variable with which the same configurations return,
+        infinite where only the curve itself can say so.
         """
+        period = curve.returns_after(driven, period)
         if curve.rests(driven):
             middle = curve.at(0.5 * curve.length).values
             middle[:, driven] = _from(low, middle[:, driven], period)

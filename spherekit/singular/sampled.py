@@ -149,12 +149,12 @@ class SampledSingularities:
 
         Only turns are left out after which the configuration is the same.
         """
-        return self.input_of(self.curves[curve].at(s).values)
+        return self.input_of(curve, self.curves[curve].at(s).values)
 
-    def input_of(self, values: Floats) -> Floats:
+    def input_of(self, curve: int, values: Floats) -> Floats:
         """Return the input (n,) in configurations (n, V) of a curve like `input_at`."""
         solver = self.tracer.solver
-        (period,) = solver.periods
+        period = self.curves[curve].returns_after(solver.single, *solver.periods)
         return into_range(values[:, solver.single], *self.tracer.range, period)
 
     def inside(self, q: Floats) -> NDArray[np.bool_]:

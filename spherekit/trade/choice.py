@@ -1,24 +1,23 @@
 """The setting of a run that is to meet a tolerance, and what it reaches at check rows."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
+from spherekit.analysis.course import course_of
 from spherekit.analysis.setting import Setting
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError
-from spherekit.model.laws import Law
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
+from spherekit.model.study import Study
 from spherekit.trade.deviation import Deviation, worst
 from spherekit.trade.measure import Bench
 from spherekit.trade.record import MARGIN, Trade, check_tolerance, recommended
-from spherekit.trade.stored import check_run, read_trade
+from spherekit.trade.stored import check_run, read_trade, run_of
 from spherekit.trade.trade import trade
 
 WORTH = 50_000
@@ -84,16 +83,9 @@ class Choice:
 
 @checked(AnalysisError)
 def choose(
-    mechanism: Mechanism,
+    study: Study,
     analyses: Sequence[AbstractAnalysis],
     tolerance: float,
-    *,
-    samples: int | Sequence[int],
-    branch: int | None = None,
-    search: bool = True,
-    path: Floats | None = None,
-    laws: Mapping[str, Law] | None = None,
-    duration: float | None = None,
     stored: Sequence[Trade] = (),
 ) -> Choice:
     """Return the cheapest setting whose errors stay within a tolerance.
@@ -110,45 +102,21 @@ def choose(
     PlanError, SolveError
         See `spherekit.run`.
     """
+    mechanism = study.mechanism
     check_tolerance(mechanism.name, tolerance)
-    given: dict[str, Any] = {
-        "branch": branch,
-        "search": search,
-        "path": path,
-        "laws": laws or {},
-        "duration": duration,
-    }
-    count = len(path) if path is not None else int(np.prod(samples))
     predicted, why = np.nan, f"fewer than {WORTH} samples: no trade was made"
     setting = Setting()
     if stored:
-        setting, predicted, why = _of_trades(stored, tolerance, count, "stored")
-    elif count >= WORTH:
+        setting, predicted, why = _of_trades(stored, tolerance, study.count, "stored")
+    elif study.count >= WORTH:
         reading = [each for each in analyses if not each.trades and _reads(mechanism, each)]
         trades = [
-            trade(
-                mechanism,
-                each,
-                samples=samples,
-                settings=SHORT,
-                checked=CHECKED,
-                rounds=1,
-                **given,
-            )
+            trade(study, each, settings=SHORT, checked=CHECKED, rounds=1)
             for each in reading
         ]
         if trades:
-            setting, predicted, why = _of_trades(trades, tolerance, count, "short")
-    course = course_of(
-        mechanism,
-        samples=samples,
-        input_pair=None,
-        grid=False,
-        start=None,
-        torque=None,
-        tolerance=DEFAULT_TOLERANCE,
-        **given,
-    )
+            setting, predicted, why = _of_trades(trades, tolerance, study.count, "short")
+    course = course_of(study)
     found: list[Deviation] = []
     rows = 0
     for each in analyses:
@@ -183,13 +151,9 @@ def choose_simulation(mechanism: str, tolerance: float, stored: Sequence[Trade])
 
 
 def stored_for(
-    analyses: Sequence[AbstractAnalysis],
-    places: Sequence[str],
-    run: Callable[[AbstractAnalysis], Mapping[str, Any]],
+    study: Study, analyses: Sequence[AbstractAnalysis], places: Sequence[str]
 ) -> list[Trade]:
-    """Return the trades of a run's analyses, read from folders or files.
-
-    `run` says what the run with an analysis is, see `spherekit.trade.stored.run_of`.
+    """Return the trades of the analyses of a study's run, read from folders or files.
 
     Raises
     ------
@@ -205,7 +169,7 @@ def stored_for(
                 f"{place}: the trade is of analysis {own.analysis}, which is not run; the "
                 f"run has {listing(each.name for each in analyses)}: leave this --trade out"
             )
-        check_run(own, run(named[0]), place)
+        check_run(own, run_of(study, named[0]), place)
         if all(each.setting is None for each in own.settings):
             raise AnalysisError(
                 f"{place}: the trade is of parameters of {own.analysis}, not of ways to "

@@ -26,16 +26,16 @@ from spherekit.planning.poles import Plan
 from spherekit.rates.field import PoleField, SignMemory, evaluate
 from spherekit.sphere.rotation import Floats
 from spherekit.trade.deviation import Deviation, deviations, worst
+from spherekit.trade.effort import Effort
 from spherekit.trade.record import Measured
-
-ROUNDS = 5
-"""Times every setting is run, each round in another order; the best counts."""
 
 LEAST_ROUNDS = 2
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 Tables = Mapping[str, TableData]
+Found = tuple[str, float, Tables, list[Measured]]
+"""What the reference is in words, how well it is known, its tables, and the settings."""
 
 
 class Way(Protocol):
@@ -222,8 +222,7 @@ def race(
     ways: Sequence[tuple[str, Setting | None, Way]],
     judge: Callable[[Tables], Sequence[Deviation]],
     samples: int,
-    rounds: int = ROUNDS,
-    budget: float = np.inf,
+    effort: Effort,
 ) -> list[Measured]:
     """Return every way with its error and its times over alternating rounds.
 
@@ -235,7 +234,7 @@ def race(
         How far tables are off.
     samples
         How many samples each runs.
-    rounds, budget
+    effort
         How often, and after how many seconds no further round begins.
     """
     began = time.monotonic()
@@ -260,8 +259,8 @@ def race(
         )
         alive.append((name, way))
         times[name] = []
-    for number in range(rounds):
-        if number >= LEAST_ROUNDS and time.monotonic() - began > budget:
+    for number in range(effort.rounds):
+        if number >= LEAST_ROUNDS and time.monotonic() - began > effort.budget:
             break
         for name, way in alive if number % 2 == 0 else alive[::-1]:
             _, first, seconds = way(False)

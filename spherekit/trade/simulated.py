@@ -19,34 +19,28 @@ from spherekit.errors import EngineError
 from spherekit.exact.arithmetic import Digits, wide
 from spherekit.exact.simulation import ExactSimulation
 from spherekit.model.laws import Start
+from spherekit.model.study import Study
 from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats
+from spherekit.trade.candidates import of_simulation
 from spherekit.trade.deviation import Deviation
-from spherekit.trade.measure import Bench, Reference, Tables, race
-from spherekit.trade.record import Measured
+from spherekit.trade.effort import Effort
+from spherekit.trade.measure import Bench, Found, Reference, Tables, race
 
 OTHER_NODES = 24
 """Nodes of each step of the run that shows how well the reference is known."""
 
-Found = tuple[str, float, Tables, list[Measured]]
-"""What the reference is in words, how well it is known, its tables, and the settings."""
 
-
-def measured(
-    bench: Bench,
-    start: Start,
-    torque: str | None,
-    settings: Sequence[Setting],
-    rounds: int,
-    budget: float,
-) -> Found:
+def measured(bench: Bench, study: Study, effort: Effort) -> Found:
     """Return integrators and tolerances with their times and errors.
 
-    `bench` has the course of a simulation; the others are those of
-    `spherekit.trade.trade.trade`. The reference is a simulation in numbers wider than
-    float64; where none can be made, the tightest float64 one, and the words say why.
+    `bench` has the course of the study's simulation. The reference is a simulation in
+    numbers wider than float64; where none can be made, the tightest float64 one, and the
+    words say why.
     """
-    solver = _Solver(bench, start, torque)
+    assert study.start is not None
+    settings = of_simulation() if effort.settings is None else effort.settings
+    solver = _Solver(bench, study.start, study.torque)
     best, simulation, compiling = solver.tightest()
     try:
         words, near, right = solver.in_wide_numbers(simulation)
@@ -73,7 +67,7 @@ def measured(
         ]
 
     ways = [(str(each), each, partial(way, each)) for each in settings]
-    found = race(ways, judge, len(bench.course), rounds, budget)
+    found = race(ways, judge, len(bench.course), effort)
     found = [
         replace(each, compile=compiling)
         if each.setting and each.setting.integrator == "compiled" and not each.reason

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,40 +15,21 @@ from spherekit.analysis.journal import differences
 from spherekit.analysis.setting import Setting
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
-from spherekit.model.laws import Law, Start
-from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import Floats
 from spherekit.trade.record import Measured, Trade
 from spherekit.version import __version__
 
 FILE = "trade.json"
 
 
-def run_of(
-    mechanism: Mechanism,
-    analysis: AbstractAnalysis,
-    *,
-    samples: int | Sequence[int],
-    input_pair: str | Sequence[str] | None = None,
-    branch: int | None = None,
-    search: bool = True,
-    path: Floats | None = None,
-    laws: Mapping[str, Law] | None = None,
-    duration: float | None = None,
-    start: Start | None = None,
-    torque: str | None = None,
-) -> dict[str, Any]:
-    """Return what a trade for this run depends on, ready for JSON; see `spherekit.run`."""
-    if input_pair is not None:
-        names = [input_pair] if isinstance(input_pair, str) else list(input_pair)
-        mechanism = mechanism.with_inputs(*names)
+def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
+    """Return what a trade for a study's run depends on, ready for JSON."""
+    mechanism, path = study.mechanism, study.path
     inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
     mechanism = mechanism.with_inputs(*inputs)
-    counts = [samples] if isinstance(samples, int) else list(samples)
     values = None
     if path is not None:
-        counts = [len(path)]
         values = hashlib.sha256(np.ascontiguousarray(path).tobytes()).hexdigest()
     given = asdict(analysis)  # type: ignore[call-overload]
     return {
@@ -59,14 +40,14 @@ def run_of(
         "analysis_version": analysis.version,
         "parameters": {key: json.loads(_text(value)) for key, value in given.items()},
         "inputs": inputs,
-        "samples": "x".join(map(str, counts)),
+        "samples": "x".join(map(str, study.shape)),
         "input_values": values,
-        "branch": branch if start is None else branch or 0,
-        "search": search,
-        "laws": {pair: repr(law) for pair, law in (laws or {}).items()},
-        "duration": duration,
-        "start": None if start is None else [start.q, start.dq],
-        "torque": torque,
+        "branch": study.branch if study.start is None else study.branch or 0,
+        "search": study.search,
+        "laws": {pair: repr(law) for pair, law in study.laws.items()},
+        "duration": study.duration,
+        "start": None if study.start is None else [study.start.q, study.start.dq],
+        "torque": study.torque,
     }
 
 

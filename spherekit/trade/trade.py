@@ -1,7 +1,6 @@
 """Measuring the trade of speed for accuracy of one analysis of one mechanism."""
 
 import time
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -9,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Sweep
-from spherekit.analysis.course import DEFAULT_TOLERANCE, course_of
+from spherekit.analysis.course import course_of
+from spherekit.analysis.options import Subject, study_of, takes
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.run import run
@@ -19,15 +19,15 @@ from spherekit.checked import checked
 from spherekit.conventions import EPS
 from spherekit.errors import AnalysisError
 from spherekit.exact.arithmetic import wide
-from spherekit.model.laws import Law, Start
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import DEFAULT_SAMPLES
+from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.sphere.rotation import Floats
-from spherekit.trade.candidates import of_samples, of_simulation
+from spherekit.trade.candidates import of_samples
 from spherekit.trade.deviation import Deviation, scale_words
-from spherekit.trade.measure import ROUNDS, Bench, Tables, race
+from spherekit.trade.effort import Effort
+from spherekit.trade.measure import Bench, Found, Tables, race
 from spherekit.trade.places import at_places, places
-from spherekit.trade.record import Measured, Trade, check_tolerance, gathered
+from spherekit.trade.record import Measured, Trade, gathered
 from spherekit.trade.simulated import measured
 from spherekit.trade.stored import run_of
 
@@ -40,154 +40,88 @@ CHECKED_ROWS = 1500
 FEWEST = 31
 
 
+@takes(Effort)
 @checked(AnalysisError)
 def trade(
-    mechanism: Mechanism,
-    analysis: str | AbstractAnalysis = "poles",
-    *,
-    samples: int | Sequence[int] = DEFAULT_SAMPLES,
-    input_pair: str | Sequence[str] | None = None,
-    branch: int | None = None,
-    search: bool = True,
-    path: Floats | None = None,
-    laws: Mapping[str, Law] | None = None,
-    duration: float | None = None,
-    start: Start | None = None,
-    torque: str | None = None,
-    tolerance: float | None = None,
-    settings: Sequence[Setting] | None = None,
-    checked: int | None = None,
-    rounds: int = ROUNDS,
-    budget: float = 30.0,
+    subject: Subject, analysis: str | AbstractAnalysis = "poles", **options: Any
 ) -> Trade:
     """Return the settings of an analysis with their times and true errors.
 
     Parameters
     ----------
-    mechanism, analysis
-        What is analysed; the analysis by its name with parameters, or as an object.
-    samples, input_pair, branch, search, path, laws, duration, start, torque
-        The run that settings are wanted for; see `spherekit.run`. Errors are measured at
-        fewer samples over the same range, where there are many.
-    tolerance
-        Only checked here; see `Trade.cheapest`.
-    settings
-        Those to try; by default all that apply to samples, or to a simulation.
-    checked
-        How many samples to measure at.
-    rounds, budget
-        How often each is run for its time, and after how many seconds no round begins.
+    subject
+        The run that settings are wanted for: a study, or a mechanism; or the path or the
+        shipped name of either. Errors are measured at fewer samples over the same range,
+        where there are many.
+    analysis
+        The analysis by its name with parameters, or as an object.
+    options
+        `input_pair`, names of the driven pairs, and fields of
+        `spherekit.model.study.Study` and of `Effort` (settings, checked, rounds, budget).
+        Those that are given replace what a study says.
 
     Raises
     ------
     AnalysisError
-        If the analysis reads nothing that depends on a setting, or the tolerance is none.
+        If the analysis reads nothing that depends on a setting.
     PlanError, SolveError, ModelError
         See `spherekit.run`.
     """
-    if tolerance is not None:
-        check_tolerance(mechanism.name, tolerance)
+    study, effort = study_of("trade", subject, options, Effort)
+    # The step tolerance is what is traded.
+    study = replace(study, tolerance=DEFAULT_TOLERANCE)
     chosen = create(analysis) if isinstance(analysis, str) else analysis
-    asked = samples if isinstance(samples, int) else int(np.prod(samples))
-    if path is not None:
-        asked = len(path)
-    common: dict[str, Any] = {
-        "input_pair": input_pair,
-        "branch": branch,
-        "search": search,
-        "grid": False,
-        "laws": laws or {},
-        "duration": duration,
-        "start": start,
-        "torque": torque,
-        "tolerance": DEFAULT_TOLERANCE,
-    }
-    made_for = run_of(
-        mechanism,
-        chosen,
-        samples=samples,
-        input_pair=input_pair,
-        branch=branch,
-        search=search,
-        path=path,
-        laws=laws,
-        duration=duration,
-        start=start,
-        torque=torque,
-    )
     if chosen.trades:
-        return _of_parameters(mechanism, chosen, asked, rounds, budget, made_for)
-    if start is not None:
-        few = min(asked, checked or CHECKED)
-        course = course_of(mechanism, samples=few, path=None, **common)
-    else:
-        course = course_of(mechanism, samples=samples, path=path, **common)
-    bench = Bench.of(course, chosen)
+        return _of_parameters(study, chosen, effort)
+    few = study
+    if study.start is not None:
+        few = replace(study, samples=min(study.count, effort.checked or CHECKED))
+    bench = Bench.of(course_of(few), chosen)
     if not bench.reads_poles:
         raise AnalysisError(
             f"{chosen.name}: reads no poles, rates or positions of the samples and "
             "declares no parameter that trades speed for accuracy (`trades`); there is "
             "nothing to measure"
         )
-    if start is not None:
-        every = of_simulation() if settings is None else settings
-        words, floor, reference, found = measured(
-            bench, start, torque, every, rounds, budget
-        )
-        return _trade(bench, asked, words, floor, reference, found, made_for)
-    most = checked or max(FEWEST, CHECKED_ROWS // len(course.tracer.branches))
-    bench = _at_fewer(bench, samples, min(most, CHECKED), search, common)
-    course = bench.course
+    if study.start is not None:
+        return _trade(bench, study, measured(bench, study, effort))
+    most = effort.checked or max(FEWEST, CHECKED_ROWS // len(bench.course.tracer.branches))
+    bench = _at_fewer(bench, study, min(most, CHECKED))
     right = bench.reference()
     reference = right.tables
     words = f"the closure equations in {wide().name}{right.without}"
-    every = of_samples() if settings is None else settings
+    every = of_samples() if effort.settings is None else effort.settings
 
     def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
         return bench.tables(setting, right if judged else None)
 
-    ways = [(str(each), each, partial(way, each)) for each in every]
     found = race(
-        ways,
+        [(str(each), each, partial(way, each)) for each in every],
         lambda tables: bench.deviations(tables, reference),
-        len(course),
-        rounds,
-        budget,
+        len(bench.course),
+        effort,
     )
-    return _trade(bench, asked, words, EPS, reference, found, made_for)
+    return _trade(bench, study, (words, EPS, reference, found))
 
 
-def _at_fewer(
-    bench: Bench,
-    samples: int | Sequence[int],
-    most: int,
-    search: bool,
-    common: Mapping[str, Any],
-) -> Bench:
+def _at_fewer(bench: Bench, study: Study, most: int) -> Bench:
     """Return the bench at about so many samples of the same range, or all of them."""
     course = bench.course
     if len(course) <= most:
         return bench
-    if len(course.shape) > 1 and not isinstance(samples, int):
-        side = max(2, int(most ** (1.0 / len(samples))))
-        fewer = tuple(min(count, side) for count in samples)
-        course = course_of(course.tracer.mechanism, samples=fewer, path=None, **common)
-        return replace(bench, course=course)
+    axes = len(course.shape)
+    if axes > 1:
+        side = max(2, int(most ** (1.0 / axes)))
+        fewer = tuple(min(count, side) for count in course.shape)
+        return replace(bench, course=course_of(replace(study, samples=fewer)))
     tracer = course.tracer
     wanted = requests_for(tracer.mechanism, bench.needs, tracer.by_rank)
     rows = places(course, most, wanted[0])
-    return replace(bench, course=at_places(course, rows, search))
+    return replace(bench, course=at_places(course, rows, study.search))
 
 
-def _trade(
-    bench: Bench,
-    asked: int,
-    reference_words: str,
-    floor: float,
-    reference: Tables,
-    found: Sequence[Measured],
-    made_for: Mapping[str, Any],
-) -> Trade:
+def _trade(bench: Bench, study: Study, found: Found) -> Trade:
+    reference_words, floor, reference, measures = found
     mechanism = bench.course.tracer.mechanism
     own = [table.of(mechanism) for table in bench.analysis.tables]
     scales = {
@@ -208,40 +142,33 @@ def _trade(
     return Trade(
         mechanism.name,
         bench.analysis.name,
-        asked,
+        study.count,
         len(bench.course),
         rows,
         reference_words,
         floor,
         int(bench.needs.derivatives),
         gathered(columns),
-        tuple(found),
-        made_for,
+        tuple(measures),
+        run_of(study, bench.analysis),
     )
 
 
-def _of_parameters(
-    mechanism: Mechanism,
-    analysis: AbstractAnalysis,
-    asked: int,
-    rounds: int,
-    budget: float,
-    made_for: Mapping[str, Any],
-) -> Trade:
+def _of_parameters(study: Study, analysis: AbstractAnalysis, effort: Effort) -> Trade:
     """Return the values of an analysis's own parameters against the most accurate."""
     every: list[Measured] = []
     columns: list[tuple[str, str, float]] = []
     for sweep in analysis.trades:
         estimates: dict[str, float] = {}
-        way = partial(_swept, mechanism, analysis, sweep, estimates)
-        names = [f"{sweep.parameter}={value:g}" for value in sweep.values]
-        reference = way(names[-1], sweep.values[-1])[0]
+        way = partial(_swept, study.mechanism, analysis, sweep, estimates)
+        names = [_named(sweep, value) for value in sweep.values]
+        reference = way(sweep.values[-1])[0]
         own = _Swept(sweep)
         ways = [
-            (name, None, partial(way, name, value))
+            (name, None, partial(way, value))
             for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
         ]
-        found = race(ways, partial(own.deviations, reference), 1, rounds, budget)
+        found = race(ways, partial(own.deviations, reference), 1, effort)
         every += [
             replace(each, estimate=estimates.get(each.name, np.nan)) for each in found
         ]
@@ -249,9 +176,9 @@ def _of_parameters(
         columns.append((f"{sweep.table}.{sweep.column}", "over the largest", scale))
     floor = float(np.nanmin([each.error for each in every]))
     return Trade(
-        mechanism.name,
+        study.mechanism.name,
         analysis.name,
-        asked,
+        study.count,
         1,
         1,
         "the tightest: "
@@ -260,7 +187,7 @@ def _of_parameters(
         None,
         tuple(columns),
         tuple(every),
-        made_for,
+        run_of(study, analysis),
     )
 
 
@@ -269,7 +196,6 @@ def _swept(
     analysis: AbstractAnalysis,
     sweep: Sweep,
     estimates: dict[str, float],
-    name: str,
     value: Any,
     _: bool = True,
 ) -> tuple[Tables, float, float]:
@@ -282,8 +208,12 @@ def _swept(
     data = result.results[analysis.name].data[sweep.table]
     seconds = time.process_time() - started
     if sweep.error:
-        estimates[name] = _estimate(data, sweep)
+        estimates[_named(sweep, value)] = _estimate(data, sweep)
     return {sweep.table: data}, seconds, seconds
+
+
+def _named(sweep: Sweep, value: Any) -> str:
+    return f"{sweep.parameter}={value:g}"
 
 
 def _estimate(data: TableData, sweep: Sweep) -> float:

@@ -1,0 +1,77 @@
+"""How a run is done: where its results go, and by what means its numbers are found."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+from spherekit.analysis.journal import Unfinished
+from spherekit.analysis.recording import Recorder
+from spherekit.analysis.setting import ORDINARY, Setting
+from spherekit.analysis.tables import FILE_SIZE, Format
+from spherekit.checked import check_fields
+from spherekit.engine.kernels import Engine
+from spherekit.errors import AnalysisError
+
+Progress = Callable[[int, int], None]
+
+
+@final
+@dataclass(frozen=True)
+class Execution:
+    """How a run is done; what it goes through is its `Study`.
+
+    Raises `AnalysisError` where a value is not of the type that its field has.
+
+    Attributes
+    ----------
+    folder
+        Where tables go while the run goes on, so that memory does not grow with the
+        samples; the files are there at the end. Without it tables stay in memory.
+    unfinished
+        What to do with the work of a run that was stopped in that folder: ``"refuse"`` to
+        start, ``"resume"`` it (or start, if there is none), or ``"discard"`` it.
+    formats
+        Which files are written.
+    tables
+        Whether tables are kept in memory where there is no folder.
+    engine
+        What solves a simulation, see `spherekit.dynamics.forward.simulate`.
+    only_needed
+        Whether to leave out the groups of links that no analysis needs. Branches are then
+        modes of the part that is left, and only that part has to close.
+    recorder
+        Receives the scenes block by block while the run goes on.
+    log_every
+        Of how many successive samples one goes to the recorder; by default so many that
+        no branch has more than `MOST_LOGGED`.
+    progress
+        Called with samples done and samples in all after each block.
+    block
+        Samples evaluated at once, by default as `Tracer.blocks` has them; all, if an
+        analysis wants whole batches.
+    setting, accuracy
+        How samples are computed, and what is known of the errors of that, for the summary.
+    """
+
+    folder: str | os.PathLike[str] | None = None
+    unfinished: Unfinished = "refuse"
+    formats: Sequence[Format] = tuple(FILE_SIZE)
+    tables: bool = True
+    engine: Engine = "auto"
+    only_needed: bool = False
+    recorder: Recorder | None = None
+    log_every: int | None = None
+    progress: Progress | None = None
+    block: int | None = None
+    setting: Setting = ORDINARY
+    accuracy: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, AnalysisError, "run")
+        for name in ("block", "log_every"):
+            number = getattr(self, name)
+            if number is not None and number < 1:
+                raise AnalysisError(f"run: {name} must be at least 1, not {number}")
+        if self.folder is None and self.unfinished != "refuse":
+            raise AnalysisError("run: unfinished does nothing without a folder")

@@ -1,0 +1,145 @@
+"""The study that the flags of `run`, `trade` and `explain` make of a file."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spherekit.model.laws import Law, Start
+    from spherekit.model.study import Study
+
+LAW_WORDS = {"start": "from", "stop": "to"}
+"""What fields of laws are called in files and flags."""
+
+
+def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> None:
+    """Declare what is run: a file, samples, inputs; if `timed`, laws and branches too."""
+    parser.add_argument(
+        "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
+    )
+    parser.add_argument(
+        "--samples",
+        type=sample_counts,
+        metavar="N[xM...]",
+        help="samples along the input's range, default 361; with several inputs on the "
+        "straight path through their ranges, or on a grid with 41x21",
+    )
+    parser.add_argument(
+        "--input",
+        action="append",
+        metavar="PAIR",
+        help="a driven pair, once for each freedom (default: the file's)",
+    )
+    if not timed:
+        return
+    parser.add_argument(
+        "--law",
+        action="append",
+        metavar="[PAIR=]KIND:key=value,...",
+        help="time law of an input: constant_speed:speed=,from= polynomial:"
+        "coefficients=a+b+c cycloidal:from=,to=,duration= table:times=a+b,angles=a+b,"
+        "rest_at_ends=; angles in rad, times in s",
+    )
+    parser.add_argument(
+        "--start",
+        metavar="q=Q[,dq=W]",
+        help="state of the input at t = 0 in rad and rad/s: the motion then follows from "
+        "the loads",
+    )
+    parser.add_argument(
+        "--torque", metavar="EXPR", help="driving torque at the input, N m, with --start"
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="T",
+        help="time in s that the samples divide, for --law and --start; with neither "
+        "the input turns at 1 rad/s",
+    )
+    parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
+    parser.add_argument(
+        "--no-search",
+        action="store_true",
+        help="only the assembly mode of the reference pose, if the file gives one",
+    )
+
+
+def sample_counts(text: str) -> int | tuple[int, ...]:
+    """Return the number of samples that ``361`` or, for a grid, ``41x21`` names."""
+    parts = text.split("x")
+    if not all(part.isdecimal() and int(part) > 0 for part in parts):
+        raise argparse.ArgumentTypeError(
+            f"needs whole numbers of at least 1, such as 361 or 41x21, not {text!r}"
+        )
+    counts = tuple(int(part) for part in parts)
+    return counts[0] if len(counts) == 1 else counts
+
+
+def study_from(options: argparse.Namespace) -> "Study":
+    """Return the study in which the flags given explicitly replace what the file says."""
+    from spherekit.files.study import load_study
+
+    study = load_study(options.file)
+    if options.input is not None:
+        study = replace(study, mechanism=study.mechanism.with_inputs(*options.input))
+    if options.samples is not None or options.input is not None:
+        study = replace(study, path=None)
+    if options.samples is not None:
+        study = replace(study, samples=options.samples)
+    return _timed(study, options) if "law" in options else study
+
+
+def _timed(study: "Study", options: argparse.Namespace) -> "Study":
+    """Return a study with the laws, the start and the branch of flags."""
+    if options.law is not None:
+        laws = laws_of(options.law, study)
+        study = replace(study, laws=laws, start=None, torque=None)
+    if options.start is not None:
+        kept = study.laws if options.law is not None else {}
+        study = replace(study, start=start_of(options.start), laws=kept)
+    given = {
+        "torque": options.torque,
+        "duration": options.duration,
+        "branch": options.branch,
+        "search": False if options.no_search else None,
+    }
+    return replace(study, **{k: v for k, v in given.items() if v is not None})
+
+
+def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
+    """Return the time laws that ``[PAIR=]KIND:key=value,...`` gives, by input."""
+    from spherekit.analysis.arguments import given_in
+    from spherekit.conventions import listing, nearest
+    from spherekit.errors import AnalysisError, ModelError
+    from spherekit.model.laws import KINDS
+    from spherekit.planning.inputs import driven_pairs
+
+    mechanism = study.mechanism
+    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    laws: dict[str, Law] = {}
+    for text in texts:
+        head, _, keys = text.partition(":")
+        pair, _, kind = head.rpartition("=")
+        if kind not in KINDS:
+            hint = nearest(kind, KINDS) or "."
+            raise AnalysisError(f'--law: no law is "{kind}"{hint} Laws: {listing(KINDS)}')
+        fields = given_in(keys, KINDS[kind], f"--law {kind}", LAW_WORDS)
+        try:
+            law = KINDS[kind](**fields)
+        except ModelError as problem:
+            raise AnalysisError(f"--law {kind}: {problem}") from None
+        if not pair and len(inputs) > 1:
+            raise AnalysisError(
+                f"--law: there are several inputs ({listing(inputs)}); write PAIR={text}"
+            )
+        laws[pair or inputs[0]] = law
+    return laws
+
+
+def start_of(text: str) -> "Start":
+    """Return the state of the input that ``q=Q,dq=W`` gives."""
+    from spherekit.analysis.arguments import given_in
+    from spherekit.model.laws import Start
+
+    return Start(**given_in(text, Start, "--start"))

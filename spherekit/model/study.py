@@ -1,0 +1,122 @@
+"""What a run goes through: a mechanism, the samples of its inputs, and what drives them."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.checked import check_fields
+from spherekit.conventions import DEFAULT_SAMPLES
+from spherekit.errors import AnalysisError, SpherekitError
+from spherekit.model.laws import Floats, Law, Start
+from spherekit.model.mechanism import Mechanism
+
+DEFAULT_TOLERANCE = 1e-9
+"""Error tolerated in each step of a simulation, for pair variables (rad)."""
+
+Locate = Callable[[tuple[str | int, ...], str], SpherekitError]
+"""Makes the error to raise about a key, given by its path, with file and line."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A mechanism with the inputs it is driven at, and what is to be run on it.
+
+    Raises `AnalysisError` where a value is not of the type that its field has.
+
+    Attributes
+    ----------
+    name, mechanism
+        What it is called, and a mechanism with a freedom for each of its inputs.
+    samples
+        Samples on the straight path through the ranges of the inputs or, with a number for
+        each input, of a grid.
+    grid
+        Whether all combinations of the inputs are sampled, so many of each.
+    path
+        (n, inputs) rad, the inputs at every sample, in place of their ranges.
+    branch
+        Number of the only branch that is wanted; all by default.
+    search
+        Whether assembly modes are looked for beside that of a given reference pose.
+    analyses
+        Names of analyses with their parameters, as they stand in a file.
+    laws, duration
+        Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
+        both ends included. With a duration alone the only input turns at 1 rad/s.
+    start, torque, tolerance
+        State of the only input at t = 0: the motion over `duration` then follows from the
+        loads and the `torque` (N m, an expression) at the input, each step within the
+        tolerance (rad), from the `branch` (default 0) among all that there are.
+    verify
+        How many rows are computed once more in 50 digits.
+    degrees
+        Whether files have angles in degrees.
+    folder, recording
+        Where a file wants its results, relative to the working folder; the command writes
+        there, `spherekit.run` only where it is told to.
+    locate
+        Gives errors about a key the file and line that say it.
+    """
+
+    name: str
+    mechanism: Mechanism
+    samples: int | Sequence[int] = DEFAULT_SAMPLES
+    grid: bool = False
+    path: Floats | None = None
+    branch: int | None = None
+    search: bool = True
+    analyses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    laws: Mapping[str, Law] = field(default_factory=dict)
+    duration: float | None = None
+    start: Start | None = None
+    torque: str | None = None
+    tolerance: float = DEFAULT_TOLERANCE
+    verify: int | None = None
+    degrees: bool = False
+    folder: Path | None = None
+    recording: Path | None = None
+    locate: Locate | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        check_fields(self, AnalysisError, self.name)
+        if self.verify is not None and self.verify < 1:
+            raise AnalysisError(
+                f"{self.name}: verify must be at least 1, not {self.verify}"
+            )
+        if self.path is not None:
+            object.__setattr__(self, "path", np.array(self.path, dtype=np.float64))
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another study says the same, whatever file it is from."""
+        return isinstance(other, Study) and all(
+            np.array_equal(getattr(self, item.name), getattr(other, item.name))
+            for item in fields(self)
+            if item.name != "locate"
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """How many samples are asked for along a path, or along each input of a grid."""
+        if self.path is not None:
+            return (len(self.path),)
+        if not isinstance(self.samples, int):
+            return tuple(self.samples)
+        return (self.samples,) * (len(self.mechanism.inputs) if self.grid else 1)
+
+    @property
+    def count(self) -> int:
+        """How many samples are asked for in all."""
+        return math.prod(self.shape)
+
+    def fault(self, path: tuple[str | int, ...], message: str) -> SpherekitError:
+        """Return the error to raise about a key, with file and line if it has one."""
+        if self.locate is not None:
+            return self.locate(path, message)
+        return AnalysisError(f"{self.name}: {'.'.join(map(str, path))}: {message}")
