@@ -6,8 +6,8 @@ from typing import final
 import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.model.actions import LinkMoment, components, steep
-from spherekit.model.dynamics import TorqueTable, Vector
+from spherekit.model.actions import steep
+from spherekit.model.dynamics import LinkMoment, TorqueTable, Vector
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
 
@@ -24,7 +24,7 @@ class Loads:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
-        each = [components(mechanism, load) for load in mechanism.loads]
+        each = [load.components(mechanism) for load in mechanism.loads]
         self.components = tuple(part for parts in each for part in parts)
         self.owners = [k for k, parts in enumerate(each) for _ in parts]
         self.steep = steep(mechanism)

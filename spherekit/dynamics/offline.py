@@ -22,7 +22,7 @@ from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length
 from spherekit.dynamics.online import OnlineModel
 from spherekit.errors import SolveError
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import Gravity, PointForce, TorqueTable
+from spherekit.model.dynamics import TorqueTable
 from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
@@ -245,9 +245,7 @@ class _Sampler:
         if made.masses or made.loads:
             found |= {"B": "kg m2", f"d(B)/d{x}": "kg m2/rad"}
         for k, name in self.velocities.items():
-            load = made.loads[self.loads.owners[k]]
-            unit = "m" if isinstance(load, PointForce) else ""
-            found[name] = "N m" if isinstance(load, Gravity) else unit
+            found[name] = made.loads[self.loads.owners[k]].velocity_unit
         every = [found]
         for pole in self.poles:
             name = _pole_name(made, pole)

@@ -8,8 +8,8 @@ from typing import Any, Literal, final
 
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
 from spherekit.errors import ModelError
-from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce, Stop
-from spherekit.model.dynamics_checks import check_loads, check_mass, check_stops
+from spherekit.model.dynamics import Load, Mass, Stop
+from spherekit.model.dynamics_checks import check_mass, check_stop
 from spherekit.model.joints import KINDS, Kind, PairType
 
 ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
@@ -331,10 +331,11 @@ def _check(mechanism: Mechanism) -> None:
     for mass in mechanism.masses:
         need_link(mass.link, f"mass.{mass.link}")
     for load in mechanism.loads:
-        if isinstance(load, PointForce | Moment):
-            need_link(load.link, f"loads.{load.name}.link")
-        elif not isinstance(load, Gravity):
-            need_pair(load.pair, f"loads.{load.name}.pair")
+        for key, form in load.keys.items():
+            if form == "link":
+                need_link(getattr(load, key), f"loads.{load.name}.{key}")
+            elif form == "pair":
+                need_pair(getattr(load, key), f"loads.{load.name}.{key}")
     for stop in mechanism.stops:
         need_pair(stop.pair, f"stops.{stop.pair}")
     _check_dynamics(where, mechanism)
@@ -359,13 +360,13 @@ def _check(mechanism: Mechanism) -> None:
 
 
 def _check_dynamics(where: str, mechanism: Mechanism) -> None:
-    types = {pair.name: pair.type for pair in mechanism.pairs}
-    moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
     try:
         for mass in mechanism.masses:
             check_mass(mass)
-        check_loads(mechanism.loads, moving, types)
-        check_stops(mechanism.stops, types)
+        for load in mechanism.loads:
+            load.check(f"loads.{load.name}", mechanism)
+        for stop in mechanism.stops:
+            check_stop(stop, mechanism)
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None
 
