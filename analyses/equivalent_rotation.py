@@ -237,7 +237,7 @@ class EquivalentRotation(AbstractAnalysis):
         findings = self.findings(batch)
         scenes = RotationScenes(
             batch.mechanism,
-            lambda values: batch.tracer.solver.closure.place(values)[0],
+            lambda values: batch.tracer.solver.closure.at(values).placed,
             found.output,
             found.rotation,
             found.form,

@@ -22,14 +22,10 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, quaternion
 from spherekit.sphere.tilt_torsion import azimuth_tilt, tilt_torsion
-from spherekit.workspace.inverse import (
-    ClosedPoses,
-    InverseRows,
-    PoseSolver,
-    pose_solver,
-    sense_of,
-)
-from spherekit.workspace.kinematics import label_of
+from spherekit.workspace.inverse import output_kinematics
+from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
+from spherekit.workspace.rows import InverseRows, label_of, sense_of
+from spherekit.workspace.workspace import nearest_poses
 
 from .pose_lists import Given, PoseList
 
@@ -62,7 +58,7 @@ SOLVED_BY = Column(
 class Found:
     """What was asked for, and what was found: one of `rows` and `forward` is None."""
 
-    solver: PoseSolver
+    solver: OutputKinematics
     given: PoseList
     rows: InverseRows | None
     forward: Row | None
@@ -200,7 +196,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         found = self._found(batch)
         figures: dict[str, Any] = {
             "output": found.solver.output.name,
-            "closed_form": isinstance(found.solver, ClosedPoses),
+            "closed_form": isinstance(found.solver, ClosedKinematics),
             "solved_by": found.solver.solved_by,
             "legs": list(found.solver.legs),
         }
@@ -237,7 +233,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         if singular:
             warnings.append(f"{singular} rows are at a singularity")
         out = int(np.sum(~rows.solved))
-        if found.offered < out and isinstance(found.solver, ClosedPoses):
+        if found.offered < out and isinstance(found.solver, ClosedKinematics):
             warnings.append(
                 f"the nearest reachable pose is given for {found.offered} of {out} rows "
                 f"out of reach; ask for more with nearest={out}"
@@ -276,20 +272,20 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     def _given(self) -> Given:
         return Given(self.poses, self.columns, self.file, self.window, self.unit)
 
-    def _solver(self, mechanism: Mechanism) -> PoseSolver:
-        return pose_solver(mechanism, self.output or None, self.graph)
+    def _solver(self, mechanism: Mechanism) -> OutputKinematics:
+        return output_kinematics(mechanism, self.output or None, self.graph)
 
-    def _modes(self, solver: PoseSolver) -> tuple[str, ...]:
+    def _modes(self, solver: OutputKinematics) -> tuple[str, ...]:
         """Return the labels of the modes wanted."""
         if not self.mode:
-            return solver.modes
-        if self.mode in solver.modes:
+            return solver.labels
+        if self.mode in solver.labels:
             return (self.mode,)
-        if self.mode.isdecimal() and int(self.mode) < len(solver.modes):
-            return (solver.modes[int(self.mode)],)
+        if self.mode.isdecimal() and int(self.mode) < len(solver.labels):
+            return (solver.labels[int(self.mode)],)
         raise AnalysisError(
-            f'{self.name}: mode "{self.mode}" is none of {listing(solver.modes, 64)}, nor '
-            f"a number below {len(solver.modes)}; the signs are those of: "
+            f'{self.name}: mode "{self.mode}" is none of {listing(solver.labels, 64)}, nor '
+            f"a number below {len(solver.labels)}; the signs are those of: "
             f"{'; '.join(solver.legs)}"
         )
 
@@ -321,18 +317,19 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return Found(solver, given, rows, None, *self._offers(solver, given.poses, rows))
 
     def _offers(
-        self, solver: PoseSolver, poses: Floats, rows: InverseRows
+        self, solver: OutputKinematics, poses: Floats, rows: InverseRows
     ) -> tuple[Floats, Floats, int]:
         """Return reachable poses (k, 4) near rows out of reach, how far, and how many."""
         near, away = np.full((len(rows), 4), np.nan), np.full(len(rows), np.nan)
         wanted = np.flatnonzero(~rows.solved)[: self.nearest]
-        if not isinstance(solver, ClosedPoses):
+        if not isinstance(solver, ClosedKinematics):
             return near, away, 0
         for mode in np.unique(rows.mode[wanted]):
             own = wanted[rows.mode[wanted] == mode]
             given = poses[rows.pose[own]]
             places = given if solver.points else quaternion(given)
-            found, away[own] = solver.nearest(places, str(mode))
+            signs = solver.modes[solver.labels.index(str(mode))]
+            found, away[own] = nearest_poses(solver, places, signs)
             near[own, : found.shape[1]] = found
         return near, away, len(wanted)
 
@@ -396,7 +393,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return "\n".join(lines)
 
 
-def _rest(solver: PoseSolver) -> str:
+def _rest(solver: OutputKinematics) -> str:
     """Return words on configurations that the way of solving leaves out."""
     if solver.solved_by != "mid-plane":
         return ""
@@ -437,7 +434,7 @@ def _inverse_table(mechanism: Mechanism, found: Found, rows: InverseRows) -> Row
     }
 
 
-def _forward_table(mechanism: Mechanism, solver: PoseSolver, inputs: Floats) -> Row:
+def _forward_table(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats) -> Row:
     """Return the poses at inputs (n, inputs), each with the working mode that has them."""
     found = solver.forward(inputs)
     none = np.setdiff1d(np.arange(len(inputs)), found.row)
@@ -447,11 +444,11 @@ def _forward_table(mechanism: Mechanism, solver: PoseSolver, inputs: Floats) -> 
     if solver.points:
         assert found.directions is not None
         poses = found.directions
-    working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.modes), default=1)}")
+    working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.labels), default=1)}")
     type_2 = np.full(len(pose), np.nan)
     type_2[: len(found.row)] = solver.type_2(found.values)
-    if isinstance(solver, ClosedPoses):
-        rows = solver.inverse(poses, solver.modes, range(len(mechanism.pairs)))
+    if isinstance(solver, ClosedKinematics):
+        rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
         off = rows.values - found.values[rows.pose]
         off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi).max(axis=1)
         same = np.flatnonzero(off < SAME_VALUES)
@@ -476,7 +473,7 @@ def _forward_table(mechanism: Mechanism, solver: PoseSolver, inputs: Floats) -> 
     }
 
 
-def _places(solver: PoseSolver, poses: Floats) -> Row:
+def _places(solver: OutputKinematics, poses: Floats) -> Row:
     """Return the columns of poses."""
     names = [column.name for column in PLACES]
     empty = np.full((len(poses), 1), np.nan)

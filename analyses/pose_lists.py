@@ -14,7 +14,7 @@ from spherekit.errors import AnalysisError
 from spherekit.sphere.mirror import normals_of
 from spherekit.sphere.rotation import Floats, from_quaternion
 from spherekit.sphere.tilt_torsion import from_tilt_torsion, pointing
-from spherekit.workspace.inverse import PoseSolver
+from spherekit.workspace.kinematics import OutputKinematics
 
 from .pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
 
@@ -54,7 +54,7 @@ class Given:
     window: tuple[str, ...]
     unit: str
 
-    def read(self, solver: PoseSolver, where: str) -> PoseList:
+    def read(self, solver: OutputKinematics, where: str) -> PoseList:
         """Return the poses.
 
         Raises
@@ -83,11 +83,11 @@ class Given:
                 return self._from_window(solver, where)
             return self._from_text(solver, where)
         except AnalysisError:
-            if not solver.modes:
+            if not solver.labels:
                 solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
             raise
 
-    def _from_text(self, solver: PoseSolver, where: str) -> PoseList:
+    def _from_text(self, solver: OutputKinematics, where: str) -> PoseList:
         rows = []
         for text in self.poses:
             try:
@@ -113,7 +113,7 @@ class Given:
         places = [f"number {k + 1}" for k in range(len(rows))]
         return self._made(solver, kind, numbers, {}, places, f"{where}: poses", None)
 
-    def _from_file(self, solver: PoseSolver, where: str) -> PoseList:
+    def _from_file(self, solver: OutputKinematics, where: str) -> PoseList:
         path = Path(self.file)
         header, kinds = columns_of(path), _kinds(solver)
         prefixed = {f"q_{name}": name for name in kinds[-1]}
@@ -144,7 +144,7 @@ class Given:
             solver, names, found.values, own, found.places, f"{where}: {path}", None
         )
 
-    def _from_window(self, solver: PoseSolver, where: str) -> PoseList:
+    def _from_window(self, solver: OutputKinematics, where: str) -> PoseList:
         axes: dict[str, Floats] = {}
         for text in self.window:
             name, *ends = text.split(":")
@@ -170,7 +170,7 @@ class Given:
 
     def _made(
         self,
-        solver: PoseSolver,
+        solver: OutputKinematics,
         names: tuple[str, ...],
         rows: Floats,
         units: dict[str, str],
@@ -197,7 +197,7 @@ class Given:
 
     def _poses(
         self,
-        solver: PoseSolver,
+        solver: OutputKinematics,
         names: tuple[str, ...],
         rows: Floats,
         places: Sequence[str],
@@ -240,10 +240,10 @@ def _check_size(count: float, where: str) -> None:
         )
 
 
-def _kinds(solver: PoseSolver) -> list[tuple[str, ...]]:
+def _kinds(solver: OutputKinematics) -> list[tuple[str, ...]]:
     """Return what columns make a pose of this output, and the inputs last."""
     kinds: list[tuple[str, ...]]
-    if not solver.modes:
+    if not solver.labels:
         kinds = []
     elif solver.points:
         kinds = [DIRECTION, AZIMUTH_TILT]

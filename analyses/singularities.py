@@ -309,12 +309,11 @@ class SingularityAnalysis(AbstractAnalysis):
             agreeing = [at for at in point.relations if at.agrees]
             words = [item.words for at in agreeing for item in at.conditions]
             words = words or [at.note for at in point.relations]
-            rows.append(
+            rows += [
                 {
                     "kind": str(point.type),
                     **_conditions(agreeing),
-                    "branch": _joined(found.branches_at(point.curve, point.s)),
-                    **_placed(found, found.input_at(point.curve, np.array([point.s]))),
+                    **_placed(found, [(point.curve, point.s)], q),
                     "output": _named(batch.mechanism, point.output),
                     "curve": point.curve,
                     "s": point.s,
@@ -325,13 +324,13 @@ class SingularityAnalysis(AbstractAnalysis):
                     "guarantee": claim,
                     "note": "; ".join(filter(None, [point.note, *dict.fromkeys(words)])),
                 }
-            )
+                for q in found.inputs_of(point.curve, point.values)
+            ]
         for crossing in found.report.crossings:
             ends = [
                 (curve, 0.0 if at_start else found.curves[curve].length)
                 for curve, at_start in crossing.ends
             ]
-            touched = {b for end in ends for b in found.branches_at(*end)}
             met = crossing.crossing
             count = 0 if met is None else len(met.tangents)
             words = [
@@ -342,12 +341,11 @@ class SingularityAnalysis(AbstractAnalysis):
             curve, s = ends[0]
             for output, links in enumerate(found.report.outputs):
                 on_branches = crossing.relations[output] if crossing.relations else ()
-                rows.append(
+                rows += [
                     {
                         "kind": "III",
                         **_conditions([at for own in on_branches for at in own]),
-                        "branch": _joined(sorted(touched)),
-                        **_placed(found, found.input_of(curve, crossing.values[None])),
+                        **_placed(found, ends, q),
                         "output": _named(batch.mechanism, links),
                         "curve": curve,
                         "s": s,
@@ -358,7 +356,8 @@ class SingularityAnalysis(AbstractAnalysis):
                         "guarantee": claim,
                         "note": "; ".join(filter(None, words)),
                     }
-                )
+                    for q in found.inputs_of(curve, crossing.values)
+                ]
         for whole in found.report.whole:
             own = found.configurations.curves[whole.curve].pieces
             rows.append(
@@ -586,9 +585,16 @@ def _joined(numbers: Iterable[int], sign: str = "+") -> str:
     return sign.join(map(str, numbers))
 
 
-def _placed(found: SampledSingularities, q: Floats) -> Row:
-    """Return the input (1,) of a singularity, and whether it is in the range."""
-    return {"q": q[0], "inside": "yes" if found.inside(q)[0] else "no"}
+def _placed(
+    found: SampledSingularities, ends: Iterable[tuple[int, float]], q: float
+) -> Row:
+    """Return the input of a singularity on curves, its branches, whether in the range."""
+    branches = {b for curve, s in ends for b in found.branches_at(curve, s, q)}
+    return {
+        "branch": _joined(sorted(branches)),
+        "q": q,
+        "inside": "yes" if found.inside(q) else "no",
+    }
 
 
 def _turns(point: SingularPoint) -> list[str]:

@@ -27,7 +27,9 @@ from spherekit.workspace.constraints import (
     PairLimit,
     bounds_of,
 )
-from spherekit.workspace.kinematics import OutputKinematics, kinematics_of, label_of
+from spherekit.workspace.inverse import closed_kinematics
+from spherekit.workspace.kinematics import ClosedKinematics
+from spherekit.workspace.rows import label_of
 from spherekit.workspace.workspace import (
     DirectionWorkspace,
     Judged,
@@ -162,7 +164,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"workspace: tolerance: {self.tolerance:g} is no relative error; give one "
                 "above 0 and below 1, or 0 for the default"
             )
-        kinematics = kinematics_of(mechanism, self.output or None)
+        kinematics = closed_kinematics(mechanism, self.output or None)
         bounds_of(kinematics, self._constraints)
         chosen_modes(kinematics, self.mode)
         self._given_pose(kinematics)
@@ -242,9 +244,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
             self.radius,
         )
 
-    def _kinematics(self, batch: Batch) -> OutputKinematics:
+    def _kinematics(self, batch: Batch) -> ClosedKinematics:
         return batch.once(
-            "kinematics", lambda: kinematics_of(batch.mechanism, self.output or None)
+            "kinematics", lambda: closed_kinematics(batch.mechanism, self.output or None)
         )
 
     def _bounds(self, batch: Batch) -> tuple[Bound, ...]:
@@ -421,7 +423,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             )
         return figures, words
 
-    def _given_pose(self, kinematics: OutputKinematics) -> Floats:
+    def _given_pose(self, kinematics: ClosedKinematics) -> Floats:
         """Return the poses (k, 3) or (k, 4) to be judged."""
         given = np.array(self.pose)
         inputs = len(kinematics.mechanism.inputs)

@@ -24,6 +24,7 @@ NAMES = (
     "startup",
     "accuracy",
     "bounds",
+    "routes",
     "tracking",
     "engine",
     "stored",

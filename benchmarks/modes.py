@@ -155,9 +155,9 @@ def judge(tally: Tally, made: Mechanism, seed: int) -> None:
             solver.evaluate(branch, np.array([[q]])).rotations for branch in tracer.branches
         ]
         on_curves = [
-            solver.closure.place(
+            solver.closure.at(
                 each.curve.at(each.curve.at_input(solver.single, float(q)).places).values
-            )[0]
+            ).placed
             for each in found.curves
         ]
         tally.modes += len(modes)

@@ -20,7 +20,8 @@ from spherekit.workspace.constraints import (
     PairLimit,
     bounds_of,
 )
-from spherekit.workspace.kinematics import OutputKinematics, kinematics_of
+from spherekit.workspace.inverse import closed_kinematics
+from spherekit.workspace.kinematics import ClosedKinematics
 from spherekit.workspace.workspace import (
     DirectionWorkspace,
     direction_workspaces,
@@ -160,13 +161,13 @@ def _limited(quick: bool) -> Section:
     """Time one mode's workspace to 1e-4 where borders touch or run side by side."""
     rows: list[tuple[Cell, ...]] = []
     for name, pair, near in LIMITED[:3] if quick else LIMITED:
-        kinematics = kinematics_of(load(name))
+        kinematics = closed_kinematics(load(name))
         low, high = np.radians([-40.0, 100.0])
         limits = (PairLimit(pair, float(low), float(high)),) if pair else ()
         bounds = bounds_of(kinematics, Constraints(limits, near=float(np.radians(near))))
 
         def job(
-            kinematics: OutputKinematics = kinematics, bounds: Sequence[Bound] = bounds
+            kinematics: ClosedKinematics = kinematics, bounds: Sequence[Bound] = bounds
         ) -> Region:
             (found,) = direction_workspaces(kinematics, bounds, kinematics.modes[:1], 1e-4)
             return found.region
@@ -191,7 +192,7 @@ def _found(
     mechanism: Mechanism, wanted: Constraints, tolerance: float
 ) -> tuple[DirectionWorkspace, ...]:
     """Return the workspaces of all modes, having judged every vertex."""
-    kinematics = kinematics_of(mechanism)
+    kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, wanted)
     found = direction_workspaces(kinematics, bounds, kinematics.modes, tolerance)
     for item in found:

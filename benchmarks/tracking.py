@@ -94,7 +94,7 @@ def counted() -> Iterator[Counter[str]]:
     Newton's method linearises once more than it steps: `rows` - `solved` are steps.
     """
     count: Counter[str] = Counter()
-    solve, linearise = Closure.solve, Closure.linearise
+    solve, at = Closure.solve, Closure.at
 
     @wraps(solve)
     def counting_solve(self: Closure, values: Any, *args: Any, **named: Any) -> Any:
@@ -102,14 +102,14 @@ def counted() -> Iterator[Counter[str]]:
         count["solved"] += len(values)
         return solve(self, values, *args, **named)
 
-    @wraps(linearise)
-    def counting_linearise(self: Closure, values: Any) -> Any:
+    @wraps(at)
+    def counting_at(self: Closure, values: Any) -> Any:
         count["rows"] += len(values)
-        return linearise(self, values)
+        return at(self, values)
 
     Closure.solve = counting_solve  # type: ignore[method-assign]
-    Closure.linearise = counting_linearise  # type: ignore[method-assign]
+    Closure.at = counting_at  # type: ignore[method-assign]
     try:
         yield count
     finally:
-        Closure.solve, Closure.linearise = solve, linearise  # type: ignore[method-assign]
+        Closure.solve, Closure.at = solve, at  # type: ignore[method-assign]

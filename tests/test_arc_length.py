@@ -23,7 +23,6 @@ from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.closure import Closure
 from spherekit.motion.configuration import configuration_curves
 from spherekit.motion.motion import Tracer
-from spherekit.motion.pairs import pair_axes
 from spherekit.planning.assembly import plan_assembly
 
 NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
@@ -112,9 +111,7 @@ def components(arcs):
 
 def axes_of(curve, values):
     """Return the pair axes (n, pairs, 3) in the axes of the ground."""
-    closure = curve.segments.closure
-    placed, states = closure.place(values)
-    return pair_axes(closure.joints, closure.frames(placed, states))
+    return curve.segments.closure.at(values).axes
 
 
 @pytest.fixture(scope="module")

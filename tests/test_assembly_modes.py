@@ -52,8 +52,8 @@ def poses(solver, found):
     """Return orientations (modes, links, 3, 3) and closure gaps of assemblies."""
     values = np.array([values for _, values in found.modes])
     values = values.reshape(len(found.modes), len(solver.mechanism.variable_owners))
-    placed, states = solver.closure.place(values)
-    return placed, solver.closure.residual(placed, states)
+    at = solver.closure.at(values)
+    return at.placed, at.residual
 
 
 def multi_start(edges, driven, axes, random, starts, steps=26, q=0.0):
@@ -354,10 +354,7 @@ def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
     assert len(placed) == 8
     assert np.max(np.abs(gaps)) < 1e-13
     names = [pair.name for pair in solver.mechanism.pairs]
-    frames = solver.closure.frames(
-        *solver.closure.place(np.array([v for _, v in found.modes]))
-    )
-    axes = frames[..., 2]
+    axes = solver.closure.at(np.array([v for _, v in found.modes])).frames[..., 2]
     along = [
         np.abs(
             np.sum(axes[:, names.index(f"a{k}")] * axes[:, names.index(f"c{k}")], axis=1)

@@ -19,6 +19,7 @@ from spherekit.motion.stretches import Stretches, turning_inputs
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.assembly import plan_assembly
 from spherekit.sphere.complex_rotation import at_arcs, dot, taking
+from spherekit.sphere.dyad import HalfArc
 
 TURN = 2.0 * np.pi
 
@@ -55,11 +56,9 @@ def check_against_search(chain, axes, driven, inputs, starts, random):
     here = there = 0
     for q in random.uniform(0.0, TURN, inputs):
         values = crossing_values(tracer, found, q)
-        placed, states = tracer.solver.closure.place(values)
-        assert (
-            np.max(np.abs(tracer.solver.closure.residual(placed, states)), initial=0.0)
-            < 1e-12
-        )
+        at = tracer.solver.closure.at(values)
+        placed = at.placed
+        assert np.max(at.gap, initial=0.0) < 1e-12
         searched, links = multi_start(edges, (driven,), axes, random, starts, q=q)
         for turn in searched:
             gaps = np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))
@@ -125,7 +124,8 @@ def test_complex_axes_keep_their_arcs():
     random = np.random.default_rng(1)
     first, second = random_axes(random, 200).reshape(2, 100, 3).astype(complex)
     near, far = random.uniform(-1.0, 1.0, (2, 100))
-    both = at_arcs(first, second, near, far)
+    halves = (0.5 * np.arccos(cosine) for cosine in (near, far))
+    both = at_arcs(first, second, *(HalfArc(np.sin(x), np.cos(x)) for x in halves))
     for axis in np.moveaxis(both, 1, 0):
         size = np.sum(np.abs(axis) ** 2, axis=1)
         assert np.max(np.abs(dot(axis, axis) - 1.0) / size) < 1e-12

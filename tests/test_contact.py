@@ -180,7 +180,7 @@ def test_non_circular_cam_against_fifty_digits():
 
     checked = 0
     for row in rows[1::3]:
-        frame = motion.states.first[row, 2, :, 2]
+        frame = motion.linearisation.states.first[row, 2, :, 2]
         start = (float(motion.values[row, 1]), float(np.arctan2(frame[1], frame[0])))
         theta = mpmath.mpf(float(motion.q[row]))
         found = follower(theta, start)

@@ -330,7 +330,7 @@ def motion_of(form, tracer, normals, modes):
     placed = form.place(normals, modes)
     values, _ = form.values(placed)
     n = len(normals)
-    gap = tracer.solver.closure.residual(*tracer.solver.closure.place(values))
+    gap = tracer.solver.closure.at(values).residual
     return Motion(
         mechanism=tracer.mechanism,
         joints=tracer.solver.joints,
@@ -371,7 +371,7 @@ def test_graph_and_mid_plane_form_are_one(paper, form):
         solved = closure.solve(start[held], form.driven_variables)
         assert np.max(solved.residual) < 1e-14
         assert np.max(np.abs(solved.values - motion.values[held])) < 1e-11
-        placed, _ = closure.place(solved.values)
+        placed = closure.at(solved.values).placed
         ours = form.orientations(normals[held])
         assert np.max(np.abs(placed[:, form.effector] - ours)) < 1e-11
         assert np.max(np.abs(motion.inputs - form.plane.solutions(normals)[-1, 1])) < 1e-14
@@ -650,14 +650,15 @@ def test_three_freedoms_follow_any_axis(name):
     made, _, values = configuration(name)
     closure = Closure.of(made, geometry_of(made).joints)
     output = made.link_number[made.outputs[0].link]
-    start = closure.place(values[None])[0][0, output]
+    start = closure.at(values[None]).placed[0, output]
     for axis in ([0.4, -1.0, 0.3], [1.0, 0.2, -0.5]):
         turn = follow_rotation(made, values, axis, 0.3)
         theta = np.linspace(0.0, min(0.3, turn.reached), 9)
         found = turn.at(theta)
         assert np.all(found.status == Status.OK)
-        placed, states = closure.place(found.values)
-        assert np.max(np.abs(closure.residual(placed, states))) < 1e-13
+        at = closure.at(found.values)
+        placed = at.placed
+        assert np.max(at.gap) < 1e-13
         wanted = rotation(turn.axis, theta) @ start
         assert np.max(np.abs(placed[:, output] - wanted)) < 1e-12
         assert np.max(found.departure) < 1e-13
@@ -687,8 +688,7 @@ def test_where_the_reach_ends():
     assert np.all(found.status[~beyond] == Status.OK)
     last = turn.at([turn.reached]).values
     closure = Closure.of(made, geometry_of(made).joints)
-    placed, states = closure.place(last)
-    axes = closure.vectors(placed, states)[0]
+    axes = closure.at(last).vectors[0]
     flat = [
         np.linalg.det(axes[[made.pair_number[f"{letter}{leg}"] for letter in "abc"]])
         for leg in (1, 2, 3)
@@ -707,7 +707,7 @@ def test_two_freedoms_depart_as_little_as_they_can():
     assert found.departure[0] < 1e-14
     assert found.departure[2] > 0.1
     closure = Closure.of(made, geometry_of(made).joints)
-    start = closure.place(values[None])[0][0, output]
+    start = closure.at(values[None]).placed[0, output]
     wanted = rotation(turn.axis, theta) @ start
     # a mesh around the inputs found, by the dyad's closed form of the same mode
     step = 2e-4
@@ -820,7 +820,7 @@ def test_an_output_relative_to_a_moving_link():
         made, outputs=(replace(made.outputs[0], link="base", relative_to="platform"),)
     )
     closure = Closure.of(made, geometry_of(made).joints)
-    placed, _ = closure.place(values[None])
+    placed = closure.at(values[None]).placed
     start = placed[0, made.link_number["platform"]]
     axis = np.array([0.4, -1.0, 0.3]) / np.linalg.norm([0.4, -1.0, 0.3])
     one = follow_rotation(made, values, axis, 0.2).at([0.1, 0.2])

@@ -15,10 +15,17 @@ from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, SpherekitError
 from spherekit.guidance.form import MidPlaneRotation
-from spherekit.guidance.poses import AtInputs, AtMirror, AtOrientation, PoseFinder
+from spherekit.guidance.poses import (
+    AtDirection,
+    AtInputs,
+    AtMirror,
+    AtOrientation,
+    PoseFinder,
+)
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Output
 from spherekit.motion.motion import Tracer
+from spherekit.output.inverse import InverseKinematics
 from spherekit.sphere.mirror import normal_at, upward
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import arc, from_quaternion, quaternion
@@ -373,6 +380,25 @@ def test_a_direction_as_the_end():
     )
     wanted = np.array([0.2, 1.0, 0.1]) / np.linalg.norm([0.2, 1.0, 0.1])
     assert np.min(arc(turned, np.broadcast_to(wanted, turned.shape))) < 1e-12
+
+
+def test_a_direction_of_a_mid_plane_form():
+    """The one mid-plane in closed form against the inverse kinematics of all links."""
+    made = sk.load("two_dof_spm")
+    finder = PoseFinder(tracer_of(made.name).solver, made.outputs[0], mid_plane_form(made))
+    wanted = np.array([0.9, 0.1, 0.4])
+    found = finder.candidates(AtDirection(wanted))
+    wanted /= np.linalg.norm(wanted)
+    assert len(found) == 8
+    points = found.orientations @ np.array(made.outputs[0].direction)
+    assert np.max(np.abs(points - wanted)) < 1e-13
+    graph = InverseKinematics(made).solutions(wanted)
+    for k in range(len(found)):
+        gap = np.abs(graph.rotations - found.orientations[k]).max(axis=(1, 2))
+        gap += np.abs(np.angle(np.exp(1j * (graph.values - found.values[k])))).max(axis=1)
+        assert np.min(gap) < 1e-10
+    with pytest.raises(SolveError, match="in every mid-plane"):
+        finder.candidates(AtDirection(finder.form.frame @ finder.form.home))
 
 
 def test_a_mechanism_with_three_inputs_follows():

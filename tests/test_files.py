@@ -653,12 +653,12 @@ def test_the_schema_agrees_with_the_code():
     assert parts["name"]["maxLength"] == MAX_NAME_LENGTH
     assert set(parts["pair"]["properties"]["type"]["enum"]) == {*KINDS, "P"}
     assert parts["load"]["properties"]["kind"]["enum"] == [*LOADS]
-    for kind, load in LOADS.items():
+    for kind, made in LOADS.items():
         part = parts[f"load_{kind}"]
-        defaults = {each.name for each in fields(load) if each.default is not MISSING}
-        assert set(part["properties"]) - {"kind"} == set(load.keys)
-        optional = defaults | set(load.absent)
-        assert set(part["required"]) - {"kind"} == set(load.keys) - optional
+        defaults = {each.name for each in fields(made) if each.default is not MISSING}
+        assert set(part["properties"]) - {"kind"} == set(made.keys)
+        optional = defaults | set(made.absent)
+        assert set(part["required"]) - {"kind"} == set(made.keys) - optional
     assert parts["expression"]["maxLength"] == MAX_LENGTH
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.Draft202012Validator.check_schema(schema())

@@ -140,7 +140,7 @@ def turning(motion, row):
     mechanism = motion.mechanism
     held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     free = [v for v in range(motion.values.shape[1]) if v not in held]
-    jacobian = _closure(motion).linearise(motion.values[row : row + 1])[1][0][:, free]
+    jacobian = _closure(motion).at(motion.values[row : row + 1]).jacobian[0][:, free]
     sizes = np.linalg.svd(jacobian, compute_uv=False)
     if jacobian.shape[0] != jacobian.shape[1] or not sizes.size:
         return 1.0, 1.0
@@ -162,7 +162,7 @@ def walked(motion, row, steps=40):
     values = motion.values[row].copy()
     goal = motion.inputs[row + 1] - motion.inputs[row]
     for _ in range(steps):
-        _, jacobian = closure.linearise(values[None])
+        jacobian = closure.at(values[None]).jacobian
         own = jacobian[0][:, free]
         sizes = np.linalg.svd(own, compute_uv=False)
         if sizes.size and not sizes[-1] > 1e-2 * sizes[0]:
@@ -173,8 +173,8 @@ def walked(motion, row, steps=40):
         values[free] += slope / steps
         values[held] += goal / steps
         for _ in range(6):
-            gap, jacobian = closure.linearise(values[None])
-            values[free] -= np.linalg.pinv(jacobian[0][:, free]) @ gap[0]
+            at = closure.at(values[None])
+            values[free] -= np.linalg.pinv(at.jacobian[0][:, free]) @ at.residual[0]
     return values
 
 

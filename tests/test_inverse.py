@@ -156,12 +156,12 @@ def own_pose(kinematics, values):
     made = kinematics.own
     solver = ForwardKinematics(made).solver
     values = values[:, : len(made.variable_owners)]
-    placed, states = solver.closure.place(values)
+    at = solver.closure.at(values)
+    placed = at.placed
     output = kinematics.wrist.output
     base, link = (made.link_number[n] for n in (output.relative_to, output.link))
     rotations = np.swapaxes(placed[:, base], 1, 2) @ placed[:, link]
-    gap = solver.closure.residual(placed, states)
-    return np.max(np.abs(gap), initial=0.0), rotations
+    return np.max(at.gap, initial=0.0), rotations
 
 
 MADE = {

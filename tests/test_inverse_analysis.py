@@ -14,9 +14,13 @@ from spherekit.errors import AnalysisError, FileError, PlanError
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.motion.motion import motion_of
 from spherekit.output.forward import ForwardKinematics, output_rates
+from spherekit.output.measures import InputRates
 from spherekit.workspace.constraints import Constraints, bounds_of
-from spherekit.workspace.inverse import GraphPoses, measures_of, pose_solver
-from spherekit.workspace.kinematics import kinematics_of
+from spherekit.workspace.inverse import (
+    GraphKinematics,
+    closed_kinematics,
+    output_kinematics,
+)
 from spherekit.workspace.workspace import judge, spread
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
@@ -47,14 +51,14 @@ def wrapped(angle):
 
 @pytest.fixture(params=CLOSED, scope="module")
 def solver(request):
-    return pose_solver(sk.load(request.param))
+    return output_kinematics(sk.load(request.param))
 
 
 def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     """Every pair's variable in the loops, and the Jacobian by a second formulation."""
     pairs = range(len(solver.mechanism.pairs))
     poses = poses_for(solver, 60)
-    rows = solver.inverse(poses, solver.modes, pairs)
+    rows = solver.inverse(poses, solver.labels, pairs)
     good = np.asarray(rows.status == Status.OK) & (rows.type_1.min(axis=1) > AWAY)
     good &= rows.type_2 > AWAY
     assert np.sum(good) > 40
@@ -62,7 +66,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     own = ForwardKinematics(solver.mechanism).solver
     turns = output_rates(motion_of(own, rows.values[good]), solver.output)
     directions = poses[rows.pose[good]] if solver.points else None
-    found = measures_of(turns, rows.type_2[good], directions)
+    found = InputRates.of_turns(turns, directions)
     known = np.isfinite(turns).all(axis=(1, 2))
     assert np.mean(known) > 0.9
     size = np.max(np.abs(rows.rates[good][known]), axis=(1, 2))
@@ -70,8 +74,8 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     assert np.max(gap / size) < 1e-10
     assert np.max(np.abs(found.type_1 - rows.type_1[good])[known]) < 1e-10
     mechanism, output = solver.mechanism, solver.output
-    placed, states = own.closure.place(rows.values[good])
-    axes = own.closure.vectors(placed, states)
+    at = own.closure.at(rows.values[good])
+    placed, axes = at.placed, at.vectors
     link, of = (mechanism.link_number[n] for n in (output.link, output.relative_to))
     for k in range(0, len(axes), 5):
         direction = None if directions is None else directions[k]
@@ -83,8 +87,8 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
 def test_forward_of_inverse_names_the_working_mode(name):
-    solver = pose_solver(sk.load(name))
-    rows = solver.inverse(spread(40), solver.modes)
+    solver = output_kinematics(sk.load(name))
+    rows = solver.inverse(spread(40), solver.labels)
     good = np.flatnonzero((rows.status == Status.OK) & (rows.type_2 > AWAY))[:40]
     text = "+".join(":".join(map(repr, map(float, q))) for q in rows.inputs[good])
     names = "+".join(item.pair for item in solver.mechanism.inputs)
@@ -105,13 +109,13 @@ def test_forward_of_inverse_names_the_working_mode(name):
 def test_graph_and_mid_plane_give_the_same_rows():
     """The 11 links of the 2-DOF mechanism against its closed form, rates included."""
     mechanism = sk.load("two_dof_spm")
-    closed = pose_solver(mechanism)
-    graph = pose_solver(mechanism, graph=True)
-    assert isinstance(graph, GraphPoses) and closed.form is not None
+    closed = output_kinematics(mechanism)
+    graph = output_kinematics(mechanism, graph=True)
+    assert isinstance(graph, GraphKinematics) and closed.form is not None
     poses = np.array([[0.9, 0.1, 0.4], [0.7, -0.2, 0.6]])
     poses /= np.linalg.norm(poses, axis=1, keepdims=True)
-    one = closed.inverse(poses, closed.modes, range(14))
-    other = graph.inverse(poses, graph.modes, range(14))
+    one = closed.inverse(poses, closed.labels, range(14))
+    other = graph.inverse(poses, graph.labels, range(14))
     assert np.max(graph.residual(other.values)) < 1e-12
     for k in np.flatnonzero(one.status == Status.OK):
         same = other.pose == one.pose[k]
@@ -142,7 +146,7 @@ def test_all_ways_to_say_an_orientation(tmp_path):
     matrix = turn.as_matrix()
     x, y, z, w = turn.as_quat()
     torsion = Rotation.from_matrix(matrix).as_euler("ZYZ")
-    solver = pose_solver(sk.load("three_rrr"))
+    solver = output_kinematics(sk.load("three_rrr"))
     said = {
         "qx+qy+qz+qw": [x, y, z, w],
         "qz+qy+qx+qw": [z, y, x, w],
@@ -156,7 +160,7 @@ def test_all_ways_to_say_an_orientation(tmp_path):
         line = ",".join(repr(float(v)) for v in numbers)
         path.write_text(names.replace("+", ",") + f",note\n{line},7\n")
         given = Given((), (), str(path), (), "rad").read(solver, "test")
-        rows.append(solver.inverse(given.poses, solver.modes).inputs)
+        rows.append(solver.inverse(given.poses, solver.labels).inputs)
     assert np.isfinite(rows[0]).all() and len(rows[0]) == 8
     for row in rows[1:]:
         assert np.max(wrapped(row - rows[0])) < 1e-14
@@ -245,9 +249,9 @@ def test_one_freedom_is_told_another_way():
 def test_open_chains():
     """Two and three links in series, against the product of their rotations."""
     for count in (2, 3):
-        solver = pose_solver(serial(count))
+        solver = output_kinematics(serial(count))
         poses = poses_for(solver, 30)
-        rows = solver.inverse(poses, solver.modes, range(count))
+        rows = solver.inverse(poses, solver.labels, range(count))
         good = rows.status == Status.OK
         found = solver.forward(rows.inputs[good])
         assert np.array_equal(found.row, np.arange(np.sum(good)))
@@ -261,7 +265,7 @@ def test_rows_out_of_reach_offer_the_nearest_pose():
     result, findings = found_in(mechanism, poses="0:0:-1+1:0:0+0.3:1:0.2", mode="++")
     table = result.frame()
     assert (table["status"] == "OUT_OF_REACH").any()
-    kinematics = kinematics_of(mechanism)
+    kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, Constraints())
     directions = spread(20_000)
     inside = directions[judge(kinematics, bounds, (1, 1), directions).inside]
@@ -282,7 +286,7 @@ def test_nearest_orientation_is_inside():
     out = table[table["status"] == "OUT_OF_REACH"]
     assert len(out)
     near = out[[f"near_{axis}" for axis in "xyzw"]].to_numpy(float)
-    solver = pose_solver(sk.load("three_rrr"))
+    solver = output_kinematics(sk.load("three_rrr"))
     rows = solver.inverse(Rotation.from_quat(near).as_matrix(), ["+++"])
     assert np.all(rows.margin >= 0.0) and np.all(out["away"] > 0.0)
 
@@ -328,8 +332,8 @@ def test_pairs_asked_for():
 
 def test_at_the_image_of_the_output_nothing_is_determined():
     """Where every mid-plane serves, a row is one of them and says that it is singular."""
-    solver = pose_solver(sk.load("two_dof_spm"))
-    rows = solver.inverse(solver.kinematics.home[None] @ solver.form.frame.T, ["+++"])
+    solver = output_kinematics(sk.load("two_dof_spm"))
+    rows = solver.inverse(solver.form.home[None] @ solver.form.frame.T, ["+++"])
     assert rows.status[0] == Status.AT_SINGULARITY
     assert np.all(rows.type_1 < 1e-14)
 
@@ -337,12 +341,12 @@ def test_at_the_image_of_the_output_nothing_is_determined():
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
 def test_row_by_row_is_the_same(name):
     """The position analysis of all links, and its velocity equations, as a second way."""
-    closed = pose_solver(sk.load(name))
-    graph = GraphPoses(closed.kinematics.kinematics)
+    closed = output_kinematics(sk.load(name))
+    graph = GraphKinematics(closed.kinematics)
     poses = poses_for(closed, 6)
     pairs = range(len(closed.mechanism.pairs))
-    one = closed.inverse(poses, closed.modes, pairs)
-    other = graph.inverse(poses, graph.modes, pairs)
+    one = closed.inverse(poses, closed.labels, pairs)
+    other = graph.inverse(poses, graph.labels, pairs)
     key = {
         (pose, mode): k
         for k, (pose, mode) in enumerate(zip(one.pose, one.mode, strict=True))

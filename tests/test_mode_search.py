@@ -27,7 +27,7 @@ def lacking(made, solver, q, starts, random):
     ((modes, _),) = structure.modes(np.array([q]), starts, random)
     values = np.array([values for _, values in assemblies(solver, np.array([q])).modes])
     values = values.reshape(-1, len(made.variable_owners))
-    seen = structure.seen(made.links, solver.closure.place(values)[0])
+    seen = structure.seen(made.links, solver.closure.at(values).placed)
     away = np.max(np.abs(modes[:, None] - seen[None]), axis=(2, 3, 4), initial=0.0)
     return len(modes), int(np.sum(np.min(away, axis=1, initial=np.inf) > 1e-5))
 
@@ -66,8 +66,7 @@ def test_curves_that_are_short_along_the_input_are_met():
     solver = solver_of(made)
     turn = np.array([np.pi])
     values, _ = RangeSearch(solver, -turn, turn).round()
-    placed, states = solver.closure.place(values)
-    assert np.max(np.abs(solver.closure.residual(placed, states))) < 1e-12
+    assert np.max(solver.closure.at(values).gap) < 1e-12
     swing = values[:, solver.single]
     assert np.ptp(swing[np.abs(swing) < 0.1]) < np.radians(1.5)
     assert np.sum(np.abs(swing) < 0.1) > 0.05 * STARTS

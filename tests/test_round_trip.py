@@ -13,7 +13,7 @@ from spherekit.conventions import EPS, Status
 from spherekit.output.forward import ForwardKinematics
 from spherekit.output.solutions import pose_of
 from spherekit.sphere.poses import turns_between
-from spherekit.workspace.inverse import pose_solver
+from spherekit.workspace.inverse import output_kinematics
 
 COUNTS = [2000, pytest.param(100_000, marks=pytest.mark.long)]
 ROUNDINGS = 16
@@ -39,10 +39,10 @@ def keeps_the_law(error, measure):
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
 def test_pointing_outputs_return(name, count):
     """Every working mode there, the nearest assembly mode back, and there again."""
-    solver = pose_solver(sk.load(name))
+    solver = output_kinematics(sk.load(name))
     poses = np.random.default_rng(1).normal(size=(count, 3))
     poses /= np.linalg.norm(poses, axis=1, keepdims=True)
-    for mode in solver.modes:
+    for mode in solver.labels:
         rows = solver.inverse(poses, [mode])
         good = np.asarray(rows.status == Status.OK)
         found = solver.forward(rows.inputs[good])
@@ -61,18 +61,18 @@ def test_pointing_outputs_return(name, count):
 @pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
 def test_orientations_return(name, count):
     """Back by Newton's method on all loops from a start disturbed, inputs held."""
-    solver = pose_solver(sk.load(name))
+    solver = output_kinematics(sk.load(name))
     own = ForwardKinematics(solver.mechanism).solver
     poses = Rotation.random(count, random_state=1).as_matrix()
     free = [k for k in range(9) if k not in own.driven]
     noise = np.random.default_rng(2).normal(size=(count, len(free)))
-    for mode in solver.modes:
+    for mode in solver.labels:
         rows = solver.inverse(poses, [mode], range(9))
         good = np.asarray(rows.status == Status.OK)
         start = rows.values[good]
         start[:, free] += 1e-4 * rows.type_2[good][:, None] * noise[: np.sum(good)]
         values = own.closure.solve(start, own.driven).values
-        back = pose_of(solver.mechanism, solver.output, own.closure.place(values)[0])
+        back = pose_of(solver.mechanism, solver.output, own.closure.at(values).placed)
         keeps_the_law(turns_between(back, poses[good]).angle, rows.type_2[good])
         again = solver.inverse(back, [mode])
         least = rows.type_1[good].min(axis=1)
@@ -81,9 +81,9 @@ def test_orientations_return(name, count):
 
 def test_orientations_return_by_elimination():
     """All poses at the inputs, of which one is the pose given."""
-    solver = pose_solver(sk.load("three_rrr"))
+    solver = output_kinematics(sk.load("three_rrr"))
     poses = Rotation.random(60, random_state=3).as_matrix()
-    rows = solver.inverse(poses, solver.modes)
+    rows = solver.inverse(poses, solver.labels)
     good = np.flatnonzero(rows.status == Status.OK)[:60]
     found = solver.forward(rows.inputs[good])
     angle = turns_between(found.rotations, poses[rows.pose[good[found.row]]]).angle

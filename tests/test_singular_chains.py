@@ -45,7 +45,7 @@ def check_exact(tracer, analysis, points):
         if key not in solved:
             along = analysis.along[point.curve]
             rates = along.rates(np.array([point.s]))
-            placed, _ = along.closure.place(point.values[None])
+            placed = along.closure.at(point.values[None]).placed
             slope = rates.dw[0, links[0]] - rates.dw[0, links[1]]
             solved[key] = exact_rest(made, placed[0], rates.w[0], links, slope)
         exact = solved[key]

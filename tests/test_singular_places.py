@@ -16,7 +16,7 @@ from spherekit.budget import Budget
 from spherekit.guarantee import Guarantee
 from spherekit.guidance.loci import SIDE, mid_plane_loci
 from spherekit.motion.motion import Tracer
-from spherekit.motion.turns import into_range
+from spherekit.motion.turns import into_range, turns_in_range
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.surface import singular_surface
 from spherekit.sphere.mirror import normal_at
@@ -82,7 +82,10 @@ def dead_inputs_of_geared(made, low, high):
     return np.sort(found)
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.0, 720.0), (-360.0, 360.0), (400.0, 620.0)])
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(0.0, 720.0), (-360.0, 360.0), (400.0, 620.0), (-300.0, 1000.0)],
+)
 def test_places_of_a_geared_five_bar_are_at_their_turn(low, high, tmp_path):
     made = geared(tmp_path, low, high)
     truth = dead_inputs_of_geared(made, *np.radians([low, high]))
@@ -189,6 +192,41 @@ def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
     assert figures["outside"]["II"] == len(away)
 
 
+@pytest.mark.parametrize(("low", "high"), [(0.0, 720.0), (-500.0, 400.0), (10.0, 370.0)])
+def test_places_are_listed_for_every_turn_of_a_range(low, high):
+    """Dead centres of a rocker by the spherical law of cosines, at plus and minus."""
+    base, crank, coupler, follower = ROCKER
+    stretched = np.cos(coupler + follower) - np.cos(base) * np.cos(crank)
+    dead = np.degrees(np.arccos(stretched / (np.sin(base) * np.sin(crank))))
+    turns = np.arange(-3, 4)[:, None] * 360.0 + [dead, -dead]
+    truth = np.sort(turns[(turns > low) & (turns < high)])
+    made = four_bar(ROCKER).with_inputs("21")
+    path = np.radians(np.linspace(low, high, 31))[:, None]
+    result = sk.run(made, NAME, path=path)
+    frame = result.frame()
+    own = frame[frame["kind"] == "II"]
+    assert np.degrees(np.sort(own["q"])) == pytest.approx(truth, abs=1e-7)
+    assert set(own["inside"]) == {"yes"} and set(own["branch"]) == {"0+1"}
+    figures, _ = findings_of(result)
+    assert not figures["checks_failed"] and "complete" in figures["guarantee"]
+    relation = result.frame(NAME, "relation")
+    relation = relation[relation["to_II"].notna()]
+    assert len(relation)
+    leads = np.stack([relation["q"] + relation["to_II"], relation["q"] - relation["to_II"]])
+    every = np.radians(turns.ravel())
+    assert np.all(np.min(np.abs(leads[..., None] - every), axis=(0, 2)) < 1e-7)
+
+
+def test_a_place_at_both_ends_of_a_turn_is_listed_once():
+    """90 + 40 = 60 + 70: at q = 180 deg the four-bar lies in one plane."""
+    made = four_bar(np.radians([90.0, 40.0, 60.0, 70.0])).with_inputs("21")
+    path = np.radians(np.linspace(-180.0, 180.0, 9))[:, None]
+    frame = sk.run(made, NAME, path=path).frame()
+    own = frame[frame["kind"] == "III"]
+    assert len(own) == 1 and set(own["branch"]) == {"0+1"}
+    assert abs(np.degrees(own["q"].iloc[0])) == pytest.approx(180.0)
+
+
 def test_turns_of_an_input():
     q = np.array([-0.1, 0.5, 7.0, 3.9])
     found = into_range(q, 0.0, 1.0, 2 * np.pi)
@@ -197,6 +235,13 @@ def test_turns_of_an_input():
     assert into_range(np.array([2 * np.pi]), 0.0, 2 * np.pi, 2 * np.pi)[0] == pytest.approx(
         0.0
     )
+    turned, which = turns_in_range(q, -1.0, 12.0, 2 * np.pi)
+    assert which.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    laps = (turned - q[which]) / (2 * np.pi)
+    assert laps == pytest.approx(np.round(laps)) and np.all(np.abs(turned - 5.5) <= 6.5)
+    once, _ = turns_in_range(np.array([0.0, 1.0]), 0.0, 4 * np.pi, 2 * np.pi)
+    assert once == pytest.approx([0.0, 2 * np.pi, 1.0, 1.0 + 2 * np.pi])
+    assert turns_in_range(q, 0.0, 100.0, np.inf)[0].tolist() == q.tolist()
 
 
 def check_points(made, points, kind):
@@ -210,8 +255,9 @@ def check_points(made, points, kind):
     turns = (points.inputs - values[:, driven]) / (2.0 * np.pi)
     assert np.max(np.abs(turns - np.round(turns)), initial=0.0) < 1e-9
     values[:, driven] = points.inputs
-    residual, jacobian = solver.closure.linearise(values)
-    assert np.max(np.abs(residual), initial=0.0) < 1e-12
+    at = solver.closure.at(values)
+    jacobian = at.jacobian
+    assert np.max(at.gap, initial=0.0) < 1e-12
     low = np.array([item.start for item in made.inputs])
     high = np.array([item.stop for item in made.inputs])
     within = np.all((points.inputs >= low - 1e-9) & (points.inputs <= high + 1e-9), axis=1)

@@ -25,7 +25,6 @@ from spherekit.model.mechanism import (
 )
 from spherekit.motion.locked import lock
 from spherekit.motion.motion import Tracer, motion_of
-from spherekit.motion.pairs import pair_axes
 from spherekit.rates.core import equations
 from spherekit.singular.aspects import aspects
 from spherekit.singular.curves import singular_curves
@@ -351,12 +350,10 @@ def test_locked_pairs_hold_their_value():
         ]
     )
     assert np.array_equal(left[0], values)
-    gap, jacobian = twice.closure.linearise(
-        values[None][:, [once.kept[k] for k in twice.kept]]
-    )
-    assert np.max(np.abs(gap)) < 1e-13
-    assert jacobian.shape[1:] == (6, 7)
-    assert np.linalg.matrix_rank(jacobian[0]) == 6
+    at = twice.closure.at(values[None][:, [once.kept[k] for k in twice.kept]])
+    assert np.max(at.gap) < 1e-13
+    assert at.jacobian.shape[1:] == (6, 7)
+    assert np.linalg.matrix_rank(at.jacobian[0]) == 6
 
 
 SIZES = (80.0, (70.0, 45.0), (60.0, 55.0))
@@ -408,9 +405,7 @@ def with_flat_chain(kind):
 
 
 def axes_at(made, values):
-    solver = solver_of(made)
-    placed, states = solver.closure.place(values)
-    return pair_axes(solver.joints, solver.closure.frames(placed, states))
+    return solver_of(made).closure.at(values).axes
 
 
 def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():

@@ -312,7 +312,7 @@ def test_singular_points_of_random_chains_in_50_digits(text, seed):
     for point in real[:: len(real) // 4 + 1]:
         along = analysis.along[point.curve]
         rates = along.rates(np.array([point.s]))
-        placed, _ = along.closure.place(point.values[None])
+        placed = along.closure.at(point.values[None]).placed
         links = analysis.input if point.type == Type.II else point.output
         slope = rates.dw[0, links[0]] - rates.dw[0, links[1]]
         exact = exact_rest(made, placed[0], rates.w[0], links, slope)
@@ -356,7 +356,7 @@ def test_the_lecture_relation_of_the_four_bar_along_a_turn():
     for number, along in enumerate(analysis.along):
         s = np.linspace(0.0, along.curve.length, 200)
         found = analysis.at(number, s, 0)
-        placed, _ = along.closure.place(along.points(s).values)
+        placed = along.closure.at(along.points(s).values).placed
         axes = np.einsum("npij,pj->npi", placed[:, owners], first[:, :, 2])
         u21, u32, u43, u41 = np.moveaxis(axes, 1, 0)
         c = np.sum(u41 * np.cross(u43, u32), axis=1)
@@ -459,7 +459,7 @@ def test_jacobian_rates_are_the_slope_of_the_jacobian():
     found = jacobian_rates(closure, values)
     h = 1e-5
     for k, step in enumerate(h * np.eye(len(values))):
-        low, high = (closure.linearise((values + s * step)[None])[1][0] for s in (-1, 1))
+        low, high = (closure.at((values + s * step)[None]).jacobian[0] for s in (-1, 1))
         assert np.max(np.abs((high - low) / (2.0 * h) - found[k])) < 1e-8
 
 

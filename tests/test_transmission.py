@@ -20,8 +20,7 @@ from spherekit.singular.rest import output_of
 from spherekit.singular.several import RowType, coefficients
 from spherekit.sphere.mirror import normal_at
 from spherekit.workspace.constraints import Constraints, bounds_of
-from spherekit.workspace.inverse import pose_solver
-from spherekit.workspace.kinematics import kinematics_of
+from spherekit.workspace.inverse import closed_kinematics, output_kinematics
 from spherekit.workspace.workspace import judge
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
@@ -31,13 +30,13 @@ DISTANCES = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]
 def axes_of(mechanism, values):
     """Return the axes (n, pairs, 3) of R pairs, and directions of the output or None."""
     solver = Solver(mechanism, plan_assembly(mechanism))
-    placed, states = solver.closure.place(values)
+    at = solver.closure.at(values)
     output = mechanism.outputs[0]
     directions = None
     if len(mechanism.inputs) == 2 and output.direction is not None:
-        turned = placed[:, mechanism.link_number[output.link]]
+        turned = at.placed[:, mechanism.link_number[output.link]]
         directions = turned @ np.array(output.direction)
-    return solver.closure.vectors(placed, states), directions
+    return at.vectors, directions
 
 
 def by_links(mechanism, values):
@@ -63,14 +62,14 @@ def by_links(mechanism, values):
 
 def rows_of(name, count=60):
     """Return the solver, poses and rows of random poses that are reached."""
-    solver = pose_solver(sk.load(name))
+    solver = output_kinematics(sk.load(name))
     random = np.random.default_rng(7)
     poses = random.normal(size=(count, 3))
     poses /= np.linalg.norm(poses, axis=1, keepdims=True)
     if not solver.points:
         poses = Rotation.random(count, random_state=7).as_matrix()
     pairs = range(len(solver.mechanism.pairs))
-    return solver, poses, solver.inverse(poses, solver.modes, pairs)
+    return solver, poses, solver.inverse(poses, solver.labels, pairs)
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +94,9 @@ def test_all_analyses_judge_a_configuration_alike(name):
     assert np.max(np.abs(found.type_two - expected)) < 1e-12
     second = np.isin(found.type, (RowType.II, RowType.III))
     assert np.array_equal(second, expected < SINGULAR)
-    kinematics = kinematics_of(made)
+    kinematics = closed_kinematics(made)
     bounds = bounds_of(kinematics, Constraints(near=np.radians(8.0)))
-    numbers = {label: k for k, label in enumerate(solver.modes)}
+    numbers = {label: k for k, label in enumerate(solver.labels)}
     for k in range(0, len(good), 7):
         row = good[k]
         signs = kinematics.modes[numbers[rows.mode[row]]]
@@ -129,7 +128,7 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     (expected,) = by_links(made, values)
     assert expected == pytest.approx(0.6315 * distance, rel=0.3, abs=2e-14)
     assert at.control[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
-    rows = pose_solver(made).inverse(
+    rows = output_kinematics(made).inverse(
         at.orientation @ np.array(made.outputs[0].direction), ["-++"]
     )
     assert rows.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-13)
@@ -141,7 +140,7 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     assert (found.type[0] == RowType.II) == singular
     assert (at.status[0] == Status.AT_SINGULARITY) == singular
     assert (rows.status[0] == Status.AT_SINGULARITY) == singular
-    kinematics = kinematics_of(made)
+    kinematics = closed_kinematics(made)
     bounds = bounds_of(kinematics, Constraints(near=np.radians(5.0)))
     place = at.orientation @ np.array(made.outputs[0].direction)
     margin = judge(kinematics, bounds, (-1, 1, 1), place).margin[0]
@@ -188,8 +187,8 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     motion = Tracer(made, samples=3, branch=0).motion()
     values = motion.values[~motion.failed][:2]
     closure = Solver(made, plan_assembly(made, by_rank=True)).closure
-    placed, states = closure.place(values)
-    vectors = closure.vectors(placed, states)
+    at = closure.at(values)
+    placed, vectors = at.placed, at.vectors
     output = made.outputs[0]
     own = Transmission.of(made, output)
     plain = own.at(vectors, own.pointed(placed))
@@ -230,10 +229,10 @@ def test_working_modes_of_the_whole_graph_are_all_found():
         return values
 
     def gap(x):
-        return solver.closure.residual(*solver.closure.place(filled(x)))[0]
+        return solver.closure.at(filled(x)).residual[0]
 
     def slope(x):
-        return solver.closure.linearise(filled(x))[1][0][:, free]
+        return solver.closure.at(filled(x)).jacobian[0][:, free]
 
     for _ in range(400):
         found = least_squares(gap, random.uniform(-np.pi, np.pi, 12), slope, method="lm")

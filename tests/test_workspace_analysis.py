@@ -25,7 +25,7 @@ from spherekit.output.inverse import InverseKinematics
 from spherekit.sphere.rotation import arc, from_quaternion, transpose
 from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
 from spherekit.workspace.constraints import AxesLimit, Constraints, PairLimit, bounds_of
-from spherekit.workspace.kinematics import kinematics_of
+from spherekit.workspace.inverse import closed_kinematics
 from spherekit.workspace.workspace import (
     direction_workspaces,
     judge,
@@ -57,7 +57,7 @@ def five_bar():
 
 @pytest.fixture(scope="module")
 def mid_plane():
-    return kinematics_of(sk.load("two_dof_spm"))
+    return closed_kinematics(sk.load("two_dof_spm"))
 
 
 def ten_degrees():
@@ -147,7 +147,7 @@ def test_samples_and_border_of_the_five_bar(five_bar):
     table = result.frame("workspace")
     place = table[["x", "y", "z"]].to_numpy()
     inverse = InverseKinematics(five_bar).at(place, [(1, -1)])
-    axes = kinematics_of(five_bar)
+    axes = closed_kinematics(five_bar)
     rows = axes.at(place, (1, -1))
     angles = np.arccos(rows.cosine(*(five_bar.pair_number[p] for p in ("21", "43"))))
     expected = (inverse.status[0] == Status.OK) & (angles >= np.radians(10.0))
@@ -250,7 +250,7 @@ def test_axes_of_the_mid_plane_mechanism(mid_plane):
 @pytest.fixture(scope="module")
 def loop_case():
     mechanism = sub_loop()
-    kinematics = kinematics_of(mechanism)
+    kinematics = closed_kinematics(mechanism)
     wanted = Constraints(
         limits=(PairLimit("f2", -2.0, 1.0),),
         apart=(AxesLimit("b1", "b2", 0.3), AxesLimit("e2", "c", 0.0, 1.9)),
@@ -292,7 +292,7 @@ def test_mechanism_with_a_loop_within(loop_case, signs):
 
 def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
     cloud = DIRECTIONS
-    kinematics = kinematics_of(five_bar)
+    kinematics = closed_kinematics(five_bar)
     bounds = bounds_of(kinematics, Constraints(limits=(PairLimit("21", 0.7, 2.4),)))
     (item,) = direction_workspaces(kinematics, bounds, [(1, 1)], 1e-3)
     inside = judge(kinematics, bounds, (1, 1), cloud).inside
@@ -311,7 +311,7 @@ def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
 
 def test_stops_of_the_mechanism_are_limits(five_bar):
     stopped = replace(five_bar, stops=(Stop("51", 0.4, 2.0),))
-    kinematics = kinematics_of(stopped)
+    kinematics = closed_kinematics(stopped)
     (*_, bound) = bounds_of(kinematics, Constraints())
     rows = kinematics.at(DIRECTIONS, (1, -1))
     q = rows.inputs[:, 1]
@@ -327,7 +327,7 @@ def test_a_pose_is_judged_in_each_mode(five_bar):
     result, findings = found_in(five_bar, pose="0+0+-1", mode="++")
     (row,) = findings["pose"]
     assert row["inside"] == "no"
-    axes = kinematics_of(five_bar)
+    axes = closed_kinematics(five_bar)
     there = np.array(row["nearest"])
     assert abs(row["away_rad"] - arc(np.array([0.0, 0.0, -1.0]), there)) < 1e-12
     assert judge(axes, bounds_of(axes, Constraints()), (1, 1), there[None]).inside[0]
@@ -389,7 +389,7 @@ def test_mechanism_without_closed_form_is_refused():
 def test_orientations_of_unlike_legs():
     """Volume against the share of orientations for which the graph closes."""
     mechanism = unlike_legs()
-    kinematics = kinematics_of(mechanism)
+    kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, Constraints())
     signs = kinematics.modes[0]
     samples = orientation_samples(20_000)

@@ -14,7 +14,9 @@ from spherekit.conventions import Status
 from spherekit.motion.branches import wrap
 from spherekit.output.solutions import Solutions
 from spherekit.sphere.rotation import Floats, from_quaternion
-from spherekit.workspace.inverse import ClosedPoses, InverseRows, PoseSolver, pose_solver
+from spherekit.workspace.inverse import output_kinematics
+from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
+from spherekit.workspace.rows import InverseRows
 
 PLACES = 4
 """At how many inputs poses are compared."""
@@ -38,7 +40,7 @@ class Outputs:
 
     def __init__(self, evidence: Evidence) -> None:
         self.evidence = evidence
-        self.solver: PoseSolver = pose_solver(evidence.mechanism)
+        self.solver: OutputKinematics = output_kinematics(evidence.mechanism)
 
     @cached_property
     def inputs(self) -> Floats:
@@ -60,9 +62,9 @@ class Outputs:
         assert found.directions is not None
         return found.directions
 
-    def inverse(self, solver: PoseSolver, poses: Floats) -> InverseRows:
+    def inverse(self, solver: OutputKinematics, poses: Floats) -> InverseRows:
         """Return the configurations of poses in every mode."""
-        return solver.inverse(poses, solver.modes)
+        return solver.inverse(poses, solver.labels)
 
 
 def outputs_of(evidence: Evidence) -> Outputs | None:
@@ -172,10 +174,10 @@ def inverse_and_rates(evidence: Evidence, notes: Notes) -> None:
 def closed_form_and_graph(evidence: Evidence, notes: Notes) -> None:
     """Compare the inputs of some poses in the closed form and on the graph."""
     made = outputs_of(evidence)
-    if made is None or not isinstance(made.solver, ClosedPoses):
+    if made is None or not isinstance(made.solver, ClosedKinematics):
         return
-    graph = pose_solver(evidence.mechanism, graph=True)
-    if isinstance(graph, ClosedPoses):
+    graph = output_kinematics(evidence.mechanism, graph=True)
+    if isinstance(graph, ClosedKinematics):
         return
     poses = made.poses(made.forward)[:3]
     if not len(poses):
@@ -290,11 +292,11 @@ def rotation_and_forward(evidence: Evidence, notes: Notes) -> None:
     if len(rows) < 2:
         return
     turned = made.solver.forward(rows[[f"q_{name}" for name in names]].to_numpy())
-    home = made.solver.forward(rows[[f"q_{name}" for name in names]].to_numpy()[:1])
+    home = turned.rotations[turned.row == 0]
     theta = rows["theta"].to_numpy()
     for n in range(1, len(rows)):
         turn = Rotation.from_rotvec((theta[n] - theta[0]) * axis).as_matrix()
-        wanted = turn @ home.rotations
+        wanted = turn @ home
         here = turned.rotations[turned.row == n]
         gap = np.abs(wanted[:, None] - here[None])
         off = float(np.min(np.max(gap, axis=(2, 3)), initial=np.inf))

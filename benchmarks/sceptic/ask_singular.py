@@ -12,6 +12,7 @@ from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.guarantee import Guarantee
 from spherekit.motion.modes import assemblies
+from spherekit.motion.turns import whole_periods
 from spherekit.sphere.rotation import Floats
 
 SINGULAR = 1e5
@@ -122,14 +123,29 @@ def branches_end_at_places(evidence: Evidence, notes: Notes) -> None:
             own = (
                 points["branch"].map(lambda text, b=branch: _among(b, text)).to_numpy(bool)
             )
-            inside = (points["q"] >= low - AGREE) & (points["q"] <= high + AGREE)
+            at = both_ends(evidence, points.loc[ends & own, "q"].to_numpy(dtype=float))
+            inside = (at >= low - AGREE) & (at <= high + AGREE)
             notes.judged()
-            if not (ends & own & (inside | whole)).any():
+            if not (inside.any() or (ends & own & whole).any()):
                 notes.found(
                     f"branch {branch} ends between q = {np.degrees(low):.6f} and "
                     f"{np.degrees(high):.6f} deg, and no type II or III of it is listed",
                     Kind.SHORT if sampled else Kind.CONTRADICTION,
                 )
+
+
+def both_ends(evidence: Evidence, at: Floats) -> Floats:
+    """Return places (n,), those at one end of a range of whole turns at its other end too.
+
+    They are listed once.
+    """
+    (item,) = evidence.tracer.mechanism.inputs
+    low, high = sorted((item.start, item.stop))
+    (period,) = evidence.tracer.solver.periods
+    if not whole_periods(low, high, period):
+        return at
+    more = np.concatenate([at, at + (high - low), at - (high - low)])
+    return more[(more >= low - LEADS) & (more <= high + LEADS)]
 
 
 def _among(branch: int, text: object) -> bool:
@@ -320,7 +336,7 @@ def distances_lead_to_places(evidence: Evidence, notes: Notes) -> None:
     to_two = np.nan_to_num(relation["to_II"].to_numpy(dtype=float), nan=np.inf)
     for kind in ("I", "II"):
         own = kinds.isin((kind, "III")).to_numpy(bool)
-        at = points.loc[own, "q"].dropna().to_numpy()
+        at = both_ends(evidence, points.loc[own, "q"].dropna().to_numpy())
         to = relation[f"to_{kind}"].to_numpy(dtype=float)
         inside = np.isfinite(to) & (q - np.abs(to) > low) & (q + np.abs(to) < high)
         if kind == "I":

@@ -19,7 +19,10 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import wrap
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.numeric.chebyshev import DEGREE, PiecewiseChebyshev
+from spherekit.numeric.chebyshev import DEGREE, PiecewiseChebyshev, through
+from spherekit.numeric.chebyshev import nodes as nodes_of
+from spherekit.numeric.hermite import cubic as hermite_cubic
+from spherekit.numeric.hermite import cubic_slope
 from spherekit.numeric.periodic import Periodic
 from spherekit.planning.poles import Pole
 from spherekit.rates.core import driven_rates
@@ -107,9 +110,8 @@ class Represented:
             reads = [_fourier(low, high, t) for t in tables]
         else:
             cells = max(1, nodes // (DEGREE + 1))
-            angles = (np.arange(DEGREE, -1, -1) + 0.5) * np.pi / (DEGREE + 1)
             starts = low + (high - low) * np.arange(cells)[:, None] / cells
-            places = starts + 0.5 * (high - low) / cells * (1.0 + np.cos(angles))
+            places = starts + 0.5 * (high - low) / cells * (1.0 + nodes_of(DEGREE))
             tables = self._tables(places.ravel())
             reads = [_chebyshev(low, high, t, cells) for t in tables]
         self._places = tables[0].places
@@ -133,7 +135,7 @@ class Represented:
         first, second = (
             exact.w[:, [pair[k] for pair in motion.mechanism.ends]] for k in (0, 1)
         )
-        axes = motion.rates_of_pairs(first, second).axes
+        axes = motion.linearisation.pair_rates(first, second).axes
         k = motion.samples
         return [
             self._columns(motion, field, exact.w, exact.dw, axes, slice(n * k, (n + 1) * k))
@@ -327,18 +329,9 @@ def _straight(
         found = np.empty((len(q), values.shape[1]))
         a, b = values[cell][:, smooth], values[cell + 1][:, smooth]
         da, db = slopes[cell][:, smooth], slopes[cell + 1][:, smooth]
-        s = 1.0 - t
-        found[:, smooth] = (
-            a * (s * s * (1.0 + 2.0 * t))
-            + b * (t * t * (3.0 - 2.0 * t))
-            + (da * s - db * t) * (h * t * s)
-        )
+        found[:, smooth] = hermite_cubic((a, da), (b, db), h, t)
         a, b, da, db = (x[cell + k] for x in rows for k in (0, 1))
-        found[:, derived] = (
-            (b - a) * (6.0 * t * s / h)
-            + da * (s * (1.0 - 3.0 * t))
-            + db * (t * (3.0 * t - 2.0))
-        )
+        found[:, derived] = cubic_slope((a, da), (b, db), h, t)
         return found
 
     return read
@@ -360,10 +353,5 @@ def _chebyshev(
     low: float, high: float, table: _Columns, cells: int
 ) -> Callable[[Floats], Floats]:
     """Return the reader of Chebyshev nodes, in rising order on equal cells."""
-    count = DEGREE + 1
-    angles = (np.arange(DEGREE, -1, -1) + 0.5) * np.pi / count
-    fitting = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
-    fitting[0] *= 0.5
-    known = table.values.reshape(cells, count, -1)
-    series = np.einsum("kj,cjm->ckm", fitting, known)
-    return PiecewiseChebyshev(low, high, series, np.nan).at
+    series = through(table.values.reshape(cells, DEGREE + 1, -1))
+    return PiecewiseChebyshev(np.linspace(low, high, cells + 1), series).at

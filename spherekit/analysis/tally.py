@@ -85,8 +85,7 @@ class Tally:
         if self._rank is None and np.any(motion.status == Status.OK):
             row = int(np.argmax(motion.status == Status.OK))
             closure = tracer.solver.closure
-            placed = closure.place(motion.values[row : row + 1])
-            tree, (vectors,) = closure.tree, closure.vectors(*placed)
+            tree, (vectors,) = closure.tree, closure.at(motion.values[[row]]).vectors
             self._rank = int(rank_mobility(tree, vectors[None])[0])
             over = redundancy(tree, vectors)
             names = [motion.mechanism.pairs[pair].name for pair in over.pairs]

@@ -87,7 +87,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         path.append(Travelled(Step(number * step, step, one, rate), tangents[number][None]))
     if not path:
         raise cannot_leave(problem, end.message)
-    gap = closure.residual(*closure.place(np.array(states)[:, :variables]))
+    gap = closure.at(np.array(states)[:, :variables]).residual
     traced = CollocationPath(
         tuple(path), problem.turns, float(np.max(np.abs(gap), initial=0.0))
     )

@@ -69,8 +69,9 @@ class StepEvents:
         Ones, if constraints are redundant.
         """
         values = self.states[1:-1, : self.tangents.shape[1]]
-        _, jacobian = closure.linearise(values)
-        bordered = np.concatenate([jacobian, self.tangents[:, None]], axis=1)
+        bordered = np.concatenate(
+            [closure.at(values).jacobian, self.tangents[:, None]], axis=1
+        )
         if bordered.shape[1] != bordered.shape[2]:
             return np.ones(len(values))
         return np.asarray(np.linalg.det(bordered))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import pair_rates, penetrates, variable_vectors
+from spherekit.motion.pairs import penetrates
 from spherekit.rates.core import null_motion, null_second_rates
 from spherekit.sphere.rotation import Floats
 
@@ -86,31 +86,25 @@ def by_arc_length(
     order
         1 leaves out the second derivatives.
     """
-    tree = closure.tree
-    placed, states = closure.place(values)
-    frames = closure.frames(placed, states)
-    vectors = variable_vectors(closure.joints, frames, states.curvatures)
-    null = null_motion(tree, vectors)
+    tree, at = closure.tree, closure.at(values)
+    null = null_motion(tree, at.vectors)
     status = np.zeros(len(values), dtype=np.int8)
-    status[penetrates(closure.joints, states)] = Status.CURVATURE
-    status[~np.all(states.inside, axis=1)] = Status.OFF_PROFILE
+    status[penetrates(closure.joints, at.states)] = Status.CURVATURE
+    status[~np.all(at.states.inside, axis=1)] = Status.OFF_PROFILE
     if order == 1:
         unknown = np.full_like(values, np.nan), np.full_like(null.w, np.nan)
         return CoordinateMotion(
-            values, null.rates, unknown[0], placed, null.w, unknown[1], status
+            values, null.rates, unknown[0], at.placed, null.w, unknown[1], status
         )
-    first, second = ([pair[k] for pair in tree.ends] for k in (0, 1))
-    changed = pair_rates(
-        closure.joints, frames, states, null.w[:, first], null.w[:, second]
-    ).vectors
+    changed = at.turned(null.w).vectors
     bending = null_second_rates(tree, changed, null)
     return CoordinateMotion(
         values,
         null.rates,
         bending,
-        placed,
+        at.placed,
         null.w,
-        tree.body_rates(vectors, bending) + tree.body_rates(changed, null.rates),
+        at.body_rates(bending) + tree.body_rates(changed, null.rates),
         status,
     )
 
@@ -121,8 +115,7 @@ def flatness(closure: Closure, values: Floats) -> float:
     The least singular value of the closure equations that a single freedom leaves, over
     the greatest: 0 where curves of configurations cross, whatever equations are redundant.
     """
-    _, jacobian = closure.linearise(values[None])
-    sizes = np.linalg.svd(jacobian[0], compute_uv=False)
+    sizes = np.linalg.svd(closure.at(values[None]).jacobian[0], compute_uv=False)
     kept = len(values) - 1
     if not kept:
         return 1.0

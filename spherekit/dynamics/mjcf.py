@@ -126,8 +126,8 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"
         )
     closure = Closure.of(mechanism, geometry_of(mechanism).joints)
-    placed, states = closure.place(values[None])
-    axes = closure.frames(placed, states)[0, :, :, 2]
+    at = closure.at(values[None])
+    axes = at.frames[0, :, :, 2]
     links, pairs, ends = mechanism.links, mechanism.pairs, mechanism.ends
     hinges = tuple(
         Hinge(
@@ -144,7 +144,7 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
         for k in closure.tree.chords
     )
     bodies = tuple(
-        _body(mechanism, hinge.child, placed[0, mechanism.link_number[hinge.child]])
+        _body(mechanism, hinge.child, at.placed[0, mechanism.link_number[hinge.child]])
         for hinge in hinges
     )
     return RigidBodies(mechanism, hinges, cuts, bodies)

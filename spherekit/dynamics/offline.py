@@ -28,7 +28,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.numeric.adaptive import AdaptiveChebyshev
+from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.planning.poles import (
     CoaxialPole,
     Pole,
@@ -108,12 +108,12 @@ def online_model(
         own = size[at : at + len(names)]
         at += len(names)
         fitted.append(
-            AdaptiveChebyshev.fit(
+            PiecewiseChebyshev.fit(
                 partial(sampler.group, number),
                 sampler.low,
                 sampler.high,
-                own,
                 tolerance,
+                own,
                 FIRST_CELLS,
             )
         )

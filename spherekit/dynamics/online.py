@@ -23,7 +23,7 @@ from spherekit.dynamics.single import SingleFunctions, SingleState
 from spherekit.errors import FileError, ModelError, SolveError, SpherekitError
 from spherekit.model.dynamics import DRIVE, TorqueTable
 from spherekit.model.expression import load_names, parse
-from spherekit.numeric.adaptive import AdaptiveChebyshev
+from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.zeros import zeros
 from spherekit.version import __version__
 
@@ -52,7 +52,7 @@ class OnlineModel:
     """
 
     heading: Heading
-    groups: tuple[AdaptiveChebyshev, ...]
+    groups: tuple[PiecewiseChebyshev, ...]
 
     @property
     def error(self) -> float:
@@ -363,7 +363,7 @@ def _stored_load(given: dict[str, Any]) -> StoredLoad:
 
 def _groups(
     where: str, heading: Heading, arrays: dict[str, Floats]
-) -> tuple[AdaptiveChebyshev, ...]:
+) -> tuple[PiecewiseChebyshev, ...]:
     numbers = [heading.low, heading.high, *heading.rise]
     numbers += [x for each in heading.functions for x in (each.largest, each.error)]
     if not (np.all(np.isfinite(numbers)) and heading.low < heading.high):
@@ -387,5 +387,5 @@ def _groups(
                 f'{where}: "{group[bad[0][2]].name}" has coefficients that are not finite; '
                 "make it anew"
             )
-        found.append(AdaptiveChebyshev(edges, series))
+        found.append(PiecewiseChebyshev(edges, series))
     return tuple(found)

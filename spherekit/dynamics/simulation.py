@@ -267,7 +267,6 @@ class Simulation:
         masses = inertia(equation.mechanism, motion)
         drive = np.sum(found.forces, axis=1) - 0.5 * masses.dB * speed**2
         along, bend = motion.rates[:, self.driven], motion.second[:, self.driven]
-        gap = equation.closure.residual(*equation.closure.place(values))
         return History(
             t=t,
             q=whole[:, self.driven],
@@ -282,7 +281,7 @@ class Simulation:
             kinetic=0.5 * states[:, variables] ** 2,
             power=found.forces * speed[:, None],
             work=states[:, variables + 1 :],
-            residual=np.max(np.abs(gap), axis=1, initial=0.0),
+            residual=equation.closure.at(values).gap,
         )
 
     @cached_property
@@ -297,7 +296,7 @@ class Simulation:
         traced, found = self._at(t)
         states, rates = traced.states, traced.rates
         closure, variables = self.equation.closure, self.equation.variables
-        gap = closure.residual(*closure.place(states[:, :variables]))
+        gap = closure.at(states[:, :variables]).residual
         momentum = states[:, variables]
         kinetic = 0.5 * momentum**2
         work = np.sum(states[:, variables + 1 :], axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 from spherekit.dynamics.heading import Heading
 from spherekit.model.dynamics import TorqueTable
 from spherekit.model.expression import Expression
-from spherekit.numeric.adaptive import AdaptiveChebyshev
+from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.local import LocalPolynomials
 
 RowMagnitude = Callable[[Sequence[float]], float]
@@ -20,7 +20,7 @@ class SingleFunctions:
     """Functions of one group of a stored model, in the order of `names`."""
 
     def __init__(
-        self, heading: Heading, groups: Sequence[AdaptiveChebyshev], names: Sequence[str]
+        self, heading: Heading, groups: Sequence[PiecewiseChebyshev], names: Sequence[str]
     ) -> None:
         self.heading = heading
         places = [heading.place(name) for name in names]
@@ -49,7 +49,7 @@ class SingleFunctions:
 class SingleState:
     """Inertia and generalised force of a stored model, one state at a time."""
 
-    def __init__(self, heading: Heading, groups: Sequence[AdaptiveChebyshev]) -> None:
+    def __init__(self, heading: Heading, groups: Sequence[PiecewiseChebyshev]) -> None:
         names = ["B", heading.derivative("B")]
 
         def column(name: str) -> int:

@@ -119,7 +119,7 @@ def prepare(
         if np.isfinite(start.q) and abs(start.q) <= FARTHEST:
             tracer = reaching(tracer, np.array([start.q]))
         values, turns = _configuration(tracer, start.q, branch)
-    vectors = closure.vectors(*closure.place(values[None]))
+    vectors = closure.at(values[None]).vectors
     if rank_mobility(closure.tree, vectors)[0] != 1:
         raise SolveError(
             f"{name}: the start has {rank_mobility(closure.tree, vectors)[0]} freedoms of "

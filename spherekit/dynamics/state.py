@@ -72,11 +72,11 @@ class EquationOfMotion:
 
         By a step of Newton's method along the normal space, so that no travel is added.
         """
-        gap, jacobian = self.closure.linearise(values[None])
-        if not gap.size:
+        at = self.closure.at(values[None])
+        if not at.residual.size:
             return values, 0.0
-        moved = np.linalg.pinv(jacobian[0], rcond=1e-10) @ gap[0]
-        return np.asarray(values - moved), float(np.max(np.abs(gap)))
+        moved = np.linalg.pinv(at.jacobian[0], rcond=1e-10) @ at.residual[0]
+        return np.asarray(values - moved), float(at.gap[0])
 
     def at(
         self, t: Floats, states: Floats, along: Floats, whole: Floats | None = None

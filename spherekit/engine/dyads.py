@@ -5,8 +5,6 @@ any other pair is formed.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -17,6 +15,7 @@ from spherekit.engine.terms import Expr, function
 from spherekit.errors import EngineError
 from spherekit.model.joints import revolute
 from spherekit.planning.assembly import Group
+from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
 from spherekit.sphere.rotation import Floats
 
 
@@ -133,65 +132,25 @@ def _inverse(a: Exprs, b: Exprs) -> Exprs:
     return np.stack([more * u - less * tilt, less * v - more * tilt, third], axis=0)
 
 
-@final
-@dataclass(frozen=True)
-class _Side:
-    """The arc between the two axes of a dyad's body, by sine and cosine of its half."""
-
-    sine: Expr
-    cosine: Expr
-
-
 def _side(
     within: Sequence[Placement], one: tuple[int, Floats], other: tuple[int, Floats]
-) -> _Side:
+) -> HalfArc:
     """Return the arc between two axes (link, direction) of a body."""
     if one[0] == other[0]:
         more, less = (float(np.linalg.norm(one[1] + k * other[1])) for k in (1, -1))
-        half = float(np.arctan2(less, more))
-        return _Side(float(np.sin(half)), float(np.cos(half)))
+        return HalfArc.of(2.0 * float(np.arctan2(less, more)))
     a, b = (within[link].direction(axis) for link, axis in (one, other))
     more, less = a + b, a - b
-    return _Side(
+    return HalfArc(
         0.5 * function("sqrt", dot(less, less)), 0.5 * function("sqrt", dot(more, more))
     )
 
 
-def _third_axis(first: Exprs, second: Exprs, sides: Sequence[_Side], sign: Expr) -> Exprs:
-    """Return the unit vector at given arcs A and C from two others, a and c.
-
-    It is (cos A + cos C) (a + c) / |a + c|^2 + (cos A - cos C) (a - c) / |a - c|^2
-    + t (a x c) / |a x c|^2 with t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)), as in
-    `spherekit.output.dyads`.
-    """
-    near, far = sides
-    total = _Side(
-        near.sine * far.cosine + near.cosine * far.sine,
-        near.cosine * far.cosine - near.sine * far.sine,
-    )
-    rest = _Side(
-        near.sine * far.cosine - near.cosine * far.sine,
-        near.cosine * far.cosine + near.sine * far.sine,
-    )
+def _third_axis(first: Exprs, second: Exprs, sides: Sequence[HalfArc], sign: Expr) -> Exprs:
+    """Return the unit vector at given arcs from two others."""
     more, less = first + second, first - second
     squares = dot(more, more), dot(less, less)
-    u, v = 1.0 / squares[0], 1.0 / squares[1]
-    gram = _over(rest, squares) * (-1.0 * _over(total, squares))
-    height = 4.0 * (function("sqrt", gram) * (u * v)) * sign
-    along = 2.0 * (total.cosine * rest.cosine) * u, -2.0 * (total.sine * rest.sine) * v
-    return np.asarray(more * along[0] + less * along[1] + cross(first, second) * height)
-
-
-def _over(side: _Side, squares: tuple[Expr, Expr]) -> Expr:
-    """Return the cosine of an arc less a . c, from |a + c|^2 and |a - c|^2.
-
-    It is |a - c|^2 / 2 - 2 sin^2 of half the arc, and 2 cos^2 of it - |a + c|^2 / 2. The
-    first keeps its digits where a and c nearly coincide, the second where they are nearly
-    opposite. Of an arc that varies both are taken, each with the other's square as weight;
-    the squares add up to 4.
-    """
-    one = 0.5 * squares[1] - 2.0 * (side.sine * side.sine)
-    other = 2.0 * (side.cosine * side.cosine) - 0.5 * squares[0]
-    if isinstance(side.sine, float):
-        return one if abs(side.sine) < abs(side.cosine) else other
-    return 0.25 * (one * squares[0] + other * squares[1])
+    near, far = sides
+    root = function("sqrt", triple_square(near, far, *squares)) * sign
+    along, beside, height = middle_axis(near, far, *squares, root)
+    return np.asarray(more * along + less * beside + cross(first, second) * height)

@@ -15,7 +15,7 @@ from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.kinematics import Flow
 from spherekit.engine.terms import Expr, function, power
 from spherekit.model.dynamics import Load, TorqueTable, Vector
-from spherekit.model.expression import Call, Expression, Name, Node, Number
+from spherekit.model.expression import Expression, fold
 from spherekit.model.mechanism import Mechanism
 
 FULL_TURN = 6.283185307179586
@@ -110,7 +110,7 @@ def steep_arguments(load: Load, moving: Moving) -> list[Expr]:
     """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
     laws = [part.magnitude for part in load.components(moving.mechanism)]
     return [
-        _convert(each.root, moving, moving.angle)
+        _value(each, moving)
         for law in laws
         if isinstance(law, Expression)
         for each in law.steep_and_smooth
@@ -132,47 +132,48 @@ def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) 
 def _magnitude(law: Expression | TorqueTable, moving: Moving) -> Expr:
     if isinstance(law, TorqueTable):
         return moving.table(law.name)
-    return _convert(law.root, moving, moving.angle)
+    return _value(law, moving)
 
 
-def _convert(node: Node, moving: Moving, angle: Callable[[str], Expr]) -> Expr:
-    if isinstance(node, Number):
-        return node.value
-    if isinstance(node, Name):
-        if node.name == "t":
-            return moving.time
-        kind, _, pair = node.name.partition("_")
-        return angle(pair) if kind == "theta" else moving.rate(pair)
-    if node.function in _PERIODIC and all(map(_counts_turns, node.arguments)):
-        angle = moving.direction
-    arguments = [_convert(each, moving, angle) for each in node.arguments]
-    if node.function in _BY_OPERATOR:
-        return _BY_OPERATOR[node.function](*arguments)
-    if node.function in _BY_SWITCH:
-        return _BY_SWITCH[node.function](moving, *arguments)
-    return function(node.function, *arguments)
+def _value(law: Expression, moving: Moving) -> Expr:
+    """Return an expression's value.
+
+    Beside each part stands one that differs from it by whole turns at most, formed of
+    angles without their turns: sines and the like are taken of that.
+    """
+
+    def named(name: str) -> tuple[Expr, Expr]:
+        kind, _, pair = name.partition("_")
+        if kind == "theta":
+            return moving.angle(pair), moving.direction(pair)
+        found = moving.time if name == "t" else moving.rate(pair)
+        return found, found
+
+    def apply(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
+        whole, reduced = zip(*parts, strict=True)
+        if name in _PERIODIC:
+            whole = reduced
+        if name in _BY_OPERATOR:
+            found = _BY_OPERATOR[name](*whole)
+            if name in _COUNTS_TURNS or (name == "*" and any(map(_is_whole, whole))):
+                return found, _BY_OPERATOR[name](*reduced)
+            return found, found
+        if name in _BY_SWITCH:
+            found = _BY_SWITCH[name](moving, *whole)
+        else:
+            found = function(name, *whole)
+        return found, found
+
+    return fold(law.root, lambda value: (value, value), named, apply)[0]
 
 
 _PERIODIC = ("sin", "cos", "tan")
 
-
-def _counts_turns(node: Node) -> bool:
-    """Return whether a whole turn of any angle changes a value by whole turns."""
-    if isinstance(node, Number | Name):
-        return True
-    if not _has_angle(node):
-        return True
-    arguments = node.arguments
-    if node.function in ("+", "-", "negative"):
-        return all(map(_counts_turns, arguments))
-    whole = [isinstance(x, Number) and x.value == round(x.value) for x in arguments]
-    return node.function == "*" and any(whole) and all(map(_counts_turns, arguments))
+_COUNTS_TURNS = ("+", "-", "negative")
 
 
-def _has_angle(node: Node) -> bool:
-    if isinstance(node, Call):
-        return any(map(_has_angle, node.arguments))
-    return isinstance(node, Name) and node.name.startswith("theta_")
+def _is_whole(item: Expr) -> bool:
+    return isinstance(item, float) and item.is_integer()
 
 
 _BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {

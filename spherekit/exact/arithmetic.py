@@ -3,15 +3,14 @@
 Both are NumPy arrays, so that the same code runs on either.
 """
 
-import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.errors import EngineError
+from spherekit.model.expression import ON_ARRAYS
 from spherekit.sphere.rotation import Floats
 
 Numbers = NDArray[Any]
@@ -21,29 +20,6 @@ DIGITS = 50
 """Decimal digits of `Digits` unless others are asked for."""
 
 FEWEST, MOST = 20, 300
-
-_OPERATORS: Mapping[str, Callable[..., Any]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "**": operator.pow,
-    "negative": operator.neg,
-}
-_UFUNCS: Mapping[str, Callable[..., Any]] = {
-    **_OPERATORS,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "atan2": np.arctan2,
-    "sqrt": np.sqrt,
-    "exp": np.exp,
-    "log": np.log,
-    "tanh": np.tanh,
-}
 
 
 class Arithmetic(ABC):
@@ -130,7 +106,7 @@ class Hardware(Arithmetic):
     def function(self, name: str, *arguments: Numbers) -> Numbers:
         """See `Arithmetic`."""
         with np.errstate(all="ignore"):
-            return np.asarray(_UFUNCS[name](*arguments))
+            return np.asarray(ON_ARRAYS[name](*arguments))
 
     def pi(self) -> Any:
         """See `Arithmetic`."""
@@ -187,7 +163,7 @@ class Digits(Arithmetic):
     def function(self, name: str, *arguments: Numbers) -> Numbers:
         """See `Arithmetic`."""
         context = self._context
-        operation = _OPERATORS.get(name) or getattr(context, name)
+        operation = getattr(context, name, None) or ON_ARRAYS[name]
 
         def real(*given: Any) -> Any:
             try:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.series import cross
 from spherekit.model.dynamics import LinkMoment, TorqueTable
-from spherekit.model.expression import KINKED, Expression, Name, Node, Number
+from spherekit.model.expression import KINKED, Expression, fold
 from spherekit.model.mechanism import Mechanism
 
 Sides = NDArray[np.float64] | None
@@ -100,7 +100,7 @@ class ExactLoads:
                 magnitude = self._table(part.magnitude, moving.t, inside)
             else:
                 assert isinstance(part.magnitude, Expression)
-                magnitude = self._value(part.magnitude.root, moving, switches)
+                magnitude = self._value(part.magnitude, moving, switches)
             if part.pair:
                 total = total + magnitude * moving.rates[:, self._variables[part.pair]]
             for moment in part.moments:
@@ -132,21 +132,25 @@ class ExactLoads:
             direction = (turn @ direction[:, None])[..., 0]
         return np.asarray(np.sum(w * direction, axis=-1))
 
-    def _value(self, node: Node, moving: Moving, switches: _Switches) -> Any:
-        if isinstance(node, Number):
-            return self.arithmetic.exact(node.value)[()]
-        if isinstance(node, Name):
-            if node.name == "t":
+    def _value(self, law: Expression, moving: Moving, switches: _Switches) -> Any:
+        def named(name: str) -> Any:
+            if name == "t":
                 return moving.t
-            kind, _, pair = node.name.partition("_")
+            kind, _, pair = name.partition("_")
             variable = self._variables[pair]
             if kind == "theta":
                 return moving.values[:, variable]
             return moving.rates[:, variable] * moving.speed
-        given = [self._value(each, moving, switches) for each in node.arguments]
-        if node.function not in KINKED:
-            return self.arithmetic.function(node.function, *given)
-        return _kinked(node.function, given, switches)
+
+        def apply(function: str, given: Sequence[Any]) -> Any:
+            if function in KINKED:
+                return _kinked(function, given, switches)
+            return self.arithmetic.function(function, *given)
+
+        def number(value: float) -> Any:
+            return self.arithmetic.exact(value)[()]
+
+        return fold(law.root, number, named, apply)
 
 
 def _kinked(name: str, given: Sequence[Any], switches: _Switches) -> Any:

@@ -16,9 +16,9 @@ from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.guidance.march import (
-    LARGEST_MIDDLE,
     STATIONARY,
     UNFIXED,
+    VERIFIED,
     March,
     Node,
     corrected,
@@ -107,7 +107,7 @@ class FollowedRotation:
         h = angles[cell + 1] - angles[cell]
         ends = [(values[c], first[c], second[c]) for c in (cell, cell + 1)]
         predicted = hermite(ends[0], ends[1], h, (theta - angles[cell]) / h)
-        return predicted, 10.0 * LARGEST_MIDDLE * h + 1e-8
+        return predicted, 10.0 * VERIFIED.middle * h + 1e-8
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
@@ -129,7 +129,7 @@ class FollowedRotation:
         followed = status == Status.OK
         status[followed & ~(near.miss(self.exact) < STATIONARY)] = Status.NOT_CONVERGED
         status[(status == Status.OK) & ~(off <= allowed)] = Status.BRANCH_LOST
-        off_profile = (status == Status.OK) & ~np.all(near.states.inside, axis=1)
+        off_profile = (status == Status.OK) & ~np.all(near.at.states.inside, axis=1)
         status[off_profile] = Status.OFF_PROFILE
         held = self.transmission.of_values(self.target.closure, near.values)
         status[(status == Status.OK) & ~(held > SINGULAR)] = Status.AT_SINGULARITY
@@ -228,8 +228,7 @@ def follow_rotation(
     )
     start = _configuration(values, len(target.closure.tree.owners), made.name)
     first = _started(target, start, about, made.name)
-    march = March(target, driven, about, float(angle), first.near.reached[0], first.follows)
-    nodes, status, crossings, leaps = march.run(first)
+    march = March(target, driven, about, float(angle), first.follows, [first])
     return FollowedRotation(
         target,
         Transmission.of(made, end),
@@ -238,10 +237,10 @@ def follow_rotation(
         about,
         float(angle),
         march.start,
-        tuple(nodes),
-        status,
-        tuple(crossings),
-        tuple(leaps),
+        tuple(march.nodes),
+        march.end,
+        tuple(march.crossings),
+        tuple(march.leaps),
     )
 
 
@@ -261,7 +260,7 @@ def follow_to(
     made = replace(mechanism, ground=end.relative_to)
     closure = Closure.of(made, geometry_of(made).joints)
     start = _configuration(values, len(closure.tree.owners), made.name)
-    placed, _ = closure.place(start[None])
+    placed = closure.at(start[None]).placed
     wanted = np.asarray(orientation, dtype=float)
     proper = wanted.shape == (3, 3) and np.linalg.det(wanted) > 0.0
     if not proper or not np.max(np.abs(wanted @ wanted.T - np.eye(3))) < 1e-9:
@@ -303,14 +302,14 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
             f"declare {freer} R pairs as inputs"
         )
     near = target.at(values[None], np.eye(3)[None])
-    gap = float(np.max(np.abs(near.gap), initial=0.0))
+    gap = float(near.at.gap[0])
     if not gap < CLOSED_START:
         raise SolveError(
             f"{name}: the configuration to start from does not close: its residual is "
             f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
         )
     near, _, _ = corrected(target, values[None], near.reached, False)
-    sizes = np.linalg.svd(near.jacobian[0], compute_uv=False)
+    sizes = np.linalg.svd(near.at.jacobian[0], compute_uv=False)
     held = np.any(sizes[count - target.freedoms :] > UNFIXED * np.max(sizes, initial=0.0))
     if held or not near.looseness[0] > UNFIXED:
         raise SolveError(

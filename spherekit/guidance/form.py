@@ -128,6 +128,28 @@ class MidPlaneForm:
         """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
         return np.asarray(self.frame @ reflections(normals) @ self.image)
 
+    @cached_property
+    def home(self) -> Floats:
+        """Where the output points (3,) with the end effector laid upon its image.
+
+        In mirror axes; the output declares a direction.
+        """
+        return np.asarray(self.image @ np.array(self.output.direction))
+
+    def normals_to(self, directions: Floats) -> tuple[Floats, Floats]:
+        """Return the mid-planes (n, 3) in which the output points at directions (n, 3).
+
+        Both in mirror axes, the normals pointing from `home` to the directions, and how
+        far (n,) those are from it: at `home` itself every plane through it serves.
+        """
+        way = directions - self.home
+        # lengths that differ by a rounding would turn the normal by that over the distance
+        longer = np.sum(way * (directions + self.home), axis=1, keepdims=True)
+        way = way - 0.5 * longer * directions
+        distance = np.linalg.norm(way, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(way / distance[:, None]), distance
+
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes (n, 3) nearest to orientations (n, 3, 3).
 
@@ -262,7 +284,7 @@ class MidPlaneForm:
             values, gaps = self.values(placed)
             gap = max(gap, float(np.max(gaps)))
         closure = Closure.of(self.mechanism, self.joints)
-        vectors = closure.vectors(*closure.place(values))
+        vectors = closure.at(values).vectors
         freedoms = int(np.min(rank_mobility(closure.tree, vectors)))
         return Proof(len(normals), gap, freedoms)
 

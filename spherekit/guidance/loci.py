@@ -184,7 +184,7 @@ class _Modes:
         values = self._values(normals, modes)
         found = np.full(len(normals), np.nan)
         rows = np.flatnonzero(np.isfinite(values[:, 0]))
-        _, jacobian = self.locus.closure.linearise(values[rows])
+        jacobian = self.locus.closure.at(values[rows]).jacobian
         found[rows] = np.linalg.det(jacobian[:, :, self.passive])
         return found
 
@@ -199,10 +199,10 @@ class _Modes:
         values = self._values(normals, modes)
         space = self.locus.space(values)
         rows, _ = self.locus.rest.rows(space)
-        jacobian = space.closure.tree.jacobian(space.vectors)
+        jacobian = space.at.jacobian
         stacked = np.nan_to_num(np.concatenate([jacobian, rows], axis=1))
         _, sizes, right = np.linalg.svd(stacked)
-        residual = np.maximum(np.nan_to_num(space.gap, nan=np.inf), sizes[:, -1])
+        residual = np.maximum(np.nan_to_num(space.at.gap, nan=np.inf), sizes[:, -1])
         points = self.view.seen(self.locus, values, right[:, -1], residual)
         kept = np.flatnonzero(residual < CLOSURE_TOLERANCE)
         ways = np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1.0, 1.0))

@@ -1,16 +1,15 @@
 """Verified steps along a rotation of an output link about a fixed axis.
 
 From a closed configuration the orientation wanted turns about the axis, and the
-configuration nearest to it is followed in verified steps: a step is accepted only if the
-prediction with exact first and second derivatives was nearly right, Newton's method
-contracted at once, the equations changed by less than would make them singular, and the
-Hermite polynomial of the step predicts its middle. Where the loops do not fix the links at
+configuration nearest to it is followed in steps that are verified as
+`spherekit.motion.continuation` says, with exact first and second derivatives.
+Where the loops do not fix the links at
 one configuration on the way, that is stepped over at once, if the polynomials on both
 sides of it agree.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import final
 
@@ -18,6 +17,7 @@ import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.guidance.nearest import Nearness, Target
+from spherekit.motion.continuation import Rows, Verification, follow_paths
 from spherekit.motion.steps import determinant_sign
 from spherekit.numeric.hermite import hermite
 from spherekit.sphere.poses import rotation
@@ -25,6 +25,7 @@ from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2
 """Longest step (rad of theta)."""
+FIRST_STEP = 0.05
 SMALLEST_STEP = 1e-9
 MOST_NODES = 5000
 BEND = 0.05
@@ -32,13 +33,8 @@ BEND = 0.05
 NEARER, SHORT = 0.3, 0.02
 """Part of slope / bend stepped at most, if that is short: 0.6 of the way to a limit of the
 reach, where variables go as the square root of the way left."""
-LARGEST_CHANGE = 0.6
-"""Eigenvalues of the change of the equations in one step, relative to them; they become
-singular on the way where one is -1."""
-LARGEST_CORRECTION = 0.05
-"""A prediction from the start of a step may be wrong by this part of it."""
-LARGEST_MIDDLE = 1e-4
-"""The prediction of its middle from both ends may be wrong by this part of it."""
+VERIFIED = Verification()
+"""The change of the equations is that of their eigenvalues."""
 CORRECTIONS = 8
 SETTLED = 1e-10
 """A Newton step (rad) below this leaves an error that its square bounds."""
@@ -93,60 +89,83 @@ class Node:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass
 class March:
-    """The way from the orientation `start` (3, 3) about `axis` (3,) by `angle` (rad).
+    """The way from a node about `axis` (3,) by `angle` (rad).
 
     `driven` are the numbers of the inputs' variables; `exact` says that the output link of
-    the target can follow.
+    the target can follow. `nodes` are what was reached, `end` is the status of what lies
+    beyond, `crossings` are the angles of singular places, `leaps` those of them that were
+    stepped over.
     """
 
     target: Target
     driven: Sequence[int]
     axis: Floats
     angle: float
-    start: Floats
     exact: bool
+    nodes: list[Node]
+    crossings: list[float] = field(default_factory=list, init=False)
+    leaps: list[float] = field(default_factory=list, init=False)
+    end: Status = field(default=Status.OK, init=False)
+    leapt: float = field(default=-np.inf, init=False)
 
-    def run(self, start: Node) -> tuple[list[Node], Status, list[float], list[float]]:
-        """Return the nodes, what lies beyond the last, and singular places on the way.
+    def __post_init__(self) -> None:
+        follow_paths(self, np.array([FIRST_STEP]))
 
-        And those of them that were stepped over.
-        """
-        nodes, crossings, leaps = [start], list[float](), list[float]()
-        at, step, leapt = start, 0.05, -np.inf
-        while at.theta < self.angle and len(nodes) < MOST_NODES:
-            bend = float(np.max(np.abs(np.nan_to_num(at.second)))) + 1e-300
-            step = min(step, LARGEST_STEP, np.sqrt(2.0 * BEND / bend))
-            nearer = NEARER * float(np.max(np.abs(at.first))) / bend
-            if nearer < SHORT:
-                step = min(step, nearer)
-            if step < SMALLEST_STEP:
-                return nodes, self._why(at), crossings, leaps
-            goal = min(at.theta + step, self.angle)
-            if self.angle - goal < SMALLEST_STEP:
-                goal = self.angle
-            made = self._advance(at, goal)
-            if made is None and step < LEAP_FROM and at.theta > leapt + LEAP_FROM:
-                leapt = at.theta
-                leap = self._leap(at)
-                if leap is not None:
-                    made, place = leap
-                    leaps.append(place)
-                    crossings.append(place)
-                    leapt, step = made.theta, made.theta - at.theta
-            if made is None:
-                step *= 0.5
-                continue
-            if self._sign(made) != self._sign(at) and not (
-                crossings and crossings[-1] > at.theta
-            ):
-                crossings.append(self._flip(at, made))
-            nodes.append(made)
-            at = made
-            step *= 2.0
-        end = Status.OK if at.theta >= self.angle else Status.BRANCH_LOST
-        return nodes, end, crossings, leaps
+    @property
+    def start(self) -> Floats:
+        """The orientation (3, 3) at the first node."""
+        return np.asarray(self.nodes[0].near.reached[0])
+
+    @property
+    def going(self) -> Rows:
+        """Number 0, until the way ends."""
+        arrived = self.nodes[-1].theta >= self.angle
+        if not arrived and len(self.nodes) >= MOST_NODES:
+            self.end = Status.BRANCH_LOST
+        return np.arange(0 if arrived or self.end != Status.OK else 1)
+
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """Return the step that the bend of the way allows."""
+        at = self.nodes[-1]
+        bend = float(np.max(np.abs(np.nan_to_num(at.second)))) + 1e-300
+        step = np.minimum(step, min(LARGEST_STEP, np.sqrt(2.0 * BEND / bend)))
+        nearer = NEARER * float(np.max(np.abs(at.first))) / bend
+        return np.minimum(step, nearer) if nearer < SHORT else step
+
+    def advance(self, rows: Rows, step: Floats) -> Floats:
+        """Go on by a step, or by a leap over a singular configuration."""
+        at, length = self.nodes[-1], float(step[0])
+        if length < SMALLEST_STEP:
+            return np.zeros(1)
+        goal = min(at.theta + length, self.angle)
+        if self.angle - goal < SMALLEST_STEP:
+            goal = self.angle
+        made, growth = self._advance(at, goal), 2.0
+        if made is None and length < LEAP_FROM and at.theta > self.leapt + LEAP_FROM:
+            self.leapt = at.theta
+            leap = self._leap(at)
+            if leap is not None:
+                made, place = leap
+                self.leaps.append(place)
+                self.crossings.append(place)
+                self.leapt, growth = made.theta, 2.0 * (made.theta - at.theta) / length
+        if made is None:
+            return np.zeros(1)
+        passed = self.crossings and self.crossings[-1] > at.theta
+        if self._sign(made) != self._sign(at) and not passed:
+            self.crossings.append(self._flip(at, made))
+        self.nodes.append(made)
+        return np.array([growth])
+
+    def smallest(self, rows: Rows) -> Floats:
+        """Return the step at which the way ends."""
+        return np.full(len(rows), SMALLEST_STEP)
+
+    def stop(self, row: int) -> None:
+        """End the way at its last node."""
+        self.end = self._why(self.nodes[-1])
 
     def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[Node], Floats, Floats]:
         wanted = rotation(self.axis, theta) @ self.start
@@ -169,21 +188,19 @@ class March:
             np.array([at.theta + 0.5 * step, goal]), guess
         )
         moved = float(np.max(np.abs(node.values - at.values)))
-        if np.any(first > LARGEST_CORRECTION * moved + CLOSURE_TOLERANCE):
-            return None
-        if np.any((first > 1e-7) & (ratio > 0.1)):
+        if not np.all(VERIFIED.corrected(first, ratio, moved)):
             return None
         for each in (middle, node):
             if not self._holds(each) or each.follows != at.follows:
                 return None
             if at.follows:
                 change = at.inverse @ (each.near.system[0] - at.near.system[0])
-                if not np.max(np.abs(np.linalg.eigvals(change))) < LARGEST_CHANGE:
+                if not VERIFIED.regular(np.abs(np.linalg.eigvals(change))):
                     return None
             elif not min(each.near.firmness[0], each.near.looseness[0]) > UNFIXED:
                 return None
         off = np.max(np.abs(self._between(at, node, middle.theta) - middle.values))
-        return node if off < LARGEST_MIDDLE * moved + CLOSURE_TOLERANCE else None
+        return node if VERIFIED.predicted(off, moved, CLOSURE_TOLERANCE) else None
 
     def _holds(self, node: Node) -> bool:
         finite = np.all(np.isfinite(node.first))
@@ -207,7 +224,7 @@ class March:
                 return None
             (node,), first, _ = self._nodes(np.array([goal]), at.taylor(np.array([way])))
             moved = float(np.max(np.abs(node.values - at.values)))
-            if not self._holds(node) or first[0] > LARGEST_CORRECTION * moved:
+            if not self._holds(node) or first[0] > VERIFIED.correction * moved:
                 continue
             if not node.condition > LEAP_FROM * way:
                 continue
@@ -251,7 +268,7 @@ class March:
 
     def _signs(self, values: Floats) -> float:
         free = [v for v in range(values.shape[1]) if v not in self.driven]
-        _, jacobian = self.target.closure.linearise(values)
+        jacobian = self.target.closure.at(values).jacobian
         return float(determinant_sign(jacobian[:, :, free])[0])
 
     def _flip(self, at: Node, node: Node) -> float:
@@ -265,7 +282,7 @@ class March:
             guess = self._between(at, node, theta)[None]
             wanted = rotation(self.axis, np.array([theta])) @ self.start
             near, _, _ = corrected(self.target, guess, wanted, self.exact)
-            return float(np.linalg.det(near.jacobian[0][:, free]))
+            return float(np.linalg.det(near.at.jacobian[0][:, free]))
 
         return float(brentq(determinant, at.theta, node.theta, xtol=1e-13))
 

@@ -15,9 +15,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.joints import PairStates
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import pair_rates, variable_vectors
+from spherekit.motion.linearisation import Linearisation
 from spherekit.sphere.poses import LogRate
 from spherekit.sphere.rotation import Floats, cross, rotation_vector, transpose
 
@@ -41,17 +40,10 @@ class Target:
 
     def at(self, values: Floats, wanted: Floats) -> "Nearness":
         """Return n configurations (n, variables) beside orientations (n, 3, 3)."""
-        placed, states = self.closure.place(values)
-        frames = self.closure.frames(placed, states)
-        vectors = variable_vectors(self.closure.joints, frames, states.curvatures)
-        jacobian = self.closure.tree.jacobian(vectors)
-        gap = self.closure.residual(placed, states)
-        reached = placed[:, self.link]
-        left = rotation_vector(wanted @ transpose(reached))
-        turning = self.reach[None, None, :] * np.swapaxes(vectors, 1, 2)
-        return Nearness(
-            self, values, reached, gap, states, frames, vectors, jacobian, turning, left
-        )
+        at = self.closure.at(values)
+        left = rotation_vector(wanted @ transpose(at.placed[:, self.link]))
+        turning = self.reach[None, None, :] * np.swapaxes(at.vectors, 1, 2)
+        return Nearness(self, at, turning, left)
 
 
 @final
@@ -59,30 +51,32 @@ class Target:
 class Nearness:
     """n configurations, and how far they are from being the nearest ones.
 
-    `values` (n, variables); `reached` (n, 3, 3); `gap` (n, 3 loops) rad, by which loops
-    stay open; `jacobian` J (n, 3 loops, variables); `turning` G (n, 3, variables); `left`
-    d (n, 3) rad.
+    `turning` G (n, 3, variables); `left` d (n, 3) rad.
     """
 
     target: Target
-    values: Floats
-    reached: Floats
-    gap: Floats
-    states: PairStates
-    frames: Floats
-    vectors: Floats
-    jacobian: Floats
+    at: Linearisation
     turning: Floats
     left: Floats
+
+    @property
+    def values(self) -> Floats:
+        """The variables (n, variables)."""
+        return self.at.values
+
+    @property
+    def reached(self) -> Floats:
+        """Orientations (n, 3, 3) of the output link."""
+        return np.asarray(self.at.placed[:, self.target.link])
 
     @cached_property
     def _split(self) -> tuple[Floats, Floats, Floats]:
         """The pseudo-inverse of J with its known rank, its null space, its flatness."""
-        n, rows, count = self.jacobian.shape
+        n, rows, count = self.at.jacobian.shape
         if rows == 0:
             return np.zeros((n, count, 0)), np.tile(np.eye(count), (n, 1, 1)), np.ones(n)
         rank = count - self.target.freedoms
-        left, sizes, right = np.linalg.svd(self.jacobian)
+        left, sizes, right = np.linalg.svd(self.at.jacobian)
         kept = sizes[:, :rank]
         with np.errstate(divide="ignore"):
             inverse = np.swapaxes(right[:, :rank], 1, 2) / kept[:, None, :]
@@ -113,7 +107,7 @@ class Nearness:
     @cached_property
     def system(self) -> Floats:
         """J above G, (n, 3 loops + 3, variables): of full rank where motions are seen."""
-        return np.concatenate([self.jacobian, self.turning], axis=1)
+        return np.concatenate([self.at.jacobian, self.turning], axis=1)
 
     @cached_property
     def _pulls(self) -> Floats:
@@ -129,30 +123,22 @@ class Nearness:
         pulled = np.einsum("lv,nlk->nvk", tree.signs, loops)
         return np.asarray(pulled + self.target.reach[:, None] * at_output[:, None])
 
-    def _body_rates(self, vectors: Floats, rates: Floats) -> tuple[Floats, Floats]:
-        """Return angular velocities (n, pairs, 3) of the first and second bodies."""
-        tree = self.target.closure.tree
-        w = tree.body_rates(vectors, rates)
-        return w[:, [a for a, _ in tree.ends]], w[:, [b for _, b in tree.ends]]
-
     def _turned(self, rates: Floats) -> Floats:
         """Return how vectors change, (n, variables, 3), at rates (n, variables)."""
-        first, second = self._body_rates(self.vectors, rates)
-        return pair_rates(
-            self.target.closure.joints, self.frames, self.states, first, second
-        ).vectors
+        return self.at.turned(self.at.body_rates(rates)).vectors
 
     def _turned_twice(self, rates: Floats, turned: Floats) -> Floats:
         """Return the second derivatives (n, variables, 3) of vectors at constant rates.
 
         NaN for contact pairs, whose profiles would be needed to one more derivative.
         """
-        first, _ = self._body_rates(self.vectors, rates)
-        change, _ = self._body_rates(turned, rates)
+        tree = self.at.tree
+        first = self.at.body_rates(rates)[:, tree.firsts]
+        change = tree.body_rates(turned, rates)[:, tree.firsts]
         out = np.full_like(turned, np.nan)
         for v, pair in enumerate(self.target.closure.tree.owners):
             if self.target.closure.joints[pair].has_axis:
-                out[:, v] = cross(change[:, pair], self.vectors[:, v])
+                out[:, v] = cross(change[:, pair], self.at.vectors[:, v])
                 out[:, v] += cross(first[:, pair], turned[:, v])
         return out
 
@@ -195,7 +181,7 @@ class Nearness:
         Where a^2 / 2 is not convex the curvature is left out, which always descends.
         """
         inverse, free, _ = self._split
-        closing = -np.einsum("nvm,nm->nv", inverse, self.gap)
+        closing = -np.einsum("nvm,nm->nv", inverse, self.at.residual)
         turned = np.einsum("nkv,nv->nk", self.turning, closing)
         left = self.left - LogRate(self.left, -1.0).of(turned)
         pull = np.einsum("nkj,nk->nj", self.swing, left)
@@ -214,7 +200,7 @@ class Nearness:
         The orientation is one more equation then, which also holds the links where the
         loops alone do not.
         """
-        right = np.concatenate([-self.gap, self.left], axis=1)
+        right = np.concatenate([-self.at.residual, self.left], axis=1)
         inverse = np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14)
         return np.asarray(np.einsum("nvm,nm->nv", inverse, right))
 
@@ -224,10 +210,10 @@ class Nearness:
         As the gradient of a^2 / 2, or with `exact` as the rotation left.
         """
         if exact:
-            both = np.concatenate([self.gap, self.left], axis=1)
+            both = np.concatenate([self.at.residual, self.left], axis=1)
             return np.asarray(np.max(np.abs(both), axis=1))
         pull = np.einsum("nkj,nk->nj", self.swing, self.left)
-        open_by = np.max(np.abs(self.gap), axis=1, initial=0.0)
+        open_by = self.at.gap
         return np.asarray(np.maximum(open_by, np.max(np.abs(pull), axis=1)))
 
     def rates(self, axis: Floats) -> "NearestRates":

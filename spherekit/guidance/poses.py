@@ -28,6 +28,7 @@ from spherekit.motion.modes import assemblies
 from spherekit.motion.motion import Motion, trace
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.solutions import pose_of
+from spherekit.output.wrist import with_wrist
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.mirror import mirror_angles, normal_at, upward
 from spherekit.sphere.poses import turns_between
@@ -192,12 +193,6 @@ class PoseFinder:
 
     @cached_property
     def _kinematics(self) -> InverseKinematics:
-        count = len(self.mechanism.inputs)
-        if count not in (2, 3):
-            raise SolveError(
-                f"{self.mechanism.name}: with {count} input the pose of the output is "
-                "given by the input"
-            )
         return InverseKinematics(self.mechanism, self.output.name)
 
     def _assembled(self, inputs: Floats) -> Candidates:
@@ -211,7 +206,7 @@ class PoseFinder:
         return self._of_values(np.stack([values for _, values in modes]), labels)
 
     def _of_values(self, values: Floats, labels: Sequence[str]) -> Candidates:
-        placed, _ = self.solver.closure.place(values)
+        placed = self.solver.closure.at(values).placed
         driven = list(self.solver.driven)
         found = Candidates(
             values,
@@ -323,18 +318,16 @@ class PoseFinder:
                     )
                 return normals, ""
             case AtDirection(direction):
-                found = self._kinematics.solutions(unit(direction)[None])
-                normals, departure = form.normals(found.rotations)
-                kept: list[Floats] = []
-                for normal in normals[departure < SAME_POSE]:
-                    if all(np.linalg.norm(normal - other) > SAME_POSE for other in kept):
-                        kept.append(normal)
-                if not kept:
+                if self.output.direction is None:
+                    with_wrist(self.mechanism, self.output.name)  # says so
+                normals, distance = form.normals_to(unit(direction)[None] @ form.frame)
+                if distance[0] < SAME_POSE:
                     raise SolveError(
-                        f"{form.mechanism.name}: outputs.{self.output.name} does not reach "
-                        "this direction; choose one inside its workspace"
+                        f"{form.mechanism.name}: outputs.{self.output.name} points there "
+                        "in every mid-plane through this direction; give inputs, an "
+                        "orientation, or phi and gamma"
                     )
-                return np.stack(kept), ""
+                return upward(normals), ""
 
     def _of_mirrors(self, form: MidPlaneForm, wanted: tuple[Floats, str]) -> Candidates:
         normals, driven_signs = wanted

@@ -185,7 +185,7 @@ def quickest(
     if not np.any(np.isfinite(limits)):
         raise SolveError("a schedule needs a limit of speed or of acceleration")
     fitted = PiecewiseChebyshev.fit(
-        lambda part: _moved(rotation, law, part)[1], 0.0, 1.0, TOLERANCE, MOST_CELLS
+        lambda part: _moved(rotation, law, part)[1], 0.0, 1.0, TOLERANCE, most=MOST_CELLS
     )
     top = largest(fitted)
     values = np.diagonal(_moved(rotation, law, top.places)[1])

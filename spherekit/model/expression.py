@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
 from itertools import combinations
 from types import MappingProxyType
-from typing import Any, final
+from typing import Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,7 +64,7 @@ _GRAMMAR = "numbers, names, + - * / **, parentheses and functions are allowed"
 _LEVELS = f"at most {MAX_DEPTH} levels"
 _FOREIGN = re.compile(r"[^A-Za-z0-9_+\-*/(),. ]")
 
-_NUMERIC: Mapping[str, Callable[..., Any]] = MappingProxyType(
+ON_ARRAYS: Mapping[str, Callable[..., Any]] = MappingProxyType(
     {
         "+": np.add,
         "-": np.subtract,
@@ -89,6 +89,7 @@ _NUMERIC: Mapping[str, Callable[..., Any]] = MappingProxyType(
         "max": lambda *values: reduce(np.maximum, values),
     }
 )
+"""Every operator and function on arrays of any kind of number that NumPy knows."""
 
 
 @final
@@ -118,6 +119,27 @@ class Call:
 
 Node = Number | Name | Call
 
+T = TypeVar("T")
+
+
+def fold(
+    node: Node,
+    number: Callable[[float], T],
+    name: Callable[[str], T],
+    apply: Callable[[str, list[T]], T],
+) -> T:
+    """Return what a tree comes to, from its numbers, names and calls.
+
+    `apply` gets the function of a call and what its arguments came to, which are taken in
+    the order in which they are written.
+    """
+    if isinstance(node, Number):
+        return number(node.value)
+    if isinstance(node, Name):
+        return name(node.name)
+    parts = [fold(each, number, name, apply) for each in node.arguments]
+    return apply(node.function, parts)
+
 
 @final
 @dataclass(frozen=True)
@@ -131,7 +153,12 @@ class Expression:
     @property
     def smooth(self) -> bool:
         """Whether it uses none of the functions that have kinks or jumps."""
-        return _smooth(self.root)
+        return fold(
+            self.root,
+            lambda value: True,
+            lambda name: True,
+            lambda function, parts: function not in KINKED and all(parts),
+        )
 
     @cached_property
     def steep(self) -> "tuple[Expression, ...]":
@@ -149,7 +176,7 @@ class Expression:
 
     def _arguments(self, kinked: Sequence[str]) -> "tuple[Expression, ...]":
         found = dict.fromkeys(_steep(self.root, kinked))
-        return tuple(Expression(self.text, frozenset(_names(x)), x) for x in found)
+        return tuple(Expression(self.text, _names(x), x) for x in found)
 
     def evaluate(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
         """Return the expression's value for every sample.
@@ -166,7 +193,13 @@ class Expression:
         """
         arrays, shape = self._arrays(values)
         with np.errstate(all="ignore"):
-            return _filled(_value(self.root, arrays), shape)
+            found: Any = fold(
+                self.root,
+                np.float64,
+                arrays.__getitem__,
+                lambda function, parts: ON_ARRAYS[function](*parts),
+            )
+            return np.array(np.broadcast_to(found, shape), dtype=np.float64)
 
     def scalar(
         self, read: Mapping[str, Callable[[Sequence[float]], float]]
@@ -181,7 +214,7 @@ class Expression:
         read
             How to read each name used from a row.
         """
-        call = _scalar(self.root, read)
+        call = _reader(fold(self.root, float, read.__getitem__, _of_row))
 
         def value(row: Sequence[float]) -> float:
             try:
@@ -233,7 +266,7 @@ def _parsed(text: str, names: tuple[str, ...]) -> Expression:
         raise _fault(foreign.start(), f"found {foreign[0]!a}{hint}")
     if not flat.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
-    reader = _Reader(names, len(flat) - len(flat.lstrip(" ")))
+    reader = _Parser(names, len(flat) - len(flat.lstrip(" ")))
     root = reader.node(_syntax_tree(flat.strip(" "), reader.margin), 1)
     return Expression(text, frozenset(reader.used), root)
 
@@ -257,7 +290,7 @@ def _syntax_tree(text: str, margin: int) -> ast.expr:
         raise _fault(margin, "too deeply nested", _LEVELS) from None
 
 
-class _Reader:
+class _Parser:
     """Turns Python's syntax tree into ours, refusing whatever is not in the grammar."""
 
     def __init__(self, names: tuple[str, ...], margin: int) -> None:
@@ -337,30 +370,38 @@ _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
 """Functions of floats; those that are not here are those of `math`."""
 
 
-def _scalar(
-    node: Node, read: Mapping[str, Callable[[Sequence[float]], float]]
-) -> Callable[[Sequence[float]], float]:
-    if isinstance(node, Name):
-        return read[node.name]
-    if _constant(node):
+_Reader = Callable[[Sequence[float]], float]
+
+
+def _of_row(function: str, parts: list[_Reader | float]) -> _Reader | float:
+    """Return a call as a quick function of a row, or as the number that it always is."""
+    numbers = [np.float64(part) for part in parts if not callable(part)]
+    if len(numbers) == len(parts):
         with np.errstate(all="ignore"):
-            value = float(_value(node, {}))
-        return lambda row: value
-    assert isinstance(node, Call)
-    parts = [_scalar(each, read) for each in node.arguments]
-    if node.function in _INLINE:
-        return _inline(node, parts)
-    function = _SCALAR.get(node.function) or getattr(math, node.function)
+            return float(ON_ARRAYS[function](*numbers))
+    if function == "*" and not callable(parts[0]):
+        factor, of_row = parts[0], _reader(parts[1])
+        return lambda row: factor * of_row(row)
     if len(parts) == 1:
-        (one,) = parts
-        return lambda row: function(one(row))
-    return lambda row: function(*(part(row) for part in parts))
+        (one,) = map(_reader, parts)
+        call = _SCALAR.get(function) or getattr(math, function)
+        return lambda row: call(one(row))
+    readers = [_reader(part) for part in parts]
+    first, second = readers[:2]
+    if function == "+":
+        return lambda row: first(row) + second(row)
+    if function == "-":
+        return lambda row: first(row) - second(row)
+    if function == "*":
+        return lambda row: first(row) * second(row)
+    if function == "/":
+        return lambda row: first(row) / second(row)
+    call = _SCALAR.get(function) or getattr(math, function)
+    return lambda row: call(*(reader(row) for reader in readers))
 
 
-def _smooth(node: Node) -> bool:
-    if not isinstance(node, Call):
-        return True
-    return node.function not in KINKED and all(map(_smooth, node.arguments))
+def _reader(part: _Reader | float) -> _Reader:
+    return part if callable(part) else lambda row: part
 
 
 def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
@@ -379,51 +420,13 @@ def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
     elif name == "**" and isinstance(own[1], Number):
         whole = own[1].value >= 0.0 and own[1].value == round(own[1].value)
         own = () if whole else own[:1]
-    yield from (each for each in own if not _constant(each))
+    yield from (each for each in own if _names(each))
 
 
-def _names(node: Node) -> Iterator[str]:
-    if isinstance(node, Name):
-        yield node.name
-    if isinstance(node, Call):
-        for each in node.arguments:
-            yield from _names(each)
-
-
-_INLINE = ("+", "-", "*", "/")
-
-
-def _inline(
-    node: Call, parts: Sequence[Callable[[Sequence[float]], float]]
-) -> Callable[[Sequence[float]], float]:
-    """Return a sum, product or quotient with as few calls as possible."""
-    first, second = parts
-    if node.function == "+":
-        return lambda row: first(row) + second(row)
-    if node.function == "-":
-        return lambda row: first(row) - second(row)
-    if node.function == "/":
-        return lambda row: first(row) / second(row)
-    if _constant(node.arguments[0]):
-        factor = first(())
-        return lambda row: factor * second(row)
-    return lambda row: first(row) * second(row)
-
-
-def _constant(node: Node) -> bool:
-    if isinstance(node, Call):
-        return all(map(_constant, node.arguments))
-    return isinstance(node, Number)
-
-
-def _value(node: Node, arrays: Mapping[str, NDArray[np.float64]]) -> Any:
-    if isinstance(node, Number):
-        return np.float64(node.value)
-    if isinstance(node, Name):
-        return arrays[node.name]
-    arguments = [_value(each, arrays) for each in node.arguments]
-    return _NUMERIC[node.function](*arguments)
-
-
-def _filled(result: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    return np.array(np.broadcast_to(result, shape), dtype=np.float64)
+def _names(node: Node) -> frozenset[str]:
+    return fold(
+        node,
+        lambda value: frozenset(),
+        lambda name: frozenset([name]),
+        lambda function, parts: frozenset().union(*parts),
+    )

@@ -218,7 +218,7 @@ class ArcCurve:
         """Return an interpolant in s of a function of the points, (n, m), or of the values.
 
         Its `error` is measured. On a closed curve it is periodic, the linear growth of
-        winding variables apart; on an open one it is a Chebyshev series on equal cells.
+        winding variables apart; on an open one it is a Chebyshev series on cells.
         """
         rise = self.rise if function is None else None
 

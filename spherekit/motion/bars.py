@@ -50,7 +50,7 @@ class Frames:
     @staticmethod
     def of(group: Group, closure: Closure) -> "Frames":
         """Return the frames of a group of R pairs at the closure's only sample."""
-        _, unturned = closure.place(np.zeros((1, len(group.pairs))))
+        unturned = closure.at(np.zeros((1, len(group.pairs)))).states
         return Frames(group.ends, np.stack([unturned.first[0], unturned.second[0]]))
 
     def of_pair(self, pair: int, body: int) -> Floats:

@@ -21,7 +21,7 @@ from spherekit.motion.follow import Curve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
 from spherekit.motion.loops import left_inverse, rank_mobility
 from spherekit.motion.meshes import TURN, Meshes, meshes_of
-from spherekit.motion.pairs import pair_axes, penetrates
+from spherekit.motion.pairs import penetrates
 from spherekit.motion.sheet import Sheet
 from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats
@@ -117,8 +117,7 @@ class Solver:
 
     def freedoms(self, values: Floats) -> int:
         """Return the mobility by rank at a closed configuration (variables,)."""
-        placed, states = self.closure.place(values[None])
-        vectors = self.closure.vectors(placed, states)
+        vectors = self.closure.at(values[None]).vectors
         return int(rank_mobility(self.closure.tree, vectors)[0])
 
     def evaluate(
@@ -154,11 +153,12 @@ class Solver:
             start = predicted[:, group_variables(state, group)]
             good = (status == Status.OK) | (status == Status.AT_SINGULARITY)
             start = np.where(good[:, None], start, np.nan)
-            result, states, jacobian = place_group(state, group, ends, start)
+            result, at = place_group(state, group, ends, start)
+            states = at.states
             _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
             distance = np.max(np.abs(result.values - start), axis=1)
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.BRANCH_LOST)
-            determinant, flatness = determinant_signs(jacobian)
+            determinant, flatness = determinant_signs(at.jacobian)
             if branch.determinants:
                 # of a flat group the sign is rounding
                 flipped = determinant != branch.determinants[number]
@@ -178,19 +178,18 @@ class Solver:
         links = range(len(self.mechanism.links))
         ground = np.swapaxes(state.within[0], -1, -2)
         rotations = np.stack([ground @ state.within[link] for link in links], axis=1)
-        placed, states = self.closure.place(values)
+        at = self.closure.at(values)
         # The links of a dyad without length have no orientation of their own; that which
         # belongs to the variables is the one that closes.
-        apart = np.max(np.abs(placed - rotations), axis=(1, 2, 3)) > AGREEING
-        rotations[apart] = placed[apart]
-        gap = self.closure.residual(placed, states)
-        residual = np.max(np.abs(gap), axis=1) if gap.size else np.zeros(len(values))
+        apart = np.max(np.abs(at.placed - rotations), axis=(1, 2, 3)) > AGREEING
+        rotations[apart] = at.placed[apart]
+        residual = at.gap
         open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED)
         open_ &= (status == Status.OK) | (status == Status.AT_SINGULARITY)
         if np.any(open_):
             result = self.closure.solve(values[open_], self.driven)
             values[open_], residual[open_] = result.values, result.residual
-            rotations[open_] = self.closure.place(result.values)[0]
+            rotations[open_] = self.closure.at(result.values).placed
             flipped = np.zeros(len(values), dtype=bool)
             flipped[open_] = self._flipped(branch, result.values)
             _mark(status, flipped, Status.BRANCH_LOST)
@@ -205,8 +204,7 @@ class Solver:
 
     def _flipped(self, branch: Branch, values: Floats) -> NDArray[np.bool_]:
         """Return (n,) whether a dyad of configurations has not the sign of its branch."""
-        placed, states = self.closure.place(values)
-        axes = pair_axes(self.joints, self.closure.frames(placed, states))
+        axes = self.closure.at(values).axes
         flipped = np.zeros(len(values), dtype=bool)
         for group, sign in zip(self.assembly.groups, branch.signs, strict=True):
             if sign:

@@ -8,17 +8,17 @@ relative orientation differs from sample to sample.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.joints import Joint, PairStates
+from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import REDUNDANT, LoopTree
-from spherekit.motion.pairs import pair_states, variable_vectors
-from spherekit.sphere.rotation import Floats, rotation_vector, transpose
+from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -26,14 +26,13 @@ from spherekit.sphere.rotation import Floats, rotation_vector, transpose
 class Closure:
     """A loop tree with the joints of its pairs.
 
-    `lead_first`, `lead_second`: (n or 1, pairs, 3, 3), from the axes of the pair's links
+    `leads`: (n or 1, pairs, 3, 3) twice, from the axes of the pair's first and second links
     to those of the bodies that hold them; None where bodies are links.
     """
 
     tree: LoopTree
     joints: tuple[Joint, ...]
-    lead_first: Floats | None = None
-    lead_second: Floats | None = None
+    leads: tuple[Floats, Floats] | None = None
 
     @staticmethod
     def of(mechanism: Mechanism, joints: tuple[Joint, ...]) -> "Closure":
@@ -42,56 +41,14 @@ class Closure:
 
     def take(self, rows: NDArray[np.intp]) -> "Closure":
         """Return the closure of some samples only."""
-        if self.lead_first is None or self.lead_second is None:
+        if self.leads is None or len(self.leads[0]) == 1:
             return self
-        if len(self.lead_first) == 1:
-            return self
-        return Closure(
-            self.tree, self.joints, self.lead_first[rows], self.lead_second[rows]
-        )
+        first, second = self.leads
+        return Closure(self.tree, self.joints, (first[rows], second[rows]))
 
-    def place(self, values: Floats) -> tuple[Floats, PairStates]:
-        """Return body orientations (n, bodies, 3, 3) in body 0, and the pairs' states."""
-        states = pair_states(self.joints, values)
-        if self.lead_first is not None and self.lead_second is not None:
-            first, second = self.lead_first @ states.first, self.lead_second @ states.second
-            states = replace(states, first=first, second=second)
-        first, second = states.first, states.second
-        placed = np.empty((len(values), self.tree.count, 3, 3))
-        placed[:, 0] = np.eye(3)
-        across = first @ transpose(second)
-        for pair, parent, child in self.tree.branches:
-            ahead = self.tree.ends[pair][0] == parent
-            turn = across[:, pair] if ahead else transpose(across[:, pair])
-            placed[:, child] = placed[:, parent] @ turn
-        return placed, states
-
-    def frames(self, placed: Floats, states: PairStates) -> Floats:
-        """Return the pair frames (n, pairs, 3, 3) in the axes of body 0."""
-        return placed[:, [a for a, _ in self.tree.ends]] @ states.first
-
-    def residual(self, placed: Floats, states: PairStates) -> Floats:
-        """Return (n, 3 loops): rotation vectors (rad) by which the loops stay open."""
-        chords = list(self.tree.chords)
-        if not chords:
-            return np.zeros((len(placed), 0))
-        one, other = (
-            placed[:, [self.tree.ends[chord][k] for chord in chords]] @ frames[:, chords]
-            for k, frames in enumerate((states.first, states.second))
-        )
-        gaps = rotation_vector(one @ transpose(other))
-        return gaps.reshape(len(placed), 3 * len(chords))
-
-    def vectors(self, placed: Floats, states: PairStates) -> Floats:
-        """Return the variables' vectors (n, variables, 3) in the axes of body 0."""
-        frames = self.frames(placed, states)
-        return variable_vectors(self.joints, frames, states.curvatures)
-
-    def linearise(self, values: Floats) -> tuple[Floats, Floats]:
-        """Return residual (n, 3 loops) and Jacobian (n, 3 loops, variables)."""
-        placed, states = self.place(values)
-        jacobian = self.tree.jacobian(self.vectors(placed, states))
-        return self.residual(placed, states), jacobian
+    def at(self, values: Floats) -> Linearisation:
+        """Return the closure at configurations (n, variables)."""
+        return Linearisation(self.tree, self.joints, values, self.leads)
 
     def solve(
         self,
@@ -125,17 +82,16 @@ class Closure:
         active = np.arange(n)
         best = values.copy()
         for step in range(iterations + 1):
-            part = self.take(active)
-            gap, jacobian = part.linearise(values[active])
-            size = np.max(np.abs(gap), axis=1, initial=0.0)
+            at = self.take(active).at(values[active])
+            size = at.gap
             better = size < residual[active]
             improved = active[better]
             best[improved], residual[improved] = values[improved], size[better]
             going = np.isfinite(size) & (size > 1e-15) & (better | (size > 1e-9))
             if step == iterations or not np.any(going):
                 break
-            active, gap, jacobian = active[going], gap[going], jacobian[going]
-            change = _solve_rows(jacobian[:, :, free], -gap)
+            active = active[going]
+            change = _solve_rows(at.jacobian[going][:, :, free], -at.residual[going])
             length = np.max(np.abs(change), axis=1)
             if step == 0:
                 first_step[active] = length

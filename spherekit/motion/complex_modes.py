@@ -18,7 +18,14 @@ from spherekit.motion.branches import Solver
 from spherekit.motion.elimination import all_solutions, count_orders
 from spherekit.motion.groups import group_closure
 from spherekit.planning.assembly import Group
-from spherekit.sphere.complex_rotation import Complexes, at_arcs, dot, taking, triple
+from spherekit.sphere.complex_rotation import (
+    Complexes,
+    at_arcs,
+    dot,
+    half_between,
+    taking,
+    triple,
+)
 from spherekit.sphere.quadrics import COMMON_POINTS, arc_quadric, common_points
 from spherekit.sphere.rotation import Floats, from_quaternion
 
@@ -236,8 +243,8 @@ def _dyad(group: Group, axes: _Axes) -> tuple[dict[int, Complexes], Complexes]:
     at = at_arcs(
         first,
         second,
-        dot(axes[near, 1], axes[middle, 1]),
-        dot(axes[far, 2], axes[middle, 2]),
+        half_between(axes[near, 1], axes[middle, 1]),
+        half_between(axes[far, 2], axes[middle, 2]),
     )
     first, second, at = _flat(first, 2), _flat(second, 2), at.reshape(len(at), -1, 3)
     rotations = {

@@ -43,12 +43,15 @@ class Piece:
     The input only rises or only falls in it and lies in its range. `branch` is None for
     what the curve reaches and none of the branches given holds: a mode that the search for
     them missed, or wheels in mesh a turn later. `stop` may be
-    beyond the length of a closed curve: the piece holds the point s = 0.
+    beyond the length of a closed curve: the piece holds the point s = 0. `shift` (rad) is
+    by how much the input is greater than on the curve: in a range of several turns the same
+    part of a curve is as many pieces.
     """
 
     branch: int | None
     start: float
     stop: float
+    shift: float
 
 
 @final
@@ -165,9 +168,9 @@ def _pieces(
     q = stretches.middles[:, solver.single]
     numbers = _branches_at(solver, branches, curve, stretches.middles, q)
     return tuple(
-        Piece(number, float(start), float(stop))
-        for number, start, stop in zip(
-            numbers, stretches.starts, stretches.stops, strict=True
+        Piece(number, float(start), float(stop), float(shift))
+        for number, start, stop, shift in zip(
+            numbers, stretches.starts, stretches.stops, stretches.shifts, strict=True
         )
     )
 

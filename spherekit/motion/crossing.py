@@ -26,26 +26,24 @@ def ways_out(closure: Closure, values: Floats, radius: float = RADIUS) -> Floats
     Each is `radius` (rad) away in the variables. Where the configuration is part of
     a surface there is no end of them, and some are returned.
     """
-    _, jacobian = closure.linearise(values[None])
-    _, sizes, right = np.linalg.svd(jacobian[0])
+    _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
     sizes = np.append(sizes, np.zeros(len(right) - len(sizes)))
     motions = right[sizes < MOVES * max(sizes[0], MOVES)]
     if not len(motions):
         return np.zeros((0, len(values)))
     start = values + radius * _directions(len(motions)) @ motions
     for _ in range(MOST_STEPS):
-        gap, jacobian = closure.linearise(start)
+        at = closure.at(start)
         away = start - values
         length = np.linalg.norm(away, axis=1)
-        inverse = left_inverse(bordered(jacobian, away / length[:, None]))
-        change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -gap)
+        inverse = left_inverse(bordered(at.jacobian, away / length[:, None]))
+        change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
         change += inverse[:, :, -1] * (radius - length)[:, None]
         moved = np.max(np.abs(change), axis=1)
         change *= np.minimum(1.0, 0.5 * radius / np.maximum(moved, 1e-300))[:, None]
         start = start + np.nan_to_num(change)
-    gap, _ = closure.linearise(start)
     length = np.linalg.norm(start - values, axis=1)
-    closed = np.max(np.abs(gap), axis=1, initial=0.0) < CLOSURE_TOLERANCE
+    closed = closure.at(start).gap < CLOSURE_TOLERANCE
     closed &= np.abs(length - radius) < SAME * radius
     found: list[Floats] = []
     for point in start[closed]:

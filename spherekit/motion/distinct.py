@@ -56,14 +56,12 @@ class Distinct:
         places = np.full(len(values), -1, dtype=np.intp)
         if not len(values):
             return places
-        placed, states = self.closure.place(values)
+        at = self.closure.at(values)
+        placed, states = at.placed, at.states
         exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
-        jacobian = self.closure.tree.jacobian(self.closure.vectors(placed, states))
-        sizes = np.linalg.svd(jacobian, compute_uv=False)
+        sizes = np.linalg.svd(at.jacobian, compute_uv=False)
         least, loose = sizes[:, -1], sizes[:, -1] < LOOSE * sizes[:, 0]
-        residual = self.closure.residual(placed, states)
-        gap = np.max(np.abs(residual), axis=1, initial=0.0)
-        error = np.maximum(gap, EPS) / np.maximum(least, EPS)
+        error = np.maximum(at.gap, EPS) / np.maximum(least, EPS)
         tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled = [variable for variable, _ in self._rolling]
         order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")

@@ -12,17 +12,9 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.motion.closure import Closure
 from spherekit.motion.crossing import ways_out
-from spherekit.motion.steps import (
-    Nodes,
-    advance,
-    nodes_at,
-    safe_step,
-    smallest_step,
-    why_ended,
-)
+from spherekit.motion.steps import InputPaths, Nodes, nodes_at
 from spherekit.sphere.rotation import Floats
 
-MOST_NODES = 20000
 AT_DEAD_CENTRE = 1e-9
 """Nodes of a smaller relative singular value are dead centres of the input."""
 NEAR_DEAD_CENTRE = 1e-4
@@ -120,38 +112,21 @@ def _ways_on(closure: Closure, driven: int, values: Floats) -> list[Floats]:
 
 def _through(closure: Closure, driven: int, start: Nodes, low: float, high: float) -> Curve:
     """Return the curve through a node at which the input moves."""
-    down, why_down = _march(closure, driven, start, low)
-    up, why_up = _march(closure, driven, start, high)
-    nodes = [*reversed(down), start, *up]
-    return Curve(
-        np.array([node.values[0, driven] for node in nodes]),
-        np.array([node.values[0] for node in nodes]),
-        np.array([node.slope[0] for node in nodes]),
-        (why_down, why_up),
+    both = np.repeat(start.values, 2, axis=0)
+    goals = np.array([[low], [high]])
+    paths = InputPaths(closure, [driven], both, goals, keeps_trail=True)
+    down, up = (_of_way(start, paths, row) for row in (0, 1))
+    values, slopes = (np.concatenate([down[k][:0:-1], up[k]]) for k in (0, 1))
+    ends = Status(paths.status[0]), Status(paths.status[1])
+    return Curve(values[:, driven].copy(), values, slopes, ends)
+
+
+def _of_way(start: Nodes, paths: InputPaths, row: int) -> tuple[Floats, Floats]:
+    """Return values and slopes by the input (k, variables) of a way, the start first."""
+    nodes = [start]
+    for rows, made in paths.trail or ():
+        nodes.append(made.take(np.flatnonzero(rows == row)))
+    return (
+        np.concatenate([node.values for node in nodes]),
+        np.concatenate([node.slope * node.direction for node in nodes]),
     )
-
-
-def _march(
-    closure: Closure, driven: int, start: Nodes, stop: float
-) -> tuple[list[Nodes], Status]:
-    nodes: list[Nodes] = []
-    at = start
-    q = float(start.values[0, driven])
-    way = 1.0 if stop > q else -1.0
-    step = np.full(1, np.inf)
-    while (stop - q) * way > 0.0 and len(nodes) < MOST_NODES:
-        step = safe_step(at, step)
-        rest = (stop - q) * way
-        last = step[0] >= rest * (1 - 1e-9)
-        goal = stop if last else q + way * float(step[0])
-        here = np.array([[goal]])
-        new, holds = advance(closure, [driven], at, np.array([goal - q]), here)
-        if holds[0]:
-            nodes.append(new)
-            at, q = new, goal
-            step = step * 2.0
-        elif not step[0] > smallest_step(here)[0]:
-            return nodes, why_ended(closure, at, 0)
-        else:
-            step = step * 0.5
-    return nodes, Status.BRANCH_LOST if len(nodes) >= MOST_NODES else Status.OK

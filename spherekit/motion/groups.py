@@ -10,9 +10,10 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import REACH_SLACK
-from spherekit.model.joints import Joint, PairStates, revolute
+from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import pair_states
 from spherekit.planning.assembly import Assembly, Group
@@ -157,22 +158,23 @@ def group_closure(state: State, group: Group, ends: tuple[tuple[int, int], ...])
     return Closure(
         group_tree(state, group),
         tuple(state.joints[p] for p in pairs),
-        np.stack([state.within[ends[p][0]] for p in pairs], axis=1),
-        np.stack([state.within[ends[p][1]] for p in pairs], axis=1),
+        (
+            np.stack([state.within[ends[p][0]] for p in pairs], axis=1),
+            np.stack([state.within[ends[p][1]] for p in pairs], axis=1),
+        ),
     )
 
 
 def place_group(
     state: State, group: Group, ends: tuple[tuple[int, int], ...], start: Floats
-) -> tuple[NewtonResult, PairStates, Floats]:
+) -> tuple[NewtonResult, Linearisation]:
     """Close an irreducible group from starting values (n, its variables), and merge it.
 
-    Returns the solver's result, the states of its pairs, and its Jacobian.
+    Returns the solver's result, and the group there.
     """
     closure = group_closure(state, group, ends)
     result = closure.solve(start)
-    placed, states = closure.place(result.values)
-    jacobian = closure.tree.jacobian(closure.vectors(placed, states))
-    state.merge(group, placed)
+    at = closure.at(result.values)
+    state.merge(group, at.placed)
     state.values[:, group_variables(state, group)] = result.values
-    return result, states, jacobian
+    return result, at

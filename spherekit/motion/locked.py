@@ -8,7 +8,6 @@ import numpy as np
 
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.pairs import pair_states
 from spherekit.sphere.rotation import Floats, transpose
 
 
@@ -48,10 +47,8 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
     values = np.zeros(len(tree.owners))
     for variable, value in held.items():
         values[variable] = value
-    states = pair_states(closure.joints, values[None])
+    states = closure.at(values[None]).states
     first, second = states.first[0], states.second[0]
-    if closure.lead_first is not None and closure.lead_second is not None:
-        first, second = closure.lead_first[0] @ first, closure.lead_second[0] @ second
     body = list(range(tree.count))
     lift = [np.eye(3)] * tree.count
     for variable in held:
@@ -74,14 +71,16 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
         (number[body[a]], number[body[b]]) for a, b in (tree.ends[p] for p in pairs)
     )
     leads = []
-    for which, given in ((0, closure.lead_first), (1, closure.lead_second)):
+    for which in (0, 1):
         own = np.array([lift[tree.ends[pair][which]] for pair in pairs]).reshape(-1, 3, 3)
-        leads.append((own if given is None else own @ given[0][pairs])[None])
+        if closure.leads is not None:
+            own = own @ closure.leads[which][0][pairs]
+        leads.append(own[None])
     return Locked(
         Closure(
             LoopTree(len(number), ends, tuple(place[tree.owners[v]] for v in kept)),
             tuple(closure.joints[pair] for pair in pairs),
-            *leads,
+            (leads[0], leads[1]),
         ),
         kept,
         values,

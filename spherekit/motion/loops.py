@@ -31,6 +31,16 @@ class LoopTree:
         return LoopTree(len(mechanism.links), mechanism.ends, mechanism.variable_owners)
 
     @cached_property
+    def firsts(self) -> list[int]:
+        """The first body of each pair."""
+        return [first for first, _ in self.ends]
+
+    @cached_property
+    def seconds(self) -> list[int]:
+        """The second body of each pair."""
+        return [second for _, second in self.ends]
+
+    @cached_property
     def branches(self) -> tuple[tuple[int, int, int], ...]:
         """Tree pairs in order of placement: (pair, parent body, child body)."""
         placed, order = {0}, []

@@ -93,7 +93,7 @@ class Meshes:
             search(locked.closure, distinct)
             found = np.array(distinct.values).reshape(-1, len(locked.kept))
         whole = locked.whole(found)
-        gap = np.max(np.abs(closure.linearise(whole)[0]), axis=1, initial=0.0)
+        gap = closure.at(whole).gap
         return [self.moved(each, driven, far) for each in whole[gap < CLOSURE_TOLERANCE]]
 
     def _less_periods(self, q: Floats) -> Floats:
@@ -121,7 +121,7 @@ def _lock_all(closure: Closure, held: dict[int, float]) -> Locked:
     """Return a closure with pairs locked, and the R pairs that can then move no more."""
     locked = lock(closure, held)
     tree, joints = locked.closure.tree, locked.closure.joints
-    _, states = locked.closure.place(np.zeros((1, len(locked.kept))))
+    states = locked.closure.at(np.zeros((1, len(locked.kept)))).states
     fixed = {}
     for pair, (one, other) in enumerate(tree.ends):
         if one == other and joints[pair].has_axis:

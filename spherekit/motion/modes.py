@@ -30,7 +30,6 @@ from spherekit.motion.groups import (
     place_group,
 )
 from spherekit.motion.lattice import Lattice
-from spherekit.motion.pairs import pair_axes
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import STARTS, Census
 from spherekit.motion.sheet import Sheet, spread
@@ -163,8 +162,7 @@ def _range(lattice: Lattice) -> tuple[float, float]:
 
 def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
     """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
-    placed, states = solver.closure.place(values[None])
-    axes = pair_axes(solver.joints, solver.closure.frames(placed, states))[0]
+    axes = solver.closure.at(values[None]).axes[0]
     signs = []
     for group in solver.assembly.groups:
         if group.is_dyad:
@@ -395,7 +393,7 @@ class _Gathering:
         solver, driven = self.solver, list(self.solver.driven)
         angles = [v for v in solver.angles if v not in driven]
         families = np.full(len(values), -1, dtype=np.intp)
-        placed, _ = solver.closure.place(values)
+        placed = solver.closure.at(values).placed
         for branch, family in zip(
             self.branches[first:], self.families[first:], strict=True
         ):
@@ -468,8 +466,8 @@ def _with_determinants(solver: Solver, branch: Branch, values: Floats) -> Branch
             determinants.append(float(sign))
         else:
             start = values[None, group_variables(state, group)]
-            _, _, jacobian = place_group(state, group, solver.mechanism.ends, start)
-            determinant, _ = determinant_signs(jacobian)
+            _, at = place_group(state, group, solver.mechanism.ends, start)
+            determinant, _ = determinant_signs(at.jacobian)
             determinants.append(float(determinant[0]))
     return Branch(branch.number, branch.signs, branch.guide, tuple(determinants))
 

@@ -11,20 +11,15 @@ from numpy.typing import NDArray
 from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
-from spherekit.model.joints import Joint, PairRates, PairStates
+from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import lattice as lattices
 from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.lattice import Lattice, given_path
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.modes import find_branches
-from spherekit.motion.pairs import (
-    pair_axes,
-    pair_rates,
-    pair_states,
-    variable_vectors,
-)
 from spherekit.motion.sheet import Sheet
 from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly, plan_assembly
@@ -102,25 +97,25 @@ class Motion:
         return self.inputs[:, 0]
 
     @cached_property
-    def states(self) -> PairStates:
-        """The pairs' frames in link axes, curvatures, and whether contacts exist."""
-        return pair_states(self.joints, self.values)
+    def linearisation(self) -> Linearisation:
+        """The rows with all that follows from them, in ground axes."""
+        tree = LoopTree.of(self.mechanism)
+        return Linearisation(tree, self.joints, self.values, None, self.rotations)
 
-    @cached_property
+    @property
     def frames(self) -> Floats:
         """Pair frames (n, pairs, 3, 3) in ground axes; columns as in `Joint`."""
-        owners = [a for a, _ in self.mechanism.ends]
-        return self.rotations[:, owners] @ self.states.first
+        return self.linearisation.frames
 
-    @cached_property
+    @property
     def axes(self) -> Floats:
         """Pair axes (n, pairs, 3) in ground axes, see `spherekit.motion.pairs`."""
-        return pair_axes(self.joints, self.frames)
+        return self.linearisation.axes
 
-    @cached_property
+    @property
     def vectors(self) -> Floats:
         """Vectors of the variables (n, variables, 3) in ground axes."""
-        return variable_vectors(self.joints, self.frames, self.states.curvatures)
+        return self.linearisation.vectors
 
     @cached_property
     def conditioning(self) -> Floats:
@@ -148,8 +143,7 @@ class Motion:
     @cached_property
     def free_jacobian(self) -> Floats:
         """(n, equations, free) how loops open as the variables without the inputs move."""
-        jacobian = LoopTree.of(self.mechanism).jacobian(self.vectors)
-        return np.ascontiguousarray(jacobian[:, :, list(self.free)])
+        return np.ascontiguousarray(self.linearisation.jacobian[:, :, list(self.free)])
 
     @cached_property
     def closure_inverse(self) -> Floats:
@@ -175,7 +169,7 @@ class Motion:
     @property
     def _longest_loop(self) -> int:
         """The number of variables in the longest loop."""
-        signs = LoopTree.of(self.mechanism).signs
+        signs = self.linearisation.tree.signs
         return int(np.max(np.count_nonzero(signs, axis=1), initial=0))
 
     @property
@@ -221,13 +215,9 @@ class Motion:
     @property
     def orientation_error(self) -> Floats:
         """(n,) rad, how far links may be off: all variables on the way to one add up."""
-        paths = LoopTree.of(self.mechanism).paths
+        paths = self.linearisation.tree.paths
         longest = int(np.max(np.count_nonzero(paths, axis=1)))
         return self.configuration_error * longest
-
-    def rates_of_pairs(self, first_w: Floats, second_w: Floats) -> PairRates:
-        """Return how vectors and axes change, see `spherekit.motion.pairs.pair_rates`."""
-        return pair_rates(self.joints, self.frames, self.states, first_w, second_w)
 
     def quaternions(self, link: int) -> Floats:
         """Return (n, 4) xyzw, from the link's axes to ground axes."""
@@ -251,8 +241,7 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
     Singular ones are rows like others: their status is OK.
     """
     n = len(values)
-    placed, states = solver.closure.place(values)
-    gap = np.abs(solver.closure.residual(placed, states))
+    at = solver.closure.at(values)
     return Motion(
         mechanism=solver.mechanism,
         joints=solver.joints,
@@ -263,9 +252,9 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
         branch=np.zeros(n, dtype=np.int64),
         inputs=values[:, list(solver.driven)],
         values=values,
-        rotations=placed,
+        rotations=at.placed,
         status=np.full(n, Status.OK, dtype=np.int8),
-        residual=np.max(gap, axis=1, initial=0.0),
+        residual=at.gap,
         is_path=False,
     )
 

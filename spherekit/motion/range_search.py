@@ -75,12 +75,12 @@ class RangeSearch:
                 return values, rows
             result = closure.solve(values, held, iterations=POLISHING_STEPS)
             values = result.values
-            placed, states = closure.place(values)
+            at = closure.at(values)
             free = [v for v in range(values.shape[1]) if v not in driven]
-            jacobian = closure.tree.jacobian(closure.vectors(placed, states))
-            _, flatness = determinant_signs(jacobian[:, :, free])
+            _, flatness = determinant_signs(at.jacobian[:, :, free])
             good = (result.residual < CLOSURE_TOLERANCE) & (flatness > FLAT)
-            good &= np.all(states.inside, axis=1) & ~penetrates(closure.joints, states)
+            good &= np.all(at.states.inside, axis=1)
+            good &= ~penetrates(closure.joints, at.states)
         turning = [v for v in solver.angles if v not in driven]
         values[:, turning] = wrap(values[:, turning])
         return values[good], rows[good]

@@ -140,8 +140,8 @@ def damped(
     free = [v for v in range(count) if v not in held]
     values = values.copy()
     active, damping = np.arange(n), np.full(n, FIRST_DAMPING)
-    gap, jacobian = closure.linearise(values)
-    jacobian = jacobian[:, :, free]
+    start = closure.at(values)
+    gap, jacobian = start.residual, start.jacobian[:, :, free]
     size = np.sum(gap**2, axis=1)
     before, near = np.full(n, np.inf), size < CLOSE**2
     for turn in range(STEPS):
@@ -161,13 +161,14 @@ def damped(
         tried[:, free] += step
         if low is not None and high is not None:
             tried = np.clip(tried, low, high)
-        tried_gap, tried_jacobian = closure.take(active).linearise(tried)
+        there = closure.take(active).at(tried)
+        tried_gap = there.residual
         tried_size = np.sum(tried_gap**2, axis=1)
         better = tried_size < size[active]
         rows = active[better]
         values[rows], size[rows] = tried[better], tried_size[better]
         gap[better] = tried_gap[better]
-        jacobian[better] = tried_jacobian[better][:, :, free]
+        jacobian[better] = there.jacobian[better][:, :, free]
         changed = damping[active] * np.where(better, EASED, RAISED)
         damping[active] = np.maximum(changed, LEAST_DAMPING)
         near[rows] = size[rows] < CLOSE**2

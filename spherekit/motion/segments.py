@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.numeric.hermite import hermite
 from spherekit.sphere.rotation import Floats
 
@@ -71,27 +71,25 @@ class CurvePoints:
 
 @final
 @dataclass(frozen=True)
-class Linearised:
-    """The bordered equations at n points: their Jacobian and its inverse.
+class Bordered:
+    """The equations `at` n points, with a border (n, variables) below the Jacobian."""
 
-    `curvatures` and `curvature_rates` (n, pairs, 2) are those of the profiles.
-    """
+    at: Linearisation
+    borders: Floats
 
-    jacobian: Floats
-    inverse: Floats
-    curvatures: Floats
-    curvature_rates: Floats
-
-    def rebordered(self, row: int, border: Floats) -> "Linearised":
+    def rebordered(self, row: int, border: Floats) -> "Bordered":
         """Return one point with another border (variables,)."""
-        rows = slice(row, row + 1)
-        jacobian = bordered(self.jacobian[rows, :-1], border[None])
-        return Linearised(
-            jacobian,
-            left_inverse(jacobian),
-            self.curvatures[rows],
-            self.curvature_rates[rows],
-        )
+        return Bordered(self.at.take(slice(row, row + 1)), border[None])
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """(n, 3 loops + 1, variables)."""
+        return bordered(self.at.jacobian, self.borders)
+
+    @cached_property
+    def inverse(self) -> Floats:
+        """(n, variables, 3 loops + 1); NaN where singular."""
+        return left_inverse(self.jacobian)
 
     @property
     def flatness(self) -> Floats:
@@ -108,28 +106,18 @@ def bordered(jacobian: Floats, borders: Floats) -> Floats:
 
 def curve_points(
     closure: Closure, values: Floats, borders: Floats
-) -> tuple[CurvePoints, Linearised]:
+) -> tuple[CurvePoints, Bordered]:
     """Return the curve at closed configurations, its tangents along the borders.
 
     `values`, `borders` (n, variables); a border only has to have a part along the curve.
     """
-    placed, states = closure.place(values)
-    gap = np.max(np.abs(closure.residual(placed, states)), axis=1, initial=0.0)
-    frames = closure.frames(placed, states)
-    vectors = variable_vectors(closure.joints, frames, states.curvatures)
-    jacobian = bordered(closure.tree.jacobian(vectors), borders)
-    inverse = left_inverse(jacobian)
-    tangents = inverse[:, :, -1]
+    at = closure.at(values)
+    equations = Bordered(at, borders)
+    tangents = equations.inverse[:, :, -1]
     tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
-    w = closure.tree.body_rates(vectors, tangents)
-    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
-    turned = pair_rates(closure.joints, frames, states, first, second).vectors
-    bias = np.einsum("nij,nj->ni", closure.tree.jacobian(turned), tangents)
-    bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], bias)
+    bends = -np.einsum("nij,nj->ni", equations.inverse[:, :, :-1], at.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
-    points = CurvePoints(values, tangents, bends, gap)
-    equations = Linearised(jacobian, inverse, states.curvatures, states.curvature_rates)
-    return points, equations
+    return CurvePoints(values, tangents, bends, at.gap), equations
 
 
 @final
@@ -153,10 +141,10 @@ def correct(
     n = len(values)
     first, ratio = np.zeros(n), np.zeros(n)
     for step in range(MOST_CORRECTIONS):
-        gap, jacobian = closure.linearise(values)
-        inverse = left_inverse(bordered(jacobian, borders))
+        at = closure.at(values)
+        inverse = left_inverse(bordered(at.jacobian, borders))
         miss = targets - np.sum(borders * values, axis=1)
-        change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -gap)
+        change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
         change += inverse[:, :, -1] * miss[:, None]
         length = np.max(np.abs(change), axis=1)
         values = values + change

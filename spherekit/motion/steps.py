@@ -1,14 +1,13 @@
 """Verified steps from one closed configuration to another, many at once.
 
 A small closure residual does not prove the mode: Newton's method may close the loops on
-a neighbouring one. A step is therefore accepted only if the predictor with exact first
-and second derivatives was nearly right, the iteration contracted at once, the tangent
-turned little, and the determinant of the closure Jacobian kept its sign; otherwise it
-is halved.
+a neighbouring one. A step is therefore verified as `spherekit.motion.continuation` says,
+with exact first and second derivatives, and the determinant of the closure Jacobian has to
+keep its sign.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -16,8 +15,9 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.motion.closure import Closure
+from spherekit.motion.continuation import Rows, Verification, follow_paths
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.pairs import contact_tracks, pair_rates, variable_vectors
+from spherekit.motion.pairs import contact_tracks
 from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2
@@ -27,6 +27,10 @@ BEND = 0.02
 NEARER = 0.3
 """Part of slope / bend stepped at most: 0.6 of the way to a dead centre, where a
 variable goes as the square root of the way left and slope / bend is twice that way."""
+VERIFIED = Verification(correction=0.1, slack=1e-9, settled=1e-6, turn=0.95)
+LARGEST_MOVE = 0.5
+"""A prediction may be wrong by no larger part than of such a step (rad)."""
+MOST_NODES = 20000
 SMALLEST_STEP = 4e-13
 """A step below this means that the input has reached a dead centre (rad)."""
 NEARLY_FLAT, NEARLY_EQUAL, NEARLY_ENDED = 1e-3, 1e-3, 1e-6
@@ -77,10 +81,8 @@ def nodes_at(
 
     `driven` are the variables of the inputs, `direction` (n, inputs) how those move.
     """
-    placed, states = closure.place(values)
-    frames = closure.frames(placed, states)
-    vectors = variable_vectors(closure.joints, frames, states.curvatures)
-    jacobian = closure.tree.jacobian(vectors)
+    at = closure.at(values)
+    jacobian = at.jacobian
     held = list(driven)
     free = [v for v in range(values.shape[1]) if v not in driven]
     square = jacobian[:, :, free]
@@ -95,11 +97,7 @@ def nodes_at(
     slope[:, held] = direction
     moved = np.einsum("nij,nj->ni", jacobian[:, :, held], direction)
     slope[:, free] = -np.einsum("nij,nj->ni", inverse, moved)
-    w = closure.tree.body_rates(vectors, slope)
-    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
-    turned = pair_rates(closure.joints, frames, states, first, second).vectors
-    bias = np.einsum("nij,nj->ni", closure.tree.jacobian(turned), slope)
-    bend[:, free] = -np.einsum("nij,nj->ni", inverse, bias)
+    bend[:, free] = -np.einsum("nij,nj->ni", inverse, at.bias(slope))
     return Nodes(
         direction,
         values,
@@ -126,7 +124,7 @@ def safe_step(at: Nodes, longest: Floats) -> Floats:
     return np.asarray(np.fmax(step, SMALLEST_STEP))
 
 
-def advance(
+def _advanced(
     closure: Closure, driven: Sequence[int], at: Nodes, step: Floats, q: Floats
 ) -> tuple[Nodes, NDArray[np.bool_]]:
     """Return the nodes one step (n,) on, at inputs q (n, inputs), and which hold."""
@@ -137,29 +135,23 @@ def advance(
     guess = np.where(known[:, None], guess, at.values)
     moved = np.max(np.abs(guess - at.values), axis=1)
     result = closure.solve(guess, driven, iterations=6)
-    correction = result.first_step
     holds = known & (result.residual < CLOSURE_TOLERANCE)
-    holds &= correction <= np.minimum(0.05, 0.1 * moved) + 1e-9
-    holds &= (correction <= 1e-6) | (result.ratio <= 0.1)
+    size = np.minimum(LARGEST_MOVE, moved)
+    holds &= VERIFIED.corrected(result.first_step, result.ratio, size)
     new = nodes_at(closure, driven, result.values, at.direction)
     holds &= (new.sign == at.sign) & np.all(np.isfinite(new.slope), axis=1)
     cosine = np.sum(_unit(at.slope) * _unit(new.slope), axis=1)
-    return new, holds & (cosine >= 0.95)
+    return new, holds & (cosine > VERIFIED.turn)
 
 
 def _unit(slope: Floats) -> Floats:
     return np.asarray(slope / np.linalg.norm(slope, axis=1, keepdims=True))
 
 
-def smallest_step(q: Floats) -> Floats:
-    """Return the step (n,) below which inputs q (n, inputs) cannot go on."""
-    return np.asarray(2 * SMALLEST_STEP * np.maximum(1.0, np.max(np.abs(q), axis=1)))
-
-
 def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
     """Return the status of the samples beyond the last node that could be reached."""
     values = at.values[row]
-    _, states = closure.place(values[None])
+    states = closure.at(values[None]).states
     for k, tracks in contact_tracks(closure.joints):
         if states.curvatures[0, k, 0] - states.curvatures[0, k, 1] < NEARLY_EQUAL:
             return Status.CURVATURE
@@ -168,6 +160,74 @@ def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
             if not track.curve.closed and min(s, track.curve.length - s) < NEARLY_ENDED:
                 return Status.OFF_PROFILE
     return Status.OUT_OF_REACH if at.flatness[row] < NEARLY_FLAT else Status.BRANCH_LOST
+
+
+@final
+class InputPaths:
+    """Straight ways of the inputs, from closed configurations to inputs q (n, inputs).
+
+    Attributes
+    ----------
+    at
+        The nodes (n) reached so far.
+    status
+        (n,) OK, or why a way ended before its goal.
+    trail
+        What was reached in each step, with the ways it belongs to, if it is kept.
+    """
+
+    def __init__(
+        self,
+        closure: Closure,
+        driven: Sequence[int],
+        values: Floats,
+        q: Floats,
+        keeps_trail: bool = False,
+    ) -> None:
+        self.closure, self.driven, self.q = closure, list(driven), q
+        way = q - values[:, self.driven]
+        length = np.linalg.norm(way, axis=1)
+        direction = way / np.maximum(length, 1e-300)[:, None]
+        self.at = nodes_at(closure, driven, values.copy(), direction)
+        self.status = np.full(len(q), Status.OK, dtype=np.int8)
+        self.trail: list[tuple[Rows, Nodes]] | None = [] if keeps_trail else None
+        self.going = np.flatnonzero(length > 0.0)
+        self._left = np.full(len(q), MOST_NODES)
+        follow_paths(self, np.full(len(q), np.inf))
+
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """See `spherekit.motion.continuation`, as the further methods."""
+        return safe_step(self.at.take(rows), step)
+
+    def advance(self, rows: Rows, step: Floats) -> Floats:
+        """Go on by steps, the last ones exactly to the inputs wanted."""
+        at, q = self.at.take(rows), self.q[rows]
+        here = at.values[:, self.driven]
+        rest = np.sum((q - here) * at.direction, axis=1)
+        last = step >= rest * (1 - 1e-9)
+        ahead = np.where(last, rest, step)
+        goal = np.where(last[:, None], q, here + ahead[:, None] * at.direction)
+        new, holds = _advanced(self.closure, self.driven, at, ahead, goal)
+        moved, new = rows[holds], new.take(np.flatnonzero(holds))
+        self.at.put(moved, new)
+        if self.trail is not None:
+            self.trail.append((moved, new))
+        self._left[moved] -= 1
+        tired = rows[(self._left[rows] == 0) & ~(holds & last)]
+        self.status[tired] = Status.BRANCH_LOST
+        ended = np.concatenate([rows[holds & last], tired])
+        self.going = np.setdiff1d(self.going, ended, assume_unique=True)
+        return np.where(holds, 2.0, 0.0)
+
+    def smallest(self, rows: Rows) -> Floats:
+        """Return the steps below which inputs cannot go on."""
+        q = np.max(np.abs(self.at.values[rows][:, self.driven]), axis=1)
+        return np.asarray(2 * SMALLEST_STEP * np.maximum(1.0, q))
+
+    def stop(self, row: int) -> None:
+        """End a way at its last node."""
+        self.status[row] = why_ended(self.closure, self.at, row)
+        self.going = self.going[self.going != row]
 
 
 def walk(
@@ -187,35 +247,5 @@ def walk(
         (n, inputs) inputs to arrive at. Status OK says that a way of verified steps leads
         there; other rows hold the last configuration reached.
     """
-    way = q - values[:, list(driven)]
-    length = np.linalg.norm(way, axis=1)
-    direction = way / np.maximum(length, 1e-300)[:, None]
-    at = nodes_at(closure, driven, values, direction)
-    at = replace(at, values=values.copy())
-    status = np.full(len(q), Status.OK, dtype=np.int8)
-    done = np.zeros(len(q))
-    step = np.full(len(q), np.inf)
-    going = np.flatnonzero(length > 0.0)
-    while len(going):
-        rest = length[going] - done[going]
-        step[going] = safe_step(at.take(going), step[going])
-        last = step[going] >= rest * (1 - 1e-9)
-        ahead = np.where(last, rest, step[going])
-        goal = np.where(
-            last[:, None],
-            q[going],
-            at.values[going][:, list(driven)] + ahead[:, None] * direction[going],
-        )
-        new, holds = advance(closure, driven, at.take(going), ahead, goal)
-        moved = going[holds]
-        at.put(moved, new.take(np.flatnonzero(holds)))
-        done[moved] += ahead[holds]
-        step[moved] *= 2.0
-        failed = going[~holds]
-        stuck = failed[~(step[failed] > smallest_step(q[failed]))]
-        for row in stuck:
-            status[row] = why_ended(closure, at, int(row))
-        step[failed] *= 0.5
-        arrived = going[holds & last]
-        going = np.setdiff1d(going, np.concatenate([arrived, stuck]), assume_unique=True)
-    return at.values, status
+    paths = InputPaths(closure, driven, values, q)
+    return paths.at.values, paths.status

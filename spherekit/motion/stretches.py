@@ -6,6 +6,7 @@ from typing import final
 import numpy as np
 
 from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.turns import turns_in_range
 from spherekit.sphere.rotation import Floats
 
 TURN = 2.0 * np.pi
@@ -18,17 +19,20 @@ SHORTEST = 1e-6
 class Stretches:
     """The k parts of a curve whose input lies in a range, in order.
 
-    Where the range is longer than what the curve returns with, the first such part of it.
+    Where the range is longer than what the curve returns with, the same part of the curve
+    is there again for each time that the input passes it.
 
     `starts` and `stops` (k,) are s (rad), the last stop perhaps beyond the length of a
     closed curve; `middles` (k, variables) their middle points, the input in the range;
-    `lowest`, `highest` (k,) the input at their ends. A curve on which the input stands
-    still is one part.
+    `shifts` (k,) the whole periods by which it differs from the curve's (rad); `lowest`,
+    `highest` (k,) the input at their ends. A curve on which the input stands still is one
+    part.
     """
 
     starts: Floats
     stops: Floats
     middles: Floats
+    shifts: Floats
     lowest: Floats
     highest: Floats
 
@@ -43,12 +47,8 @@ class Stretches:
         """
         period = curve.returns_after(driven, period)
         if curve.rests(driven):
-            middle = curve.at(0.5 * curve.length).values
-            middle[:, driven] = _from(low, middle[:, driven], period)
-            inside = (middle[:, driven] >= low) & (middle[:, driven] <= high)
-            q = middle[inside, driven]
-            stop = np.full(len(q), curve.length)
-            return Stretches(np.zeros(len(q)), stop, middle[inside], q, q)
+            ends = np.array([0.0]), np.array([curve.length])
+            return Stretches._between(curve, driven, low, high, period, *ends)
         cuts = np.unique(
             np.concatenate(
                 [
@@ -64,19 +64,29 @@ class Stretches:
         else:
             cuts = np.concatenate([[0.0], cuts, [curve.length]])
         cuts = cuts[np.append(True, np.diff(cuts) > SHORTEST)]
-        starts, stops = cuts[:-1], cuts[1:]
+        return Stretches._between(curve, driven, low, high, period, cuts[:-1], cuts[1:])
+
+    @staticmethod
+    def _between(
+        curve: ArcCurve,
+        driven: int,
+        low: float,
+        high: float,
+        period: float,
+        starts: Floats,
+        stops: Floats,
+    ) -> "Stretches":
+        """Return those of parts from `starts` to `stops` (m,) that lie in the range."""
         middles = curve.at(0.5 * (starts + stops)).values
-        turned = _from(low, middles[:, driven], period)
-        shift = turned - middles[:, driven]
-        ends = [curve.at(cut).values[:, driven] + shift for cut in (starts, stops)]
-        middles[:, driven] = turned
+        turned, which = turns_in_range(middles[:, driven], low, high, period)
         inside = (turned >= low) & (turned <= high)
+        turned, which = turned[inside], which[inside]
+        starts, stops, middles = starts[which], stops[which], middles[which]
+        shifts = turned - middles[:, driven]
+        middles[:, driven] = turned
+        ends = [curve.at(cut).values[:, driven] + shifts for cut in (starts, stops)]
         return Stretches(
-            starts[inside],
-            stops[inside],
-            middles[inside],
-            np.minimum(*ends)[inside],
-            np.maximum(*ends)[inside],
+            starts, stops, middles, shifts, np.minimum(*ends), np.maximum(*ends)
         )
 
     def count(self, q: float) -> int:

@@ -26,6 +26,42 @@ def into_range(
     return np.where(returns, np.where(nearer, below, above), q)
 
 
+def turns_in_range(
+    q: Floats, low: float, high: float, period: float
+) -> tuple[Floats, NDArray[np.intp]]:
+    """Return the whole periods (k,) of inputs (m,) that lie in a range, and whose they are.
+
+    Of an input without one the nearest. A range of whole periods ends where it begins.
+
+    Returns
+    -------
+    turned, which
+        Inputs (k,), those of one rising, and the positions (k,) of what they come from.
+    """
+    first = into_range(q, low, high, period)
+    count = np.ones(len(first), dtype=np.intp)
+    if np.isfinite(period):
+        more = np.floor((high - first + ROUNDED) / period).astype(np.intp)
+        whole = whole_periods(low, high, period)
+        if whole:
+            more = np.minimum(more, whole - 1)
+        count += np.maximum(more, 0)
+    which = np.repeat(np.arange(len(first)), count)
+    lap = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    turned = first[which]
+    if np.isfinite(period):
+        turned = turned + lap * period
+    return turned, which
+
+
+def whole_periods(low: float, high: float, period: float) -> int:
+    """Return how many whole periods a range has, 0 if it is no whole number of them."""
+    count = round((high - low) / period)
+    if not count:
+        return 0
+    return count if abs(high - low - count * period) <= ROUNDED * (1 + count) else 0
+
+
 def in_range(q: Floats, low: Floats | float, high: Floats | float) -> NDArray[np.bool_]:
     """Return whether inputs (rad) are in a range, its ends included."""
     return np.asarray((q >= low - ROUNDED) & (q <= high + ROUNDED))

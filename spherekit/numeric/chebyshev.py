@@ -1,8 +1,8 @@
-"""Functions of one variable between two ends, as Chebyshev series on equal cells."""
+"""Functions of one variable as Chebyshev series on cells as narrow as each place needs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import final
 
 import numpy as np
@@ -13,21 +13,23 @@ Floats = NDArray[np.float64]
 
 DEGREE = 15
 MOST_CELLS = 2**13
+ROUNDING = 1e-10
+"""A cell whose error is below this and does not fall when it is halved has reached
+rounding."""
 
 
 @final
 @dataclass(frozen=True)
 class PiecewiseChebyshev:
-    """m functions on [low, high] by `coefficients` (cells, degree + 1, m).
+    """m functions on [edges[0], edges[-1]] by `coefficients` (cells, degree + 1, m).
 
-    `error` is the largest difference from the function measured between the sampled
-    points, relative to the largest value.
+    `edges` (cells + 1,) bound the cells in rising order. `error` is the largest difference
+    from the functions measured between the sampled points, relative to the size of each.
     """
 
-    low: float
-    high: float
+    edges: Floats
     coefficients: Floats
-    error: float
+    error: float = np.nan
 
     @staticmethod
     def fit(
@@ -35,69 +37,93 @@ class PiecewiseChebyshev:
         low: float,
         high: float,
         tolerance: float = 1e-13,
+        size: Floats | None = None,
+        cells: int = 1,
+        degree: int = DEGREE,
         most: int = MOST_CELLS,
     ) -> "PiecewiseChebyshev":
-        """Return the interpolant of a function (n,) -> (n, m).
+        """Return the interpolant of a function (n,) -> (n, m), of this degree.
 
-        Cells are halved until the error measured at the extrema of the next Chebyshev
-        polynomial, which lie midway between the sampled points, is below `tolerance`, or
-        until there are `most` cells: `error` says what was reached.
+        Starting from equal `cells`, each is halved until its error, measured at the
+        extrema of the next Chebyshev polynomial, is below `tolerance` times `size` (m,)
+        for every function, or is rounding, or there are `most`: `error` says what was
+        reached. Without sizes the largest value at the first places counts for all.
         """
-        count = DEGREE + 1
-        angles = (np.arange(count) + 0.5) * np.pi / count
-        between = np.arange(count + 1) * np.pi / count
-        orders = np.arange(count)
-        fitting = np.cos(np.outer(orders, angles)) * (2.0 / count)
-        fitting[0] *= 0.5
-        checking = np.cos(np.outer(between, orders))
-        cells = 1
-        while True:
-            starts = low + (high - low) * np.arange(cells) / cells
-            half = 0.5 * (high - low) / cells
+        count = degree + 1
+        between = np.cos(np.arange(count + 1) * np.pi / count)
+        checking = np.cos(np.outer(np.arange(count + 1) * np.pi / count, np.arange(count)))
+        places = np.concatenate([nodes(degree), between])
+        starts = low + (high - low) * np.arange(cells) / cells
+        ends = np.append(starts[1:], high)
+        before = np.full(cells, np.inf)
+        done: list[tuple[float, Floats]] = []
+        largest = 0.0
+        while len(starts):
+            half = 0.5 * (ends - starts)[:, None]
+            x = np.minimum(starts[:, None] + half * (1.0 + places), ends[:, None])
+            order = np.argsort(x.ravel())
+            found = function(x.ravel()[order])[np.argsort(order)]
+            found = found.reshape(len(starts), len(places), -1)
+            if size is None:
+                size = np.full(found.shape[2], np.max(np.abs(found)) or 1.0)
+            series = through(found[:, :count])
+            gap = np.einsum("jk,ckm->cjm", checking, series) - found[:, count:]
+            error = np.max(np.abs(gap) / size, axis=(1, 2))
+            good = (error <= tolerance) | ((error < ROUNDING) & (error > 0.5 * before))
+            if len(done) + 2 * len(starts) > most:
+                good[:] = True
+            done += zip(starts[good], series[good], strict=True)
+            largest = float(np.max(error[good], initial=largest))
+            left, right, before = starts[~good], ends[~good], np.repeat(error[~good], 2)
+            middle = 0.5 * (left + right)
+            starts = np.stack([left, middle], axis=1).ravel()
+            ends = np.stack([middle, right], axis=1).ravel()
+        done.sort(key=lambda cell: cell[0])
+        edges = np.array([start for start, _ in done] + [high])
+        return PiecewiseChebyshev(edges, np.stack([cell for _, cell in done]), largest)
 
-            def sample(x: Floats, starts: Floats = starts, half: float = half) -> Floats:
-                s = np.minimum(starts[:, None] + half * (1.0 + x), high)
-                return function(s.ravel()).reshape(*s.shape, -1)
+    def at(self, x: ArrayLike) -> Floats:
+        """Return the functions (n, m) at x (n,) between the first and the last edge."""
+        return self._sum(self.coefficients, np.asarray(x, dtype=float))
 
-            known, checked = sample(np.cos(angles)), sample(np.cos(between))
-            series = np.einsum("kj,cjm->ckm", fitting, known)
-            gap = np.max(np.abs(np.einsum("jk,ckm->cjm", checking, series) - checked))
-            error = float(gap / (np.max(np.abs(checked)) or 1.0))
-            if error <= tolerance or 2 * cells > most:
-                return PiecewiseChebyshev(low, high, series, error)
-            cells *= 2
-
-    def at(self, s: ArrayLike) -> Floats:
-        """Return the functions (n, m) at s (n,) within [low, high]."""
-        cell, x = self._within(np.asarray(s, dtype=float))
-        return self._sum(self.coefficients, cell, x)
-
-    def derivative(self, s: ArrayLike) -> Floats:
-        """Return the derivatives (n, m) of the interpolant at s (n,)."""
-        cell, x = self._within(np.asarray(s, dtype=float))
-        return self._sum(self._slopes, cell, x)
-
-    @cached_property
-    def _rate(self) -> float:
-        return len(self.coefficients) / (self.high - self.low)
+    def derivative(self, x: ArrayLike) -> Floats:
+        """Return the derivatives (n, m) of the interpolant at x (n,)."""
+        return self._sum(self._slopes, np.asarray(x, dtype=float))
 
     @cached_property
     def _slopes(self) -> Floats:
-        return np.asarray(
-            chebyshev.chebder(self.coefficients, axis=1) * (2.0 * self._rate), dtype=float
-        )
+        rates = 2.0 / np.diff(self.edges)
+        slopes = chebyshev.chebder(self.coefficients, axis=1)
+        return np.asarray(slopes * rates[:, None, None], dtype=float)
 
-    def _within(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
-        place = (s - self.low) * self._rate
-        cell = np.clip(place.astype(np.intp), 0, len(self.coefficients) - 1)
-        return cell, np.clip(2.0 * (place - cell) - 1.0, -1.0, 1.0)
+    def _sum(self, series: Floats, x: Floats) -> Floats:
+        """Return the series of each x's own cell, by Clenshaw's recurrence.
 
-    @staticmethod
-    def _sum(series: Floats, cell: NDArray[np.intp], x: Floats) -> Floats:
-        """Return the series of each x's own cell, by Clenshaw's recurrence."""
-        x = x[:, None]
+        Coefficients are fetched order by order: those of many places at once do not stay
+        in memory.
+        """
+        cell = np.searchsorted(self.edges, x, side="right") - 1
+        cell = np.clip(cell, 0, len(series) - 1)
+        low, high = self.edges[cell], self.edges[cell + 1]
+        place = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)[:, None]
         after = np.zeros((len(x), series.shape[2]))
         here = np.zeros_like(after)
         for order in range(series.shape[1] - 1, 0, -1):
-            here, after = 2.0 * x * here - after + series[cell, order], here
-        return np.asarray(x * here - after + series[cell, 0])
+            here, after = 2.0 * place * here - after + series[cell, order], here
+        return np.asarray(place * here - after + series[cell, 0])
+
+
+@cache
+def nodes(degree: int) -> Floats:
+    """Return the zeros (degree + 1,) of the next Chebyshev polynomial, rising."""
+    count = degree + 1
+    return np.asarray(np.cos((np.arange(degree, -1, -1) + 0.5) * np.pi / count))
+
+
+def through(values: Floats) -> Floats:
+    """Return the series (cells, degree + 1, m) with these values at the `nodes`."""
+    count = values.shape[1]
+    angles = (np.arange(count - 1, -1, -1) + 0.5) * np.pi / count
+    fitting = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
+    fitting[0] *= 0.5
+    return np.asarray(np.einsum("kj,cjm->ckm", fitting, values))

@@ -25,7 +25,7 @@ def largest(fitted: PiecewiseChebyshev) -> Extremes:
     companion matrix, and both ends of the cell.
     """
     cells, _, count = fitted.coefficients.shape
-    width = (fitted.high - fitted.low) / cells
+    low, width = fitted.edges[:-1], np.diff(fitted.edges)
     places, values = np.zeros(count), np.zeros(count)
     for function in range(count):
         for cell in range(cells):
@@ -35,7 +35,7 @@ def largest(fitted: PiecewiseChebyshev) -> Extremes:
             top = int(np.argmax(np.abs(y)))
             if np.abs(y[top]) > np.abs(values[function]):
                 values[function] = y[top]
-                places[function] = fitted.low + width * (cell + 0.5 * (1.0 + x[top]))
+                places[function] = low[cell] + 0.5 * width[cell] * (1.0 + x[top])
     return Extremes(places, values)
 
 

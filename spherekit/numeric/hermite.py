@@ -4,6 +4,30 @@ import numpy as np
 
 from spherekit.numeric.chebyshev import Floats
 
+Slope = tuple[Floats, Floats]
+"""Values and first derivatives at an end, arrays of any one shape."""
+
+
+def cubic(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
+    """Return cubic Hermite values at parts x, 0 to 1, of cells of lengths h.
+
+    All arrays broadcast.
+    """
+    (value, slope), (last, last_slope) = start, stop
+    y = 1.0 - x
+    found = value + x * x * (3.0 - 2.0 * x) * (last - value)
+    return np.asarray(found + x * y * h * (y * slope - x * last_slope))
+
+
+def cubic_slope(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
+    """Return the derivatives of what `cubic` returns."""
+    (value, slope), (last, last_slope) = start, stop
+    y = 1.0 - x
+    found = 6.0 * x * y * ((last - value) / h)
+    return np.asarray(
+        found + y * (1.0 - 3.0 * x) * slope + x * (3.0 * x - 2.0) * last_slope
+    )
+
 
 def hermite(
     start: tuple[Floats, Floats, Floats],
@@ -27,6 +51,5 @@ def hermite(
         + x * y3 * ((1.0 + 3.0 * x) * h * slope + 0.5 * x * h * h * bend)
         + x3 * y * (0.5 * y * h * h * last_bend - (4.0 - 3.0 * x) * h * last_slope)
     )
-    cubic = value + x * x * (3.0 - 2.0 * x) * (last - value)
-    cubic = cubic + x * y * h * (y * slope - x * last_slope)
-    return np.where(np.isnan(quintic), cubic, quintic)
+    smooth = cubic((value, slope), (last, last_slope), h, x)
+    return np.where(np.isnan(quintic), smooth, quintic)

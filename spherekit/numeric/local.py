@@ -8,8 +8,7 @@ from typing import final
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spherekit.numeric.adaptive import AdaptiveChebyshev
-from spherekit.numeric.chebyshev import Floats
+from spherekit.numeric.chebyshev import Floats, PiecewiseChebyshev
 
 DEGREE = 7
 TOLERANCE = 1e-14
@@ -33,15 +32,15 @@ class LocalPolynomials:
 
     @staticmethod
     def of(
-        series: AdaptiveChebyshev, columns: Sequence[int], size: Floats
+        series: PiecewiseChebyshev, columns: Sequence[int], size: Floats
     ) -> "LocalPolynomials":
         """Return some columns of a series, to `TOLERANCE` of the size (m,) of each."""
-        chosen = AdaptiveChebyshev(
+        chosen = PiecewiseChebyshev(
             series.edges, np.ascontiguousarray(series.coefficients[:, :, list(columns)])
         )
         low, high = float(series.edges[0]), float(series.edges[-1])
-        fine = AdaptiveChebyshev.fit(
-            chosen.at, low, high, size, TOLERANCE, FIRST_CELLS, DEGREE
+        fine = PiecewiseChebyshev.fit(
+            chosen.at, low, high, TOLERANCE, size, FIRST_CELLS, DEGREE
         )
         orders = np.arange(DEGREE + 1)
         powers = np.zeros((DEGREE + 1, DEGREE + 1))

@@ -2,20 +2,14 @@
 
 With the output held, a mechanism often falls apart into dyads that stand on the body of
 the two links that the output joins. Only the axes of pairs are needed then, no rotation
-matrix: the middle axis b of a dyad between the axes a and c at arcs A and C is
-
-    b = (cos A + cos C) (a + c) / |a + c|^2 + (cos A - cos C) (a - c) / |a - c|^2
-        + t (a x c) / |a x c|^2,
-    t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)),
-
-three terms at right angles to each other (derived here; it is the formula of two
-intersecting cones, with both factors in half angles so that small arcs lose no digits).
+matrix: the middle axis of a dyad follows from the outer ones (`spherekit.sphere.dyad`).
 The rates of its pairs follow from the triple product t of its axes, and with them how
 the inputs move per unit rate of the output. Arrays are (3, n), components first.
 """
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -28,6 +22,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import FLAT_DYAD
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.rates.vectors import cross, dot
+from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
 from spherekit.sphere.rotation import Floats
 
 Signs = tuple[int, ...]
@@ -55,18 +50,10 @@ class Cones:
         total = self.near + self.far
         return min(total, 2.0 * np.pi - total)
 
-    def square(self, sum_square: Floats, difference_square: Floats) -> Floats:
-        """Return t^2 (n,) from |a + c|^2 and |a - c|^2, negative out of reach."""
-        more, less = self.near + self.far, self.near - self.far
-        if np.cos(less) > 0.0:
-            outside = 0.5 * difference_square - 2.0 * np.sin(0.5 * less) ** 2
-        else:
-            outside = 2.0 * np.cos(0.5 * less) ** 2 - 0.5 * sum_square
-        if np.cos(more) > 0.0:
-            inside = 2.0 * np.sin(0.5 * more) ** 2 - 0.5 * difference_square
-        else:
-            inside = 0.5 * sum_square - 2.0 * np.cos(0.5 * more) ** 2
-        return np.asarray(outside * inside)
+    @cached_property
+    def halves(self) -> tuple[HalfArc, HalfArc]:
+        """Both arcs by their halves."""
+        return HalfArc.of(self.near), HalfArc.of(self.far)
 
 
 @final
@@ -346,22 +333,23 @@ class Placed:
         key = self.reach_key(group, signs)
         if key not in self.known:
             stand = self.dyads.stands[group]
-            cones = stand.cones
+            halves = stand.cones.halves
             a, c = self.outer(group, signs)
             total, difference = a + c, a - c
-            u, v = dot(total, total), dot(difference, difference)
-            square = cones.square(u, v)
+            squares = dot(total, total), dot(difference, difference)
+            square = triple_square(*halves, *squares)
             grazes = np.abs(square) < REACH_SLACK
             if np.any(grazes):
                 square[grazes] = np.maximum(square[grazes], 0.0)
             root = np.sqrt(square)
-            level = total * ((np.cos(cones.near) + np.cos(cones.far)) / u)
-            if cones.near != cones.far:
-                level += difference * ((np.cos(cones.near) - np.cos(cones.far)) / v)
+            along, beside, height = middle_axis(*halves, *squares, root)
+            level = total * along
+            if stand.cones.near != stand.cones.far:
+                level += difference * beside
             across = cross(difference, total)  # 2 a x c, to rounding of its own size
-            across *= 2.0 * root / (u * v)
+            across *= 0.5 * height
             self.known[key] = level, across, root
-            self.known[key, "squares"] = u, v
+            self.known[key, "squares"] = squares
             self.known[key, "sound"] = root >= FLAT_DYAD * stand.flat
         found: tuple[Floats, Floats, Floats] = self.known[key]
         return found
@@ -380,9 +368,10 @@ class Placed:
         return np.asarray(self.known[key])
 
     def square(self, group: int, signs: Signs) -> Floats:
-        """Return t^2 (n,) of a dyad, see `Cones`: negative where it does not reach."""
+        """Return t^2 (n,) of a dyad: negative where it does not reach."""
         u, v = self._beside(group, signs, "squares")
-        return self.dyads.stands[group].cones.square(u, v)
+        halves = self.dyads.stands[group].cones.halves
+        return np.asarray(triple_square(*halves, u, v))
 
     def sound(self, group: int, signs: Signs) -> NDArray[np.bool_]:
         """Return whether a dyad closes and is neither stretched nor folded (n,)."""

@@ -27,6 +27,7 @@ from spherekit.motion.branches import FLAT_DYAD, Solver
 from spherekit.motion.pairs import turns_of
 from spherekit.output.bar import Turned, turned
 from spherekit.output.dyads import Dyads, Placed, Signs, Stand
+from spherekit.output.measures import reciprocal
 from spherekit.output.posed import Posed, reach_of
 from spherekit.output.solutions import Solutions, solved
 from spherekit.output.wrist import Wrist, with_wrist
@@ -122,16 +123,11 @@ class Inverse:
         if self.normals is None:
             raise SolveError("the Jacobian needs the normals: ask with normals=True")
         rows = self.normals / self.type_1[..., None]
-        if rows.shape[2] == 3:
-            a, b, c = (rows[..., k, :] for k in range(3))
-            columns = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
-            volume = np.sum(a * np.cross(b, c), axis=-1)
-        else:
-            a, b = rows[..., 0, :], rows[..., 1, :]
-            axis = np.cross(a, b)
-            columns = np.stack([np.cross(b, axis), np.cross(axis, a)], axis=-1)
-            volume = np.sum(axis * axis, axis=-1)
-        return np.asarray(columns / volume[..., None, None])
+        along = None
+        if rows.shape[2] == 2:
+            along = np.cross(rows[..., 0, :], rows[..., 1, :])
+        columns, volume = reciprocal(rows, along)
+        return np.asarray(np.swapaxes(columns, -1, -2) / volume[..., None, None])
 
 
 @final
@@ -252,10 +248,9 @@ class InverseKinematics:
             missing, or the groups are no dyads; then ask for `solutions`.
         """
         if self._dyads is None and self._turned is None:
-            raise SolveError(
-                f"{self.own.name}: with the output held there is no closed form: "
-                f"{'; '.join(self.legs)}. Ask for `solutions` row by row, or trace "
-                "`InverseKinematics.mechanism` along a path of its inputs"
+            raise self.no_closed_form(
+                "ask for `solutions` row by row, or trace `InverseKinematics.mechanism` "
+                "along a path of its inputs"
             )
         given = self._checked(poses)
         chosen = self._chosen(modes)
@@ -305,12 +300,13 @@ class InverseKinematics:
         """Yield each mode at poses; what modes share is computed once."""
         block = np.ascontiguousarray(given.T)
         placed = self._placed(block) if self._turned is None else None
+        own = self._own(given)
         for signs in modes:
             if self._turned is not None:
-                yield _closed(self._turned, block, starts, signs)
+                yield _closed(self._turned, block, starts, signs, own)
             else:
                 assert placed is not None
-                yield Posed(placed, signs, reach_of(placed, signs))
+                yield Posed(placed, signs, reach_of(placed, signs), *own)
 
     def _type_2(self, given: Floats, starts: Floats, modes: Sequence[Signs]) -> Floats:
         """Return the measure (m, n) of type II of modes at poses."""
@@ -319,15 +315,25 @@ class InverseKinematics:
             for start in range(0, len(given), ROWS):
                 rows = slice(start, min(start + ROWS, len(given)))
                 for k, view in enumerate(self._views(given[rows], starts[rows], modes)):
-                    found[k, rows] = self.type_2(view, given[rows])
+                    found[k, rows] = view.type_2
         return found
 
-    def type_2(self, view: Posed, poses: Floats) -> Floats:
-        """Return the measure (n,) of type II of a mode at poses, NaN where it has none."""
-        directions = poses if self.wrist.points else None
-        found = self._transmission.at(view.axes(len(self.own.pairs)), directions)
-        held = np.isin(view.reach.status, (Status.OK, Status.AT_SINGULARITY))
-        return np.where(held, found, np.nan)
+    def _own(self, poses: Floats) -> tuple[tuple[int, ...], Callable[[Posed], Floats]]:
+        """Return the driven pairs, and what measures type II at poses."""
+        directions, count = poses if self.wrist.points else None, len(self.own.pairs)
+
+        def measure(view: Posed) -> Floats:
+            return self._transmission.at(view.axes(count), directions)
+
+        return self.wrist.driven, measure
+
+    def no_closed_form(self, advice: str) -> SolveError:
+        """Return the error that says so, with what to do instead."""
+        return SolveError(
+            f"{self.own.name}: outputs.{self.wrist.output.name}: the poses of a working "
+            "mode have no closed form that needs no start. With the output held these "
+            f"groups are left: {'; '.join(self.legs)}; {advice}"
+        )
 
     @cached_property
     def _transmission(self) -> Transmission:
@@ -343,16 +349,14 @@ class InverseKinematics:
             `has_closed_form` is false.
         """
         if self._dyads is None:
-            raise SolveError(
-                f"{self.own.name}: with the output held there is no closed form: "
-                f"{'; '.join(self.legs)}; ask for `solutions` row by row"
-            )
+            raise self.no_closed_form("ask for `solutions` row by row")
         (chosen,) = self._chosen([signs])
-        block = np.ascontiguousarray(self._checked(poses).T)
+        given = self._checked(poses)
+        block = np.ascontiguousarray(given.T)
         self._check(block, 0)
         placed = self._placed(block)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return Posed(placed, chosen, reach_of(placed, chosen))
+            return Posed(placed, chosen, reach_of(placed, chosen), *self._own(given))
 
     @property
     def stands(self) -> tuple[Stand, ...]:
@@ -477,14 +481,20 @@ class InverseKinematics:
         return chosen
 
 
-def _closed(turned: Turned, directions: Floats, near: Floats, signs: Signs) -> Posed:
+def _closed(
+    turned: Turned,
+    directions: Floats,
+    near: Floats,
+    signs: Signs,
+    own: tuple[tuple[int, ...], Callable[[Posed], Floats]],
+) -> Posed:
     """Return one mode with the output turned so that the bar closes, next to `near`."""
     mode, wanted = signs[:-1], signs[-1]
     start = turned.turn_of(directions, near)
     turn, converged = turned.close(directions, start, mode)
     placed = turned.place(directions, turn)
     reach = reach_of(placed, mode)
-    view = Posed(placed, mode, reach, (turned.rate(placed, mode), directions))
+    view = Posed(placed, mode, reach, *own, (turned.rate(placed, mode), directions))
     status = reach.status.copy()
     within = status != Status.OUT_OF_REACH
     status[within & (np.abs(view.slope) < FLAT_DYAD)] = Status.AT_SINGULARITY

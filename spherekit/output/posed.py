@@ -1,6 +1,6 @@
 """One working mode of placed dyads: how it reaches, its inputs, rates, axes and angles."""
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import final
 
@@ -64,13 +64,44 @@ class Rate:
 class Posed:
     """One mode of placed dyads; `turn` are the rate of the bar's gap and the directions.
 
-    What other modes share is taken from what is known of `placed` already.
+    `driven` are the pairs of the inputs, `measure` gives the measure of type II. What
+    other modes share is taken from what is known of `placed` already.
     """
 
     placed: Placed
     signs: Signs
     reach: Reach
+    driven: tuple[int, ...]
+    measure: "Callable[[Posed], Floats]"
     turn: tuple[Fraction, Floats] | None = None
+
+    @property
+    def inputs(self) -> Floats:
+        """(n, inputs) rad in (-pi, pi], NaN where the mode has no configuration."""
+        return np.stack([self.input(pair) for pair in self.driven], axis=1)
+
+    @property
+    def type_1(self) -> Floats:
+        """(n, inputs) measures of type I, see `Inverse`."""
+        return np.stack([self.rate(pair).speed for pair in self.driven], axis=1)
+
+    @property
+    def type_1_square(self) -> Floats:
+        """(n, inputs) its squares, continued smoothly and negative beyond the reach."""
+        return np.stack([self.speed_square(pair) for pair in self.driven], axis=1)
+
+    @property
+    def type_2(self) -> Floats:
+        """(n,) measure of type II, NaN where the mode has no configuration."""
+        found = self.measure(self)
+        held = np.isin(self.reach.status, (Status.OK, Status.AT_SINGULARITY))
+        return np.where(held, found, np.nan)
+
+    @property
+    def rates(self) -> Floats:
+        """(n, inputs, 3) rates of the inputs per unit angular velocity of the output."""
+        rates = [self.rate(pair) for pair in self.driven]
+        return np.stack([(rate.unit / rate.speed).T for rate in rates], axis=1)
 
     @property
     def slope(self) -> Floats:
@@ -136,7 +167,8 @@ class Posed:
 
         NaN where an axis cannot be placed; it may be known where the mode does not close.
         """
-        return dot(self._axis(one), self._axis(other))
+        found = dot(self._axis(one), self._axis(other))
+        return np.broadcast_to(found, len(self.reach.status))
 
     def _axis(self, pair: int) -> Floats:
         dyads = self.placed.dyads

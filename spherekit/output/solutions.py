@@ -62,8 +62,7 @@ def solved(
             values.append(found)
             signs.append(mode)
     every = np.array(values).reshape(-1, len(solver.mechanism.variable_owners))
-    placed, _ = solver.closure.place(every)
-    turned = pose_of(solver.mechanism, output, placed)
+    turned = pose_of(solver.mechanism, output, solver.closure.at(every).placed)
     inputs = every[:, list(told)]
     return Solutions(
         np.array(row, dtype=np.intp),

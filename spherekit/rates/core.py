@@ -165,21 +165,19 @@ def _longest(vectors: Floats) -> Floats:
 
 def equations(motion: Motion, driven: int) -> Equations:
     """Return the velocity equations at all rows, solved while the input `driven` moves."""
-    tree = LoopTree.of(motion.mechanism)
+    at, free = motion.linearisation, list(motion.free)
+    tree = at.tree
     (moved,) = motion.mechanism.variables_of(driven)
-    vectors, free = motion.vectors, list(motion.free)
-    jacobian = tree.jacobian(vectors)
     matrix, inverse = motion.free_jacobian, motion.closure_inverse
-    rates = np.zeros((len(vectors), vectors.shape[1]))
+    rates = np.zeros_like(motion.values)
     rates[:, moved] = 1.0
-    rates[:, free], over = _solved(matrix, inverse, -jacobian[:, :, moved])
-    w = tree.body_rates(vectors, rates)
-    first, second = (w[:, [pair[k] for pair in tree.ends]] for k in (0, 1))
-    turned = motion.rates_of_pairs(first, second).vectors
+    rates[:, free], over = _solved(matrix, inverse, -at.jacobian[:, :, moved])
+    w = at.body_rates(rates)
+    turned = at.turned(w).vectors
     change = np.zeros_like(rates)
     bias = (tree.jacobian(turned) @ rates[:, :, None])[..., 0]
     change[:, free], bent = _solved(matrix, inverse, -bias)
-    dw = tree.body_rates(vectors, change) + tree.body_rates(turned, rates)
+    dw = at.body_rates(change) + tree.body_rates(turned, rates)
     # An open chain whose pairs are all driven has no equations, and nothing to lose.
     flatness = np.ones(len(w))
     if free:

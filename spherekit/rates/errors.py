@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
-from spherekit.model.joints import PairRates, PairStates
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
-from spherekit.motion.pairs import pair_rates, pair_states
 from spherekit.sphere.rotation import Floats
 
 STEP = 1e-6
@@ -161,7 +160,7 @@ def rough_errors(
     motion: Motion, inverse: Floats, rates: Floats, change: Floats
 ) -> RoughErrors:
     """Return the same as `rate_errors` from norms, of a mechanism that has R pairs only."""
-    tree = LoopTree.of(motion.mechanism)
+    tree = motion.linearisation.tree
     size = np.abs(np.moveaxis(inverse, 0, -1))
     moved = np.zeros((rates.shape[1], *size.shape[1:]))
     moved[np.array(motion.free, dtype=np.intp)] = size
@@ -199,8 +198,8 @@ def rate_errors(
     inputs, `rates` and `change` (n, variables) are the first and second derivatives of all
     variables by the input that moves.
     """
-    tree = LoopTree.of(motion.mechanism)
-    pairs = _Pairs(motion, tree)
+    tree = motion.linearisation.tree
+    pairs = _Pairs(motion)
     vectors = pairs.vectors[:, :, None]
     ways = inverse.shape[2]
     back = np.ascontiguousarray(np.moveaxis(inverse, 0, -1))
@@ -268,9 +267,9 @@ def rate_errors(
 class _Pairs:
     """The pairs of a motion's rows, component-first, as links turn."""
 
-    def __init__(self, motion: Motion, tree: LoopTree) -> None:
+    def __init__(self, motion: Motion) -> None:
         self._motion = motion
-        self._ends = [[pair[k] for pair in tree.ends] for k in (0, 1)]
+        self._at = motion.linearisation
         self._revolute = not motion.mechanism.has_contacts
         self.vectors = np.ascontiguousarray(np.moveaxis(motion.vectors, 0, -1))
 
@@ -280,9 +279,8 @@ class _Pairs:
             found = np.zeros((len(self.vectors), *w.shape[1:]))
             self._add_turned(found, w)
             return found, found
-        motion = self._motion
-        frames, states = _repeated(motion.frames, motion.states, w.shape[2])
-        return self._general(frames, states, w)
+        rows = np.tile(np.arange(w.shape[3]), w.shape[2])
+        return self._general(self._at if w.shape[2] == 1 else self._at.take(rows), w)
 
     def turned_on(
         self,
@@ -298,7 +296,7 @@ class _Pairs:
         That is as links turn by `turned`, variables move by `moved` (V, ways, n), vectors
         change by `first`, and w by `changed`. With contacts it is a difference.
         """
-        owners = self._ends[0]
+        owners = self._at.tree.firsts
         if self._revolute:
             found = np.zeros(first.shape)
             self._add_turned(found, changed)
@@ -310,42 +308,24 @@ class _Pairs:
         largest = np.max(np.abs(turned), axis=(0, 1), initial=1.0)
         h = STEP / np.maximum(largest, np.max(np.abs(moved), axis=0, initial=1.0))
         values = motion.values.T[:, None] + h * moved
-        states = pair_states(motion.joints, values.reshape(len(values), -1).T)
-        placed = np.tile(motion.rotations[:, owners], (ways, 1, 1, 1))
-        turn = _rows((h * turned)[owners])
+        placed = np.tile(motion.rotations, (ways, 1, 1, 1))
+        turn = _rows(h * turned)
         placed = placed + np.cross(turn[:, :, :, None], placed, axis=2)
-        later, _ = self._general(placed @ states.first, states, w + h * changed)
+        values = values.reshape(len(values), -1).T
+        there = Linearisation(self._at.tree, motion.joints, values, None, placed)
+        later, _ = self._general(there, w + h * changed)
         return np.asarray((later - own) / h)
 
     def _add_turned(self, out: Floats, w: Floats) -> None:
         """Add how the vectors of R pairs turn with their first links."""
-        for found, owner, vector in zip(out, self._ends[0], self.vectors, strict=True):
+        owners = self._at.tree.firsts
+        for found, owner, vector in zip(out, owners, self.vectors, strict=True):
             _add_cross(found, w[owner], vector[:, None])
 
-    def _general(
-        self, frames: Floats, states: PairStates, w: Floats
-    ) -> tuple[Floats, Floats]:
-        one, other = (_rows(w[owners]) for owners in self._ends)
-        found: PairRates = pair_rates(self._motion.joints, frames, states, one, other)
-        ways = w.shape[2]
-        return _columns(found.vectors, ways), _columns(found.axes, ways)
-
-
-def _repeated(frames: Floats, states: PairStates, ways: int) -> tuple[Floats, PairStates]:
-    if ways == 1:
-        return frames, states
-
-    def tiled(array: Floats) -> Floats:
-        return np.tile(array, (ways, *[1] * (array.ndim - 1)))
-
-    many = PairStates(
-        tiled(states.first),
-        tiled(states.second),
-        tiled(states.curvatures),
-        tiled(states.curvature_rates),
-        np.tile(states.inside, (ways, 1)),
-    )
-    return tiled(frames), many
+    @staticmethod
+    def _general(at: Linearisation, w: Floats) -> tuple[Floats, Floats]:
+        changed, ways = at.turned(_rows(w)), w.shape[2]
+        return _columns(changed.vectors, ways), _columns(changed.axes, ways)
 
 
 def _rows(parts: Floats) -> Floats:

@@ -22,6 +22,7 @@ from spherekit.conventions import (
 )
 from spherekit.errors import SolveError
 from spherekit.motion.motion import Motion
+from spherekit.numeric.hermite import cubic
 from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole, pole_of
 from spherekit.rates.bounds import Bounds, mended_and_bounded
 from spherekit.rates.core import Equations, LinkRates, driven_rates, equations
@@ -328,7 +329,7 @@ def _add_rates(
         ends = [pair[which] for pair in plan.ends]
         return np.stack([w[k].T if k in w else unknown for k in ends], axis=1)
 
-    turned = motion.rates_of_pairs(of_ends(0), of_ends(1))
+    turned = motion.linearisation.pair_rates(of_ends(0), of_ends(1))
     if chart is None:
         evaluate_line_rates(plan, lines, motion, turned)
     else:
@@ -520,11 +521,8 @@ def _flips(q: Floats, sense: Floats, v: Floats, dv: Floats) -> Floats:
     h = np.where(sense[1:] == sense[:-1], q[1:] - q[:-1], 0.0)[gap]
     t = np.linspace(0.0, 1.0, SUBSTEPS + 1)[:, None]
     slope = np.nan_to_num(dv)
-    path = (
-        v[:, None, gap] * (1 + 2 * t) * (1 - t) ** 2
-        + v[:, None, gap + 1] * t * t * (3 - 2 * t)
-        + h * t * (1 - t) * ((1 - t) * slope[:, None, gap] - t * slope[:, None, gap + 1])
-    )
+    start, stop = ((v[:, None, end], slope[:, None, end]) for end in (gap, gap + 1))
+    path = cubic(start, stop, h, t)
     turns = np.sum(path[:, 1:] * path[:, :-1], axis=0)
     flips[gap] = np.where(np.sum(turns < 0.0, axis=0) % 2 == 1, -1.0, 1.0)
     return flips

@@ -1,10 +1,9 @@
 """Evaluating a plan: every pole axis as the intersection of great circles.
 
 Each pole carries a bound of its error, propagated from those of its sources. Of all the
-great circles that the plan keeps for a pole, a route takes the best two, the first two, or
-all of them. The best two are the one with the smallest error and then the partner that
-makes the intersection most certain; both the angle between the two planes and the bound
-are reported.
+great circles that the plan keeps for a pole, a route takes the best two or the first two.
+The best two are the one with the smallest error and then the partner that makes the
+intersection most certain; both the angle between the two planes and the bound are reported.
 """
 
 from collections.abc import Collection
@@ -28,7 +27,6 @@ from spherekit.planning.poles import (
     pole_of,
 )
 from spherekit.rates.core import NullMotion, null_motion, null_motion_rate
-from spherekit.rates.least_squares import Intersection, intersection, intersection_rate
 from spherekit.rates.routes import Route
 from spherekit.rates.vectors import cross, dot, norm, unit_rate
 from spherekit.sphere.rotation import Floats
@@ -43,8 +41,7 @@ class Lines:
     error (rad); `angle[pole]`: (n,) sine of the angle between the two planes used, 1
     for primary poles; `planes[pole]`: (2, 3, n) unit normals of those planes, kept for
     the poles they were asked for. `contact[pair]`, `contact_rate[pair]`: (3, n) unit
-    normal of a sliding pair's contact plane and its derivative. `fitted[pole]` is what
-    derivatives need where all great circles were used.
+    normal of a sliding pair's contact plane and its derivative.
     """
 
     route: Route
@@ -57,12 +54,11 @@ class Lines:
     contact_rate: dict[int, Floats]
     chosen: dict[Pole, NDArray[np.intp]]
     blocks: dict[BlockPoles, NullMotion]
-    fitted: dict[Pole, Intersection]
 
     @staticmethod
     def of_pairs(plan: Plan, motion: Motion, route: Route) -> "Lines":
         """Return the poles and contact planes that the pairs give, and no others yet."""
-        lines = Lines(route, {}, {}, {}, {}, {}, {}, {}, {}, {}, {})
+        lines = Lines(route, {}, {}, {}, {}, {}, {}, {}, {}, {})
         axes = motion.axes
         n = len(axes)
         for number, pair in enumerate(plan.mechanism.pairs):
@@ -120,14 +116,7 @@ def line_sources(step: LinePole, k: int) -> tuple[Pole, Pole]:
 
 
 def _intersect(step: LinePole, lines: Lines, keep_planes: bool) -> None:
-    normals, length, error = _great_circles(step, lines)
-    if lines.route == "least_squares":
-        fitted = intersection(normals, error * np.maximum(length, EPS))
-        lines.fitted[step.pole] = fitted
-        lines.unit[step.pole] = fitted.unit
-        lines.error[step.pole] = np.minimum(fitted.error, 1.0)
-        lines.angle[step.pole] = fitted.sharpness
-        return
+    normals, length, error = great_circles(step, lines)
     best, partner, first, vector, size, doubt = _best_two(
         normals[:2] if lines.route == "first" else normals, length, error
     )
@@ -141,7 +130,7 @@ def _intersect(step: LinePole, lines: Lines, keep_planes: bool) -> None:
         lines.planes[step.pole] = pair / norm(pair)[:, None]
 
 
-def _great_circles(step: LinePole, lines: Lines) -> tuple[Floats, Floats, Floats]:
+def great_circles(step: LinePole, lines: Lines) -> tuple[Floats, Floats, Floats]:
     """Return normals (lines, 3, n), their lengths and error bounds (lines, n).
 
     First those through pairs of known poles, then the contact planes.
@@ -200,7 +189,7 @@ def planes_through(plan: Plan, pole: Pole, lines: Lines) -> None:
     if len(via) < 2:
         lines.planes[pole] = np.full((2, 3, n), np.nan)
         return
-    normals, length, error = _great_circles(LinePole(pole, 0, via), lines)
+    normals, length, error = great_circles(LinePole(pole, 0, via), lines)
     _, partner, first, *_ = _best_two(normals, length, error)
     pair = np.stack([first, _take(normals, partner)])
     lines.planes[pole] = pair / norm(pair)[:, None]
@@ -212,7 +201,8 @@ def _take(stack: Floats, which: NDArray[np.intp]) -> Floats:
     return np.asarray(np.take_along_axis(stack, index, axis=0)[0])
 
 
-def _intersect_rate(step: LinePole, lines: Lines) -> None:
+def great_circle_rates(step: LinePole, lines: Lines) -> tuple[Floats, Floats]:
+    """Return the normals (lines, 3, n) of `great_circles` and their derivatives."""
     sources = [line_sources(step, k) for k in step.via]
     normals = [cross(lines.unit[a], lines.unit[b]) for a, b in sources]
     normals += [lines.contact[number] for number in step.contacts]
@@ -221,10 +211,11 @@ def _intersect_rate(step: LinePole, lines: Lines) -> None:
         for a, b in sources
     ]
     changes += [lines.contact_rate[number] for number in step.contacts]
-    stack, stack_rate = np.stack(normals), np.stack(changes)
-    if lines.route == "least_squares":
-        lines.rate[step.pole] = intersection_rate(lines.fitted[step.pole], stack_rate)
-        return
+    return np.stack(normals), np.stack(changes)
+
+
+def _intersect_rate(step: LinePole, lines: Lines) -> None:
+    stack, stack_rate = great_circle_rates(step, lines)
     best, partner = lines.chosen[step.pole]
     one, other = _take(stack, best), _take(stack, partner)
     vector = cross(one, other)

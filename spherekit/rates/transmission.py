@@ -83,8 +83,8 @@ class Transmission:
 
     def of_values(self, closure: Closure, values: Floats) -> Floats:
         """Return the transmission (n,) of configurations (n, variables); NaN for NaN."""
-        placed, states = closure.place(values)
-        return self.at(closure.vectors(placed, states), self.pointed(placed))
+        there = closure.at(values)
+        return self.at(there.vectors, self.pointed(there.placed))
 
     def pointed(self, placed: Floats) -> Floats | None:
         """Return the directions (n, 3) of a pointing output of bodies (n, bodies, 3, 3)."""

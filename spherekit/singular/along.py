@@ -15,9 +15,8 @@ from spherekit.conventions import EPS, Status
 from spherekit.errors import PlanError
 from spherekit.model.joints import PairRates
 from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.motion.segments import CurvePoints, bordered
+from spherekit.motion.segments import Bordered, CurvePoints
 from spherekit.numeric.zeros import Zeros, zeros
 from spherekit.planning.poles import Plan, Pole, plan, pole_of
 from spherekit.rates.core import LinkRates
@@ -178,8 +177,8 @@ class AlongCurve:
         At a crossing of curves a branch is given by its tangent. Second derivatives and
         derivatives of axes are not known there: NaN.
         """
-        motion, tree = self._motion(values), self.closure.tree
-        w = tree.body_rates(motion.vectors, tangents)
+        motion = self._motion(values)
+        w = motion.linearisation.body_rates(tangents)
         rates = LinkRates(w, np.full_like(w, np.nan), np.ones(len(values)))
         wanted = {pole_of(*pole) for pole in poles}
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -249,17 +248,13 @@ class AlongCurve:
         return self._kept[key]
 
     def _solved(self, points: CurvePoints) -> Moving:
-        motion, tree = self._motion(points.values), self.closure.tree
-        vectors = motion.vectors
-        w = tree.body_rates(vectors, points.tangents)
-        first, second = (w[:, [pair[k] for pair in tree.ends]] for k in (0, 1))
-        turned = motion.rates_of_pairs(first, second)
-        dw = tree.body_rates(vectors, points.bends)
-        dw += tree.body_rates(turned.vectors, points.tangents)
-        jacobian = bordered(tree.jacobian(vectors), points.tangents)
-        size = np.linalg.norm(jacobian, axis=(1, 2))
-        inverse = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
-        flatness = np.nan_to_num(1.0 / (inverse * size))
+        motion = self._motion(points.values)
+        at = motion.linearisation
+        w = at.body_rates(points.tangents)
+        turned = at.turned(w)
+        dw = at.body_rates(points.bends)
+        dw += at.tree.body_rates(turned.vectors, points.tangents)
+        flatness = Bordered(at, points.tangents).flatness
         return Moving(points, motion, turned, LinkRates(w, dw, flatness))
 
     def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:
@@ -361,7 +356,7 @@ class AlongCurve:
 
     def _motion(self, values: Floats) -> Motion:
         """Return configurations (n, variables) as a motion of one nameless branch."""
-        placed, _ = self.closure.place(values)
+        placed = self.closure.at(values).placed
         n = len(values)
         nothing = np.zeros(n, dtype=np.int64)
         return Motion(

@@ -15,7 +15,6 @@ import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.motion.segments import correct, curve_points
 from spherekit.sphere.rotation import Floats
 
@@ -72,8 +71,7 @@ class Crossing:
 
 def crossing_near(closure: Closure, values: Floats) -> Crossing | None:
     """Return the crossing beside a configuration (variables,), None if there is none."""
-    _, jacobian = closure.linearise(values[None])
-    _, sizes, _ = np.linalg.svd(jacobian[0])
+    _, sizes, _ = np.linalg.svd(closure.at(values[None]).jacobian[0])
     count = len(values)
     rank = int(np.sum(sizes > NEARLY_NULL * sizes[0]))
     for freedoms in range(max(2, count - rank), 1, -1):
@@ -104,13 +102,11 @@ def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
     """Solve F = 0, J T = 0, C . T = 1 for x and T by the Gauss-Newton method."""
     count = len(start)
     x = start.copy()
-    _, jacobian = closure.linearise(x[None])
-    basis = np.linalg.svd(jacobian[0])[2][count - freedoms :].T
+    basis = np.linalg.svd(closure.at(x[None]).jacobian[0])[2][count - freedoms :].T
     held = basis.copy()
     error = np.inf
     for _ in range(MOST_STEPS):
-        gap, jacobian = closure.linearise(x[None])
-        matrix, rest = _augmented(closure, x, gap[0], jacobian[0], basis, held)
+        matrix, rest = _augmented(closure, x, basis, held)
         step = np.linalg.lstsq(matrix, -rest, rcond=1e-12)[0]
         before, error = error, float(np.max(np.abs(step[:count])))
         x = x + step[:count]
@@ -119,12 +115,12 @@ def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
             return None
         if error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before):
             break
-    gap, jacobian = closure.linearise(x[None])
-    rest = np.append(gap[0], (jacobian[0] @ np.linalg.qr(basis)[0]).ravel())
+    at = closure.at(x[None])
+    rest = np.append(at.residual[0], (at.jacobian[0] @ np.linalg.qr(basis)[0]).ravel())
     miss = float(np.max(np.abs(rest)))
     if miss > MISSED or error > 1e-6:
         return None
-    left, _, right = np.linalg.svd(jacobian[0])
+    left, _, right = np.linalg.svd(at.jacobian[0])
     rank = count - freedoms
     forms = _second_order(closure, x, left[:, rank:], right[rank:])
     tangents = _directions(forms)
@@ -134,14 +130,11 @@ def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
 
 
 def _augmented(
-    closure: Closure,
-    x: Floats,
-    gap: Floats,
-    jacobian: Floats,
-    basis: Floats,
-    held: Floats,
+    closure: Closure, x: Floats, basis: Floats, held: Floats
 ) -> tuple[Floats, Floats]:
     """Return the matrix and the residual of the augmented equations."""
+    at = closure.at(x[None])
+    gap, jacobian = at.residual[0], at.jacobian[0]
     rows, count = jacobian.shape
     freedoms = basis.shape[1]
     turned = jacobian_rates(closure, x)
@@ -166,16 +159,12 @@ def jacobian_rates(closure: Closure, values: Floats) -> Floats:
     Each variable moves alone, the loops not closed.
     """
     count, tree = len(values), closure.tree
-    placed, states = closure.place(np.tile(values, (count, 1)))
-    frames = closure.frames(placed, states)
-    vectors = variable_vectors(closure.joints, frames, states.curvatures)
-    w = tree.body_rates(vectors, np.eye(count))
-    first = w[:, [a for a, _ in tree.ends]]
+    at = closure.at(np.tile(values, (count, 1)))
+    first = at.body_rates(np.eye(count))[:, tree.firsts]
     second = first.copy()
     every = np.arange(count)
-    second[every, list(tree.owners)] += vectors[every, every]
-    turned = pair_rates(closure.joints, frames, states, first, second).vectors
-    return tree.jacobian(turned)
+    second[every, list(tree.owners)] += at.vectors[every, every]
+    return tree.jacobian(at.pair_rates(first, second).vectors)
 
 
 def _second_order(closure: Closure, x: Floats, left: Floats, null: Floats) -> Floats:

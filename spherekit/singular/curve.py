@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
+from spherekit.numeric.hermite import cubic, cubic_slope
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.sphere.rotation import Floats
 
@@ -69,12 +70,10 @@ class SingularCurve:
         places, weights = GAUSS
         x = 0.5 * (places + 1.0)[:, None]
         tangents = self.nodes.tangents[:, :, 0]
-        way = np.diff(self.nodes.values, axis=0)[:, None]
-        first = tangents[:-1, None] * self.chords[:, None, None]
-        last = tangents[1:, None] * self.chords[:, None, None]
-        speed = 6 * x * (1 - x) * way + (1 - x) * (1 - 3 * x) * first
-        speed = speed + x * (3 * x - 2) * last
-        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights)
+        chords, values = self.chords[:, None, None], self.nodes.values[:, None]
+        start, stop = (values[:-1], tangents[:-1, None]), (values[1:], tangents[1:, None])
+        speed = cubic_slope(start, stop, chords, x)
+        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chords
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
     @property
@@ -183,12 +182,8 @@ def predict(
         ends = []
         for node in (which, ahead):
             speed = np.sum(nodes.tangents[node, :, 0] * way, axis=1, keepdims=True)
-            ends.append(rates[node, :, 0] * (chord**2 / speed))
-        guesses.append(
-            what[which] * (1 + 2 * x) * (1 - x) ** 2
-            + what[ahead] * x * x * (3 - 2 * x)
-            + x * (1 - x) * ((1 - x) * ends[0] - x * ends[1])
-        )
+            ends.append((what[node], rates[node, :, 0] * (chord / speed)))
+        guesses.append(cubic(ends[0], ends[1], chord, x))
     return guesses[0], guesses[1]
 
 

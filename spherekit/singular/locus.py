@@ -179,7 +179,7 @@ class Locus:
             space = self.space(values, like)
             motions, small, shift, equations = self._linearised(space, motions, borders)
             off = np.einsum("nmv,nv->nm", small, motions)
-            residual = np.maximum(space.gap, np.max(np.abs(off), axis=1))
+            residual = np.maximum(space.at.gap, np.max(np.abs(off), axis=1))
             if step == most or not np.any(last > CORRECTED):
                 break
             shifted = values + space.closing

@@ -39,7 +39,7 @@ class InputsRest:
 
     def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
         """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
-        n, variables = space.values.shape
+        n, variables = space.at.values.shape
         chosen = np.zeros((n, self.count, variables))
         chosen[:, range(self.count), list(self.variables)] = 1.0
         return chosen, np.zeros((n, space.freedoms + 1, self.count, variables))
@@ -80,11 +80,11 @@ class OutputRest:
 
     def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
         """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
-        paths = space.closure.tree.paths
+        paths = space.at.tree.paths
         used = (paths[self.link] - paths[self.relative_to])[:, None]
-        watched = np.swapaxes(space.placed[:, self.link] @ self._watched, 1, 2)
-        turning = used * space.vectors
-        own = paths[self.link][:, None] * space.vectors
+        watched = np.swapaxes(space.at.placed[:, self.link] @ self._watched, 1, 2)
+        turning = used * space.at.vectors
+        own = paths[self.link][:, None] * space.at.vectors
         w = np.einsum("nvg,nvk->ngk", space.directions, own)
         moved = cross(w[:, :, None], watched[:, None])
         rows = watched @ np.swapaxes(turning, 1, 2)
@@ -94,14 +94,14 @@ class OutputRest:
 
     def orientation(self, space: TangentSpace) -> Floats:
         """Return (n, 3, 3), from the link's axes to those of the reference link."""
-        reference = np.swapaxes(space.placed[:, self.relative_to], 1, 2)
-        return np.asarray(reference @ space.placed[:, self.link])
+        reference = np.swapaxes(space.at.placed[:, self.relative_to], 1, 2)
+        return np.asarray(reference @ space.at.placed[:, self.link])
 
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
         """Return (n, k, 3) in the axes of body 0, of k rates (n, V, k)."""
-        paths = space.closure.tree.paths
+        paths = space.at.tree.paths
         used = (paths[self.link] - paths[self.relative_to])[:, None]
-        return np.asarray(np.einsum("nvk,nvd->nkd", rates, used * space.vectors))
+        return np.asarray(np.einsum("nvk,nvd->nkd", rates, used * space.at.vectors))
 
 
 def output_of(

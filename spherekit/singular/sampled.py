@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.motion.configuration import Configurations
 from spherekit.motion.motion import Tracer
-from spherekit.motion.turns import in_range, into_range
+from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_periods
 from spherekit.rates.transmission import hold
 from spherekit.singular.nearness import nearness
 from spherekit.singular.record import AlongOutput, Singularities, Type
@@ -121,24 +121,27 @@ class SampledSingularities:
             if crossing.crossing is not None:
                 self.crossed[lost[far < AT_CROSSING]] = True
 
-    def branches_at(self, curve: int, s: float) -> tuple[int, ...]:
-        """Return the branches whose pieces of a curve hold or touch the place s."""
+    def branches_at(self, curve: int, s: float, q: float) -> tuple[int, ...]:
+        """Return the branches whose pieces of a curve hold or touch a place s at input q.
+
+        Where the range is of whole periods its end is its start.
+        """
         item = self.configurations.curves[curve]
-        length = item.curve.length
-        places = [s, s + length, s - length] if item.curve.closed else [s]
-        return tuple(
-            sorted(
-                {
-                    piece.branch
-                    for piece in item.pieces
-                    if piece.branch is not None
-                    and any(
-                        piece.start - TOUCHES <= place <= piece.stop + TOUCHES
-                        for place in places
-                    )
-                }
-            )
-        )
+        own, driven = item.curve, self.tracer.solver.single
+        period = self._period(curve)
+        whole = whole_periods(*self.tracer.range, period)
+        there = float(own.at(s).values[0, driven])
+        found: set[int] = set()
+        for lap in (0, 1, -1) if own.closed else (0,):
+            place, there_again = s + lap * own.length, there + lap * own.rise[driven]
+            for piece in item.pieces:
+                touched = piece.start - TOUCHES <= place <= piece.stop + TOUCHES
+                if piece.branch is None or not touched:
+                    continue
+                turns = round((there_again + piece.shift - q) / period)
+                if turns == 0 or (whole and turns % whole == 0):
+                    found.add(piece.branch)
+        return tuple(sorted(found))
 
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve."""
@@ -149,17 +152,26 @@ class SampledSingularities:
 
         Only turns are left out after which the configuration is the same.
         """
-        return self.input_of(curve, self.curves[curve].at(s).values)
+        q = self.curves[curve].at(s).values[:, self.tracer.solver.single]
+        return into_range(q, *self.tracer.range, self._period(curve))
 
-    def input_of(self, curve: int, values: Floats) -> Floats:
-        """Return the input (n,) in configurations (n, V) of a curve like `input_at`."""
+    def inputs_of(self, curve: int, values: Floats) -> Floats:
+        """Return the inputs (k,) of the range at which a configuration (V,) is met.
+
+        It is one of a curve. One outside, as near to the range as turns allow, if there is
+        none.
+        """
+        q = values[[self.tracer.solver.single]]
+        return turns_in_range(q, *self.tracer.range, self._period(curve))[0]
+
+    def _period(self, curve: int) -> float:
+        """Return the growth of the input with which a curve's configurations return."""
         solver = self.tracer.solver
-        period = self.curves[curve].returns_after(solver.single, *solver.periods)
-        return into_range(values[:, solver.single], *self.tracer.range, period)
+        return self.curves[curve].returns_after(solver.single, *solver.periods)
 
-    def inside(self, q: Floats) -> NDArray[np.bool_]:
-        """Return which inputs (n,) are in the range."""
-        return in_range(q, *self.tracer.range)
+    def inside(self, q: float) -> bool:
+        """Return whether an input is in the range."""
+        return bool(in_range(np.array(q), *self.tracer.range))
 
     def measures(self) -> list[Measures]:
         """Return the measures of every output in each form."""
@@ -207,11 +219,10 @@ class SampledSingularities:
             (rows,) = np.nonzero(self.curve == number)
             if len(rows):
                 closure = curve.segments.closure
-                placed, states = closure.place(curve.at(self.s[rows]).values)
                 smallest[rows], ratio[rows] = hold(
                     closure.tree,
                     [self.tracer.solver.single],
-                    closure.vectors(placed, states),
+                    closure.at(curve.at(self.s[rows]).values).vectors,
                 )
         return smallest, ratio
 
@@ -231,8 +242,7 @@ class SampledSingularities:
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
         found = self.curves[curve]
-        placed, _ = found.segments.closure.place(found.at([s]).values)
-        return np.asarray(placed[0])
+        return np.asarray(found.segments.closure.at(found.at([s]).values).placed[0])
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
         curve = self.curves[number]

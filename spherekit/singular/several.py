@@ -228,9 +228,9 @@ def _without_plan(
     alone = space.basis @ adjugate(space.basis[:, held])
     for k, pair in enumerate(motion.assembly.inputs):
         ways = alone[:, :, k] / np.linalg.norm(alone[:, :, k], axis=1, keepdims=True)
-        rates = closure.tree.body_rates(space.vectors, ways)
+        rates = space.at.body_rates(ways)
         r, i = motion.mechanism.ends[pair]
-        own = {pole_of(i, r): space.vectors[:, held[k]]}
+        own = {pole_of(i, r): space.at.vectors[:, held[k]]}
 
         def direction(
             a: int, b: int, own: dict[Pole, Floats] = own, rates: Floats = rates
@@ -261,8 +261,8 @@ def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputC
     own = Transmission(
         closure.tree, tuple(held), output.link, output.relative_to, output.pointing
     )
-    directions = own.pointed(space.placed)
-    two = own.at(space.vectors, directions)
+    directions = own.pointed(space.at.placed)
+    two = own.at(space.at.vectors, directions)
     determinant = np.linalg.det(inputs)
     alone = adjugate(inputs)
     size = np.linalg.norm(alone, axis=1)
@@ -284,7 +284,7 @@ def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputC
         output_rate=output_rate,
         alone=turning / np.where(known, speed, np.nan),
         type_two=two,
-        hold=hold_of(closure.tree, held, space.vectors)[0],
+        hold=hold_of(closure.tree, held, space.at.vectors)[0],
         type_one=one,
         determinant=determinant,
         triples=nothing,

@@ -500,10 +500,8 @@ class SingleFreedom:
             return None
         solver, motion = self.tracer.solver, self.tracer.sparse(SAMPLED)
         reference = np.zeros((1, motion.values.shape[1]))
-        placed, states = solver.closure.place(reference)
-        gap = solver.closure.residual(placed, states)
         known = motion.values[~motion.failed]
-        if np.all(np.abs(gap) < CLOSURE_TOLERANCE):
+        if solver.closure.at(reference).gap[0] < CLOSURE_TOLERANCE:
             known = np.concatenate([reference, known])
         freedoms = [solver.freedoms(values) for values in known]
         return min(freedoms) if freedoms and min(freedoms) > 1 else None

@@ -5,15 +5,14 @@ freedoms are a manifold of g dimensions, and the rates that close the loops, J x
 its tangent space. Both are regular where inputs or the output are singular.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from spherekit.model.joints import PairStates
 from spherekit.motion.closure import Closure
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import REDUNDANT
-from spherekit.motion.pairs import pair_rates, variable_vectors
 from spherekit.sphere.rotation import Floats
 
 
@@ -24,12 +23,8 @@ class TangentSpace:
 
     Attributes
     ----------
-    closure, values
-        The loops, and the variables (n, V).
-    residual
-        (n, 3 loops) rotation vectors (rad) by which the loops stay open.
-    placed, vectors
-        Orientations (n, bodies, 3, 3) and the variables' vectors (n, V, 3) in body 0.
+    at
+        The configurations, with orientations, vectors and residual.
     basis
         (n, V, g) orthonormal rates that close the loops. With as many equations as V - g
         the sense is such that det [J; basis^T] > 0, or that of the basis aligned to.
@@ -50,11 +45,7 @@ class TangentSpace:
         Whether the sense of the basis is fixed everywhere by J alone.
     """
 
-    closure: Closure
-    values: Floats
-    residual: Floats
-    placed: Floats
-    vectors: Floats
+    at: Linearisation
     basis: Floats
     inverse: Floats
     closing: Floats
@@ -73,11 +64,6 @@ class TangentSpace:
         """The columns of the basis and the closing step, (n, V, g + 1)."""
         return np.concatenate([self.basis, self.closing[:, :, None]], axis=2)
 
-    @property
-    def gap(self) -> Floats:
-        """The largest component (n,) of the residual (rad)."""
-        return np.asarray(np.max(np.abs(self.residual), axis=1, initial=0.0))
-
     def along(self, directions: Floats) -> Floats:
         """Return the changes (n, V) that basis coordinates (n, g) stand for."""
         return np.asarray(np.einsum("nvg,ng->nv", self.basis, directions))
@@ -90,10 +76,8 @@ def tangent_space(
 
     `like` (V, g) is a basis that those found are turned to as nearly as possible.
     """
-    placed, states = closure.place(values)
-    frames = closure.frames(placed, states)
-    vectors = variable_vectors(closure.joints, frames, states.curvatures)
-    jacobian = closure.tree.jacobian(vectors)
+    at = closure.at(values)
+    jacobian = at.jacobian
     n, rows, count = jacobian.shape
     rank = count - freedoms
     finite = np.all(np.isfinite(jacobian), axis=(1, 2))
@@ -113,29 +97,18 @@ def tangent_space(
         @ np.swapaxes(left[:, :, :rank], 1, 2)
     )
     basis[~finite] = inverse[~finite] = np.nan
-    residual = closure.residual(placed, states)
-    closing = -np.einsum("nve,ne->nv", inverse, residual)
+    closing = -np.einsum("nve,ne->nv", inverse, at.residual)
     ways = np.concatenate([basis, closing[:, :, None]], axis=2)
     many = freedoms + 1
-    w = closure.tree.body_rates(
-        np.repeat(vectors, many, axis=0), np.swapaxes(ways, 1, 2).reshape(-1, count)
-    )
-    first, second = (w[:, [pair[k] for pair in closure.tree.ends]] for k in (0, 1))
-    repeated = PairStates(
-        *(np.repeat(getattr(states, item.name), many, axis=0) for item in fields(states))
-    )
-    frames = np.repeat(frames, many, axis=0)
-    turned = pair_rates(closure.joints, frames, repeated, first, second).vectors
+    repeated = at.take(np.repeat(np.arange(n), many))
+    w = repeated.body_rates(np.swapaxes(ways, 1, 2).reshape(-1, count))
+    turned = repeated.turned(w).vectors
     bends = -inverse[:, None] @ closure.tree.jacobian(turned).reshape(n, many, rows, count)
     flatness = np.ones(n)
     if rank:
         flatness = sizes[:, rank - 1] / np.maximum(sizes[:, 0], np.finfo(float).tiny)
     return TangentSpace(
-        closure,
-        values,
-        residual,
-        placed,
-        vectors,
+        at,
         basis,
         inverse,
         closing,

@@ -1,9 +1,6 @@
 """Following a curve of singular configurations, step by verified step.
 
-A step is accepted if the prediction was nearly right at its middle and its end, Newton's
-method contracted at once, the tangent turned little, the equations bordered by the
-tangent changed by less than would make them singular, and the polynomial through both
-ends predicts the middle. Otherwise it is halved.
+The path is a `spherekit.motion.curve_path.CurvePath`, its bend that of the last step.
 """
 
 from dataclasses import dataclass, replace
@@ -14,26 +11,18 @@ import numpy as np
 from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.motion.arc_length import periods_of
+from spherekit.motion.continuation import Verification
+from spherekit.motion.curve_path import STEP_PARTS, CurvePath, taylor
 from spherekit.singular.curve import SingularCurve, predict
-from spherekit.singular.locus import ON_LOCUS, Locus, LocusPoints
+from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.3
 """Longest step (rad of arc length)."""
-LARGEST_CHANGE = 0.6
-"""Change of the bordered equations in one step, relative; at 1 they may be singular."""
-LARGEST_CORRECTION = 0.05
-"""A prediction may be wrong by this part of the step."""
-LARGEST_MIDDLE = 1e-3
-"""The prediction of the middle from both ends may be wrong by this part of the step."""
-SMALLEST_STEP = 1e-6
-"""A step below this (rad) ends the curve."""
 NEARLY_FLAT = 1e-3
 """Equations of this reciprocal condition at a node that no step leaves are a crossing."""
-NEARLY_THERE = 1e-6
-SAME = 1e-8
-"""A lap ends where it started to this (rad)."""
-MOST_NODES = 20_000
+SAME_MOTION = 0.8
+"""Least cosine between the singular motions where a lap ends and starts."""
 
 
 def trace_curve(
@@ -69,16 +58,18 @@ def trace_curve(
         np.einsum("nvk,nv->nk", start.tangents, start.values),
     )
     periods = periods_of(locus.closure)
-    march = _March(locus, periods, longest, step, budget or Budget())
     ways: list[list[LocusPoints]] = []
     ends: list[Status] = []
+    still = np.zeros_like(start.values[0])
     for first in (start, _reversed(start)):
-        nodes, why, closes = march.run(first)
-        if closes:
+        begin = _Node(first, still)
+        path = _LocusPath(begin, periods, longest, step, locus, budget or Budget())
+        nodes = [node.point for node in path.run(0.05).nodes]
+        if path.closed:
             joined = LocusPoints.joined([first, *nodes])
             return SingularCurve(locus, joined, periods, True, (Status.OK, Status.OK))
         ways.append(nodes)
-        ends.append(why)
+        ends.append(path.end or Status.OK)
     behind = [_reversed(node) for node in reversed(ways[1])]
     joined = LocusPoints.joined([*behind, start, *ways[0]])
     if len(joined) < 2:
@@ -99,136 +90,105 @@ def _bordered(node: LocusPoints, tangent: Floats) -> Floats:
 
 @final
 @dataclass(frozen=True)
-class _March:
+class _Node:
+    """One point of the curve, and the bend of the last step."""
+
+    point: LocusPoints
+    bend: Floats
+
+    @property
+    def values(self) -> Floats:
+        return np.asarray(self.point.values[0])
+
+    @property
+    def tangent(self) -> Floats:
+        return np.asarray(self.point.tangents[0, :, 0])
+
+
+@final
+@dataclass
+class _LocusPath(CurvePath[_Node]):
+    """One sense of a curve of a locus."""
+
+    verification = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
+    smallest_step = 2e-6
+    same = 1e-8
+    most_nodes = 20_000
+
     locus: Locus
-    periods: Floats
-    longest: float
-    step: float
     budget: Budget
 
-    def run(self, start: LocusPoints) -> tuple[list[LocusPoints], Status, bool]:
-        """Return nodes after the start, why they end, and whether they close."""
-        nodes: list[LocusPoints] = []
-        at, step, way = start, 0.05, 0.0
-        bend = np.zeros_like(start.values[0])
-        while way < self.longest and len(nodes) < MOST_NODES:
-            if not self.budget.goes_on("the rest of a singular curve"):
-                break
-            step = min(step, self.step)
-            made = self._advance(at, bend, step)
-            if made is None:
-                step *= 0.5
-                if step < SMALLEST_STEP:
-                    flat = at.flatness[0] < NEARLY_FLAT
-                    why = Status.AT_SINGULARITY if flat else Status.BRANCH_LOST
-                    return nodes, why, False
-                continue
-            node, change = made
-            if not self._inside(node):
-                return nodes, Status.OFF_PROFILE, False
-            if way > 4.0 * NEARLY_THERE:
-                end = self._closing(start, at, bend, step, node)
-                if end is not None:
-                    if np.max(np.abs(end.values - at.values)) < NEARLY_THERE:
-                        nodes.pop()
-                    return [*nodes, end], Status.OK, True
-            nodes.append(node)
-            moved = float(np.linalg.norm(node.values - at.values))
-            bend = (node.tangents - at.tangents)[0, :, 0] / moved
-            way += moved
-            at = node
-            step *= min(2.0, max(0.5, 0.6 * LARGEST_CHANGE / (change + 1e-300)))
-        why = Status.OK if way >= self.longest else Status.BRANCH_LOST
-        return nodes, why, False
+    def exhausted(self) -> Status | None:
+        """Return BRANCH_LOST where the time is over."""
+        goes_on = self.budget.goes_on("the rest of a singular curve")
+        return None if goes_on else Status.BRANCH_LOST
 
-    def _taylor(self, at: LocusPoints, bend: Floats, way: Floats) -> Floats:
-        """Return predictions (n, V) at ways (n,) along the tangent."""
-        w = way[:, None]
-        return np.asarray(at.values + w * at.tangents[0, :, 0] + 0.5 * w * w * bend)
-
-    def _advance(
-        self, at: LocusPoints, bend: Floats, step: float
-    ) -> tuple[LocusPoints, float] | None:
+    def step_to(self, at: _Node, way: float) -> tuple[_Node, float] | None:
         """Return the node at this projection on the tangent if it passes all tests."""
-        way = np.array([0.5, 1.0]) * step
-        tangent = at.tangents[0, :, 0]
+        tests, parts, point = self.verification, way * STEP_PARTS, at.point
         found = self.locus.correct(
-            self._taylor(at, bend, way),
-            at.motions + way[:, None] * at.turns[0, :, 0],
-            np.stack([tangent, tangent])[:, None],
-            (float(tangent @ at.values[0]) + way)[:, None],
-            at.basis[0],
+            taylor(at, parts),
+            point.motions + parts[:, None] * point.turns[0, :, 0],
+            np.stack([at.tangent, at.tangent])[:, None],
+            (float(at.tangent @ at.values) + parts)[:, None],
+            point.basis[0],
         )
         if not np.all(found.good):
             return None
-        if np.any(found.first_step > LARGEST_CORRECTION * abs(step) + 1e-9):
+        if not np.all(tests.corrected(found.first_step, found.ratio, way)):
             return None
-        if np.any((found.first_step > 1e-6) & (found.ratio > 0.1)):
-            return None
-        turned = np.einsum("nv,v->n", found.tangents[:, :, 0], tangent)
-        if not np.all(np.abs(turned) > 0.9):
-            return None
+        turned = np.einsum("nv,v->n", found.tangents[:, :, 0], at.tangent)
         flip = np.sign(turned)[:, None, None]
         found.tangents[:] *= flip
         found.turns[:] *= flip
-        before = _bordered(at, tangent)
+        before = _bordered(point, at.tangent)
         inverse = np.linalg.pinv(before)
         moved = [
             float(
                 np.linalg.norm(
-                    inverse @ (_bordered(found.rows(slice(k, k + 1)), tangent) - before)
+                    inverse @ (_bordered(found.rows(slice(k, k + 1)), at.tangent) - before)
                 )
             )
             for k in (0, 1)
         ]
-        if not max(moved) < LARGEST_CHANGE:
+        if not tests.regular(np.array(moved), np.abs(turned)):
             return None
-        node = found.rows(slice(1, 2))
-        both = LocusPoints.joined([at, node])
-        chord = (node.values - at.values)[0]
-        part = (found.values[0] - at.values[0]) @ chord / (chord @ chord)
+        last = found.rows(slice(1, 2))
+        both = LocusPoints.joined([point, last])
+        chord = last.values[0] - at.values
+        part = (found.values[0] - at.values) @ chord / (chord @ chord)
         middle, _ = predict(both, np.zeros(1, dtype=np.intp), np.array([part]))
-        miss = np.max(np.abs(middle[0] - found.values[0]))
-        if not miss < LARGEST_MIDDLE * abs(step) + 1e-9:
+        miss = float(np.max(np.abs(middle[0] - found.values[0])))
+        if not tests.predicted(miss, way, tests.slack):
             return None
-        return node, max(moved)
+        bend = (last.tangents[0, :, 0] - at.tangent) / float(np.linalg.norm(chord))
+        return _Node(last, bend), max(moved)
 
-    def _inside(self, node: LocusPoints) -> bool:
-        _, states = self.locus.closure.place(node.values)
-        return bool(np.all(states.inside))
-
-    def _closing(
-        self,
-        start: LocusPoints,
-        at: LocusPoints,
-        bend: Floats,
-        step: float,
-        new: LocusPoints,
-    ) -> LocusPoints | None:
-        """Return the start, some periods on, if a verified step runs through it."""
-        middle = 0.5 * (at.values[0] + new.values[0])
-        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
-        laps = np.round((middle - start.values[0]) / self.periods)
-        again = start.values[0] + laps * finite
-        tangent = at.tangents[0, :, 0]
-        way = float(tangent @ (again - at.values[0]))
-        if not -NEARLY_THERE < way <= step or start.tangents[0, :, 0] @ tangent < 0.8:
+    def again(self, at: _Node, values: Floats) -> _Node | None:
+        """Return the start at values whole periods on, with the same singular motion."""
+        start = self.start.point
+        cosine = float(start.motions[0] @ at.point.motions[0])
+        if abs(cosine) < SAME_MOTION:
             return None
-        guess = self._taylor(at, bend, np.array([way]))[0]
-        if np.max(np.abs(again - guess)) > LARGEST_CORRECTION * step:
-            return None
-        sense = float(np.sign(start.motions[0] @ at.motions[0]))
-        if sense * float(start.motions[0] @ at.motions[0]) < 0.8:
-            return None
-        if abs(way) > NEARLY_THERE:
-            made = self._advance(at, bend, way)
-            if made is None or np.max(np.abs(made[0].values[0] - again)) > SAME:
-                return None
-        elif np.max(np.abs(guess - again)) > SAME + ON_LOCUS:
-            return None
-        return replace(
+        sense = float(np.sign(cosine))
+        point = replace(
             start,
-            values=again[None],
+            values=values[None],
             motions=sense * start.motions,
             turns=sense * start.turns,
         )
+        return _Node(point, self.start.bend)
+
+    def within(self, step: float, node: _Node | None) -> bool:
+        """Return whether there is a node, and on the profiles; end the curve where not."""
+        if node is None:
+            return False
+        inside = bool(np.all(self.locus.closure.at(node.values[None]).states.inside))
+        if not inside:
+            self.end = Status.OFF_PROFILE
+        return inside
+
+    def beyond(self) -> Status:
+        """Return AT_SINGULARITY beside a crossing of curves of the locus."""
+        flat = self.at.point.flatness[0] < NEARLY_FLAT
+        return Status.AT_SINGULARITY if flat else Status.BRANCH_LOST

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
+
 Complexes = NDArray[np.complex128]
 
 
@@ -28,31 +30,24 @@ def triple(a: Complexes, b: Complexes, c: Complexes) -> Complexes:
     return dot(a, cross(b, c))
 
 
-def at_arcs(
-    first: Complexes, second: Complexes, near: NDArray[Any], far: NDArray[Any]
-) -> Complexes:
-    """Return both axes (..., 2, 3) at given arcs from two others.
+def half_between(a: Complexes, b: Complexes) -> HalfArc:
+    """Return the arc (...,) between unit vectors (..., 3)."""
+    sine, cosine = (0.5 * np.sqrt(dot(c, c).astype(complex)) for c in (a - b, a + b))
+    return HalfArc(sine, cosine)
 
-    Parameters
-    ----------
-    first, second
-        Unit vectors (..., 3).
-    near, far
-        (...,) cosines of the arcs from `first` and from `second`.
 
-    Notes
-    -----
-    The axis is a first + b second + c first x second; the third part is the square root
-    of a Gram determinant, which is where both axes meet. Infinite where `first` and
-    `second` lie on one line.
+def at_arcs(first: Complexes, second: Complexes, near: HalfArc, far: HalfArc) -> Complexes:
+    """Return both axes (..., 2, 3) at given arcs (...,) from two unit vectors (..., 3).
+
+    They meet where the square root vanishes. Infinite where `first` and `second` lie on
+    one line.
     """
-    base = dot(first, second)
-    square = 1.0 - base * base
-    a, b = (near - base * far) / square, (far - base * near) / square
-    gram = square - near * near - far * far + 2.0 * base * near * far
-    c = np.sqrt(gram.astype(complex)) / square
-    flat = a[..., None] * first + b[..., None] * second
-    normal = c[..., None] * cross(first, second)
+    more, less = first + second, first - second
+    squares = dot(more, more), dot(less, less)
+    root = np.sqrt(np.asarray(triple_square(near, far, *squares)).astype(complex))
+    parts = middle_axis(near, far, *squares, root)
+    along, beside, height = (part[..., None] for part in parts)
+    flat, normal = along * more + beside * less, height * cross(first, second)
     return np.stack([flat + normal, flat - normal], axis=-2)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
@@ -18,7 +19,7 @@ from spherekit.model.dynamics import Stop
 from spherekit.model.geometry import COLLINEAR, geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, arc
-from spherekit.workspace.kinematics import OutputKinematics, Rows
+from spherekit.workspace.rows import Rows, Spanned
 
 
 @final
@@ -96,7 +97,7 @@ class Constraints:
     radius: float = 0.0
 
 
-def bounds_of(kinematics: OutputKinematics, wanted: Constraints) -> tuple[Bound, ...]:
+def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[Bound, ...]:
     """Return all bounds: of the reach, then those wanted.
 
     Raises
@@ -111,6 +112,23 @@ def bounds_of(kinematics: OutputKinematics, wanted: Constraints) -> tuple[Bound,
         *_of_singularities(mechanism, wanted.near),
     )
     return found or (_NO_LIMIT,)
+
+
+def left_of(bounds: Sequence[Bound], rows: Rows) -> tuple[Floats, NDArray[np.intp]]:
+    """Return what is left (n,) rad to the nearest bound, and its number.
+
+    Negative outside; the number is -1 where no limit says why the pose cannot be taken.
+    """
+    left = np.stack([bound.left(rows) for bound in bounds], axis=1)
+    columns = np.stack([bound.column(rows) for bound in bounds], axis=1)
+    missing = np.isnan(left)
+    filled = np.where(missing, np.inf, left)
+    limiting = np.argmin(filled, axis=1)
+    margin = np.min(filled, axis=1)
+    exact = np.min(np.where(np.isnan(columns), np.inf, columns), axis=1)
+    margin = np.where((margin < 0.0) & (exact >= 0.0), 0.0, margin)
+    unknown = missing.any(axis=1) & (margin >= 0.0)
+    return np.where(unknown, np.nan, margin), np.where(unknown, -1, limiting)
 
 
 _NO_LIMIT = Bound(
@@ -135,7 +153,7 @@ class _Between:
             self.high, self.high_from = high, source
 
 
-def _between_axes(kinematics: OutputKinematics, wanted: Constraints) -> tuple[Bound, ...]:
+def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[Bound, ...]:
     """Return the bounds of angles between axes, one each way for each two axes."""
     mechanism = kinematics.mechanism
     found: dict[tuple[int, int], _Between] = {}

@@ -12,8 +12,9 @@ from spherekit.output.dyads import Signs
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.region import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
-from spherekit.workspace.constraints import Bound
-from spherekit.workspace.kinematics import OutputKinematics, Rows, label_of
+from spherekit.workspace.constraints import Bound, left_of
+from spherekit.workspace.kinematics import ClosedKinematics
+from spherekit.workspace.rows import Rows, label_of
 
 FIRST_LOOK = 2000
 """Directions at which the area is guessed, to make its error relative."""
@@ -24,6 +25,9 @@ PSI = 1.533751168755204288118041
 NUDGES = (1e-12, 1e-11, 1e-10, 1e-9, 1e-8)
 """Steps (rad) into a workspace from its border, which is known to rounding only."""
 WAY_ROUNDS, WAY_SAMPLES = 8, 65
+COARSE = 1e-2
+"""Relative error of the set of directions in which the nearest one is looked for; the
+places on its border do not depend on it."""
 LEAST_PART = 1e-3
 """Part of the sphere that the tolerance is relative to at first, at least."""
 
@@ -74,7 +78,7 @@ class OrientationWorkspace:
 
 
 def margins_of(
-    kinematics: OutputKinematics, bounds: Sequence[Bound], signs: Signs
+    kinematics: ClosedKinematics, bounds: Sequence[Bound], signs: Signs
 ) -> Callable[[Floats], Floats]:
     """Return the margins (n, bounds) of a mode, of directions or quaternions xyzw."""
 
@@ -87,26 +91,12 @@ def margins_of(
 
 
 def judge(
-    kinematics: OutputKinematics, bounds: Sequence[Bound], signs: Signs, places: Floats
+    kinematics: ClosedKinematics, bounds: Sequence[Bound], signs: Signs, places: Floats
 ) -> Judged:
     """Return what is left at places, directions (n, 3) or quaternions (n, 4) xyzw."""
     with np.errstate(invalid="ignore", divide="ignore"):
         rows = kinematics.at(_poses(kinematics, places), signs)
         return Judged(*left_of(bounds, rows), *_known(rows))
-
-
-def left_of(bounds: Sequence[Bound], rows: Rows) -> tuple[Floats, NDArray[np.intp]]:
-    """Return what is left (n,) rad to the nearest bound, and its number, see `Judged`."""
-    left = np.stack([bound.left(rows) for bound in bounds], axis=1)
-    columns = np.stack([bound.column(rows) for bound in bounds], axis=1)
-    missing = np.isnan(left)
-    filled = np.where(missing, np.inf, left)
-    limiting = np.argmin(filled, axis=1)
-    margin = np.min(filled, axis=1)
-    exact = np.min(np.where(np.isnan(columns), np.inf, columns), axis=1)
-    margin = np.where((margin < 0.0) & (exact >= 0.0), 0.0, margin)
-    unknown = missing.any(axis=1) & (margin >= 0.0)
-    return np.where(unknown, np.nan, margin), np.where(unknown, -1, limiting)
 
 
 def _known(rows: Rows) -> tuple[Floats, Floats, Floats]:
@@ -117,11 +107,11 @@ def _known(rows: Rows) -> tuple[Floats, Floats, Floats]:
     return inputs, np.where(out, np.nan, least), np.where(out, np.nan, rows.type_2)
 
 
-def _poses(kinematics: OutputKinematics, places: Floats) -> Floats:
+def _poses(kinematics: ClosedKinematics, places: Floats) -> Floats:
     return places if kinematics.points else from_quaternion(places)
 
 
-def chosen_modes(kinematics: OutputKinematics, mode: str) -> tuple[Signs, ...]:
+def chosen_modes(kinematics: ClosedKinematics, mode: str) -> tuple[Signs, ...]:
     """Return the modes that a text names: all for ``""``, else a label or a number.
 
     Raises
@@ -145,7 +135,7 @@ def chosen_modes(kinematics: OutputKinematics, mode: str) -> tuple[Signs, ...]:
 
 
 def direction_workspaces(
-    kinematics: OutputKinematics,
+    kinematics: ClosedKinematics,
     bounds: Sequence[Bound],
     modes: Sequence[Signs],
     tolerance: float = 1e-4,
@@ -200,7 +190,7 @@ def spread(count: int) -> Floats:
 
 
 def orientation_workspaces(
-    kinematics: OutputKinematics,
+    kinematics: ClosedKinematics,
     bounds: Sequence[Bound],
     modes: Sequence[Signs],
     tolerance: float = 1e-2,
@@ -249,7 +239,7 @@ def orientation_samples(count: int = SAMPLES) -> Floats:
 
 
 def nearest_reachable(
-    kinematics: OutputKinematics,
+    kinematics: ClosedKinematics,
     bounds: Sequence[Bound],
     found: DirectionWorkspace | OrientationWorkspace,
     place: Floats,
@@ -279,7 +269,7 @@ def nearest_reachable(
 
 
 def nearest_orientations(
-    kinematics: OutputKinematics,
+    kinematics: ClosedKinematics,
     bounds: Sequence[Bound],
     signs: Signs,
     places: Floats,
@@ -303,6 +293,28 @@ def nearest_orientations(
         there = _on_way(place, near if near @ place >= 0.0 else -near, inside)
         found.append((there, 2.0 * _between(place, there)))
     return found
+
+
+def nearest_poses(
+    kinematics: ClosedKinematics, places: Floats, signs: Signs
+) -> tuple[Floats, Floats]:
+    """Return reachable poses near ones that are outside, and how far (n,) rad.
+
+    Directions (n, 3) or quaternions xyzw (n, 4), see `nearest_reachable`, under the limits
+    of the mechanism alone; NaN where none is known.
+    """
+    bounds = kinematics.bounds
+    if kinematics.points:
+        (found,) = direction_workspaces(kinematics, bounds, [signs], COARSE)
+        offers = [nearest_reachable(kinematics, bounds, found, place) for place in places]
+    else:
+        samples = orientation_samples()
+        offers = nearest_orientations(kinematics, bounds, signs, places, samples)
+    near, away = np.full_like(places, np.nan), np.full(len(places), np.nan)
+    for k, offer in enumerate(offers):
+        if offer is not None:
+            near[k], away[k] = offer
+    return near, away
 
 
 def _between(one: Floats, other: Floats) -> float:

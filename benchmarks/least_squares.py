@@ -1,10 +1,21 @@
-"""The direction closest to lying in all great circles of a pole."""
+"""The direction closest to lying in all great circles of a pole: a route not taken."""
 
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
+from spherekit.conventions import EPS
+from spherekit.model.joints import PairRates
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import BlockPoles, LinePole, Plan, Pole
+from spherekit.rates.lines import (
+    Lines,
+    block_rate,
+    great_circle_rates,
+    great_circles,
+    solve_block,
+)
 from spherekit.sphere.rotation import Floats
 
 
@@ -73,3 +84,35 @@ def intersection_rate(found: Intersection, normal_rates: Floats) -> Floats:
     """
     turned = np.einsum("lkn,kn->nl", normal_rates * found.weights[:, None], found.unit)
     return np.ascontiguousarray(-np.einsum("nkl,nl->kn", found.inverse, turned))
+
+
+def directions_and_rates(
+    plan: Plan, motion: Motion, turned: PairRates
+) -> tuple[dict[Pole, Floats], dict[Pole, Floats]]:
+    """Return the unit vectors (3, n) of all poles of a plan and their derivatives.
+
+    Signs of secondary poles are arbitrary. `turned` is the motion of the pairs.
+    """
+    lines = Lines.of_pairs(plan, motion, "conditioned")
+    fitted: dict[Pole, Intersection] = {}
+    for step in plan.steps:
+        if isinstance(step, LinePole):
+            normals, length, error = great_circles(step, lines)
+            found = intersection(normals, error * np.maximum(length, EPS))
+            fitted[step.pole] = found
+            lines.unit[step.pole] = found.unit
+            lines.error[step.pole] = np.minimum(found.error, 1.0)
+            lines.angle[step.pole] = found.sharpness
+        elif isinstance(step, BlockPoles):
+            solve_block(plan, step, motion, lines)
+    for number in lines.contact:
+        lines.contact_rate[number] = np.ascontiguousarray(turned.axes[:, number].T)
+    for step in plan.steps:
+        if isinstance(step, LinePole):
+            _, changes = great_circle_rates(step, lines)
+            lines.rate[step.pole] = intersection_rate(fitted[step.pole], changes)
+        elif isinstance(step, BlockPoles):
+            block_rate(plan, step, motion, turned, lines)
+        else:
+            lines.rate[step.pole] = np.ascontiguousarray(turned.axes[:, step.pair].T)
+    return lines.unit, lines.rate

@@ -1,0 +1,187 @@
+"""A curve followed in its own arc length, until it closes or ends."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar, Generic, Protocol, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import Status
+from spherekit.motion.continuation import Rows, Verification, follow_paths
+from spherekit.sphere.rotation import Floats
+
+NEARLY_THERE = 1e-6
+"""How near (rad) a node is to the start of a lap, or to a limit, that it has reached."""
+AIMED = 0.6
+"""Part of the allowed change of the equations that the next step aims at."""
+STEP_PARTS = np.array([0.5, 1.0])
+"""Where a step is verified."""
+
+
+class CurveNode(Protocol):
+    """A point of a curve in the space of the variables, and how the curve goes on."""
+
+    @property
+    def values(self) -> Floats:
+        """(variables,) rad."""
+
+    @property
+    def tangent(self) -> Floats:
+        """(variables,) of unit length."""
+
+    @property
+    def bend(self) -> Floats:
+        """(variables,) second derivatives by arc length."""
+
+
+Node = TypeVar("Node", bound=CurveNode)
+
+
+def taylor(node: CurveNode, way: Floats) -> Floats:
+    """Return the curve (n, variables) at arc lengths (n,) from a node, to second order."""
+    way = way[:, None]
+    return np.asarray(node.values + way * node.tangent + 0.5 * way**2 * node.bend)
+
+
+@dataclass
+class CurvePath(ABC, Generic[Node]):
+    """One sense of a curve, from a node on.
+
+    Attributes
+    ----------
+    verification, smallest_step, same, most_nodes
+        The tests of a step, the step at which the curve ends if not even that holds, how
+        near (rad) to its start a lap ends, and the most nodes.
+    start
+        The first node.
+    periods
+        (variables,) growth of each variable that changes nothing.
+    longest, largest
+        Length (rad) after which the curve is ended, and the longest step.
+    nodes
+        What was reached, without the start.
+    end
+        The status of what lies beyond; None while the curve goes on.
+    closed
+        Whether the last node is the start again, whole periods on.
+    """
+
+    verification: ClassVar[Verification]
+    smallest_step: ClassVar[float]
+    same: ClassVar[float]
+    most_nodes: ClassVar[int]
+
+    start: Node
+    periods: Floats
+    longest: float
+    largest: float
+    nodes: list[Node] = field(default_factory=list, init=False)
+    end: Status | None = field(default=None, init=False)
+    closed: bool = field(default=False, init=False)
+    way: float = field(default=0.0, init=False)
+
+    @property
+    def at(self) -> Node:
+        """The last node."""
+        return self.nodes[-1] if self.nodes else self.start
+
+    def run(self, first_step: float) -> Self:
+        """Follow the curve to its end."""
+        follow_paths(self, np.array([first_step]))
+        return self
+
+    @abstractmethod
+    def step_to(self, at: Node, way: float) -> tuple[Node, float] | None:
+        """Return the node at this projection on the tangent, if it passes all tests.
+
+        And the relative change of the equations.
+        """
+
+    @abstractmethod
+    def again(self, at: Node, values: Floats) -> Node | None:
+        """Return the start at values whole periods on, None if it is another one."""
+
+    @abstractmethod
+    def within(self, step: float, node: Node | None) -> bool:
+        """Return whether a step is to be taken; end the curve where a limit is reached."""
+
+    @abstractmethod
+    def beyond(self) -> Status:
+        """Return the status of what lies beyond the last node, which no step leaves."""
+
+    def exhausted(self) -> Status | None:
+        """Return why not to go on from the last node, if there is a reason."""
+        return None
+
+    @property
+    def going(self) -> Rows:
+        """Number 0, until the curve ends."""
+        if self.end is None:
+            if self.way >= self.longest:
+                self.end = Status.OK
+            elif len(self.nodes) >= self.most_nodes:
+                self.end = Status.BRANCH_LOST
+            else:
+                self.end = self.exhausted()
+        return np.arange(1 if self.end is None else 0)
+
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """Return the step, no longer than the longest."""
+        return np.minimum(step, self.largest)
+
+    def smallest(self, rows: Rows) -> Floats:
+        """Return the step at which the curve ends."""
+        return np.full(len(rows), self.smallest_step)
+
+    def stop(self, row: int) -> None:
+        """End the curve at its last node."""
+        self.end = self.beyond()
+
+    def advance(self, rows: Rows, step: Floats) -> Floats:
+        """Go on by a step."""
+        at, length = self.at, float(step[0])
+        made = self.step_to(at, length)
+        if made is not None and self.way > 4.0 * NEARLY_THERE:
+            end = self._closing(length, made[0])
+            if end is not None:
+                if np.max(np.abs(end.values - at.values)) < NEARLY_THERE:
+                    self.nodes.pop()
+                self.nodes.append(end)
+                self.end, self.closed = Status.OK, True
+                return np.ones(1)
+        if not self.within(length, None if made is None else made[0]):
+            return np.array([0.0 if self.end is None else 1.0])
+        assert made is not None
+        node, change = made
+        self.nodes.append(node)
+        self.way += float(np.linalg.norm(node.values - at.values))
+        growth = AIMED * self.verification.change / (change + 1e-300)
+        return np.array([min(2.0, max(0.5, growth))])
+
+    def _closing(self, step: float, new: Node) -> Node | None:
+        """Return the start, whole periods on, if a verified step runs through it."""
+        at, start = self.at, self.start
+        middle = 0.5 * (at.values + new.values)
+        laps = np.round((middle - start.values) / self.periods)
+        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
+        values = start.values + laps * finite
+        way = float(at.tangent @ (values - at.values))
+        if not -NEARLY_THERE < way <= step or start.tangent @ at.tangent < 0.8:
+            return None
+        miss = np.max(np.abs(values - taylor(at, np.array([way]))[0]))
+        if miss > self.verification.correction * step:
+            return None
+        if abs(way) > NEARLY_THERE:
+            made = self.step_to(at, way)
+            if made is None or np.max(np.abs(made[0].values - values)) > self.same:
+                return None
+        elif miss > self.same:
+            return None
+        return self.again(at, values)
+
+    @property
+    def winding(self) -> NDArray[np.int64]:
+        """(variables,) whole periods of one lap of a closed curve."""
+        laps = (self.nodes[-1].values - self.start.values) / self.periods
+        return np.round(laps).astype(np.int64)
