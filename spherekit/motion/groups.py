@@ -10,6 +10,7 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import REACH_SLACK
+from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
@@ -51,22 +52,12 @@ class State:
         values = np.full((n, len(mechanism.variable_owners)), np.nan)
         for driven, column in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[driven][0]] = column
-        placed = set(assembly.bodies)
-        waiting = list(assembly.inputs)
-        while waiting:
-            driven = waiting.pop(0)
-            a, b = mechanism.ends[driven]
-            if not {a, b} & placed:
-                waiting.append(driven)
-                continue
-            joint = joints[driven]
-            states = pair_states((joint,), values[:, list(variables[driven])])
+        ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
+        for driven, parent, child in ways:
+            states = pair_states((joints[driven],), values[:, list(variables[driven])])
             turn = states.first[:, 0] @ transpose(states.second[:, 0])
-            if a in placed:
-                within[b] = within[a] @ turn
-            else:
-                within[a] = within[b] @ transpose(turn)
-            placed |= {a, b}
+            ahead = mechanism.ends[driven][0] == parent
+            within[child] = within[parent] @ (turn if ahead else transpose(turn))
         lost, slack = np.zeros(n, dtype=bool), np.full(n, REACH_SLACK)
         return State(joints, variables, within, values, lost, slack)
 

@@ -18,6 +18,7 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.model.graph import spanning
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.closure import Closure
@@ -298,10 +299,10 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
     pairs = [pair for pair, own in of_pair.items() if np.all(linear[own])]
     left = set(pairs)
     while left:
-        bodies, part = set(tree.ends[min(left)]), set[int]()
-        while new := {pair for pair in left if bodies & set(tree.ends[pair])} - part:
-            part |= new
-            bodies |= {body for pair in new for body in tree.ends[pair]}
+        first = tree.ends[min(left)][0]
+        ways = spanning(tree.ends, (first,), left)
+        bodies = {first, *(body for _, _, body in ways)}
+        part = {pair for pair in left if tree.ends[pair][0] in bodies}
         left -= part
         number = {body: k for k, body in enumerate(sorted(bodies))}
         own = sorted(part)
