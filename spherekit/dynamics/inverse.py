@@ -13,6 +13,7 @@ from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import ModelError, SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.continued import AngleMemory
@@ -103,7 +104,7 @@ class InverseSolution:
 
 @checked(SolveError)
 def inverse_dynamics(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     law: TimeLaw,
     times: ArrayLike,
     *,
@@ -129,6 +130,7 @@ def inverse_dynamics(
     ModelError, PlanError, SolveError
         Before any sample is computed. Samples that cannot be reached get a status.
     """
+    mechanism = mechanism_of(mechanism)
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if t.ndim != 1 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
         raise SolveError(

@@ -211,6 +211,13 @@ class Simulation:
     error: float | None = None
     tolerance: float | None = None
 
+    def __repr__(self) -> str:
+        return (
+            f"<Simulation of {self.mechanism.name}: {self.start:g} to {self.end.t:.6g} s, "
+            f"{self.end.message}; {len(self.events)} events, {self.engine.steps} steps by "
+            f"{self.engine.name}>"
+        )
+
     @property
     def missed(self) -> str | None:
         """What says that the tolerance is missed, None if nothing does.

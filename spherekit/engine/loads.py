@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.kinematics import Flow
 from spherekit.engine.terms import Expr, function, power
-from spherekit.model.dynamics import Load, TorqueTable, Vector
+from spherekit.model.dynamics import Called, Load, TorqueTable, Vector, expression_of
 from spherekit.model.expression import Expression, fold
 from spherekit.model.mechanism import Mechanism
 
@@ -129,10 +129,10 @@ def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) 
     return np.asarray(placed.basis @ (constants(placed.within) @ own))
 
 
-def _magnitude(law: Expression | TorqueTable, moving: Moving) -> Expr:
+def _magnitude(law: Expression | Called | TorqueTable, moving: Moving) -> Expr:
     if isinstance(law, TorqueTable):
         return moving.table(law.name)
-    return _value(law, moving)
+    return _value(expression_of(law), moving)
 
 
 def _value(law: Expression, moving: Moving) -> Expr:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.series import cross
-from spherekit.model.dynamics import LinkMoment, TorqueTable
+from spherekit.model.dynamics import LinkMoment, TorqueTable, expression_of
 from spherekit.model.expression import KINKED, Expression, fold
 from spherekit.model.mechanism import Mechanism
 
@@ -99,8 +99,8 @@ class ExactLoads:
             if isinstance(part.magnitude, TorqueTable):
                 magnitude = self._table(part.magnitude, moving.t, inside)
             else:
-                assert isinstance(part.magnitude, Expression)
-                magnitude = self._value(part.magnitude, moving, switches)
+                law = expression_of(part.magnitude)
+                magnitude = self._value(law, moving, switches)
             if part.pair:
                 total = total + magnitude * moving.rates[:, self._variables[part.pair]]
             for moment in part.moments:

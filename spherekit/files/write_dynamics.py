@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 from typing import Any
 
+from spherekit.errors import EngineError
 from spherekit.files.angles import AngleUnit, to_text
 from spherekit.files.toml_text import Literal
-from spherekit.model.dynamics import Load, Mass, PairTorque, Stop
+from spherekit.model.dynamics import Load, Mass, PairTorque, Stop, not_written
 
 _Table = dict[str, Any]
 
@@ -41,6 +42,8 @@ def _load(load: Load, unit: AngleUnit) -> _Table:
     table: _Table = {} if load.kind == PairTorque.kind else {"kind": load.kind}
     for key, form in load.keys.items():
         given = getattr(load, key)
+        if callable(given):
+            raise EngineError(not_written(getattr(load, "pair", "")))
         if form in ("angle", "rate"):
             table[key] = _angle(given, unit)
         elif form in ("vector", "numbers"):

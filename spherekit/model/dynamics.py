@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import listing, nearest
-from spherekit.errors import ModelError
+from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
 from spherekit.model.laws import need_increasing
 from spherekit.model.needs import (
@@ -19,6 +19,7 @@ from spherekit.model.needs import (
     need_at_least_zero,
     need_expression,
     need_finite,
+    need_function,
 )
 
 if TYPE_CHECKING:
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 Vector = tuple[float, float, float]
 Tensor = tuple[Vector, Vector, Vector]
 Expressions = tuple[str, str, str]
+
+TorqueFunction = Callable[[float, float, float], float]
+"""A torque (N m) from the time t (s), the variable q (rad) and the rate dq (rad/s)."""
 
 Axes = Literal["ground", "link"]
 """Whether components are along the axes of the ground or of the link acted on."""
@@ -69,6 +73,60 @@ class LinkMoment:
 
 @final
 @dataclass(frozen=True)
+class Called:
+    """A torque that a function f(t, q, dq) gives, of a pair's variable and rate.
+
+    It stands where an `Expression` may, for what evaluates magnitudes at states.
+    """
+
+    pair: str
+    function: TorqueFunction
+
+    @property
+    def names(self) -> frozenset[str]:
+        """What it depends on, as an expression would say it."""
+        return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
+
+    def evaluate(self, known: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return the torque (n,) N m at the values of its names, each (n,).
+
+        Raises
+        ------
+        ModelError
+            If the function returns what is not a number.
+        """
+        states = (known["t"], known[f"theta_{self.pair}"], known[f"dtheta_{self.pair}"])
+        found = []
+        for state in zip(*(x.tolist() for x in np.broadcast_arrays(*states)), strict=True):
+            torque = self.function(*state)
+            try:
+                found.append(float(torque))
+            except (TypeError, ValueError):
+                t, q, dq = state
+                raise ModelError(
+                    f"the torque at pair {self.pair}: the function returned {torque!r} at "
+                    f"t = {t:g}, q = {q:g}, dq = {dq:g}; it has to return a number (N m)"
+                ) from None
+        return np.array(found)
+
+
+def expression_of(magnitude: "Expression | Called") -> Expression:
+    """Return the expression of a magnitude; `EngineError` for a function."""
+    if isinstance(magnitude, Called):
+        raise EngineError(not_written(magnitude.pair))
+    return magnitude
+
+
+def not_written(pair: str) -> str:
+    """Return what is to be said where a torque had to be an expression."""
+    return (
+        f"the torque at pair {pair} is a Python function, which only simulations by NumPy "
+        "can call; write it as an expression, or as a table of torques"
+    )
+
+
+@final
+@dataclass(frozen=True)
 class Component:
     """A part of a load: a magnitude, and the pair or the moments on links it works on.
 
@@ -76,7 +134,7 @@ class Component:
     angular velocities of links through `moments`, each times the magnitude.
     """
 
-    magnitude: "Expression | TorqueTable"
+    magnitude: "Expression | Called | TorqueTable"
     pair: str = ""
     moments: tuple[LinkMoment, ...] = ()
 
@@ -122,7 +180,9 @@ class PairTorque(Load):
     """A torque (N m) about an R pair's axis on its second link, its reaction on the first.
 
     `torque` is an expression in pair variables ``theta_PAIR`` (rad), their rates
-    ``dtheta_PAIR`` (rad/s) and the time ``t`` (s).
+    ``dtheta_PAIR`` (rad/s) and the time ``t`` (s); or a function f(t, q, dq) of the time
+    and of this pair's variable and rate, which only simulations by NumPy can call. It is
+    called at any times in any order.
     """
 
     kind = "torque"
@@ -130,14 +190,19 @@ class PairTorque(Load):
 
     name: str
     pair: str
-    torque: str
+    torque: str | TorqueFunction
 
     def check(self, key: str, mechanism: "Mechanism") -> None:
         need_angle(f"{key}.pair", self.pair, mechanism)
-        need_expression(f"{key}.torque", self.torque, mechanism)
+        if callable(self.torque):
+            need_function(f"{key}.torque", self.torque)
+        else:
+            need_expression(f"{key}.torque", self.torque, mechanism)
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
-        return (Component(_law(mechanism, self.torque), self.pair),)
+        if isinstance(self.torque, str):
+            return (Component(_law(mechanism, self.torque), self.pair),)
+        return (Component(Called(self.pair, self.torque), self.pair),)
 
 
 @final

@@ -1,6 +1,8 @@
 """Numbers, expressions and pairs that loads, masses and stops may have."""
 
+import inspect
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from spherekit.conventions import listing
@@ -22,12 +24,28 @@ def need_angle(key: str, pair: str, mechanism: "Mechanism") -> None:
     )
 
 
-def need_expression(key: str, text: str, mechanism: "Mechanism") -> None:
+def need_expression(key: str, text: Any, mechanism: "Mechanism") -> None:
     """Refuse a text that is no expression in the variables of R pairs and the time."""
+    if not isinstance(text, str):
+        raise ModelError(
+            f'{key}: found {text!r}, needs an expression in quotes, such as "0.5*sin(t)"'
+        )
     try:
         parse(text, load_names(mechanism.angles))
     except ModelError as error:
         raise ModelError(f"{key}: in the expression, {error}") from None
+
+
+def need_function(key: str, function: Callable[[float, float, float], float]) -> None:
+    """Refuse a function that cannot be called with time, variable and rate."""
+    try:
+        inspect.signature(function).bind(0.0, 0.0, 0.0)
+    except TypeError as error:
+        raise ModelError(
+            f"{key}: the function has to take time, variable and rate (t, q, dq): {error}"
+        ) from None
+    except ValueError:  # some builtins have no signature
+        return
 
 
 def need_at_least_zero(key: str, number: float, unit: str, hint: str = "") -> None:
