@@ -163,7 +163,7 @@ def _profile(profile: Profile, unit: AngleUnit) -> _Table:
         table["radius"] = _angle(profile.radius, unit)
     if profile.points:
         table["points_xyz"] = [[float(x) for x in point] for point in profile.points]
-    if profile.kind == "points" or not profile.closed:
+    if profile.points or not profile.closed:
         table["closed"] = profile.closed
     if profile.cosines:
         table["cosines"] = [_angle(value, unit) for value in profile.cosines]

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, Literal, final
 
 from numpy.typing import ArrayLike
@@ -22,16 +21,9 @@ from spherekit.model.changes import (
     in_radians,
     rows_of,
 )
-from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce, Stop
-from spherekit.model.dynamics_checks import check_loads, check_mass, check_stops
-
-PairType = Literal["R", "Cr", "Cs"]
-PAIR_TYPES: Mapping[str, str] = MappingProxyType(
-    {"R": "revolute", "Cr": "rolling contact", "Cs": "sliding contact"}
-)
-CONSTRAINTS: Mapping[str, int] = MappingProxyType({"R": 2, "Cr": 2, "Cs": 1})
-"""How many relative freedoms a pair of each type takes away (of three)."""
-
+from spherekit.model.dynamics import Load, Mass, Stop
+from spherekit.model.dynamics_checks import check_mass, check_stop
+from spherekit.model.joints import KINDS, Kind, PairType
 
 ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
 
@@ -74,6 +66,16 @@ class Pair:
     profiles: tuple[Profile, Profile] | None = None
     contact: Literal["external", "internal"] = "external"
     start: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def kind(self) -> Kind:
+        """What all pairs of its type have in common."""
+        return KINDS[self.type]
+
+    @property
+    def constraints(self) -> int:
+        """How many relative freedoms it takes away, of three."""
+        return 3 - self.kind.freedoms
 
 
 @final
@@ -228,19 +230,45 @@ class Mechanism:
         return tuple(
             number
             for number, pair in enumerate(self.pairs)
-            for _ in range(3 - CONSTRAINTS[pair.type])
+            for _ in range(pair.kind.freedoms)
         )
 
     @cached_property
     def variable_names(self) -> tuple[str, ...]:
         """``theta_PAIR`` (R), ``s_PAIR`` (Cr), ``s_PAIR_LINK`` for both links (Cs)."""
-        names: list[str] = []
-        for pair in self.pairs:
-            if pair.type == "Cs":
-                names += [f"s_{pair.name}_{link}" for link in pair.links]
-            else:
-                names.append(f"{'theta' if pair.type == 'R' else 's'}_{pair.name}")
-        return tuple(names)
+        return tuple(
+            name
+            for pair in self.pairs
+            for name in pair.kind.variable_names(pair.name, pair.links)
+        )
+
+    @cached_property
+    def angles(self) -> Mapping[str, int]:
+        """The numbers of the variables that are angles about fixed axes, by R pair."""
+        owners = enumerate(self.variable_owners)
+        owned = ((self.pairs[owner], variable) for variable, owner in owners)
+        return {pair.name: variable for pair, variable in owned if pair.kind.has_axis}
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether some pairs are no R pairs."""
+        return len(self.angles) < len(self.pairs)
+
+    @cached_property
+    def pole_pairs(self) -> Mapping[tuple[int, int], int]:
+        """The pairs whose axis or contact line is a pole, by its links, smaller first."""
+        return {
+            (min(ends), max(ends)): number
+            for number, (pair, ends) in enumerate(zip(self.pairs, self.ends, strict=True))
+            if pair.kind.pole_line is not None
+        }
+
+    def angle_between(self, one: int, other: int) -> int | None:
+        """Return the number of the angle of the first R pair of two links, if any."""
+        for name, variable in self.angles.items():
+            if set(self.ends[self.pair_number[name]]) == {one, other}:
+                return variable
+        return None
 
     def variables_of(self, pair: int) -> tuple[int, ...]:
         """Return the numbers of a pair's variables."""
@@ -496,14 +524,14 @@ def _check(mechanism: Mechanism) -> None:
     need_link(mechanism.ground, "ground")
     pair_names = [pair.name for pair in mechanism.pairs]
     for pair in mechanism.pairs:
-        if pair.type not in PAIR_TYPES:
+        if pair.type not in KINDS:
             raise ModelError(
                 f'{where}: pairs.{pair.name}: type "{pair.type}" is not one of '
-                f"{listing(PAIR_TYPES)}"
+                f"{listing(KINDS)}"
             )
         for name in pair.links:
             need_link(name, f"pairs.{pair.name}.links")
-        if (pair.profiles is None) != (pair.type == "R"):
+        if (pair.profiles is None) != pair.kind.has_axis:
             raise ModelError(
                 f"{where}: pairs.{pair.name}: a contact pair (Cr, Cs) has a profile for "
                 "each of its links, an R pair has none"
@@ -529,10 +557,11 @@ def _check(mechanism: Mechanism) -> None:
     for mass in mechanism.masses:
         need_link(mass.link, f"mass.{mass.link}")
     for load in mechanism.loads:
-        if isinstance(load, PointForce | Moment):
-            need_link(load.link, f"loads.{load.name}.link")
-        elif not isinstance(load, Gravity):
-            need_pair(load.pair, f"loads.{load.name}.pair")
+        for key, form in load.keys.items():
+            if form == "link":
+                need_link(getattr(load, key), f"loads.{load.name}.{key}")
+            elif form == "pair":
+                need_pair(getattr(load, key), f"loads.{load.name}.{key}")
     for stop in mechanism.stops:
         need_pair(stop.pair, f"stops.{stop.pair}")
     _check_dynamics(where, mechanism)
@@ -542,7 +571,7 @@ def _check(mechanism: Mechanism) -> None:
         for name in geometry.axes:
             need_pair(name, "pairs")
         for pair in mechanism.pairs:
-            if pair.type == "R" and pair.name not in geometry.axes:
+            if pair.kind.has_axis and pair.name not in geometry.axes:
                 raise ModelError(
                     f"{where}: pairs.{pair.name}: its axis in the reference pose is "
                     "missing; give xyz = [x, y, z] or lonlat = [longitude, latitude]"
@@ -557,13 +586,13 @@ def _check(mechanism: Mechanism) -> None:
 
 
 def _check_dynamics(where: str, mechanism: Mechanism) -> None:
-    types = {pair.name: pair.type for pair in mechanism.pairs}
-    moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
     try:
         for mass in mechanism.masses:
             check_mass(mass)
-        check_loads(mechanism.loads, moving, types)
-        check_stops(mechanism.stops, types)
+        for load in mechanism.loads:
+            load.check(f"loads.{load.name}", mechanism)
+        for stop in mechanism.stops:
+            check_stop(stop, mechanism)
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None
 
@@ -585,7 +614,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
     on_link: dict[str, list[str]] = {link: [] for link in mechanism.links}
     for pair in mechanism.pairs:
         for link in pair.links:
-            if pair.type == "R":
+            if pair.kind.has_axis:
                 on_link[link].append(pair.name)
     for link, expected in on_link.items():
         sizes = geometry.links.get(link, LinkSizes(()))

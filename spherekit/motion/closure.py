@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.geometry import Joint
+from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import REDUNDANT, LoopTree

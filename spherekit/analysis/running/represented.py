@@ -22,7 +22,7 @@ from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.chebyshev import DEGREE, PiecewiseChebyshev, through
 from spherekit.numeric.chebyshev import nodes as nodes_of
 from spherekit.numeric.periodic import Periodic
-from spherekit.planning.poles import Pole, pole_of
+from spherekit.planning.poles import Pole
 from spherekit.rates.core import driven_rates
 from spherekit.rates.field import PoleField, evaluate
 from spherekit.rates.request import Request
@@ -165,11 +165,7 @@ class Represented:
             found["w", link] = w[rows, link], dw[rows, link]
             found["dw", link] = dw[rows, link], None
             parents["dw", link] = ("w", link)
-        pairs = {
-            pole_of(*ends): number
-            for number, ends in enumerate(mechanism.ends)
-            if mechanism.pairs[number].type != "Cs"
-        }
+        pairs = mechanism.pole_pairs
         for pole in self._wanted.poles:
             u = field.direction[pole][rows]
             known = np.all(np.isfinite(u), axis=1)
