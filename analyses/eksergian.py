@@ -8,27 +8,38 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
-from spherekit.analysis.scene import Portrait, Primitive, Scene, Series
-from spherekit.analysis.tables import (
+from spherekit.plugin import (
     BRANCH,
     INPUT,
     RESIDUAL,
     SAMPLE,
     STATUS,
     TIME,
+    AbstractAnalysis,
+    AnalysisError,
+    Batch,
     Column,
+    CoordinateMotion,
+    Findings,
+    Inertia,
+    Loads,
+    Mechanism,
+    Needs,
+    Portrait,
+    Primitive,
+    Scene,
+    Series,
+    Status,
     Table,
     TableData,
+    driving_torque,
+    inertia,
+    listing,
+    need_terms,
+    total,
+    used_links,
+    used_pairs,
 )
-from spherekit.conventions import Status, listing
-from spherekit.dynamics.forces import Loads
-from spherekit.dynamics.inertia import Inertia, inertia
-from spherekit.dynamics.inverse import driving_torque, need_terms, total
-from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.errors import AnalysisError
-from spherekit.model.actions import used_links, used_pairs
-from spherekit.model.mechanism import Mechanism
 
 Floats = NDArray[np.float64]
 

@@ -6,29 +6,43 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
-from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import (
+from spherekit.plugin import (
     INPUTS,
+    SHAPES,
     STATUS,
     TIME,
+    AbstractAnalysis,
+    AnalysisError,
+    Batch,
+    Candidates,
     Column,
+    Findings,
+    FixedAxisRotation,
+    Floats,
+    Mechanism,
+    MidPlaneForm,
+    MidPlaneRotation,
+    ModelError,
+    Needs,
+    Output,
+    PoseFinder,
+    RotationSamples,
+    Scene,
+    Schedule,
+    SolveError,
+    Status,
     Table,
     TableData,
+    chosen_output,
+    follow_rotation,
     input_columns,
+    listing,
+    mid_plane_form,
+    mirror_angles,
+    nearest,
+    quickest,
+    tilt_torsion,
 )
-from spherekit.conventions import Status, listing, nearest
-from spherekit.errors import AnalysisError, ModelError, SolveError
-from spherekit.guidance.follow import follow_rotation
-from spherekit.guidance.form import MidPlaneForm, MidPlaneRotation
-from spherekit.guidance.poses import Candidates, PoseFinder
-from spherekit.guidance.rotation import FixedAxisRotation, RotationSamples, chosen_output
-from spherekit.guidance.schedule import SHAPES, Schedule, quickest
-from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.model.mechanism import Mechanism, Output
-from spherekit.sphere.mirror import mirror_angles
-from spherekit.sphere.rotation import Floats
-from spherekit.sphere.tilt_torsion import tilt_torsion
 
 from .pose_text import read_end, read_pose
 from .rotation_scenes import RotationScenes, mid_planes

@@ -7,25 +7,37 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
-from spherekit.analysis.scene import Scene, SphereMap, Text
-from spherekit.analysis.tables import (
+from spherekit.plugin import (
     INPUTS,
     STATUS,
+    AbstractAnalysis,
+    AnalysisError,
+    Batch,
+    ClosedKinematics,
     Column,
+    Findings,
+    Floats,
+    InverseRows,
+    Mechanism,
+    Needs,
+    OutputKinematics,
+    Scene,
+    SphereMap,
+    Status,
     Table,
     TableData,
+    Text,
+    azimuth_tilt,
     input_columns,
+    label_of,
+    listing,
+    nearest,
+    nearest_poses,
+    output_kinematics,
+    quaternion,
+    sense_of,
+    tilt_torsion,
 )
-from spherekit.conventions import Status, listing, nearest
-from spherekit.errors import AnalysisError
-from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, quaternion
-from spherekit.sphere.tilt_torsion import azimuth_tilt, tilt_torsion
-from spherekit.workspace.inverse import output_kinematics
-from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
-from spherekit.workspace.rows import InverseRows, label_of, sense_of
-from spherekit.workspace.workspace import nearest_poses
 
 from .pose_lists import Given, PoseList
 

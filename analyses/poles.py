@@ -7,20 +7,29 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
-from spherekit.analysis.scene import Arrow, GreatCircle, Primitive, Scene, Series
-from spherekit.analysis.tables import (
+from spherekit.plugin import (
     BRANCH,
     INPUT,
     RESIDUAL,
     SAMPLE,
     STATUS,
+    AbstractAnalysis,
+    Arrow,
+    Batch,
     Column,
+    GreatCircle,
+    Mechanism,
+    Needs,
+    Pole,
+    Primitive,
+    Scene,
+    Series,
     Table,
     TableData,
+    all_poles,
+    parse_pole,
+    pole_of,
 )
-from spherekit.model.mechanism import Mechanism
-from spherekit.planning.poles import Pole, all_poles, parse_pole, pole_of
 
 MANY = 6
 """With more poles than this, those to the ground and the shown one are seen at first."""

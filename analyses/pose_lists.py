@@ -8,13 +8,18 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.numbers import columns_of, read_numbers
-from spherekit.conventions import listing
-from spherekit.errors import AnalysisError
-from spherekit.sphere.mirror import normals_of
-from spherekit.sphere.rotation import Floats, from_quaternion
-from spherekit.sphere.tilt_torsion import from_tilt_torsion, pointing
-from spherekit.workspace.kinematics import OutputKinematics
+from spherekit.plugin import (
+    AnalysisError,
+    Floats,
+    OutputKinematics,
+    columns_of,
+    from_quaternion,
+    from_tilt_torsion,
+    listing,
+    normals_of,
+    pointing,
+    read_numbers,
+)
 
 from .pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
 

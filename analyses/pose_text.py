@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from spherekit.conventions import listing
-from spherekit.errors import AnalysisError
-from spherekit.guidance.poses import (
+from spherekit.plugin import (
+    AnalysisError,
     AtDirection,
     AtInputs,
     AtMirror,
     AtOrientation,
     Pose,
     Turned,
+    from_quaternion,
+    from_tilt_torsion,
+    listing,
 )
-from spherekit.sphere.rotation import from_quaternion
-from spherekit.sphere.tilt_torsion import from_tilt_torsion
 
 DIRECTION = ("x", "y", "z")
 MIRROR = ("phi", "gamma")

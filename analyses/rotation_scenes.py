@@ -7,23 +7,25 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.scene import (
+from spherekit.plugin import (
     Arrow,
+    FixedAxisRotation,
     GreatCircle,
     Mark,
+    Mechanism,
+    MidPlaneForm,
+    Output,
     Portrait,
     Primitive,
+    RotationSamples,
     Scene,
     Series,
     SphereCurves,
     Text,
+    Timetable,
+    link_axes,
+    link_bodies,
 )
-from spherekit.analysis.stage import link_bodies
-from spherekit.guidance.form import MidPlaneForm
-from spherekit.guidance.rotation import FixedAxisRotation, RotationSamples
-from spherekit.guidance.schedule import Timetable
-from spherekit.model.geometry import link_axes
-from spherekit.model.mechanism import Mechanism, Output
 
 Floats = NDArray[np.float64]
 

@@ -8,29 +8,41 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import Batch, Findings
-from spherekit.analysis.scene import (
+from spherekit.plugin import (
+    Aspects,
+    Batch,
+    Budget,
+    Claim,
+    CurveSeen,
+    Cut,
+    Findings,
     Mark,
+    Mechanism,
+    Output,
+    OutputCoefficients,
     Portrait,
     Primitive,
+    RowType,
     Scene,
     Series,
+    SingularCurves,
+    SingularPoints,
+    SingularSurface,
     SphereCurves,
     Surface,
+    TypeName,
+    aspects,
+    coefficients,
+    cut,
+    input_columns,
+    mid_plane_loci,
+    numbered,
+    output_of,
+    ranges_of,
+    singular_curves,
+    singular_surface,
+    solver_of,
 )
-from spherekit.analysis.tables import input_columns
-from spherekit.budget import Budget
-from spherekit.conventions import numbered
-from spherekit.guarantee import Claim
-from spherekit.guidance.loci import mid_plane_loci
-from spherekit.model.mechanism import Mechanism, Output
-from spherekit.singular.aspects import Aspects, aspects
-from spherekit.singular.curves import SingularCurves, ranges_of, singular_curves
-from spherekit.singular.points import CurveSeen, SingularPoints, TypeName
-from spherekit.singular.rest import output_of
-from spherekit.singular.several import OutputCoefficients, RowType, coefficients
-from spherekit.singular.slices import Cut, cut, solver_of
-from spherekit.singular.surface import SingularSurface, singular_surface
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]

@@ -7,34 +7,39 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
-from spherekit.analysis.scene import (
-    Arrow,
-    GreatCircle,
-    Mark,
-    Portrait,
-    Primitive,
-    Scene,
-    Series,
-    Text,
-)
-from spherekit.analysis.stage import link_bodies
-from spherekit.analysis.tables import (
+from spherekit.plugin import (
     BRANCH,
     INPUTS,
     SAMPLE,
     STATUS,
+    AbstractAnalysis,
+    AnalysisError,
+    Arrow,
+    Batch,
     Column,
+    Findings,
+    GreatCircle,
+    Mark,
+    Measures,
+    Mechanism,
+    Needs,
+    Portrait,
+    Primitive,
+    RelationAt,
+    SampledSingularities,
+    Scene,
+    Series,
+    SingularPoint,
+    SixPoles,
+    Status,
     Table,
     TableData,
+    Text,
+    Type,
+    link_bodies,
+    numbered,
+    ordered_pole,
 )
-from spherekit.conventions import Status, numbered
-from spherekit.errors import AnalysisError
-from spherekit.model.mechanism import Mechanism
-from spherekit.singular.record import RelationAt, SingularPoint, Type
-from spherekit.singular.relation import SixPoles
-from spherekit.singular.sampled import Measures, SampledSingularities
-from spherekit.singular.single import ordered_pole
 
 from .several_singularities import SeveralInputs
 

@@ -7,39 +7,45 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import (
+from spherekit.plugin import (
+    INPUTS,
     AbstractAnalysis,
-    Batch,
-    Findings,
-    Needs,
-    Sweep,
-)
-from spherekit.analysis.scene import Mark, Primitive, Scene, SphereCurves, SphereMap, Text
-from spherekit.analysis.tables import INPUTS, Column, Table, TableData, input_columns
-from spherekit.errors import AnalysisError
-from spherekit.model.mechanism import Mechanism
-from spherekit.region.region import Part, Region
-from spherekit.sphere.rotation import quaternion
-from spherekit.workspace.constraints import (
+    AnalysisError,
     AxesLimit,
+    Batch,
     Bound,
+    ClosedKinematics,
+    Column,
     Constraints,
-    PairLimit,
-    bounds_of,
-)
-from spherekit.workspace.inverse import closed_kinematics
-from spherekit.workspace.kinematics import ClosedKinematics
-from spherekit.workspace.rows import label_of
-from spherekit.workspace.workspace import (
     DirectionWorkspace,
+    Findings,
     Judged,
+    Mark,
+    Mechanism,
+    Needs,
     OrientationWorkspace,
+    PairLimit,
+    Part,
+    Primitive,
+    Region,
+    Scene,
+    SphereCurves,
+    SphereMap,
+    Sweep,
+    Table,
+    TableData,
+    Text,
+    bounds_of,
     chosen_modes,
+    closed_kinematics,
     direction_workspaces,
+    input_columns,
     judge,
+    label_of,
     nearest_reachable,
     orientation_samples,
     orientation_workspaces,
+    quaternion,
 )
 
 Floats = NDArray[np.float64]

@@ -1,34 +1,72 @@
 """spherekit: analysis of spherical mechanisms from their link/pair graph.
 
+Angles are in rad, vectors in ground axes; wherever a mechanism is asked for, the name of a
+shipped one or the path of a file will do. Everything that spherekit raises on purpose is a
+`SpherekitError`.
+
+import numpy as np
 import spherekit as sk
 
-mechanism = sk.load("four_bar")
-plan = sk.plan(mechanism)
-motion = sk.trace(mechanism, samples=361)
+sk.mechanisms()                                # what is shipped
+mechanism = sk.load("four_bar")                # or sk.build(...), without a file
+longer = mechanism.with_sizes(angle_unit="deg", arcs={"2": 25.0})
+print(sk.table(sk.plan(mechanism)))            # how every pole axis is found
+here = sk.evaluate(longer, 0.7, branch=0)      # at one input, or at many
+here.velocity_coefficient("4/1"), here.direction("3/1")
+motion = sk.trace(mechanism, samples=361)      # every assembly mode
 result = sk.run(mechanism, "poles", samples=361)
-result.frame()
+result.frame()                                 # pandas
+result.save("four_bar.rrd")                    # a recording for the viewer
+falling = sk.simulate(mechanism, sk.Start(q=0.3), 5.0, torque=lambda t, q, dq: -0.5 * dq)
+falling.at(np.linspace(0.0, 5.0, 101)).q
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from spherekit.version import __version__ as __version__
+from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
-    from spherekit.analysis.contract import AbstractAnalysis as AbstractAnalysis
-    from spherekit.analysis.contract import Batch as Batch
-    from spherekit.analysis.contract import Needs as Needs
     from spherekit.analysis.result import RunResult as RunResult
-    from spherekit.analysis.run import run as run
+    from spherekit.analysis.setting import Setting as Setting
     from spherekit.conventions import Status as Status
+    from spherekit.dynamics.forward import simulate as simulate
+    from spherekit.dynamics.inverse import inverse_dynamics as inverse_dynamics
+    from spherekit.dynamics.offline import online_model as online_model
+    from spherekit.dynamics.online import load_reduced as load_reduced
+    from spherekit.dynamics.online_motion import online_motion as online_motion
+    from spherekit.dynamics.reference import reference_simulation as reference_simulation
+    from spherekit.dynamics.simulation import Simulation as Simulation
+    from spherekit.dynamics.start import PoseStart as PoseStart
     from spherekit.errors import SpherekitError as SpherekitError
+    from spherekit.exact.arithmetic import Digits as Digits
+    from spherekit.exact.rows import exact_rows as exact_rows
+    from spherekit.files.build import build as build
+    from spherekit.files.library import mechanisms as mechanisms
     from spherekit.files.read import load as load
     from spherekit.files.study import load_study as load_study
     from spherekit.files.write import dump as dump
+    from spherekit.front.evaluate import Kinematics as Kinematics
+    from spherekit.front.evaluate import evaluate as evaluate
+    from spherekit.front.export import export as export
+    from spherekit.front.plan import plan as plan
+    from spherekit.front.run import run as run
     from spherekit.guidance.follow import follow_rotation as follow_rotation
     from spherekit.guidance.follow import follow_to as follow_to
     from spherekit.guidance.schedule import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
+    from spherekit.model.dynamics import Damper as Damper
+    from spherekit.model.dynamics import Friction as Friction
+    from spherekit.model.dynamics import Gravity as Gravity
+    from spherekit.model.dynamics import Moment as Moment
+    from spherekit.model.dynamics import PairTorque as PairTorque
+    from spherekit.model.dynamics import PointForce as PointForce
+    from spherekit.model.dynamics import Spring as Spring
+    from spherekit.model.dynamics import TorqueTable as TorqueTable
+    from spherekit.model.laws import ConstantSpeed as ConstantSpeed
+    from spherekit.model.laws import Cycloidal as Cycloidal
+    from spherekit.model.laws import Polynomial as Polynomial
+    from spherekit.model.laws import Start as Start
+    from spherekit.model.laws import Tabulated as Tabulated
     from spherekit.model.mechanism import Mechanism as Mechanism
     from spherekit.model.study import Study as Study
     from spherekit.motion.motion import Motion as Motion
@@ -36,47 +74,8 @@ if TYPE_CHECKING:
     from spherekit.output.forward import ForwardKinematics as ForwardKinematics
     from spherekit.output.inverse import InverseKinematics as InverseKinematics
     from spherekit.planning.poles import Plan as Plan
-    from spherekit.planning.poles import plan as plan
     from spherekit.planning.table import as_text as table  # noqa: F401
+    from spherekit.trade.trade import trade as trade
+    from spherekit.version import __version__ as __version__
 
-_HOME = {
-    "AbstractAnalysis": "spherekit.analysis.contract:AbstractAnalysis",
-    "Batch": "spherekit.analysis.contract:Batch",
-    "ForwardKinematics": "spherekit.output.forward:ForwardKinematics",
-    "InverseKinematics": "spherekit.output.inverse:InverseKinematics",
-    "Mechanism": "spherekit.model.mechanism:Mechanism",
-    "Motion": "spherekit.motion.motion:Motion",
-    "Needs": "spherekit.analysis.contract:Needs",
-    "Plan": "spherekit.planning.poles:Plan",
-    "RunResult": "spherekit.analysis.result:RunResult",
-    "SpherekitError": "spherekit.errors:SpherekitError",
-    "Status": "spherekit.conventions:Status",
-    "Study": "spherekit.model.study:Study",
-    "dump": "spherekit.files.write:dump",
-    "follow_rotation": "spherekit.guidance.follow:follow_rotation",
-    "follow_to": "spherekit.guidance.follow:follow_to",
-    "load": "spherekit.files.read:load",
-    "load_study": "spherekit.files.study:load_study",
-    "mid_plane_form": "spherekit.guidance.symmetry:mid_plane_form",
-    "plan": "spherekit.planning.poles:plan",
-    "quickest": "spherekit.guidance.schedule:quickest",
-    "run": "spherekit.analysis.run:run",
-    "table": "spherekit.planning.table:as_text",
-    "trace": "spherekit.motion.motion:trace",
-}
-
-__all__ = ["__version__", *_HOME]
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name on first use, so that importing spherekit stays light."""
-    if name not in _HOME:
-        raise AttributeError(f"module 'spherekit' has no attribute {name!r}")
-    module, _, attribute = _HOME[name].partition(":")
-    value = getattr(import_module(module), attribute)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__all__, __getattr__, __dir__ = _offered(__name__, __file__)

@@ -24,6 +24,7 @@ from spherekit.errors import SpherekitError
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Class = TypeVar("Class")
 
 NUMBERS = "biuf"
 """Kinds of NumPy's types that arrays of numbers have: truth values, integers, floats."""
@@ -56,17 +57,48 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
         def _judged(*args: P.args, **kwargs: P.kwargs) -> R:
             try:
                 given = signature.bind(*args, **kwargs).arguments
-            except TypeError:
-                return function(*args, **kwargs)  # says what is missing or too much
+            except TypeError as fault:
+                words = _unbound(signature, kwargs, fault)
+                raise error(f"{_called(function)}: {words}") from None
             for name, value in given.items():
-                fault = _fault(name, value, hints().get(name, Any))
-                if fault:
-                    raise error(f"{function.__name__.strip('_')}: {fault}")
+                several = (
+                    signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
+                )
+                for each in value if several else (value,):
+                    found = _fault(name, each, hints().get(name, Any))
+                    if found:
+                        raise error(f"{_called(function)}: {found}")
             return function(*args, **kwargs)
 
         return _judged
 
     return decorate
+
+
+def checked_class(error: type[SpherekitError]) -> Callable[[type[Class]], type[Class]]:
+    """Return a decorator that checks the arguments with which a class is called."""
+
+    def decorate(made: type[Class]) -> type[Class]:
+        made.__init__ = checked(error)(made.__init__)  # type: ignore[method-assign]
+        return made
+
+    return decorate
+
+
+def _called(function: Callable[..., Any]) -> str:
+    """Return the name by which users call a function: of a class, that of the class."""
+    *_, owner, name = ("", *function.__qualname__.split("."))
+    return owner if name == "__init__" else name.strip("_")
+
+
+def _unbound(signature: inspect.Signature, named: Iterable[str], fault: TypeError) -> str:
+    """Return in words why arguments do not fit a signature."""
+    parameters = [name for name in signature.parameters if name != "self"]
+    for name in named:
+        if name not in parameters:
+            hint = nearest(name, parameters) or "."
+            return f'no argument is "{name}"{hint} Arguments: {listing(parameters, 30)}'
+    return f"{fault}. Arguments: {listing(parameters, 30)}"
 
 
 def check_fields(made: object, error: type[SpherekitError], where: str) -> None:
@@ -193,6 +225,8 @@ def _is_numeric(value: Any, hint: Any) -> bool:
 
 def _words(hint: Any) -> str:
     """Return what values of a type are, in words."""
+    if hint is Any:
+        return "anything"
     if hint is ArrayLike or get_origin(hint) is np.ndarray:
         return "numbers"
     if hint in _SIMPLE:
@@ -210,4 +244,6 @@ def _words(hint: Any) -> str:
         return f"a sequence, each {_words(inner[0])}"
     if origin is os.PathLike:
         return "a path"
+    if origin is Callable:
+        return "a function"
     return str(getattr(origin or hint, "__name__", hint))

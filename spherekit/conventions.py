@@ -86,6 +86,11 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
     return f'; did you mean "{close[0]}"?' if close else ""
 
 
+def counted(number: object, noun: str) -> str:
+    """Return a number with its noun, ``1 row`` or ``2 rows``; grids are ``41x21 rows``."""
+    return f"{number} {noun}" if str(number) == "1" else f"{number} {noun}s"
+
+
 def listing(words: Iterable[object], limit: int = 12) -> str:
     """Return words as ``a, b, c``, cut after `limit` with the number left out."""
     items = [str(word) for word in words]

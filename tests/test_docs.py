@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from public_packages import PUBLIC
 
 import spherekit as sk
 from spherekit import errors
@@ -65,6 +66,15 @@ def test_python_runs(page, folder):
         script = folder / f"block_{number}.py"
         script.write_text(code, encoding="utf-8")
         runpy.run_path(str(script))
+
+
+def test_pages_import_from_public_packages_only():
+    found = set()
+    for text in PAGES.values():
+        found |= set(re.findall(r"^ *(?:from|import) (spherekit[\w.]*)", text, re.M))
+        found |= set(re.findall(r"\bimport (spherekit\.[\w.]+)", text))
+    assert found - {PLUGIN} <= set(PUBLIC), found
+    assert {"spherekit", "spherekit.plugin", "spherekit.engine"} <= found
 
 
 @pytest.mark.parametrize("page", pages_with("console"))
@@ -205,7 +215,20 @@ def test_every_dependency_has_its_reason():
     wanted = [*project["dependencies"], *project["optional-dependencies"]["test"]]
     for requirement in wanted:
         name = re.match(r"[\w-]+", requirement)[0]
+        if name == project["name"]:
+            continue  # the extras of its own
         assert re.search(rf"^\|.*\b{name}\b.*\|", PAGES["dependencies.md"], re.M), name
+
+
+def test_the_distribution_is_named_apart_from_its_package():
+    """Registries take names for the same that differ in dashes only."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["name"].replace("-", "") != "spherekit"
+    assert project["scripts"] == {"spherekit": "spherekit.cli.main:main"}
+    assert set(project["entry-points"]) == {"spherekit.analyses", "spherekit.mechanisms"}
+    for page in ("README.md", "python.md"):
+        assert project["name"] in PAGES[page], page
+    assert f'dependencies = ["{project["name"]}"]' in PAGES["plugins.md"]
 
 
 def test_pictures_are_there_and_small():

@@ -308,3 +308,15 @@ def test_the_same_name_twice_is_refused(third_party, monkeypatch):
     monkeypatch.syspath_prepend(str(third_party))
     with pytest.raises(PluginError, match="several distributions"):
         load("poles")
+
+
+def test_one_class_under_two_names_of_its_distribution_is_one(third_party, monkeypatch):
+    """As where a distribution was installed before and after it was renamed."""
+    (third_party / "third_party-1.0.dist-info" / "entry_points.txt").write_text(
+        "[spherekit.analyses]\npoles = spherekit_analyses.poles:Poles\n"
+        "[spherekit.mechanisms]\nspherekit = spherekit_mechanisms\n"
+    )
+    monkeypatch.syspath_prepend(str(third_party))
+    assert load("poles").name == "poles"
+    assert len(sk.mechanisms()) == len(set(sk.mechanisms()))
+    assert sk.load("four_bar").name == "four_bar"

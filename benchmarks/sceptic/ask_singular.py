@@ -11,7 +11,7 @@ from benchmarks.sceptic.check import check
 from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.guarantee import Guarantee
-from spherekit.motion.modes import assemblies
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.turns import whole_periods
 from spherekit.sphere.rotation import Floats
 

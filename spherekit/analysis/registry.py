@@ -49,7 +49,7 @@ def _entries() -> Mapping[str, list[EntryPoint]]:
     found: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
         same = found.setdefault(entry.name, [])
-        if all((e.value, _origin(e)) != (entry.value, _origin(entry)) for e in same):
+        if all(each.value != entry.value for each in same):
             same.append(entry)
     return found
 

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -52,13 +52,23 @@ class RunResult:
 
     `summary` holds versions, hashes, tolerances, errors reached and times, ready for
     JSON. `failures` maps the name of an analysis that failed to its traceback. `files`
-    are those that a run with a folder has written.
+    are those that a run with a folder has written, `record` makes a recording.
     """
 
     results: Mapping[str, AnalysisResult]
     failures: Mapping[str, str] = field(default_factory=dict)
     summary: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
+    record: Callable[[Path], None] | None = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        tables = listing(
+            name if table is result.tables[0] else f"{name}/{table.name}"
+            for name, result in self.results.items()
+            for table in result.tables
+        )
+        failed = f"; failed: {listing(self.failures)}" if self.failures else ""
+        return f"<RunResult of {self.summary.get('mechanism')}: tables {tables}{failed}>"
 
     @checked(AnalysisError)
     def frame(
@@ -111,6 +121,36 @@ class RunResult:
                 "or write Parquet files to a folder"
             )
         return data[table]
+
+    @checked(OutputError)
+    def save(self, path: str | Path) -> Path:
+        """Write a recording for the viewer, and return its path.
+
+        The run is gone through once more, as a recording holds what tables do not.
+
+        Raises
+        ------
+        OutputError
+            If the path does not end in ``.rrd``, or cannot be written.
+
+        Examples
+        --------
+        >>> import spherekit as sk
+        >>> result = sk.run("four_bar", "poles", samples=19)
+        >>> path = result.save("four_bar.rrd")
+        """
+        path = Path(path)
+        if path.suffix != ".rrd":
+            raise OutputError(
+                f"{path}: a recording is a file named *.rrd; tables go to a folder "
+                "by write(folder)"
+            )
+        if self.record is None:
+            raise OutputError(
+                f"{path}: only what spherekit.run returns can be saved as a recording"
+            )
+        self.record(path)
+        return path
 
     @checked(OutputError)
     def write(

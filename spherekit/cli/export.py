@@ -3,13 +3,8 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from spherekit.conventions import listing
-from spherekit.errors import OutputError, SolveError
-
-if TYPE_CHECKING:
-    from spherekit.model.mechanism import Mechanism
+from spherekit.errors import OutputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +51,9 @@ FLAGS = {"model": ("poles", "tol"), "mjcf": ("at",)}
 
 def execute(options: argparse.Namespace) -> int:
     """Write the file and say what it holds."""
-    from spherekit.files.read import load
+    from spherekit.files.angles import to_radians
+    from spherekit.files.read import angle_unit_of, load
+    from spherekit.front.export import export
 
     for kind, flags in FLAGS.items():
         for flag in flags:
@@ -69,69 +66,17 @@ def execute(options: argparse.Namespace) -> int:
             "that ending"
         )
     mechanism = load(options.file)
-    target = options.output or str(Path(mechanism.name).with_suffix(suffix))
-    write = _model if options.to == "model" else _mjcf
-    text, notes = write(mechanism, target, options)
-    if not options.quiet:
-        print(f"{target}: {text}", file=sys.stderr)
-        for note in notes:
-            print(f"{target}: {note}", file=sys.stderr)
-    return 0
-
-
-def _model(
-    mechanism: "Mechanism", target: str, options: argparse.Namespace
-) -> tuple[str, tuple[str, ...]]:
-    """Write stored functions; return what they are, and what they leave out."""
-    from spherekit.dynamics.offline import online_model
-
-    accuracy = {} if options.tol is None else {"tolerance": options.tol}
-    model = online_model(
+    given = options.at
+    made = export(
         mechanism,
+        options.output or str(Path(mechanism.name).with_suffix(suffix)),
         input_pair=options.input,
         branch=options.branch,
         poles=options.poles,
-        **accuracy,
+        tolerance=options.tol,
+        at=None if given is None else to_radians(given, angle_unit_of(options.file)),
     )
-    model.save(target)
-    heading = model.heading
-    text = (
-        f"{len(heading.functions)} functions of {heading.coordinate}, errors up to "
-        f"{model.error:.2g} of the largest value of each"
-    )
-    notes = []
-    if mechanism.outputs:
-        names = listing(output.name for output in mechanism.outputs)
-        notes.append(f"outputs left out: {names}")
-    if not mechanism.masses:
-        notes.append("no inertia: the mechanism has no masses")
-    return text, tuple(notes)
-
-
-def _mjcf(
-    mechanism: "Mechanism", target: str, options: argparse.Namespace
-) -> tuple[str, tuple[str, ...]]:
-    """Write a MuJoCo model; return what it is, and what it leaves out."""
-    import numpy as np
-
-    from spherekit.dynamics.mjcf import left_out, mjcf, rigid_bodies
-    from spherekit.files.angles import to_radians, to_text
-    from spherekit.files.atomic import write_text
-    from spherekit.files.read import angle_unit_of
-    from spherekit.motion.motion import Tracer
-
-    tracer = Tracer(mechanism, options.input, options.branch)
-    unit = angle_unit_of(options.file)
-    q = tracer.range[0] if options.at is None else to_radians(options.at, unit)
-    if not np.isfinite(q):
-        raise SolveError(f"--at {options.at}: needs a finite number of {unit}")
-    where = f"{listing(tracer.inputs)} = {float(to_text(q, unit)):.6g} {unit}"
-    motion = tracer.at(np.array([q]))
-    if motion.failed[0]:
-        raise SolveError(
-            f"{mechanism.name}: branch {options.branch} has no configuration at {where}; "
-            "give another input with --at"
-        )
-    made = tracer.mechanism
-    write_text(target, mjcf(made, motion.values[0]))
-    return f"a MuJoCo model at {where}", left_out(rigid_bodies(made, motion.values[0]))
+    if not options.quiet:
+        for text in (made.holds, *made.notes):
+            print(f"{made.path}: {text}", file=sys.stderr)
+    return 0

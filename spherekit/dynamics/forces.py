@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.model.actions import LinkMoment, components, steep
+from spherekit.model.actions import Called, LinkMoment, components, steep
 from spherekit.model.dynamics import TorqueTable, Vector
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
@@ -18,7 +18,8 @@ class Loads:
 
     `names` are those of the loads, `components` what they are made of, `owners` the
     number of the load of each component, `steep` the arguments at whose zeros and turns
-    loads may change at once, see `spherekit.model.actions.steep`.
+    loads may change at once, see `spherekit.model.actions.steep`; `watched` says whether
+    steps have to be looked at for that, or for functions of which nothing is known.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -28,6 +29,8 @@ class Loads:
         self.components = tuple(part for parts in each for part in parts)
         self.owners = [k for k, parts in enumerate(each) for _ in parts]
         self.steep = steep(mechanism)
+        functions = (isinstance(part.magnitude, Called) for part in self.components)
+        self.watched = bool(self.steep) or any(functions)
         self._first = np.array(
             [self.owners.index(k) for k in range(len(each))], dtype=np.intp
         )

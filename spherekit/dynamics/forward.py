@@ -12,13 +12,13 @@ from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulation import NO_SERIES, Forecast, Simulation
-from spherekit.dynamics.start import PoseStart, Problem, prepare
+from spherekit.dynamics.start import PoseStart, Problem, Torque, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import EngineError, PlanError, SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.actions import smooth
 from spherekit.model.laws import Start
-from spherekit.model.mechanism import Mechanism
 
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
 """Smallest tolerance of each engine; below, rounding decides."""
@@ -31,11 +31,11 @@ QUICKER = 200.0
 
 @checked(SolveError)
 def simulate(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     start: Start | PoseStart,
     until: float,
     *,
-    torque: str | None = None,
+    torque: Torque | None = None,
     input_pair: str | None = None,
     branch: int = 0,
     tolerance: float = 1e-9,
@@ -57,7 +57,9 @@ def simulate(
     until
         Time (s) at which to end.
     torque
-        Expression of the driving torque (N m) at the input, if there is one.
+        The driving torque (N m) at the input, if there is one: a number, an expression
+        such as ``"10*sin(2*t) - dtheta_21"``, or a function f(t, q, dq) of the time and of
+        the input's variable and rate, which the NumPy engine calls.
     input_pair, branch
         The driven R pair, by default the first input; the assembly mode at the start.
     tolerance
@@ -90,7 +92,19 @@ def simulate(
         Before any integration: for what is missing or impossible.
     EngineError
         With ``engine="compiled"``, if that engine cannot do what is asked.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> braked = sk.simulate(
+    ...     "four_bar", sk.Start(q=0.3, dq=1.0), 2.0, torque=lambda t, q, dq: 5.0 - 2.0 * dq
+    ... )
+    >>> braked.end.kind
+    'time'
+    >>> braked.at([0.0, 1.0, 2.0]).q.shape
+    (3,)
     """
+    mechanism = mechanism_of(mechanism)
     problem = prepare(mechanism, start, until, torque, input_pair, branch, switches)
     if engine not in ENGINES:
         raise SolveError(

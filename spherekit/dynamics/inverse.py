@@ -13,6 +13,7 @@ from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import ModelError, SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.continued import AngleMemory
@@ -66,6 +67,13 @@ class InverseSolution:
     residual: Floats
     status: NDArray[np.int8]
 
+    def __repr__(self) -> str:
+        failed = int(np.count_nonzero(self.status))
+        return (
+            f"<InverseSolution of {self.mechanism.name}: {len(self.t)} rows in "
+            f"{len(set(self.branch.tolist()))} branches, {failed} failed>"
+        )
+
     @property
     def B(self) -> Floats:
         """(n,) equivalent inertia, kg m2."""
@@ -103,7 +111,7 @@ class InverseSolution:
 
 @checked(SolveError)
 def inverse_dynamics(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     law: TimeLaw,
     times: ArrayLike,
     *,
@@ -129,6 +137,7 @@ def inverse_dynamics(
     ModelError, PlanError, SolveError
         Before any sample is computed. Samples that cannot be reached get a status.
     """
+    mechanism = mechanism_of(mechanism)
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if t.ndim != 1 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
         raise SolveError(

@@ -172,7 +172,7 @@ class Collocation:
         self, t: float, length: float, state: Floats, before: Step | None
     ) -> Attempt:
         """Try a step; its error is infinite where it misses what a load does within it."""
-        stiff = self.equation.variables if self.equation.loads.steep else None
+        stiff = self.equation.variables if self.equation.loads.watched else None
         tried = attempt(
             self.field, t, length, state, self.tolerance, before, self.sizes, stiff
         )

@@ -21,6 +21,7 @@ from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length
 from spherekit.dynamics.online import OnlineModel
 from spherekit.errors import SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
 from spherekit.model.dynamics import Gravity, PointForce, TorqueTable
 from spherekit.model.expression import Expression
@@ -28,7 +29,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev
 from spherekit.planning.poles import (
     CoaxialPole,
     Pole,
@@ -63,7 +64,7 @@ SURE = 1e-14
 
 @checked(SolveError)
 def online_model(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     *,
     input_pair: str | None = None,
     branch: int = 0,
@@ -89,6 +90,7 @@ def online_model(
         If the mechanism has more freedoms than one, there is no such branch or pole, a
         pole axis has no direction somewhere on the curve, or the tolerance is none.
     """
+    mechanism = mechanism_of(mechanism)
     if not 1e-15 <= tolerance <= 1e-2:
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is 1e-15 to 1e-2"
@@ -115,6 +117,7 @@ def online_model(
                 tolerance,
                 own,
                 FIRST_CELLS,
+                rounding=ROUNDING,
             )
         )
         units = zip(names.items(), own, strict=True)

@@ -17,6 +17,7 @@ from typing import Any, final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
 from spherekit.dynamics.heading import SLACK, Function, Heading, StoredLoad
 from spherekit.dynamics.single import SingleFunctions, SingleState
@@ -307,6 +308,7 @@ class OnlineModel:
         return found
 
 
+@checked(FileError)
 def load_reduced(path: str | os.PathLike[str]) -> OnlineModel:
     """Return a model that `OnlineModel.save` wrote.
 

@@ -10,8 +10,8 @@ from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import EngineError, SolveError
 from spherekit.exact.arithmetic import Arithmetic, wide
 from spherekit.exact.simulation import ExactSimulation
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.laws import Start
-from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
 ENDS = ("time", "stop", "sticking")
@@ -20,7 +20,7 @@ ENDS = ("time", "stop", "sticking")
 
 @checked(SolveError)
 def reference_simulation(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     start: Start,
     until: float,
     *,
@@ -45,6 +45,7 @@ def reference_simulation(
     EngineError
         If the motion ends at a singularity, or changes too fast.
     """
+    mechanism = mechanism_of(mechanism)
     found = simulate(
         mechanism,
         start,

@@ -191,6 +191,10 @@ class History:
     work: Floats
     residual: Floats
 
+    def __repr__(self) -> str:
+        span = f" from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
+        return f"<History: {len(self.t)} times{span}>"
+
 
 @final
 @dataclass(frozen=True)
@@ -210,6 +214,13 @@ class Simulation:
     engine: EngineReport
     error: float | None = None
     tolerance: float | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"<Simulation of {self.mechanism.name}: {self.start:g} to {self.end.t:.6g} s, "
+            f"{self.end.message}; {len(self.events)} events, {self.engine.steps} steps by "
+            f"{self.engine.name}>"
+        )
 
     @property
     def missed(self) -> str | None:

@@ -12,7 +12,7 @@ from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.cache import Cache
 from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
-from spherekit.model.dynamics import DRIVE, PairTorque, TorqueTable
+from spherekit.model.dynamics import DRIVE, PairTorque, TorqueFunction, TorqueTable
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
@@ -31,6 +31,9 @@ FARTHEST = 1e9
 
 STANDSTILL = 1e-9
 """A pair variable whose rate along the curve is smaller cannot be given a rate."""
+
+Torque = float | str | TorqueFunction
+"""A driving torque (N m): a number, an expression, or a function f(t, q, dq)."""
 
 KEPT = 8
 """Geometries whose branches are kept, for further simulations of the same."""
@@ -82,7 +85,7 @@ def prepare(
     mechanism: Mechanism,
     start: Start | PoseStart,
     until: float,
-    torque: str | None = None,
+    torque: Torque | None = None,
     input_pair: str | None = None,
     branch: int = 0,
     switches: Iterable[float] = (),
@@ -103,7 +106,8 @@ def prepare(
     mechanism = mechanism.with_inputs(input_pair)
     driven = variable_of(mechanism, input_pair)
     if torque is not None:
-        drive = PairTorque(DRIVE, input_pair, torque)
+        given = repr(float(torque)) if isinstance(torque, int | float) else torque
+        drive = PairTorque(DRIVE, input_pair, given)
         mechanism = replace(mechanism, loads=(*mechanism.loads, drive))
     times = sorted({float(t) for t in switches} | set(_knots(mechanism, until)))
     if not all(np.isfinite(times)):
@@ -115,7 +119,7 @@ def prepare(
         values, turns = _closed(closure, mechanism, start.values)
     else:
         moved = driven
-        tracer = _traced(mechanism)
+        tracer = traced(mechanism)
         if np.isfinite(start.q) and abs(start.q) <= FARTHEST:
             tracer = reaching(tracer, np.array([start.q]))
         values, turns = _configuration(tracer, start.q, branch)
@@ -184,7 +188,7 @@ def _need_digits(name: str, values: Floats) -> None:
         )
 
 
-def _traced(mechanism: Mechanism) -> Tracer:
+def traced(mechanism: Mechanism) -> Tracer:
     """Return the branches of a mechanism, found once for the last few geometries."""
     bare = replace(mechanism, masses=(), loads=(), stops=())
     return _TRACERS.get(bare, "branches", lambda: Tracer(bare))

@@ -1,1 +1,14 @@
-"""Kinematics and dynamics as expressions, compiled or run on arrays."""
+"""Kinematics and dynamics as expressions, compiled or run on arrays.
+
+`kernel` makes a `Kernel`: a function of many configurations at once.
+"""
+
+from typing import TYPE_CHECKING
+
+from spherekit.lazily import offered as _offered
+
+if TYPE_CHECKING:
+    from spherekit.engine.kernels import Kernel as Kernel
+    from spherekit.engine.kernels import kernel as kernel
+
+__all__, __getattr__, __dir__ = _offered(__name__, __file__)

@@ -38,7 +38,7 @@ def heyoka() -> ModuleType:
     except ImportError as problem:
         raise EngineMissing(
             f"the compiled engine needs heyoka, which does not import ({problem}); "
-            'install it with pip install "spherekit[compiled]" (Linux) or from '
+            'install it with pip install "spherekit-mechanisms[compiled]" (Linux) or '
             "conda-forge, or use the NumPy engine, which gives the same results"
         ) from None
     module: ModuleType = found

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.kinematics import Flow
 from spherekit.engine.terms import Expr, function, power
-from spherekit.model.actions import components
+from spherekit.model.actions import Called, components, expression_of
 from spherekit.model.dynamics import Load, TorqueTable, Vector
 from spherekit.model.expression import Expression, fold
 from spherekit.model.mechanism import Mechanism
@@ -111,7 +111,7 @@ def steep_arguments(load: Load, moving: Moving) -> list[Expr]:
     """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
     laws = [part.magnitude for part in components(moving.mechanism, load)]
     return [
-        _value(each, moving)
+        expression_value(each, moving)
         for law in laws
         if isinstance(law, Expression)
         for each in law.steep_and_smooth
@@ -130,13 +130,13 @@ def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) 
     return np.asarray(placed.basis @ (constants(placed.within) @ own))
 
 
-def _magnitude(law: Expression | TorqueTable, moving: Moving) -> Expr:
+def _magnitude(law: Expression | Called | TorqueTable, moving: Moving) -> Expr:
     if isinstance(law, TorqueTable):
         return moving.table(law.name)
-    return _value(law, moving)
+    return expression_value(expression_of(law), moving)
 
 
-def _value(law: Expression, moving: Moving) -> Expr:
+def expression_value(law: Expression, moving: Moving) -> Expr:
     """Return an expression's value.
 
     Beside each part stands one that differs from it by whole turns at most, formed of

@@ -40,7 +40,7 @@ def good_until(look: Look, steps: int) -> Floats:
     even = np.sort([*np.linspace(0.0, 1.0, EVEN), BESIDE, 1.0 - BESIDE])
     owner, x = np.repeat(np.arange(steps), len(even)), np.tile(even, steps)
     missed, arguments = look(owner, x)
-    shaped = arguments.reshape(steps, len(even), -1)
+    shaped = arguments.reshape(steps, len(even), arguments.shape[1])
     more = (_turns(look, even, shaped), _zeros(look, even, shaped))
     own, places = (np.concatenate(each) for each in zip(*more, strict=True))
     if len(own):

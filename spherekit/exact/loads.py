@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.series import cross
-from spherekit.model.actions import LinkMoment, components
+from spherekit.model.actions import LinkMoment, components, expression_of
 from spherekit.model.dynamics import TorqueTable
 from spherekit.model.expression import KINKED, Expression, fold
 from spherekit.model.mechanism import Mechanism
@@ -104,8 +104,8 @@ class ExactLoads:
             if isinstance(part.magnitude, TorqueTable):
                 magnitude = self._table(part.magnitude, moving.t, inside)
             else:
-                assert isinstance(part.magnitude, Expression)
-                magnitude = self._value(part.magnitude, moving, switches)
+                law = expression_of(part.magnitude)
+                magnitude = self._value(law, moving, switches)
             if part.pair:
                 total = total + magnitude * moving.rates[:, self._variables[part.pair]]
             for moment in part.moments:

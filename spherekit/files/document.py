@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, final
 
-from spherekit.errors import FileError
+from spherekit.errors import FileError, ModelError
 from spherekit.files.locate import KeyPath, line_of, locate
 
 MAX_BYTES = 4 * 1024 * 1024
@@ -53,16 +53,19 @@ class Written(float):
 @final
 @dataclass(frozen=True)
 class Document:
-    """A parsed TOML file; its floats are `Written`."""
+    """A parsed TOML file; its floats are `Written`.
+
+    Data that a program has made come without a text, and their faults without a line.
+    """
 
     name: str
-    text: str
+    text: str | None
     data: Mapping[str, Any]
 
     @cached_property
     def lines(self) -> Mapping[KeyPath, int]:
         """The line of every key path."""
-        return locate(self.text)
+        return locate(self.text or "")
 
     def line(self, path: KeyPath) -> int:
         """Return the line of a key path, or that of the nearest table around it."""
@@ -71,20 +74,27 @@ class Document:
     def sentence(self, path: KeyPath, message: str) -> str:
         """Return ``file:line: key.path: message``."""
         key = f"{spelt(path)}: " if path else ""
-        return f"{self.name}:{self.line(path)}: {key}{message}"
+        where = "" if self.text is None else f":{self.line(path)}"
+        return f"{self.name}{where}: {key}{message}"
 
-    def fault(self, path: KeyPath, message: str) -> FileError:
+    def fault(self, path: KeyPath, message: str) -> FileError | ModelError:
         """Return the error to raise about a key path."""
-        return FileError(self.sentence(path, message))
+        return self._error(self.sentence(path, message))
 
-    def faults(self, found: Iterable[tuple[KeyPath, str]], limit: int = 8) -> FileError:
+    def faults(
+        self, found: Iterable[tuple[KeyPath, str]], limit: int = 8
+    ) -> FileError | ModelError:
         """Return one error for several faults, one a line, in the order of the file."""
         unique = dict.fromkeys(sorted(found, key=lambda item: self.line(item[0])))
         sentences = [self.sentence(path, message) for path, message in unique]
         if len(sentences) > limit:
             rest = len(sentences) - limit
             sentences[limit:] = [f"{self.name}: and {rest} more faults"]
-        return FileError("\n".join(sentences))
+        return self._error("\n".join(sentences))
+
+    @property
+    def _error(self) -> type[FileError | ModelError]:
+        return ModelError if self.text is None else FileError
 
 
 def spelt(path: KeyPath) -> str:

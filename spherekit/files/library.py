@@ -2,6 +2,7 @@
 
 import os
 import re
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
@@ -42,7 +43,37 @@ class Pack:
 def shipped() -> tuple[Pack, ...]:
     """Return all installed packs with their mechanisms, without importing them."""
     found = sorted(entry_points(group=GROUP), key=lambda each: (each.name, each.value))
-    return tuple(_pack(each) for each in found)
+    unique = {(each.name, each.value): each for each in found}
+    return tuple(_pack(each) for each in unique.values())
+
+
+@final
+class Names(tuple[str, ...]):
+    """Names of mechanisms, which show themselves by pack."""
+
+    packs: tuple[Pack, ...]
+
+    def __repr__(self) -> str:
+        lines = []
+        for pack in self.packs:
+            names = f"broken: {pack.fault}" if pack.fault else ", ".join(sorted(pack.files))
+            lines += textwrap.wrap(f"{pack.name}: {names}", 88, subsequent_indent="  ")
+        return "\n".join(lines)
+
+
+def mechanisms() -> Names:
+    """Return the names that `load` and others take: shipped ones, and those of plugins.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> "four_bar" in sk.mechanisms()
+    True
+    """
+    packs = shipped()
+    names = Names(sorted(name for pack in packs for name in pack.files))
+    names.packs = packs
+    return names
 
 
 def find(name_or_path: str | os.PathLike[str]) -> Path:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 from spherekit.checked import checked
-from spherekit.errors import FileError, ModelError
-from spherekit.files.angles import AngleUnit, Vector
+from spherekit.errors import FileError, ModelError, SpherekitError
+from spherekit.files.angles import Vector
 from spherekit.files.check import check
 from spherekit.files.contact import Contacts
 from spherekit.files.document import Document, parse, read_text
@@ -16,6 +16,7 @@ from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
 from spherekit.files.read_dynamics import DynamicsReader
 from spherekit.files.values import Table, Values
+from spherekit.model.changes import AngleUnit
 from spherekit.model.geometry import arc_pole, given_axis
 from spherekit.model.mechanism import (
     Input,
@@ -27,6 +28,9 @@ from spherekit.model.mechanism import (
     SizeGeometry,
     Source,
 )
+
+AnyMechanism = Mechanism | str | os.PathLike[str]
+"""A mechanism, or where `load` finds it: its path, or the name of a shipped one."""
 
 FULL_TURN = 6.283185307179586
 _SIZES_OF_LINK = ("axes", "arcs", "angles", "signed_arcs")
@@ -47,6 +51,12 @@ def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
     ------
     FileError
         If there is no such file, or with one line for each fault in it.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> sk.load("four_bar").variable_names
+    ('theta_21', 'theta_32', 'theta_43', 'theta_41')
     """
     path = find(name_or_path)
     if is_study(path):
@@ -55,6 +65,11 @@ def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
             "with spherekit run"
         )
     return loads(read_text(path), str(path))
+
+
+def mechanism_of(given: AnyMechanism) -> Mechanism:
+    """Return the mechanism that is given, or named; errors as of `load`."""
+    return given if isinstance(given, Mechanism) else load(given)
 
 
 def angle_unit_of(name_or_path: str | os.PathLike[str]) -> AngleUnit:
@@ -75,7 +90,17 @@ def loads(text: str, name: str = "text") -> Mechanism:
     FileError
         With one line for each fault.
     """
-    document = parse(text, name)
+    return read(parse(text, name))
+
+
+def read(document: Document) -> Mechanism:
+    """Return the mechanism that a document states.
+
+    Raises
+    ------
+    FileError
+        With one line for each fault; of data without a text `ModelError`.
+    """
     check(document)
     name = document.data["name"]
     try:
@@ -237,7 +262,7 @@ class _Reader(Values):
         return Input(pair, start, stop)
 
 
-def _relayed(document: Document, name: str, error: ModelError) -> FileError:
+def _relayed(document: Document, name: str, error: ModelError) -> SpherekitError:
     """Return the model's complaint with the file and the line of the key it names."""
     message = str(error).removeprefix(f"{name}: ")
     keyed = _KEYED.fullmatch(message)

@@ -8,9 +8,10 @@ import numpy as np
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import ModelError
-from spherekit.files.angles import AngleUnit, angle_at, to_radians
+from spherekit.files.angles import angle_at, to_radians
 from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
+from spherekit.model.changes import AngleUnit
 from spherekit.model.dynamics import (
     Damper,
     Friction,

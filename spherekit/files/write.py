@@ -8,12 +8,13 @@ from typing import Any
 
 from spherekit.checked import checked
 from spherekit.errors import FileError, OutputError
-from spherekit.files.angles import AngleUnit, to_text
+from spherekit.files.angles import to_text
 from spherekit.files.atomic import write_text
 from spherekit.files.check import FORMAT
-from spherekit.files.read import loads
+from spherekit.files.read import AnyMechanism, loads, mechanism_of
 from spherekit.files.toml_text import Literal, assignment, tables
 from spherekit.files.write_dynamics import load_tables, mass_tables, stop_tables
+from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism, Output, Pair, PoseGeometry, Profile
 
 _Table = dict[str, Any]
@@ -21,7 +22,7 @@ _Table = dict[str, Any]
 
 @checked(OutputError)
 def dump(
-    mechanism: Mechanism, path: str | os.PathLike[str], angle_unit: AngleUnit = "deg"
+    mechanism: AnyMechanism, path: str | os.PathLike[str], angle_unit: AngleUnit = "deg"
 ) -> None:
     """Write a mechanism file that reads back as exactly this mechanism.
 
@@ -30,7 +31,7 @@ def dump(
     OutputError
         If it cannot be written there, or the format cannot express the mechanism.
     """
-    write_text(path, dumps(mechanism, angle_unit))
+    write_text(path, dumps(mechanism_of(mechanism), angle_unit))
 
 
 @checked(OutputError)

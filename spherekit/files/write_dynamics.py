@@ -3,8 +3,11 @@
 from collections.abc import Iterable
 from typing import Any
 
-from spherekit.files.angles import AngleUnit, to_text
+from spherekit.errors import EngineError
+from spherekit.files.angles import to_text
 from spherekit.files.toml_text import Literal
+from spherekit.model.actions import not_written
+from spherekit.model.changes import AngleUnit
 from spherekit.model.dynamics import (
     Damper,
     Friction,
@@ -51,6 +54,8 @@ def _mass(mass: Mass) -> _Table:
 
 def _load(load: Load, unit: AngleUnit) -> _Table:
     if isinstance(load, PairTorque):
+        if not isinstance(load.torque, str):
+            raise EngineError(not_written(load.pair))
         return {"pair": load.pair, "torque": load.torque}
     if isinstance(load, Gravity):
         return {"kind": "gravity", "acceleration": [float(x) for x in load.acceleration]}

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.march import (
     STATIONARY,
     UNFIXED,
@@ -32,7 +33,6 @@ from spherekit.guidance.rotation import (
     within,
 )
 from spherekit.model.geometry import geometry_of
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.numeric.hermite import hermite
 from spherekit.rates.transmission import SINGULAR, Transmission
@@ -187,7 +187,7 @@ class FollowedRotation:
 
 @checked(SolveError)
 def follow_rotation(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     values: ArrayLike,
     axis: ArrayLike,
     angle: float,
@@ -216,6 +216,7 @@ def follow_rotation(
         If the configuration does not close, or the output link cannot turn there in as
         many ways as there are inputs.
     """
+    mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
     made = replace(mechanism, ground=end.relative_to)
     about = unit(axis)
@@ -246,7 +247,7 @@ def follow_rotation(
 
 @checked(SolveError)
 def follow_to(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     values: ArrayLike,
     orientation: ArrayLike,
     output: str | None = None,
@@ -256,6 +257,7 @@ def follow_to(
     In the axes of the link that the output is relative to. Other parameters and errors are
     those of `follow_rotation`; `SolveError` also if the axis is not determined.
     """
+    mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
     made = replace(mechanism, ground=end.relative_to)
     closure = Closure.of(made, geometry_of(made).joints)

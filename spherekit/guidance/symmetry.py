@@ -16,6 +16,7 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.form import Carrier, Leg, MidPlaneForm, axis_in
 from spherekit.guidance.midplane import MidPlane
 from spherekit.guidance.rotation import chosen_output
@@ -30,7 +31,7 @@ CLOSED = 1e-12
 
 
 @checked(ModelError)
-def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneForm:
+def mid_plane_form(mechanism: AnyMechanism, output: str | None = None) -> MidPlaneForm:
     """Return the mid-plane form of a mechanism.
 
     Parameters
@@ -45,6 +46,7 @@ def mid_plane_form(mechanism: Mechanism, output: str | None = None) -> MidPlaneF
     ModelError
         If it has no such form, with the reason.
     """
+    mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
     made = replace(mechanism, ground=end.relative_to)
     for pair in made.pairs:

@@ -7,10 +7,14 @@ works on the rate of its pair; a force and a moment on a link work on the angula
 of the link through their moment about the centre of the sphere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.errors import EngineError, ModelError
 from spherekit.model.dynamics import (
     Axes,
     Damper,
@@ -22,6 +26,7 @@ from spherekit.model.dynamics import (
     PairTorque,
     PointForce,
     Spring,
+    TorqueFunction,
     TorqueTable,
     Vector,
 )
@@ -46,6 +51,60 @@ class LinkMoment:
 
 @final
 @dataclass(frozen=True)
+class Called:
+    """A torque that a function f(t, q, dq) gives, of a pair's variable and rate.
+
+    It stands where an `Expression` may, for what evaluates magnitudes at states.
+    """
+
+    pair: str
+    function: TorqueFunction
+
+    @property
+    def names(self) -> frozenset[str]:
+        """What it depends on, as an expression would say it."""
+        return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
+
+    def evaluate(self, known: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return the torque (n,) N m at the values of its names, each (n,).
+
+        Raises
+        ------
+        ModelError
+            If the function returns what is not a number.
+        """
+        states = (known["t"], known[f"theta_{self.pair}"], known[f"dtheta_{self.pair}"])
+        found = []
+        for state in zip(*(x.tolist() for x in np.broadcast_arrays(*states)), strict=True):
+            torque = self.function(*state)
+            try:
+                found.append(float(torque))
+            except (TypeError, ValueError):
+                t, q, dq = state
+                raise ModelError(
+                    f"the torque at pair {self.pair}: the function returned {torque!r} at "
+                    f"t = {t:g}, q = {q:g}, dq = {dq:g}; it has to return a number (N m)"
+                ) from None
+        return np.array(found)
+
+
+def expression_of(magnitude: "Expression | Called") -> Expression:
+    """Return the expression of a magnitude; `EngineError` for a function."""
+    if isinstance(magnitude, Called):
+        raise EngineError(not_written(magnitude.pair))
+    return magnitude
+
+
+def not_written(pair: str) -> str:
+    """Return what is to be said where a torque had to be an expression."""
+    return (
+        f"the torque at pair {pair} is a Python function, which only simulations by NumPy "
+        "can call; write it as an expression, or as a table of torques"
+    )
+
+
+@final
+@dataclass(frozen=True)
 class Component:
     """A part of a load: a magnitude, and the pair or the moments on links it works on.
 
@@ -53,7 +112,7 @@ class Component:
     angular velocities of links through `moments`, each times the magnitude.
     """
 
-    magnitude: Expression | TorqueTable
+    magnitude: Expression | Called | TorqueTable
     pair: str = ""
     moments: tuple[LinkMoment, ...] = ()
 
@@ -68,6 +127,8 @@ def components(mechanism: Mechanism, load: Load) -> tuple[Component, ...]:
         return _on_link(mechanism, load, load.moment, None)
     if isinstance(load, TorqueTable):
         return (Component(load, load.pair),)
+    if isinstance(load, PairTorque) and not isinstance(load.torque, str):
+        return (Component(Called(load.pair, load.torque), load.pair),)
     return (Component(_law(mechanism, _torque(load)), load.pair),)
 
 
@@ -123,6 +184,7 @@ def _law(mechanism: Mechanism, text: str) -> Expression:
 def _torque(load: PairTorque | Spring | Damper | Friction) -> str:
     """Return the torque of a load at its pair as an expression."""
     if isinstance(load, PairTorque):
+        assert isinstance(load.torque, str)
         return load.torque
     angle, rate = f"theta_{load.pair}", f"dtheta_{load.pair}"
     if isinstance(load, Spring):

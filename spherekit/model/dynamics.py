@@ -1,7 +1,7 @@
 """What acts on the links of a mechanism: inertia, loads, and stops of pairs."""
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, final
 
@@ -13,6 +13,9 @@ from spherekit.errors import ModelError
 Vector = tuple[float, float, float]
 Tensor = tuple[Vector, Vector, Vector]
 Expressions = tuple[str, str, str]
+
+TorqueFunction = Callable[[float, float, float], float]
+"""A torque (N m) from the time t (s), the variable q (rad) and the rate dq (rad/s)."""
 
 Axes = Literal["ground", "link"]
 """Whether components are along the axes of the ground or of the link acted on."""
@@ -44,12 +47,14 @@ class PairTorque:
     """A torque (N m) about an R pair's axis on its second link, its reaction on the first.
 
     `torque` is an expression in pair variables ``theta_PAIR`` (rad), their rates
-    ``dtheta_PAIR`` (rad/s) and the time ``t`` (s).
+    ``dtheta_PAIR`` (rad/s) and the time ``t`` (s); or a function f(t, q, dq) of the time
+    and of this pair's variable and rate, which only simulations by NumPy can call. It is
+    called at any times in any order.
     """
 
     name: str
     pair: str
-    torque: str
+    torque: str | TorqueFunction
 
 
 @final

@@ -1,5 +1,6 @@
 """Whether masses, loads and stops can be real; the errors say by how much they are not."""
 
+import inspect
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -22,6 +23,7 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
     Stop,
+    TorqueFunction,
     TorqueTable,
 )
 from spherekit.model.inertia import moments_of_point
@@ -185,7 +187,10 @@ def _check_at_pair(
     revolute: list[str],
 ) -> None:
     if isinstance(load, PairTorque):
-        _need_expression(f"{key}.torque", load.torque, revolute)
+        if callable(load.torque):
+            _need_function(f"{key}.torque", load.torque)
+        else:
+            _need_expression(f"{key}.torque", load.torque, revolute)
     elif isinstance(load, Spring):
         push = "; a torque that pushes away is a load of kind torque, an expression"
         _need_at_least_zero(f"{key}.stiffness", load.stiffness, "N m/rad", push)
@@ -224,11 +229,26 @@ def _check_table(key: str, load: TorqueTable) -> None:
         )
 
 
-def _need_expression(key: str, text: str, revolute: list[str]) -> None:
+def _need_expression(key: str, text: Any, revolute: list[str]) -> None:
+    if not isinstance(text, str):
+        raise ModelError(
+            f'{key}: found {text!r}, needs an expression in quotes, such as "0.5*sin(t)"'
+        )
     try:
         expression.parse(text, expression.load_names(revolute))
     except ModelError as error:
         raise ModelError(f"{key}: in the expression, {error}") from None
+
+
+def _need_function(key: str, function: TorqueFunction) -> None:
+    try:
+        inspect.signature(function).bind(0.0, 0.0, 0.0)
+    except TypeError as error:
+        raise ModelError(
+            f"{key}: the function has to take time, variable and rate (t, q, dq): {error}"
+        ) from None
+    except ValueError:  # some builtins have no signature
+        return
 
 
 def _need_revolute(key: str, pair: str, types: Mapping[str, str]) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked_class
 from spherekit.errors import ModelError
 
 Floats = NDArray[np.float64]
@@ -20,6 +21,7 @@ SPLINE_DEGREE = 5
 """A quintic spline has a continuous fourth derivative, so a torque without kinks."""
 
 
+@checked_class(ModelError)
 @final
 @dataclass(frozen=True)
 class ConstantSpeed:
@@ -42,6 +44,7 @@ class ConstantSpeed:
         )
 
 
+@checked_class(ModelError)
 @final
 @dataclass(frozen=True)
 class Polynomial:
@@ -65,6 +68,7 @@ class Polynomial:
         return q, dq, 2 * half
 
 
+@checked_class(ModelError)
 @final
 @dataclass(frozen=True)
 class Cycloidal:
@@ -98,6 +102,7 @@ class Cycloidal:
         )
 
 
+@checked_class(ModelError)
 @final
 @dataclass(frozen=True)
 class Tabulated:
@@ -169,6 +174,7 @@ class TimeLaw(Protocol):
         """Return the input at times t (s)."""
 
 
+@checked_class(ModelError)
 @final
 @dataclass(frozen=True)
 class Start:

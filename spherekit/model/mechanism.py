@@ -1,14 +1,27 @@
 """The one description of a spherical mechanism: links, pairs, sizes, loads."""
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal, final
 
+from numpy.typing import ArrayLike
+
+from spherekit.checked import checked
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
 from spherekit.errors import ModelError
+from spherekit.model.changes import (
+    AngleUnit,
+    Sizes,
+    all_in_radians,
+    along,
+    changed,
+    in_radians,
+    rows_of,
+)
 from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce, Stop
 from spherekit.model.dynamics_checks import check_loads, check_mass, check_stops
 
@@ -83,6 +96,20 @@ class LinkSizes:
     angles: tuple[float, ...] = ()
     unpaired: tuple[str, ...] = ()
     signed: bool = False
+
+    def with_arcs(self, arcs: Sizes) -> "LinkSizes":
+        """Return the same link with other arcs (rad), all or some by the pair they end at.
+
+        Raises
+        ------
+        ModelError
+            If no arc ends at a pair that is named.
+        """
+        return replace(self, arcs=changed("arcs", self.axes[1:], self.arcs, arcs))
+
+    def with_angles(self, angles: Sizes) -> "LinkSizes":
+        """Return the same link with other angles (rad), as `with_arcs` has arcs."""
+        return replace(self, angles=changed("angles", self.axes[2:], self.angles, angles))
 
 
 @final
@@ -229,22 +256,221 @@ class Mechanism:
             )
         return self.pairs[self.pair_number[name]]
 
-    def with_inputs(self, *pairs: str) -> "Mechanism":
+    def link(self, name: str) -> int:
+        """Return the number of the link of this name; `ModelError` as of `pair`."""
+        if name not in self.link_number:
+            raise ModelError(
+                f'{self.name}: no link is named "{name}"'
+                f"{nearest(str(name), self.links) or ';'} Links: {listing(self.links)}"
+            )
+        return self.link_number[name]
+
+    def __repr__(self) -> str:
+        types = Counter(pair.type for pair in self.pairs)
+        parts = [
+            f"{len(self.links)} links",
+            f"pairs {', '.join(f'{count} {kind}' for kind, count in types.items())}",
+            f"inputs {listing(item.pair for item in self.inputs) or 'none declared'}",
+        ]
+        named = {
+            "inertia of": [mass.link for mass in self.masses],
+            "loads": [load.name for load in self.loads],
+            "stops of": [stop.pair for stop in self.stops],
+        }
+        parts += [f"{what} {listing(names)}" for what, names in named.items() if names]
+        return f"<Mechanism {self.name}: {'; '.join(parts)}>"
+
+    @checked(ModelError)
+    def with_inputs(
+        self,
+        *pairs: str,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+        angle_unit: AngleUnit | None = None,
+    ) -> "Mechanism":
         """Return the same mechanism driven at these pairs.
 
-        Pairs that are no input yet get a range of one turn.
+        Pairs that are no input yet get a range of one turn, unless `ranges` has the first
+        and the last value of their variable, in `angle_unit`. Without `pairs` the inputs
+        stay, and only ranges change.
+
+        Raises
+        ------
+        ModelError
+            If there is no such pair, or a range has no unit.
+
+        Examples
+        --------
+        >>> import spherekit as sk
+        >>> driven = sk.load("four_bar").with_inputs("41")
+        >>> half = driven.with_inputs(ranges={"41": (0, 90)}, angle_unit="deg")
         """
         known = {item.pair: item for item in self.inputs}
-        if pairs == tuple(known):
-            return self
-        full_turn = 6.283185307179586
-        return replace(
-            self,
-            inputs=tuple(
-                known.get(name, Input(self.pair(name).name, 0.0, full_turn))
-                for name in pairs
-            ),
+        names = pairs or tuple(known)
+        if ranges and angle_unit is None:
+            raise ModelError('with_inputs: ranges need angle_unit="deg" or "rad"')
+        for name, (start, stop) in (ranges or {}).items():
+            if self.pair(name).name not in names:
+                raise ModelError(
+                    f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
+                )
+            known[name] = Input(name, *(in_radians(x, angle_unit) for x in (start, stop)))
+        inputs = (
+            known.get(name, Input(self.pair(name).name, 0.0, 2.0 * math.pi))
+            for name in names
         )
+        return (
+            self if (made := tuple(inputs)) == self.inputs else replace(self, inputs=made)
+        )
+
+    @checked(ModelError)
+    def with_sizes(
+        self,
+        *,
+        angle_unit: AngleUnit,
+        arcs: Mapping[str, Sizes] | None = None,
+        angles: Mapping[str, Sizes] | None = None,
+        zeros: Mapping[str, float] | None = None,
+        axes: Mapping[str, ArrayLike] | None = None,
+        values: Mapping[str, float] | None = None,
+    ) -> "Mechanism":
+        """Return the same mechanism with other sizes, as its file states them.
+
+        Parameters
+        ----------
+        angle_unit
+            Unit of all angles given, ``"deg"`` or ``"rad"``.
+        arcs, angles
+            By link: a number where it has one only, all of them, or some of them by the
+            pair that they lead to, as in ``{"3": {"43": 70.0}}``.
+        zeros
+            By pair: the angle at which its variable reads zero.
+        axes, values
+            Of a mechanism given by a reference pose, by pair: the direction (3,) of its
+            axis in ground axes, of any length, and its variable there.
+
+        Raises
+        ------
+        ModelError
+            If there is no such link or pair, the sizes are impossible, or the mechanism
+            is given in the other way.
+
+        Examples
+        --------
+        >>> import spherekit as sk
+        >>> longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 25.0})
+        """
+        geometry = self.geometry
+        by_size = isinstance(geometry, SizeGeometry)
+        for key, given in (
+            (("axes", axes), ("values", values))
+            if by_size
+            else (("arcs", arcs), ("angles", angles), ("zeros", zeros))
+        ):
+            if given is not None:
+                raise ModelError(
+                    f"{self.name}: with_sizes: {key} belongs to the other form of "
+                    "geometry; this mechanism is given by "
+                    + ("arcs, angles and zeros" if by_size else "axes and values in a pose")
+                )
+        if isinstance(geometry, SizeGeometry):
+            links = dict(geometry.links)
+            for key, given in (("arcs", arcs), ("angles", angles)):
+                for link, sizes in (given or {}).items():
+                    own = links.get(self.links[self.link(link)], LinkSizes(()))
+                    change = own.with_arcs if key == "arcs" else own.with_angles
+                    try:
+                        links[link] = change(all_in_radians(sizes, angle_unit))
+                    except ModelError as error:
+                        raise ModelError(f"{self.name}: links.{link}.{error}") from None
+            geometry = SizeGeometry(
+                links, {**geometry.zeros, **self._by_pair(zeros, angle_unit)}
+            )
+        else:
+            turned = {
+                self.pair(name).name: along(f"{self.name}: pairs.{name}", axis)
+                for name, axis in (axes or {}).items()
+            }
+            geometry = PoseGeometry(
+                {**geometry.axes, **turned},
+                {**geometry.values, **self._by_pair(values, angle_unit)},
+            )
+        return replace(self, geometry=geometry)
+
+    def _by_pair(
+        self, given: Mapping[str, float] | None, unit: AngleUnit
+    ) -> dict[str, float]:
+        """Return angles in rad by the names of pairs, which are looked up."""
+        return {self.pair(n).name: in_radians(x, unit) for n, x in (given or {}).items()}
+
+    @checked(ModelError)
+    def with_mass(
+        self,
+        link: str,
+        tensor: ArrayLike | None,
+        mass: float | None = None,
+        centre: ArrayLike | None = None,
+    ) -> "Mechanism":
+        """Return the same mechanism with another inertia of a link.
+
+        Parameters
+        ----------
+        link
+            Its name.
+        tensor
+            (3, 3) kg m2 about the centre of the sphere, in link axes; None takes the
+            inertia of the link away.
+        mass, centre
+            kg, and the centre of mass (3,) in m in link axes: gravity needs them.
+
+        Raises
+        ------
+        ModelError
+            If there is no such link, or no body has such an inertia.
+
+        Examples
+        --------
+        >>> import spherekit as sk
+        >>> heavier = sk.load("four_bar").with_mass("4", [[4, 0, 0], [0, 4, 0], [0, 0, 1]])
+        """
+        self.link(link)
+        masses = {item.link: item for item in self.masses}
+        if tensor is None:
+            masses.pop(link, None)
+        else:
+            where = f"{self.name}: mass.{link}"
+            rows = rows_of(f"{where}.tensor", tensor, (3, 3))
+            place = None if centre is None else rows_of(f"{where}.centre", centre, (3,))
+            masses[link] = Mass(link, rows, mass, place)
+        return replace(self, masses=tuple(masses.values()))
+
+    @checked(ModelError)
+    def with_loads(self, *loads: Load, without: Sequence[str] = ()) -> "Mechanism":
+        """Return the same mechanism with other loads, by their names.
+
+        Each of `loads` takes the place of the one that has its name, or comes to those
+        that there are; those named in `without` go.
+
+        Raises
+        ------
+        ModelError
+            If there is no load of a name in `without`, or a load is not meaningful.
+
+        Examples
+        --------
+        >>> import spherekit as sk
+        >>> spring = sk.Spring("return", "21", stiffness=2.0, rest=0.5)
+        >>> sprung = sk.load("four_bar").with_loads(spring, without=["on_crank"])
+        """
+        kept = {load.name: load for load in self.loads}
+        for name in without:
+            if name not in kept:
+                raise ModelError(
+                    f'{self.name}: no load is named "{name}"{nearest(name, kept) or ";"} '
+                    f"Loads: {listing(kept) or 'none'}"
+                )
+            del kept[name]
+        kept |= {load.name: load for load in loads}
+        return replace(self, loads=tuple(kept.values()))
 
 
 def _check(mechanism: Mechanism) -> None:

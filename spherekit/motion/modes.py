@@ -17,6 +17,7 @@ from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.assemblies import MOST_BRANCHES, assemblies, signs_at
 from spherekit.motion.branches import Branch, Solver, determinant_signs, wrap
 from spherekit.motion.dead_inputs import dead_inputs
 from spherekit.motion.distinct import SAME_MODE
@@ -24,7 +25,6 @@ from spherekit.motion.elimination import has_elimination
 from spherekit.motion.follow import Curve, follow
 from spherekit.motion.groups import (
     State,
-    group_closure,
     group_variables,
     place_dyad,
     place_group,
@@ -33,18 +33,15 @@ from spherekit.motion.lattice import Lattice
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import STARTS, Census
 from spherekit.motion.sheet import Sheet, spread
-from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solutions
+from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete
 from spherekit.motion.steps import walk
 from spherekit.motion.stretches import Stretches
-from spherekit.planning.assembly import Group
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
 Rows = NDArray[np.intp]
 
-MOST_BRANCHES = 64
-"""Branches of one run; a mechanism of many dyads has 2 to their number."""
 MOST_FOLLOWED = 60000
 """Nodes of all branches of irreducible groups, after which no further one is followed."""
 MOST_IN_VAIN = 12000
@@ -126,7 +123,7 @@ def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     reference = solver.geometry.reference
     own: tuple[int, ...] | None = None
     if reference is not None:
-        own = _signs_at(solver, reference)
+        own = signs_at(solver, reference)
     probes, methods = 0, tuple[Method | None, ...]([None] * len(groups))
     claim = REFERENCE_ONLY
     if search or own is None:
@@ -161,19 +158,6 @@ def _limited(claim: Claim, count: int) -> Claim:
 def _range(lattice: Lattice) -> tuple[float, float]:
     """Return the least and the greatest value of a single input."""
     return float(np.min(lattice.q)), float(np.max(lattice.q))
-
-
-def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
-    """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
-    axes = solver.closure.at(values[None]).axes[0]
-    signs = []
-    for group in solver.assembly.groups:
-        if group.is_dyad:
-            triple = float(np.linalg.det(axes[list(group.pairs)]))
-            signs.append(1 if triple >= 0.0 else -1)
-        else:
-            signs.append(0)
-    return tuple(signs)
 
 
 def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
@@ -236,7 +220,7 @@ class _Gathering:
         guide, tried = _guide(self.solver, self.lattice, values)
         self.in_vain += tried
         if guide is not None:
-            branch = Branch(len(self.branches), _signs_at(self.solver, values), guide)
+            branch = Branch(len(self.branches), signs_at(self.solver, values), guide)
             if isinstance(guide, Curve):  # where the pose itself may be a dead centre
                 values = guide.values[len(guide.values) // 2]
                 self.in_vain -= len(guide.values) - 1
@@ -517,67 +501,3 @@ def _why_nothing_closes(solver: Solver, lattice: Lattice) -> str:
         f"of pairs {pairs} did not close from any start, or only with profiles that enter "
         "each other; change its arcs, profiles or the range, or give a reference pose"
     )
-
-
-@final
-@dataclass(frozen=True)
-class Assemblies:
-    """The modes at one choice of the inputs.
-
-    `modes` are dyad signs and variables of each, `methods[g]` says how the modes of
-    group g were found: the least complete way, None if none of the groups before closes.
-    """
-
-    modes: tuple[tuple[tuple[int, ...], Floats], ...]
-    methods: tuple[Method | None, ...]
-
-
-def assemblies(solver: Solver, q: Floats) -> Assemblies:
-    """Return every mode found at inputs q (inputs,), and how."""
-    groups = solver.assembly.groups
-    found: list[tuple[tuple[int, ...], Floats]] = []
-    methods: list[Method | None] = [None] * len(groups)
-
-    def extend(state: State, signs: tuple[int, ...]) -> None:
-        if len(found) >= 4 * MOST_BRANCHES:
-            return
-        number = len(signs)
-        if number == len(groups):
-            found.append((signs, state.values[0].copy()))
-            return
-        grown, method = _grown(solver, state, groups[number])
-        methods[number] = least_complete(methods[number], method)
-        for sign, further in grown:
-            extend(further, (*signs, sign))
-
-    if solver.meshes is not None and solver.meshes.all_known:
-        there = solver.meshes.modes(solver.closure, solver.driven, q)
-        modes = tuple((_signs_at(solver, values), values) for values in there)
-        return Assemblies(modes, (Method(0),) * len(groups))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        extend(solver.start(q[None]), ())
-    return Assemblies(tuple(found), tuple(methods))
-
-
-def _grown(
-    solver: Solver, state: State, group: Group
-) -> tuple[list[tuple[int, State]], Method]:
-    """Return the states in which a group is placed, with dyad signs, and the method."""
-    ends = solver.mechanism.ends
-    grown = []
-    if group.is_dyad:
-        for sign in (1, -1):
-            further = state.copy()
-            place_dyad(further, group, ends, sign)
-            if not further.lost[0]:
-                grown.append((sign, further))
-        return grown, CLOSED_FORM
-    reference = solver.geometry.reference
-    own = group_variables(state, group)
-    given = None if reference is None else reference[None, own]
-    found, method = solutions(group, group_closure(state, group, ends), given)
-    for values in found:
-        further = state.copy()
-        place_group(further, group, ends, values[None])
-        grown.append((0, further))
-    return grown, method

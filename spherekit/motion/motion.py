@@ -1,5 +1,6 @@
 """The motion of a mechanism: every branch at every sample of its inputs."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.geometry import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import lattice as lattices
@@ -61,6 +63,14 @@ class Motion:
     is_path: bool = True
     timing: Timing | None = None
     sense: Floats | None = None
+
+    def __repr__(self) -> str:
+        counts = Counter(Status(code).name for code in self.status.tolist())
+        found = ", ".join(f"{count} {name}" for name, count in counts.items()) or "no rows"
+        return (
+            f"<Motion of {self.mechanism.name}: {self.samples} samples in "
+            f"{len(self.branches)} branches; {found}>"
+        )
 
     def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
         """Return some rows only, as a motion of one nameless branch."""
@@ -483,7 +493,7 @@ def _lattice(
 
 @checked(SolveError)
 def trace(
-    mechanism: Mechanism,
+    mechanism: AnyMechanism,
     samples: int | Sequence[int] = DEFAULT_SAMPLES,
     input_pair: str | Sequence[str] | None = None,
     branch: int | None = None,
@@ -495,4 +505,5 @@ def trace(
 
     Parameters and errors are those of `Tracer`.
     """
+    mechanism = mechanism_of(mechanism)
     return Tracer(mechanism, input_pair, branch, search, samples, grid, path).motion()

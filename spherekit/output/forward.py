@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.files.read import AnyMechanism, mechanism_of
+from spherekit.model.mechanism import Output
 from spherekit.motion.branches import Branch, Evaluated, Solver, wrap
 from spherekit.motion.lattice import given_path
 from spherekit.motion.motion import Motion
@@ -53,8 +54,8 @@ class ForwardKinematics:
     """
 
     @checked(SolveError)
-    def __init__(self, mechanism: Mechanism, output: str | None = None) -> None:
-        self.mechanism = mechanism
+    def __init__(self, mechanism: AnyMechanism, output: str | None = None) -> None:
+        self.mechanism = mechanism = mechanism_of(mechanism)
         self.output = chosen_output(mechanism, output)
         self.solver = Solver(mechanism, plan_assembly(mechanism))
 

@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.geometry import Revolute
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import FLAT_DYAD, Solver
 from spherekit.motion.pairs import turns_of
 from spherekit.output.bar import Turned, turned
@@ -148,8 +148,8 @@ class InverseKinematics:
     """
 
     @checked(SolveError)
-    def __init__(self, mechanism: Mechanism, name: str | None = None) -> None:
-        self.own = mechanism
+    def __init__(self, mechanism: AnyMechanism, name: str | None = None) -> None:
+        self.own = mechanism = mechanism_of(mechanism)
         self.wrist: Wrist = with_wrist(mechanism, name)
         self.mechanism = self.wrist.mechanism
         output = self.wrist.output

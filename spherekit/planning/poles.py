@@ -109,6 +109,13 @@ class Plan:
     requested: tuple[Pole, ...]
     steps: tuple[Step, ...]
 
+    def __repr__(self) -> str:
+        moving = self.mechanism.pairs[self.input].name
+        return (
+            f"<Plan of {self.mechanism.name}: {len(self.requested)} poles in "
+            f"{len(self.steps)} steps, while {moving} moves>"
+        )
+
     @cached_property
     def bodies(self) -> tuple[int, ...]:
         """The links that bodies are called by, in order."""

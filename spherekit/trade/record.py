@@ -92,6 +92,13 @@ class Trade:
     settings: tuple[Measured, ...]
     made_for: Mapping[str, Any]
 
+    def __repr__(self) -> str:
+        best = ", ".join(f"{each.name} ({each.error:.1e})" for each in self.pareto[:3])
+        return (
+            f"<Trade of {self.analysis} on {self.mechanism}: {len(self.settings)} "
+            f"settings, the quickest with their errors: {best}>"
+        )
+
     @property
     def pareto(self) -> tuple[Measured, ...]:
         """The settings that no other beats in both time and error, the quickest first."""

@@ -1,0 +1,1 @@
+"""What Python users call: thin functions over the other layers."""

@@ -1,0 +1,354 @@
+"""A mechanism at given inputs: configurations, pole axes and coefficients by name."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherekit.analysis.contract import Batch, Needs
+from spherekit.analysis.frames import to_frame
+from spherekit.analysis.requests import requests_for
+from spherekit.analysis.tables import (
+    BRANCH,
+    INPUTS,
+    RESIDUAL,
+    SAMPLE,
+    STATUS,
+    Column,
+    Table,
+    input_columns,
+)
+from spherekit.checked import checked
+from spherekit.conventions import listing, nearest
+from spherekit.dynamics.start import into_range, reaching, traced
+from spherekit.errors import SolveError
+from spherekit.files.read import AnyMechanism, mechanism_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.poles import Pole, all_poles, parse_pole
+from spherekit.rates.field import evaluate as evaluate_poles
+from spherekit.sphere.rotation import Floats
+
+TABLE = Table(
+    "poles",
+    "one row per sample, branch, moving input and pole",
+    (
+        SAMPLE,
+        BRANCH,
+        INPUTS,
+        Column("link", "", "the link that moves", "text"),
+        Column("relative_to", "", "the link it is seen from", "text"),
+        Column("moving", "", "the input that moves, others locked", "text"),
+        Column("ux", "", "pole axis, x in ground axes"),
+        Column("uy", "", "pole axis, y in ground axes"),
+        Column("uz", "", "pole axis, z in ground axes"),
+        Column("velocity_coefficient", "", "its product with u is the angular velocity"),
+        Column("acceleration_coefficient", "1/rad", "its derivative by the input"),
+        RESIDUAL,
+        STATUS,
+    ),
+)
+
+
+@final
+@dataclass(frozen=True)
+class Kinematics:
+    """A mechanism at given inputs, in rows: branch after branch, in each the inputs.
+
+    Poles are named by two links, ``"3/1"``; coefficients are those of the link that comes
+    later in the mechanism against the other, per unit rate of the input `moving` while
+    the others are locked. `moving` may be left out where there is one input. The sense of
+    a pole axis, and with it the sign of its coefficient, goes on along the rows of a
+    branch; in the first it is the side that the mechanism's axes are on. Angles are in
+    rad, vectors in ground axes; rows that failed hold NaN and say why in `status`.
+    """
+
+    mechanism: Mechanism
+    poles: tuple[str, ...]
+    _batch: Batch = field(repr=False)
+    _motion: Motion = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self._batch)
+
+    def __repr__(self) -> str:
+        branches = len(set(self.branch.tolist()))
+        failed = int(np.sum(self._motion.failed))
+        return (
+            f"<Kinematics of {self.mechanism.name}: {len(self)} rows in {branches} "
+            f"branches, {failed} failed; {len(self.poles)} poles while "
+            f"{' or '.join(self.input_pairs)} moves>"
+        )
+
+    @property
+    def input_pairs(self) -> tuple[str, ...]:
+        """Names of the driven pairs, in the order of the columns of `inputs`."""
+        return self._batch.moved_pairs
+
+    @property
+    def q(self) -> Floats:
+        """(n,) rad, the input; `SolveError` where there are several: see `inputs`."""
+        return self._batch.q
+
+    @property
+    def inputs(self) -> Floats:
+        """(n, inputs) rad, the inputs as they were given."""
+        return self._batch.inputs
+
+    @property
+    def sample(self) -> NDArray[np.int64]:
+        """(n,) numbers of the inputs, from 0."""
+        return self._batch.sample
+
+    @property
+    def branch(self) -> NDArray[np.int64]:
+        """(n,) numbers of the assembly modes."""
+        return self._batch.branch
+
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """(n,) codes of `spherekit.Status`."""
+        return self._batch.status
+
+    @property
+    def residual(self) -> Floats:
+        """(n,) rad, by how much loops fail to close."""
+        return self._batch.residual
+
+    @checked(SolveError)
+    def variable(self, name: str) -> Floats:
+        """Return (n,) a pair variable, by its own name or that of its pair.
+
+        Raises
+        ------
+        SolveError
+            If there is none of this name, or the pair has two.
+        """
+        names = self.mechanism.variable_names
+        if name in names:
+            return self._motion.values[:, names.index(name)]
+        (number,) = self._variables(name)
+        return self._motion.values[:, number]
+
+    @checked(SolveError)
+    def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
+        """Return (n,) the rate of a pair's variable per unit rate of the input.
+
+        Raises
+        ------
+        SolveError
+            If there is no such pair or input, or the pair has two variables.
+        """
+        self._variables(pair)
+        return self._batch.pair_rate(pair, self._moving(moving))
+
+    @checked(SolveError)
+    def rotation(self, link: str) -> Floats:
+        """Return (n, 3, 3) the rotations from link axes to ground axes."""
+        return self._batch.rotation(self._link(link))
+
+    @checked(SolveError)
+    def angular_velocity(self, link: str, moving: str | None = None) -> Floats:
+        """Return (n, 3) that of a link against the ground, per unit rate of the input."""
+        return self._batch.angular_velocity(self._link(link), self._moving(moving))
+
+    @checked(SolveError)
+    def angular_velocity_dq(self, link: str, moving: str | None = None) -> Floats:
+        """Return (n, 3) the derivative of `angular_velocity` by the input, 1/rad."""
+        return self._batch.angular_velocity_dq(self._link(link), self._moving(moving))
+
+    @checked(SolveError)
+    def direction(self, pole: str, moving: str | None = None) -> Floats:
+        """Return (n, 3) unit vectors along the pole axis of two links."""
+        return self._batch.direction(*self._pole(pole), self._moving(moving))
+
+    @checked(SolveError)
+    def velocity_coefficient(self, pole: str, moving: str | None = None) -> Floats:
+        """Return (n,) the velocity coefficient of two links.
+
+        Times `direction` it is their relative angular velocity per unit rate of the input.
+        """
+        return self._batch.rate(*self._pole(pole), self._moving(moving))
+
+    @checked(SolveError)
+    def acceleration_coefficient(self, pole: str, moving: str | None = None) -> Floats:
+        """Return (n,) the derivative of the velocity coefficient by the input, 1/rad."""
+        return self._batch.rate_dq(*self._pole(pole), self._moving(moving))
+
+    @checked(SolveError)
+    def frame(self, degrees: bool = False) -> Any:
+        """Return a pandas frame with a row for each row here, input that moves, and pole.
+
+        With `degrees` inputs are in degrees; coefficients stay as they are.
+        """
+        asked = [(pole, moved) for moved in self.input_pairs for pole in self.poles]
+        n, k = len(self), len(asked)
+
+        def spread(values: NDArray[Any]) -> NDArray[Any]:
+            return np.repeat(values, k)
+
+        def gathered(values: list[NDArray[Any]]) -> NDArray[Any]:
+            return np.stack(values, axis=1).reshape(n * k, *values[0].shape[1:])
+
+        u = gathered([self.direction(*each) for each in asked])
+        names = [pole.split("/") for pole, _ in asked]
+        data: dict[str, Any] = {
+            "sample": spread(self.sample),
+            "branch": spread(self.branch),
+        }
+        inputs = input_columns(self.mechanism, self.inputs)
+        data |= {key: spread(column) for key, column in inputs.items()}
+        data |= {
+            "link": np.tile([link for link, _ in names], n),
+            "relative_to": np.tile([link for _, link in names], n),
+            "moving": np.tile([moved for _, moved in asked], n),
+            "ux": u[:, 0],
+            "uy": u[:, 1],
+            "uz": u[:, 2],
+            "velocity_coefficient": gathered(
+                [self.velocity_coefficient(*each) for each in asked]
+            ),
+            "acceleration_coefficient": gathered(
+                [self.acceleration_coefficient(*each) for each in asked]
+            ),
+            "residual": spread(self.residual),
+            "status": gathered(
+                [
+                    self._batch.pole_status(*self._pole(pole), self._moving(moved))
+                    for pole, moved in asked
+                ]
+            ),
+        }
+        return to_frame(TABLE.of(self.mechanism), data, degrees)
+
+    def _link(self, name: str) -> str:
+        return self.mechanism.links[self.mechanism.link(name)]
+
+    def _variables(self, pair: str) -> tuple[int, ...]:
+        number = self.mechanism.pair_number[self.mechanism.pair(pair).name]
+        found = self.mechanism.variables_of(number)
+        if len(found) > 1:
+            names = listing(self.mechanism.variable_names[k] for k in found)
+            raise SolveError(
+                f"{self.mechanism.name}: pair {pair} has two variables: ask for {names}"
+            )
+        return found
+
+    def _pole(self, text: str) -> Pole:
+        pole = parse_pole(self.mechanism, text)
+        name = _name(self.mechanism, pole)
+        if name not in self.poles:
+            raise SolveError(
+                f"{self.mechanism.name}: pole {name} was not asked for; evaluated are "
+                f"{listing(self.poles)}: name it in poles"
+            )
+        return pole
+
+    def _moving(self, name: str | None) -> int:
+        inputs = self.input_pairs
+        if name in inputs:
+            return inputs.index(name)
+        if name is None and len(inputs) == 1:
+            return 0
+        why = (
+            "say which input moves"
+            if name is None
+            else f'"{name}" is not an input{nearest(name, inputs)}'
+        )
+        raise SolveError(f"{self.mechanism.name}: moving: {why}; inputs: {listing(inputs)}")
+
+
+@checked(SolveError)
+def evaluate(
+    mechanism: AnyMechanism,
+    inputs: ArrayLike,
+    *,
+    poles: Sequence[str] | None = None,
+    input_pair: str | Sequence[str] | None = None,
+    branch: int | None = None,
+) -> Kinematics:
+    """Return a mechanism's configurations, pole axes and coefficients at given inputs.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, the name of a shipped one, or the path of a file.
+    inputs
+        rad: a number or (n,) of the only input, (inputs,) or (n, inputs) of several.
+    poles
+        The poles wanted, such as ``["3/1", "4/1"]``; by default all.
+    input_pair
+        The driven pairs, if not those of the mechanism.
+    branch
+        The only assembly mode wanted, by the number that `run` gives it; by default all.
+
+    Raises
+    ------
+    SolveError, PlanError, ModelError
+        If the mechanism has not one freedom for each input, a name is unknown, or inputs
+        are not finite numbers. Inputs that cannot be reached get a status instead.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import spherekit as sk
+    >>> here = sk.evaluate("four_bar", 0.7, poles=["4/1"], branch=0)
+    >>> here.velocity_coefficient("4/1").shape
+    (1,)
+    >>> turn = sk.evaluate("four_bar", np.linspace(0.0, 2.0 * np.pi, 50), branch=0)
+    >>> turn.q.shape, turn.direction("3/1").shape, len(turn.frame()) == 50 * 6
+    ((50,), (50, 3), True)
+
+    With a plotting library: ``plt.plot(turn.q, turn.velocity_coefficient("4/1"))``.
+    """
+    mechanism = driven_at(mechanism_of(mechanism), input_pair)
+    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    mechanism = mechanism.with_inputs(*names)
+    wanted = (
+        all_poles(len(mechanism.links))
+        if poles is None
+        else tuple(dict.fromkeys(parse_pole(mechanism, text) for text in poles))
+    )
+    q = np.asarray(inputs, dtype=float)
+    if len(names) > 1 and q.ndim == 1:
+        q = q[None]
+    if len(names) == 1:
+        q = np.atleast_1d(q)
+        tracer = traced(mechanism)
+        if np.all(np.isfinite(q)):
+            tracer = reaching(tracer, q)
+        motion = tracer.at(into_range(tracer, q))
+    else:
+        tracer = Tracer(mechanism, path=q)
+        motion = tracer.motion()
+    if branch is not None:
+        numbers = [item.number for item in tracer.branches]
+        if branch not in numbers:
+            raise SolveError(
+                f"{mechanism.name}: there is no branch {branch}; the branches found are "
+                f"{listing(numbers)}"
+            )
+        motion = motion.rows(motion.branch == branch)
+    needs = Needs(
+        directions=frozenset(wanted),
+        rates=frozenset(wanted),
+        derivatives=True,
+        pair_values=frozenset(pair.name for pair in mechanism.pairs),
+        pair_rates=frozenset(pair.name for pair in mechanism.pairs),
+        rotations=frozenset(mechanism.links),
+        link_rates=frozenset(mechanism.links),
+    )
+    requests = requests_for(tracer.mechanism, needs, tracer.by_rank)
+    fields = tuple(evaluate_poles(motion, each) for each in requests)
+    batch = Batch(mechanism, tuple(each.plan for each in requests), needs, motion, fields)
+    return Kinematics(
+        mechanism, tuple(_name(mechanism, pole) for pole in wanted), batch, motion
+    )
+
+
+def _name(mechanism: Mechanism, pole: Pole) -> str:
+    low, high = (mechanism.links[k] for k in pole)
+    return f"{high}/{low}"

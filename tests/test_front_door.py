@@ -1,0 +1,470 @@
+"""What a new user does from `import spherekit as sk`, against values of other origin."""
+
+import doctest
+import inspect
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from closed_forms import (
+    FOUR_BAR_ARCS,
+    four_bar_angles,
+    four_bar_axes,
+    four_bar_coefficients,
+    four_bar_frames,
+)
+from scipy.integrate import solve_ivp
+
+import spherekit as sk
+from spherekit.files.library import find
+
+RECORDING = b"RRF2"
+TENSORS = {
+    2: [[2.0, 0.0, 0.0], [0.0, 1.920725, -0.335117], [0.0, -0.335117, 0.079275]],
+    3: [[7.0, 0.0, 0.0], [0.0, 4.420725, -2.529672], [0.0, -2.529672, 2.579275]],
+    4: [[4.0, 0.0, 0.0], [0.0, 3.410633, -1.183662], [0.0, -1.183662, 0.589367]],
+}
+"""The four-bar's inertia (kg m2), in the frames of `four_bar_frames`."""
+
+LINKS = {
+    "base": {"axes": ["drive", "hinge"], "arcs": [60]},
+    "crank": {"axes": ["drive", "tip"], "arcs": (np.float32(20),)},
+    "coupler": {"axes": ["tip", "joint"], "arcs": np.array([70.0])},
+    "rocker": {"axes": ["hinge", "joint"], "arcs": [40]},
+}
+PAIRS = {
+    "drive": ["base", "crank"],
+    "tip": ["crank", "coupler"],
+    "joint": ["coupler", "rocker"],
+    "hinge": {"links": ["base", "rocker"], "zero": 180},
+}
+
+
+def built(**changes):
+    given = {"angle_unit": "deg", "ground": "base", "links": LINKS, "pairs": PAIRS}
+    return sk.build("crank_rocker", **{**given, **changes})
+
+
+def arcs_of(second):
+    return FOUR_BAR_ARCS[0], second, *FOUR_BAR_ARCS[2:]
+
+
+def mode_of(here, arcs):
+    """The mode of the closed form that a branch at its first row is in."""
+    off = [
+        abs(math.remainder(here.variable("41")[0] - angle, 2.0 * math.pi))
+        for mode in (0, 1)
+        for angle in four_bar_angles(here.q[:1], arcs, mode)
+    ]
+    assert min(off) < 1e-12 < max(off)
+    return int(np.argmin(off))
+
+
+def slope(function, q, h=1e-3):
+    """The derivative of a function by a five-point stencil."""
+    points = [function(q + k * h) for k in (-2, -1, 1, 2)]
+    return (points[0] - 8.0 * points[1] + 8.0 * points[2] - points[3]) / (12.0 * h)
+
+
+@pytest.mark.parametrize("branch", [0, 1])
+def test_load_change_an_arc_and_sweep(branch):
+    second = math.radians(25.0)
+    longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 25.0})
+    assert sk.load("four_bar").geometry.links["2"].arcs == (math.radians(20.0),)
+    turn = sk.evaluate(longer, np.linspace(0.1, 2.0 * np.pi, 50), branch=branch)
+    arcs = arcs_of(second)
+    mode = mode_of(turn, arcs)
+
+    def coefficient(q):
+        return four_bar_coefficients(q, arcs, mode)[1]
+
+    wanted = coefficient(turn.q)
+    assert turn.variable_coefficient("41") == pytest.approx(wanted, abs=1e-11)
+    axis = four_bar_axes(turn.q, arcs, mode)
+    sense = np.sign(np.sum(turn.direction("41") * axis["41"], axis=1))
+    assert turn.velocity_coefficient("4/1") * sense == pytest.approx(wanted, abs=1e-11)
+    derivative = turn.acceleration_coefficient("4/1") * sense
+    assert derivative == pytest.approx(slope(coefficient, turn.q), abs=1e-8)
+    w = axis["41"] * wanted[:, None]
+    assert np.max(np.abs(turn.angular_velocity("4") - w)) < 1e-11
+    turned = np.einsum("n,nj->nj", turn.velocity_coefficient("3/1"), turn.direction("3/1"))
+    assert np.max(np.abs(turn.angular_velocity("3") - turned)) < 1e-12
+    frames = four_bar_frames(turn.q, arcs, mode)
+    relative = np.einsum("nji,njk->nik", turn.rotation("2"), turn.rotation("4"))
+    known = np.einsum("nji,njk->nik", frames[2], frames[4])
+    # link 4 lists pair 43 first, as its frame in the source has it
+    assert np.max(np.abs(relative - known)) < 1e-11
+    frame = turn.frame()
+    own = frame[(frame["link"] == "4") & (frame["relative_to"] == "1")]
+    assert len(frame) == 50 * 6 and set(frame["status"]) == {"OK"}
+    assert np.array_equal(own["velocity_coefficient"], turn.velocity_coefficient("4/1"))
+    assert turn.frame(degrees=True)["q"].max() == pytest.approx(360.0)
+
+
+def test_one_input_is_a_row_of_many_and_a_row_of_a_run():
+    q = np.linspace(0.0, 2.0 * np.pi, 7)
+    many = sk.evaluate("four_bar", q, poles=["3/1"])
+    table = sk.run("four_bar", "poles:only=31", samples=7).frame()
+    for row, (branch, value) in enumerate(zip(many.branch, many.q, strict=True)):
+        one = sk.evaluate("four_bar", float(value), branch=int(branch))
+        velocity, along = one.velocity_coefficient("31"), many.velocity_coefficient("3/1")
+        w = velocity[0] * one.direction("31")[0]  # the sense of a pole goes on along rows
+        assert w == pytest.approx(along[row] * many.direction("3/1")[row], abs=1e-13)
+        assert w == pytest.approx(one.angular_velocity("3")[0], abs=1e-13)
+    same = table["rate"].to_numpy()
+    assert many.velocity_coefficient("3/1") == pytest.approx(same, abs=1e-13)
+
+
+def test_several_inputs_move_one_at_a_time():
+    both = sk.evaluate("five_bar", [[0.3, 0.4], [0.35, 0.4]])
+    alone = both.variable_coefficient("43", moving="21")
+    assert both.inputs.shape == (4, 2) and list(both.sample) == [0, 1, 0, 1]
+    step = 1e-5
+    beside = [sk.evaluate("five_bar", [0.3 + k * step, 0.4]) for k in (-1, 1)]
+    change = (beside[1].variable("43") - beside[0].variable("43")) / (2.0 * step)
+    assert alone[both.sample == 0] == pytest.approx(change, abs=1e-8)
+    with pytest.raises(sk.SpherekitError, match="say which input moves; inputs: 21, 51"):
+        both.velocity_coefficient("3/1")
+
+
+@pytest.mark.parametrize("name", sk.mechanisms())
+def test_a_file_and_the_same_data_in_code_are_one_mechanism(name):
+    data = tomllib.loads(find(name).read_text(encoding="utf-8"))
+    data.pop("format")
+    mechanism = sk.load(name)
+    assert sk.build(**data) == mechanism
+    assert len(repr(mechanism)) < 200 and name in repr(mechanism)
+
+
+def test_a_mechanism_without_a_file():
+    made = built(inputs={"drive": (0, 360)})
+    one, other = sk.evaluate(made, [0.2, 0.7]), sk.evaluate("four_bar", [0.2, 0.7])
+    assert one.variable("hinge") == pytest.approx(other.variable("41"), abs=1e-7)
+    exact = built(links={**LINKS, "crank": {"axes": ["drive", "tip"], "arcs": [20]}})
+    one = sk.evaluate(exact, [0.2, 0.7])
+    assert one.variable("hinge") == pytest.approx(other.variable("41"), abs=1e-14)
+
+
+def test_the_same_by_axes_and_contacts():
+    names = ["base", "crank", "coupler", "rocker"]
+    axes = {"drive": (0, 90), "tip": (90, 70), "joint": (20, 15), "hinge": (70, 30)}
+    ends = {**PAIRS, "hinge": PAIRS["hinge"]["links"]}
+    posed = built(
+        links=names,
+        pairs={n: {"links": ends[n], "lonlat": axes[n]} for n in axes},
+        inputs="drive",
+    )
+    here = sk.evaluate(posed, 0.0, branch=0)
+    for name in names:
+        assert np.max(np.abs(here.rotation(name) - np.eye(3))) < 1e-14
+    moved = posed.with_sizes(
+        angle_unit="deg", axes={"hinge": [0, 2, 1]}, values={"tip": 30}
+    )
+    assert moved.geometry.axes["hinge"] == pytest.approx(np.array([0, 2, 1]) / math.sqrt(5))
+    assert moved.geometry.values["tip"] == math.radians(30.0)
+    gears = sk.build(
+        "gears",
+        angle_unit="deg",
+        ground="g",
+        links=["g", "a", "b"],
+        pairs={
+            "one": {"links": ["g", "a"], "xyz": [0, 0, 1]},
+            "two": {"links": ["g", "b"], "xyz": [1, 0, 0]},
+            "mesh": {
+                "type": "Cr",
+                "links": ["a", "b"],
+                "teeth": [20, 40],
+                "axes": ["one", "two"],
+            },
+        },
+        inputs="one",
+    )
+    assert sk.evaluate(gears, 0.1).variable_coefficient("two") == pytest.approx([-0.5])
+
+
+def test_changes_are_those_of_the_file():
+    four_bar = sk.load("four_bar")
+    text = find("four_bar").read_text(encoding="utf-8")
+    data = tomllib.loads(text)
+    data.pop("format")
+    data["links"]["3"]["arcs"] = [71.5]
+    data["pairs"]["41"]["zero"] = 17.0
+    data["inputs"]["21"] = {"from": 10.0, "to": 50.0}
+    data["mass"]["4"] = {
+        "tensor": np.diag([4.0, 4.0, 1.0]),
+        "mass": 3,
+        "centre": [0, 0, 0.1],
+    }
+    data["loads"].pop("on_crank")
+    data["loads"]["coil"] = {"kind": "spring", "pair": "21", "stiffness": 2, "rest": 90.0}
+    changed = (
+        four_bar.with_sizes(angle_unit="deg", arcs={"3": {"43": 71.5}}, zeros={"41": 17.0})
+        .with_inputs(ranges={"21": (10.0, 50.0)}, angle_unit="deg")
+        .with_mass("4", np.diag([4.0, 4.0, 1.0]), 3.0, (0, 0, 0.1))
+        .with_loads(sk.Spring("coil", "21", 2.0, math.pi / 2), without=["on_crank"])
+    )
+    assert changed == sk.build(**data)
+    assert len(changed.with_mass("4", None).masses) == 2
+    for one in (25, np.float32(25.0), [25.0], np.array([25.0]), {"32": 25.0}):
+        arcs = (
+            four_bar.with_sizes(angle_unit="deg", arcs={"2": one}).geometry.links["2"].arcs
+        )
+        assert arcs == (math.radians(25.0),)
+    assert four_bar.with_inputs("41").inputs[0].stop == 2.0 * math.pi
+
+
+def four_bar_equation(torque, mode):
+    """The right-hand side of B q'' + B' q'^2 / 2 = Q by the closed form's frames."""
+
+    def rates(q):
+        w41 = four_bar_coefficients(q, FOUR_BAR_ARCS, mode)[1]
+        u = four_bar_axes(q, FOUR_BAR_ARCS, mode)
+        w2, w4 = u["21"], u["41"] * w41[:, None]
+        # w3 = w2 + a u32 = w4 + b u43: along u43 x (u32 x u43) only a is left
+        across = np.cross(u["43"], np.cross(u["32"], u["43"]))
+        a = np.sum((w4 - w2) * across, axis=1) / np.sum(u["32"] * across, axis=1)
+        return {2: w2, 3: w2 + a[:, None] * u["32"], 4: w4}, w41
+
+    def inertia(q):
+        q = np.atleast_1d(q)
+        frames, (w, _) = four_bar_frames(q, FOUR_BAR_ARCS, mode), rates(q)
+        local = {k: np.einsum("nji,nj->ni", frames[k], w[k]) for k in w}
+        return sum(np.einsum("ni,ij,nj->n", local[k], TENSORS[k], local[k]) for k in w)
+
+    def field(t, state):
+        q, dq = state
+        w41 = rates(np.array([q]))[1][0]
+        theta41 = four_bar_angles(np.array([q]), FOUR_BAR_ARCS, mode)[0]
+        force = torque(t, q, dq) - math.sin(q) - 2.0 * dq
+        force += (-5.0 * math.sin(theta41) - 2.0 * w41 * dq) * w41
+        change = slope(lambda x: inertia(x)[0], q)
+        return [dq, (force - 0.5 * change * dq**2) / inertia(q)[0]]
+
+    return field
+
+
+def test_a_callable_torque_moves_as_an_independent_integration_says():
+    def controller(t, q, dq):
+        return 20.0 * (math.sin(t) - q) - 4.0 * dq
+
+    t = np.linspace(0.0, 2.0, 21)
+    moved = sk.simulate("four_bar", sk.Start(0.3, 1.0), 2.0, torque=controller)
+    assert moved.engine.name == "numpy" and "Python function" in moved.engine.reason
+    mode = mode_of(sk.evaluate("four_bar", 0.3, branch=0), FOUR_BAR_ARCS)
+    known = solve_ivp(
+        four_bar_equation(controller, mode),
+        (0.0, 2.0),
+        [0.3, 1.0],
+        "DOP853",
+        t,
+        rtol=1e-11,
+        atol=1e-12,
+    )
+    states = moved.at(t)
+    assert np.max(np.abs(states.q - known.y[0])) < 1e-8
+    assert np.max(np.abs(states.dq - known.y[1])) < 1e-7
+    # what was done at the input, by the trapezoidal rule of a fine table
+    fine = np.linspace(0.0, 2.0, 20001)
+    found = moved.at(fine)
+    power = found.dq * [
+        controller(*each) for each in zip(fine, found.q, found.dq, strict=True)
+    ]
+    work = np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(fine))
+    drive = [load.name for load in moved.mechanism.loads].index("driving_torque")
+    assert found.work[-1, drive] == pytest.approx(work, abs=1e-6)
+
+
+def test_a_torque_is_a_number_a_text_or_a_function():
+    start = sk.Start(0.3, 1.0)
+    given = (2.5, "2.5", lambda t, q, dq: 2.5)
+    ends = [
+        sk.simulate("four_bar", start, 0.5, torque=each, engine="numpy").at([0.5]).q[0]
+        for each in given
+    ]
+    assert ends[1] == ends[0] and ends[2] == pytest.approx(ends[0], abs=1e-12)
+    load = sk.PairTorque("motor", "21", lambda t, q, dq: 2.5)
+    held = sk.load("four_bar").with_loads(load)
+    own = sk.simulate(held, start, 0.5).at([0.5]).q[0]
+    assert own == pytest.approx(ends[0], abs=1e-12)
+
+
+def test_a_torque_that_jumps_unforeseen_is_found():
+    """A bang-bang controller: the same as two runs that each see one side of the jump."""
+    start, half = sk.Start(0.3, 1.0), 0.437
+    jumping = sk.simulate(
+        "four_bar", start, 1.0, torque=lambda t, q, dq: 5.0 if t < half else -5.0
+    )
+    first = sk.simulate("four_bar", start, half, torque=5.0, engine="numpy").at([half])
+    then = sk.simulate(
+        "four_bar",
+        sk.Start(float(first.q[0]), float(first.dq[0])),
+        1.0 - half,
+        torque=-5.0,
+        engine="numpy",
+    )
+    assert jumping.at([1.0]).q[0] == pytest.approx(then.at([1.0 - half]).q[0], abs=1e-7)
+
+
+def test_a_recording_is_saved(tmp_path):
+    result = sk.run("four_bar", "poles", samples=5)
+    assert result.save(tmp_path / "four_bar.rrd").read_bytes()[:4] == RECORDING
+    with pytest.raises(sk.SpherekitError, match=r"a recording is a file named \*.rrd"):
+        result.save(tmp_path / "four_bar.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["four_bar.rrd"]
+
+
+def test_objects_show_themselves_in_a_line():
+    mechanism = sk.load("four_bar")
+    shown = {
+        "Mechanism": mechanism,
+        "Plan": sk.plan(mechanism),
+        "Motion": sk.trace(mechanism, samples=5),
+        "RunResult": sk.run(mechanism, samples=5),
+        "Simulation": sk.simulate(mechanism, sk.Start(0.3), 0.1, engine="numpy"),
+        "Kinematics": sk.evaluate(mechanism, 0.3),
+        "InverseSolution": sk.inverse_dynamics(mechanism, sk.ConstantSpeed(1.0), [0, 1]),
+    }
+    for name, each in shown.items():
+        assert repr(each).startswith(f"<{name} ") and "four_bar" in repr(each)
+        assert len(repr(each)) < 200 and "\n" not in repr(each)
+    assert "spherekit: agile_eye, bevel" in repr(sk.mechanisms())
+
+
+def raising(*_):
+    return None
+
+
+WRONG = [
+    (lambda: sk.load("four_ber"), 'did you mean "four_bar"'),
+    (lambda: sk.plan("four_ber"), 'did you mean "four_bar"'),
+    (lambda: sk.evaluate("four_bar", "a"), "inputs is 'a' .str., it has to be numbers"),
+    (lambda: sk.evaluate("four_bar", np.nan), "not finite"),
+    (lambda: sk.evaluate("five_bar", [0.1, 0.2, 0.3]), "2 inputs"),
+    (lambda: sk.evaluate("four_bar", 0.1, poles="3/1"), "poles is '3/1'"),
+    (lambda: sk.evaluate("four_bar", 0.1, branch=9), "no branch 9"),
+    (lambda: sk.evaluate("four_bar", 0.1, samples=3), 'no argument is "samples"'),
+    (lambda: sk.evaluate("four_bar", 0.1).rotation("9"), 'no link is named "9"; Links: 1'),
+    (lambda: sk.evaluate("four_bar", 0.1).variable("99"), 'no pair is named "99"'),
+    (lambda: sk.evaluate("four_bar", 0.1, poles=["31"]).direction("4/1"), "not asked for"),
+    (lambda: sk.run("four_bar", samples=10.5), "samples is 10.5"),
+    (lambda: sk.run("four_bar", engine="cuda"), "cuda"),
+    (lambda: sk.run("four_bar", sample=10), 'did you mean "samples"'),
+    (lambda: sk.trace("four_bar", samples="ten"), "samples is 'ten'"),
+    (lambda: sk.simulate("four_bar", sk.Start(0.3), "1"), "until is '1'"),
+    (lambda: sk.simulate("four_bar", 0.3, 1.0), "start is 0.3"),
+    (lambda: sk.simulate("four_bar", sk.Start(0.3), 1.0, torque=[1]), "or a function"),
+    (lambda: sk.simulate("four_bar", sk.Start(0.3), 1.0, torque=lambda t: 1), "t, q, dq"),
+    (lambda: sk.simulate("four_bar", sk.Start(0.3), 1.0, torque=raising), "a number .N m"),
+    (
+        lambda: sk.simulate(
+            "four_bar", sk.Start(0.3), 1.0, torque=lambda t, q, dq: 1, engine="compiled"
+        ),
+        "write it as an expression",
+    ),
+    (
+        lambda: sk.dump(
+            sk.load("four_bar").with_loads(sk.PairTorque("m", "21", raising)), "never.toml"
+        ),
+        "is a Python function",
+    ),
+    (lambda: sk.Start("0.3"), "Start: q is '0.3'"),
+    (lambda: sk.Start(0.3, rate=1.0), 'Start: no argument is "rate"'),
+    (lambda: sk.export("four_bar", "x.pdf"), r"\*.npz, \*.xml, \*.toml"),
+    (lambda: sk.export("four_bar", "x.xml", poles=["3/1"]), r"poles does nothing but for"),
+    (lambda: built(angle_unit="grad"), 'allowed: "deg", "rad"'),
+    (lambda: built(link=[]), 'no argument is "link"; did you mean "links"'),
+    (lambda: built(pairs={1: ["base", "crank"]}), 'names are text: "1"'),
+    (lambda: built(inputs={"drive": (0, 1, 2)}), "has 3 values, needs 2"),
+    (lambda: built(inputs="driv"), 'did you mean "drive"'),
+    (lambda: built(loads={"x": None}), "loads.x: found NoneType"),
+    (
+        lambda: built(links={**LINKS, "base": {"axes": ["drive", "hinge"], "arc": [1]}}),
+        r"^crank_rocker: links.base.arc: unknown key; did you mean",
+    ),
+    (
+        lambda: built(links={**LINKS, "base": {"axes": ["drive", "hinge"], "arcs": [200]}}),
+        r"^crank_rocker: links.base.arcs\[0\]: found 200 deg",
+    ),
+]
+
+
+@pytest.mark.parametrize(("wrong", "said"), WRONG, ids=range(len(WRONG)))
+def test_wrong_arguments_are_told(wrong, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(sk.SpherekitError, match=said):
+        wrong()
+    assert list(tmp_path.iterdir()) == []
+
+
+CHANGES = [
+    ("with_sizes", {"arcs": {"2": 25.0}}, "angle_unit"),
+    ("with_sizes", {"angle_unit": "deg", "arcs": {"9": 25.0}}, 'named "9"; Links: 1, 2'),
+    (
+        "with_sizes",
+        {"angle_unit": "deg", "arcs": {"2": 250.0}},
+        "links.2.arcs.0.: found 250",
+    ),
+    ("with_sizes", {"angle_unit": "deg", "arcs": {"2": [1, 2]}}, "has 2 values, needs 1"),
+    ("with_sizes", {"angle_unit": "deg", "arcs": {"3": {"41": 1}}}, "they lead to: 43"),
+    ("with_sizes", {"angle_unit": "deg", "zeros": {"14": 1}}, 'did you mean "41"'),
+    ("with_sizes", {"angle_unit": "deg", "axes": {"21": [0, 0, 1]}}, "given by arcs"),
+    ("with_mass", {"link": "5", "tensor": np.eye(3)}, "Links: 1, 2, 3, 4"),
+    ("with_mass", {"link": "4", "tensor": -np.eye(3)}, "not physical"),
+    ("with_mass", {"link": "4", "tensor": [1.0]}, "has the shape"),
+    ("with_loads", {"without": ["on_crnk"]}, 'did you mean "on_crank"'),
+    ("with_inputs", {"ranges": {"21": (0.0, 1.0)}}, "angle_unit"),
+    ("with_inputs", {"ranges": {"41": (0, 1)}, "angle_unit": "deg"}, "41 is not an input"),
+]
+
+
+@pytest.mark.parametrize(("method", "named", "said"), CHANGES, ids=range(len(CHANGES)))
+def test_wrong_changes_are_told(method, named, said):
+    with pytest.raises(sk.SpherekitError, match=said):
+        getattr(sk.load("four_bar"), method)(**named)
+
+
+def documented():
+    """The public functions and methods whose help has an example."""
+    for name in sk.__all__:
+        value = getattr(sk, name)
+        parts = [(name, value)]
+        if inspect.isclass(value):
+            parts += [(f"{name}.{key}", item) for key, item in vars(value).items()]
+        for key, item in parts:
+            if inspect.isroutine(item) and ">>>" in (inspect.getdoc(item) or ""):
+                yield key, item
+
+
+DOCUMENTED = dict(documented())
+
+
+@pytest.mark.parametrize("name", DOCUMENTED)
+def test_the_examples_of_help_do_what_they_say(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    item = inspect.unwrap(DOCUMENTED[name])
+    (test,) = doctest.DocTestFinder(recurse=False).find(item, name, globs={})
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert test.examples and runner.run(test).failed == 0
+
+
+def test_what_a_notebook_starts_with_has_an_example():
+    functions = "load", "build", "mechanisms", "plan", "evaluate", "simulate", "export"
+    changes = (f"Mechanism.with_{each}" for each in ("sizes", "inputs", "mass", "loads"))
+    assert {*functions, *changes} <= DOCUMENTED.keys()
+
+
+NAMED = [
+    lambda m: sk.plan(m).steps,
+    lambda m: len(sk.trace(m, samples=3)),
+    lambda m: sk.evaluate(m, [0.3, 0.4]).inputs.shape,
+    lambda m: len(sk.run(m, samples=3).frame()),
+    lambda m: sk.ForwardKinematics(m).mechanism.name,
+    lambda m: sk.InverseKinematics(m).own.name,
+]
+
+
+@pytest.mark.parametrize("ask", NAMED, ids=range(len(NAMED)))
+def test_a_mechanism_is_given_as_such_by_name_or_by_path(ask):
+    mechanism = sk.load("five_bar")
+    assert ask("five_bar") == ask(mechanism) == ask(find("five_bar"))
