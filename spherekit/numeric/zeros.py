@@ -34,6 +34,17 @@ class Zeros:
     places: Floats
     double: NDArray[np.bool_]
 
+    def once(self, length: float) -> "Zeros":
+        """Return those of a lap of this length, one at its end as one at its start."""
+        seam = SAME * length
+        first = self.places[self.places > length - seam]
+        kept = self.places <= length - seam
+        places, double = self.places[kept], self.double[kept]
+        if len(first) and not np.any(places < seam):
+            at_end = self.double[~kept][:1]
+            places, double = np.append(0.0, places), np.append(at_end, double)
+        return Zeros(places, double)
+
 
 def zeros(function: Function, grid: Floats) -> Zeros:
     """Return the zeros of a function on the range of a rising grid (n,).

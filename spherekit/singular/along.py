@@ -233,10 +233,7 @@ class AlongCurve:
     ) -> Zeros:
         """Return the zeros of a function of s and its derivative, once a lap."""
         found = zeros(function, grid)
-        if not self.curve.closed:
-            return found
-        once = found.places < self.curve.length * (1.0 - 1e-12)
-        return Zeros(found.places[once], found.double[once])
+        return found.once(self.curve.length) if self.curve.closed else found
 
     def _moving(self, s: Floats) -> Moving:
         """Return the velocity equations solved at s (n,); the last results are kept."""
