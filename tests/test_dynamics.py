@@ -238,7 +238,8 @@ def newton_euler(mechanism, values, angle, t, dq, ddq, joint):
     Angular velocities of all links are the unknowns; no pair variable is differentiated.
     """
     joints = geometry_of(mechanism).joints
-    placed, states = Closure.of(mechanism, joints).place(values[None])
+    at = Closure.of(mechanism, joints).at(values[None])
+    placed, states = at.placed, at.states
     turns, count = placed[0], len(mechanism.links)
     rows, rates, drive = [], [], None
     plans = []

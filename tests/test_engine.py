@@ -63,7 +63,7 @@ MECHANISMS = (
 
 def test_without_heyoka_the_error_says_what_to_do(monkeypatch):
     monkeypatch.setitem(sys.modules, "heyoka", None)
-    with pytest.raises(EngineMissing, match=r"spherekit\[compiled\].*NumPy"):
+    with pytest.raises(EngineMissing, match=r"spherekit-mechanisms\[compiled\].*NumPy"):
         heyoka()
 
 

@@ -12,7 +12,7 @@ def numbers(text):
 
 def test_every_dependency_has_a_least_version_and_no_less_is_installed():
     project = tomllib.loads(METADATA.read_text(encoding="utf-8"))["project"]
-    assert len(project["dependencies"]) == 8
+    assert project["dependencies"]
     bounds = least()
     for item in project["dependencies"]:
         name = item.partition(">=")[0]

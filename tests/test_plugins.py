@@ -131,7 +131,7 @@ def test_poles_is_registered_like_anyones():
     assert "poles" in names()
     (own,) = [record for record in records() if record.name == "poles"]
     assert own.error == ""
-    assert own.origin == "spherekit"
+    assert own.origin == "spherekit-mechanisms"
     assert load("poles").__module__ == "spherekit_analyses.poles"
 
 

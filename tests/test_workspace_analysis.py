@@ -228,7 +228,7 @@ def test_axes_of_the_mid_plane_mechanism(mid_plane):
     places = DIRECTIONS[::400]
     signs = (1, -1, 1)
     rows = mid_plane.at(places, signs)
-    normals = places @ form.frame - mid_plane.home
+    normals = places @ form.frame - form.home
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     placed = form.place(normals, signs)
     values, gaps = form.values(placed)

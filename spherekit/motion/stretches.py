@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 
 from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.turns import turns_in_range
+from spherekit.motion.turns import in_range, turns_in_range
 from spherekit.sphere.rotation import Floats
 
 TURN = 2.0 * np.pi
@@ -79,7 +79,7 @@ class Stretches:
         """Return those of parts from `starts` to `stops` (m,) that lie in the range."""
         middles = curve.at(0.5 * (starts + stops)).values
         turned, which = turns_in_range(middles[:, driven], low, high, period)
-        inside = (turned >= low) & (turned <= high)
+        inside = in_range(turned, low, high)
         turned, which = turned[inside], which[inside]
         starts, stops, middles = starts[which], stops[which], middles[which]
         shifts = turned - middles[:, driven]
