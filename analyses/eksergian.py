@@ -140,7 +140,7 @@ class Eksergian(AbstractAnalysis):
         links = frozenset(mass.link for mass in mechanism.masses)
         links |= used_links(mechanism)
         pairs = used_pairs(mechanism)
-        if self.at and mechanism.pair(self.at).type != "R":
+        if self.at and not mechanism.pair(self.at).kind.has_axis:
             raise AnalysisError(
                 f"eksergian: at: pair {self.at} is a contact, not an R pair"
             )

@@ -242,8 +242,4 @@ def _short(mechanism: Mechanism, pole: Pole) -> str:
 
 def _primary(mechanism: Mechanism) -> set[Pole]:
     """Return the poles that are the axis or contact line of a pair."""
-    return {
-        pole_of(*ends)
-        for pair, ends in zip(mechanism.pairs, mechanism.ends, strict=True)
-        if pair.type != "Cs"
-    }
+    return set(mechanism.pole_pairs)

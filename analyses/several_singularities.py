@@ -36,6 +36,7 @@ from spherekit.plugin import (
     cut,
     input_columns,
     mid_plane_loci,
+    numbered,
     output_of,
     ranges_of,
     singular_curves,
@@ -226,10 +227,10 @@ class SeveralInputs:
                 if np.any(near):
                     row = int(np.nanargmin(angles))
                     place = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
-                    branches = ", ".join(map(str, np.unique(batch.branch[near])))
+                    branches = numbered("branch", np.unique(batch.branch[near]))
                     warnings.append(
-                        f"type {kind} of output {name}: branches {branches} come within "
-                        f"{self.near:g} deg, nearest {angles[row]:.3g} deg on branch "
+                        f"type {kind} of output {name} comes within {self.near:g} deg of "
+                        f"{branches}, nearest {angles[row]:.3g} deg on branch "
                         f"{batch.branch[row]} at inputs {place} deg"
                     )
         parts = self._aspects(batch)
@@ -504,8 +505,8 @@ def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
         if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
             found.setdefault(_type(kinds.pop()), []).append(number)
     return [
-        f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of branches "
-        + ", ".join(map(str, numbers))
+        f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of "
+        + numbered("branch", numbers)
         for kind, numbers in found.items()
     ]
 

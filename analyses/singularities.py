@@ -37,6 +37,7 @@ from spherekit.plugin import (
     Text,
     Type,
     link_bodies,
+    numbered,
     ordered_pole,
 )
 
@@ -266,10 +267,10 @@ class SingularityAnalysis(AbstractAnalysis):
                 if not np.any(near):
                     continue
                 row = np.flatnonzero(near)[np.argmin(angles[near])]
-                branches = ", ".join(map(str, np.unique(relation["branch"][near])))
+                branches = numbered("branch", np.unique(relation["branch"][near]))
                 warnings.append(
-                    f"type {kind} of output {output}: branches {branches} come within "
-                    f"{self.near:g} deg, nearest {angles[row]:.3g} deg on branch "
+                    f"type {kind} of output {output} comes within {self.near:g} deg of "
+                    f"{branches}, nearest {angles[row]:.3g} deg on branch "
                     f"{relation['branch'][row]} at q = {np.degrees(relation['q'][row]):.6g}"
                     " deg"
                 )
@@ -277,8 +278,9 @@ class SingularityAnalysis(AbstractAnalysis):
         beyond = _in_words(figures["outside"])
         if beyond:
             counts += f" in the range of the input, {beyond} outside"
+        count = len(found.curves)
         remark = (
-            f"{counts} on {len(found.curves)} configuration curves; "
+            f"{counts} on {count} configuration {'curve' if count == 1 else 'curves'}; "
             f"{found.configurations.claim}"
         )
         return Findings(figures, tuple(warnings), (remark,))

@@ -20,6 +20,7 @@ from benchmarks.report import Section
 from benchmarks.samples import link_rates
 from spherekit.conventions import EPS, Status
 from spherekit.errors import CountError, PlanError, SpherekitError
+from spherekit.model.joints import revolute
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import all_poles
@@ -208,7 +209,7 @@ def _inputs_differ(motion: Motion, rows: Any) -> list[str]:
     """Return which rows are not at the input that they say."""
     faults = []
     for column, pair in enumerate(motion.assembly.inputs):
-        joint = motion.joints[pair]
+        joint = revolute(motion.joints[pair])
         a, b = motion.mechanism.ends[pair]
         first = motion.rotations[rows, a] @ joint.first
         second = motion.rotations[rows, b] @ joint.second

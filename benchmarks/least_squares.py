@@ -6,8 +6,8 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import EPS
+from spherekit.model.joints import PairRates
 from spherekit.motion.motion import Motion
-from spherekit.motion.pairs import PairRates
 from spherekit.planning.poles import BlockPoles, LinePole, Plan, Pole
 from spherekit.rates.lines import (
     Lines,

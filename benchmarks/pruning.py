@@ -9,11 +9,11 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from benchmarks.samples import grown
 from benchmarks.timing import median, ratio, rounds
-from spherekit.analysis.cost import counts_of
-from spherekit.analysis.needed import needed_part
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.run import run as run_analyses
+from spherekit.analysis.running.cost import counts_of
+from spherekit.analysis.running.needed import needed_part
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study

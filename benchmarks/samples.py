@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from spherekit.errors import PlanError
+from spherekit.model.joints import PairType
 from spherekit.model.mechanism import (
     Input,
     Mechanism,
     Pair,
-    PairType,
     PoseGeometry,
     Profile,
 )

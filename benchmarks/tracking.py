@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from benchmarks.timing import median, rounds
 from spherekit.files.read import load
+from spherekit.motion import closure as closures
 from spherekit.motion.closure import Closure
 from spherekit.motion.follow import Curve, follow
 from spherekit.motion.motion import Tracer
@@ -67,7 +68,7 @@ def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell,
         found = job()
     nodes = len(found.inputs)
     turns = float(found.inputs[-1] - found.inputs[0]) / (2 * np.pi)
-    steps = cost["rows"] - cost["solved"]
+    steps = cost["steps"]
     seconds = median(rounds({"follow": job}, repeats), "follow")
     q = np.linspace(found.inputs[0], found.inputs[-1], 361)
     with counted() as later:
@@ -77,39 +78,36 @@ def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell,
         branch.number,
         turns,
         nodes,
-        cost["calls"],
+        cost["solved"],
         steps,
         steps / nodes,
         nodes / turns,
         1e3 * seconds / turns,
         1e6 * seconds / nodes,
-        (later["rows"] - later["solved"]) / len(q),
+        later["steps"] / len(q),
     )
 
 
 @contextmanager
 def counted() -> Iterator[Counter[str]]:
-    """Count the calls of `Closure.solve`, the samples given and linearisations made.
-
-    Newton's method linearises once more than it steps: `rows` - `solved` are steps.
-    """
+    """Count the samples given to `Closure.solve`, and the steps of Newton's method."""
     count: Counter[str] = Counter()
-    solve, at = Closure.solve, Closure.at
+    solve, least_change = Closure.solve, closures.least_change
 
     @wraps(solve)
     def counting_solve(self: Closure, values: Any, *args: Any, **named: Any) -> Any:
-        count["calls"] += 1
         count["solved"] += len(values)
         return solve(self, values, *args, **named)
 
-    @wraps(at)
-    def counting_at(self: Closure, values: Any) -> Any:
-        count["rows"] += len(values)
-        return at(self, values)
+    @wraps(least_change)
+    def counting_change(matrices: Any, right: Any) -> Any:
+        count["steps"] += len(matrices)
+        return least_change(matrices, right)
 
     Closure.solve = counting_solve  # type: ignore[method-assign]
-    Closure.at = counting_at  # type: ignore[method-assign]
+    closures.least_change = counting_change
     try:
         yield count
     finally:
-        Closure.solve, Closure.at = solve, at  # type: ignore[method-assign]
+        Closure.solve = solve  # type: ignore[method-assign]
+        closures.least_change = least_change

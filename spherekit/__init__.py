@@ -27,7 +27,7 @@ from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
     from spherekit.analysis.result import RunResult as RunResult
-    from spherekit.analysis.setting import Setting as Setting
+    from spherekit.analysis.running.setting import Setting as Setting
     from spherekit.conventions import Status as Status
     from spherekit.dynamics.forward import simulate as simulate
     from spherekit.dynamics.inverse import inverse_dynamics as inverse_dynamics

@@ -97,3 +97,10 @@ def listing(words: Iterable[object], limit: int = 12) -> str:
     rest = len(items) - limit
     shown = ", ".join(items[:limit])
     return f"{shown} and {rest} more" if rest > 0 else shown
+
+
+def numbered(word: str, numbers: Iterable[object]) -> str:
+    """Return a word with what it counts: ``branch 0``, ``branches 0, 1``."""
+    every = list(numbers)
+    plural = "es" if word.endswith("h") else "s"
+    return f"{word}{'' if len(every) == 1 else plural} {listing(every)}"

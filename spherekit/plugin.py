@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from spherekit.conventions import Status as Status
     from spherekit.conventions import listing as listing
     from spherekit.conventions import nearest as nearest
+    from spherekit.conventions import numbered as numbered
     from spherekit.dynamics.forces import Loads as Loads
     from spherekit.dynamics.inertia import Inertia as Inertia
     from spherekit.dynamics.inertia import inertia as inertia

@@ -4,14 +4,14 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from spherekit.model.geometry import Revolute, geometry_of
+from spherekit.model.geometry import geometry_of
 
 
 def revolute_frames(mechanism):
     """Return the frames (pairs, 3, 3) of R pairs in both links, NaN for contact pairs."""
     nothing = np.full((3, 3), np.nan)
     joints = geometry_of(mechanism).joints
-    revolute = [isinstance(joint, Revolute) for joint in joints]
+    revolute = [joint.has_axis for joint in joints]
     first = [j.first if r else nothing for j, r in zip(joints, revolute, strict=True)]
     second = [j.second if r else nothing for j, r in zip(joints, revolute, strict=True)]
     return np.array(first), np.array(second)

@@ -5,6 +5,7 @@ import importlib
 import inspect
 import subprocess
 import sys
+import tomllib
 from dataclasses import fields
 from pathlib import Path
 
@@ -57,6 +58,7 @@ HOME_OF = {
     "pyarrow": {"analysis/frames.py", "view"},
     "networkx": {"model/graph.py"},
     "jsonschema": {"files/check.py"},
+    "filelock": {"files/lock.py"},
     "heyoka": {"engine/compiler.py"},
     "mpmath": {"exact/arithmetic.py"},
 }
@@ -238,3 +240,10 @@ def test_options_of_a_run_are_shown_and_are_fields():
     kept = {item.name for kind in (Study, Execution) for item in fields(kind)}
     assert options == kept - {"name", "mechanism", "analyses", "recording", "locate"}
     assert shown["samples"].default == Study("x", spherekit.load("four_bar")).samples
+
+
+def test_every_package_is_in_the_distribution():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    listed = set(project["tool"]["setuptools"]["packages"])
+    made = (path.parent.relative_to(ROOT) for path in PACKAGE.rglob("__init__.py"))
+    assert {".".join(path.parts) for path in made} <= listed

@@ -11,10 +11,10 @@ from chains import EIGHT_BARS, STEPHENSON, joints, mechanism, random_axes
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.branches import Solver
 from spherekit.motion.elimination import candidates
 from spherekit.motion.groups import group_closure
-from spherekit.motion.modes import assemblies
 from spherekit.motion.motion import Tracer
 from spherekit.motion.solutions import solutions
 from spherekit.planning.assembly import plan_assembly

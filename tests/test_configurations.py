@@ -8,12 +8,12 @@ from test_assembly_modes import multi_start
 
 import spherekit as sk
 from spherekit.guarantee import Guarantee
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.branches import Solver
 from spherekit.motion.complex_modes import meetings_of
 from spherekit.motion.configuration import configuration_curves
 from spherekit.motion.dead_inputs import DeadInputs, dead_inputs
 from spherekit.motion.drive import easiest_drive
-from spherekit.motion.modes import assemblies
 from spherekit.motion.motion import Tracer
 from spherekit.motion.stretches import Stretches, turning_inputs
 from spherekit.numeric.crossings import crossings

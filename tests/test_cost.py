@@ -11,11 +11,11 @@ from chains import dyads_on
 from rerun.chunk import RrdReader
 
 import spherekit as sk
-from spherekit.analysis import expected, recording
-from spherekit.analysis.cost import Ledger, counts_of
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import needs_of, requests_for
-from spherekit.analysis.sizes import csv_row
+from spherekit.analysis.running import expected, recording
+from spherekit.analysis.running.cost import Ledger, counts_of
+from spherekit.analysis.running.sizes import csv_row
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
 from spherekit.model.laws import Start

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from contextlib import suppress
+from dataclasses import MISSING, fields
 
 import numpy as np
 import pytest
@@ -16,8 +17,9 @@ from spherekit.files.document import MAX_BYTES
 from spherekit.files.locate import locate
 from spherekit.files.read import load, loads
 from spherekit.files.write import dumps
+from spherekit.model.dynamics import LOADS
 from spherekit.model.expression import MAX_LENGTH
-from spherekit.model.mechanism import PAIR_TYPES
+from spherekit.model.joints import KINDS
 from spherekit.motion.motion import Tracer
 
 SIZES = """\
@@ -649,7 +651,14 @@ def test_every_key_of_the_schema_is_described():
 def test_the_schema_agrees_with_the_code():
     parts = schema()["$defs"]
     assert parts["name"]["maxLength"] == MAX_NAME_LENGTH
-    assert set(parts["pair"]["properties"]["type"]["enum"]) == {*PAIR_TYPES, "P"}
+    assert set(parts["pair"]["properties"]["type"]["enum"]) == {*KINDS, "P"}
+    assert parts["load"]["properties"]["kind"]["enum"] == [*LOADS]
+    for kind, made in LOADS.items():
+        part = parts[f"load_{kind}"]
+        defaults = {each.name for each in fields(made) if each.default is not MISSING}
+        assert set(part["properties"]) - {"kind"} == set(made.keys)
+        optional = defaults | set(made.absent)
+        assert set(part["required"]) - {"kind"} == set(made.keys) - optional
     assert parts["expression"]["maxLength"] == MAX_LENGTH
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.Draft202012Validator.check_schema(schema())

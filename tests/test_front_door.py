@@ -206,6 +206,11 @@ def test_changes_are_those_of_the_file():
     )
     assert changed == sk.build(**data)
     assert len(changed.with_mass("4", None).masses) == 2
+    for one in (25, np.float32(25.0), [25.0], np.array([25.0]), {"32": 25.0}):
+        arcs = (
+            four_bar.with_sizes(angle_unit="deg", arcs={"2": one}).geometry.links["2"].arcs
+        )
+        assert arcs == (math.radians(25.0),)
     assert four_bar.with_inputs("41").inputs[0].stop == 2.0 * math.pi
 
 
@@ -318,6 +323,7 @@ def test_objects_show_themselves_in_a_line():
         "RunResult": sk.run(mechanism, samples=5),
         "Simulation": sk.simulate(mechanism, sk.Start(0.3), 0.1, engine="numpy"),
         "Kinematics": sk.evaluate(mechanism, 0.3),
+        "InverseSolution": sk.inverse_dynamics(mechanism, sk.ConstantSpeed(1.0), [0, 1]),
     }
     for name, each in shown.items():
         assert repr(each).startswith(f"<{name} ") and "four_bar" in repr(each)

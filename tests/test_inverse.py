@@ -21,8 +21,8 @@ from spherekit.model.mechanism import (
     PoseGeometry,
     SizeGeometry,
 )
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.branches import Branch
-from spherekit.motion.modes import assemblies
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.wrist import with_wrist

@@ -19,15 +19,16 @@ import pyarrow.parquet as pq
 import pytest
 
 import spherekit as sk
-from spherekit.analysis import journal, room, store, tables
+from spherekit.analysis import tables
 from spherekit.analysis.contract import AbstractAnalysis, Needs
-from spherekit.analysis.journal import WORK, RunFolder
+from spherekit.analysis.folder import journal, room, store
+from spherekit.analysis.folder.journal import WORK, RunFolder
 from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, OutputError
-from spherekit.files.lock import LockFile
+from spherekit.files.lock import locked
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import ConstantSpeed, Start
 
@@ -142,7 +143,7 @@ def note(error):
 KILLED = """
 import os, sys
 import spherekit as sk
-from spherekit.analysis import journal
+from spherekit.analysis.folder import journal
 journal.EVERY = 0.0
 def stop(done, total):
     if done >= int(sys.argv[2]):
@@ -173,7 +174,7 @@ def test_killed_runs_go_on(tmp_path):
 
 STOPPED = """
 import os, sys
-from spherekit.analysis import journal
+from spherekit.analysis.folder import journal
 from spherekit.cli import run
 from spherekit.cli.main import main
 journal.EVERY = 0.0
@@ -288,8 +289,8 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
 def test_the_lock_of_a_killed_run_locks_nothing(tmp_path):
     code = (
         "import os, sys; from pathlib import Path; "
-        "from spherekit.files.lock import LockFile; "
-        "lock = LockFile.taken(Path(sys.argv[1])); print('ready', flush=True); "
+        "from spherekit.files.lock import locked; "
+        "lock = locked(Path(sys.argv[1])); print('ready', flush=True); "
         "sys.stdin.read()"
     )
     path = tmp_path / "lock"
@@ -299,13 +300,16 @@ def test_the_lock_of_a_killed_run_locks_nothing(tmp_path):
         stdout=subprocess.PIPE,
     )
     assert process.stdout.readline() == b"ready\n"
-    assert LockFile.taken(path).startswith(f"process {process.pid} on ")
+    assert locked(path).startswith(f"process {process.pid} on ")
     process.kill()
     process.communicate()
-    lock = LockFile.taken(path)
-    assert isinstance(lock, LockFile)
-    lock.release(remove=True)
-    assert not path.exists()
+    lock = locked(path)
+    assert lock.is_locked
+    assert locked(path).startswith(f"process {os.getpid()} on ")
+    lock.release()
+    again = locked(path)
+    assert again.is_locked
+    again.release()
 
 
 def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
@@ -582,7 +586,7 @@ class Listener:
 
 
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
-    from spherekit.analysis import recording
+    from spherekit.analysis.running import recording
 
     monkeypatch.setattr(recording, "MOST_LOGGED", 10)
     listener = Listener()

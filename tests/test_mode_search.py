@@ -9,8 +9,8 @@ import spherekit as sk
 from benchmarks.modes import Tally, cams, judge, ten_bar
 from spherekit import progress
 from spherekit.cli.main import main
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.branches import Solver
-from spherekit.motion.modes import assemblies
 from spherekit.motion.motion import Tracer
 from spherekit.motion.range_search import RangeSearch
 from spherekit.motion.search import STARTS, Census

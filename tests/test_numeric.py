@@ -60,7 +60,7 @@ def test_local_polynomials_give_the_chosen_functions_at_single_places():
         return np.column_stack([bumps(s), 1e-3 * np.tanh(40.0 * (s - 1.0)), 0.0 * s])
 
     size = np.array([4.0, 5.0, 1e-3, 1.0])
-    series = PiecewiseChebyshev.fit(functions, -1.0, 4.0, size=size)
+    series = PiecewiseChebyshev.fit(functions, -1.0, 4.0, size=size, rounding=1e-10)
     columns = [1, 2, 3]
     local = LocalPolynomials.of(series, columns, size[columns])
     places = np.random.default_rng(4).uniform(-1.0, 4.0, 2000)
@@ -163,3 +163,13 @@ def test_jumps_within_brackets():
     assert np.all(outside >= places)
     rough, _ = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends, 1e-3)
     assert 1e-9 < np.abs(rough - places).max() < 1e-3
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("off", [-3e-14, -1e-16, 0.0, 1e-16, 3e-14])
+def test_a_zero_at_the_seam_of_a_lap_is_there_once(sense, off):
+    """Rounding puts it behind the start, before the end, or on both."""
+    grid = np.linspace(0.0, 2.0 * np.pi, 12)
+    found = zeros(lambda s: (sense * np.sin(s) + off, sense * np.cos(s)), grid)
+    once = found.once(2.0 * np.pi).places
+    assert once == pytest.approx([0.0, np.pi], abs=1e-13)

@@ -8,7 +8,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis.registry import create
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.setting import Setting
 from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.reference import reference_simulation
@@ -289,7 +289,7 @@ SETTINGS += [
 
 def tables_of(made, analysis, setting, t, start, toward=None):
     """Return the tables of a simulation by a setting, as an ordinary run gives them."""
-    from spherekit.analysis.course import simulated_course
+    from spherekit.analysis.running.course import simulated_course
     from spherekit.trade.measure import Bench
 
     done = simulate(

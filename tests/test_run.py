@@ -14,6 +14,8 @@ import spherekit as sk
 from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.stage import link_shapes
 from spherekit.errors import OutputError
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion import branches
 from spherekit.planning.poles import all_poles
 
 POLES = [
@@ -262,3 +264,20 @@ def test_interrupted_write_names_the_reason_on_the_command_line(tmp_path):
 def test_axes_that_coincide_are_drawn_once():
     for shape in link_shapes(sk.load("bevel_differential")):
         assert all(np.isfinite(curve).all() for curve in shape.curves)
+
+
+def test_geometry_and_inputs_of_a_run_are_made_once(monkeypatch):
+    made = []
+    geometry, changed = branches.geometry_of, Mechanism.with_inputs
+    monkeypatch.setattr(
+        branches, "geometry_of", lambda *given: made.append("geometry") or geometry(*given)
+    )
+
+    def with_inputs(self, *pairs):
+        found = changed(self, *pairs)
+        made.extend(["inputs"] * (found is not self))
+        return found
+
+    monkeypatch.setattr(Mechanism, "with_inputs", with_inputs)
+    sk.run("four_bar", samples=3, input_pair="41")
+    assert made == ["inputs", "geometry"]

@@ -325,7 +325,7 @@ def test_a_differential_is_singular_everywhere_and_has_no_regular_part():
     assert set(relation["type"]) == {"I"}
     assert not len(result.frame(NAME, "aspects"))
     remarks = " ".join(result.summary["remarks"])
-    assert "of type I in every row of branches 0" in remarks
+    assert "of type I in every row of branch 0" in remarks
     assert "0 aspects" in remarks and "configurations met are singular" in remarks
 
 

@@ -327,7 +327,7 @@ def test_derivatives_of_measures_are_exact():
         way = random.normal(size=3)
         misses = []
         for step in (1e-2, 1e-3):
-            values = start.values + step * start.along(way[None])
+            values = start.at.values + step * start.along(way[None])
             for _ in range(5):
                 values = values + locus.space(values).closing
             new = locus.measure(locus.space(values)).value[0]

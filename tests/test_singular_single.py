@@ -14,12 +14,12 @@ from spherekit import load
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
 from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.crossing import crossing_near, jacobian_rates, ways_out
 from spherekit.motion.motion import Tracer
 from spherekit.motion.segments import curve_points
 from spherekit.planning.poles import all_poles, plan, pole_of
 from spherekit.rates.core import driven_rates
 from spherekit.rates.lines import evaluate_lines
-from spherekit.singular.crossing import continuations, crossing_near, jacobian_rates
 from spherekit.singular.record import Type
 from spherekit.singular.relation import FourLinks, SixPoles, form_i, form_ii
 from spherekit.singular.single import SingleFreedom, singularities
@@ -208,9 +208,9 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
         assert crossing.miss < 1e-15
         assert np.max(np.abs(np.sin(crossing.values))) < 1e-14
         closure = analysis.along[0].closure
-        starts = continuations(closure, crossing)
+        starts = ways_out(closure, crossing.values)
         assert len(starts) == 4
-        ahead, _ = curve_points(closure, starts, np.tile(crossing.tangents, (2, 1)))
+        ahead, _ = curve_points(closure, starts, starts - crossing.values)
         assert np.max(ahead.residual) < 1e-13
         assert np.all(np.abs(ahead.bends) < 10.0)
         (branches,) = point.relations
@@ -252,9 +252,9 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     wanted = np.array([[a, b] for a in slopes[0] for b in slopes[1]])
     order = [np.lexsort(np.round(each, 9).T) for each in (found, wanted)]
     assert np.max(np.abs(found[order[0]] - wanted[order[1]])) < 1e-12
-    starts = continuations(closure, crossing)
+    starts = ways_out(closure, crossing.values)
     assert len(starts) == 8
-    ahead, _ = curve_points(closure, starts, np.tile(crossing.tangents, (2, 1)))
+    ahead, _ = curve_points(closure, starts, starts - crossing.values)
     assert np.max(ahead.residual) < 1e-13
 
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from multibody import Hinge, MultiBody
 
+from spherekit.cli.main import FAILED_SAMPLES, main
 from spherekit.dynamics.forward import simulate
 from spherekit.engine.compiler import available
 from spherekit.errors import EngineError
 from spherekit.files.read import load
+from spherekit.files.write import dump
 from spherekit.model.dynamics import Friction, Mass, PairTorque, Stop
 from spherekit.model.expression import parse
 from spherekit.model.laws import Start
@@ -283,6 +285,27 @@ def test_a_motion_that_multiplies_errors_says_that_it_misses_its_tolerance(engin
     assert found.error > 1e-9
     assert "misses its tolerance of 1.0e-09 rad: its error is" in found.missed
     assert "missed with steps for" in found.engine.reason
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_command_says_that_a_tolerance_is_missed(engine, tmp_path, capsys):
+    """On its way into a saddle; for a second it gets there, for seven it does not."""
+    path = tmp_path / "saddle.toml"
+    dump(one_link(torque(repr(16.0 * INERTIA) + "*theta_12")), path)
+
+    def asked(seconds, *words):
+        start = ["--start", "q=1,dq=-4", "--duration", seconds, "--engine", engine]
+        status = main(["run", str(path), "-a", "eksergian", *start, *words])
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    status, out, err = asked("1", "--strict")
+    assert status == 0 and "at tolerance 1.0e-09, energy" in out and "misses" not in err
+    for words, expected in (((), 0), (("--strict",), FAILED_SAMPLES)):
+        status, out, err = asked("7", *words)
+        assert status == expected
+        assert "at tolerance 1.0e-09 (MISSED), energy" in out
+        assert "warning: the simulation misses its tolerance of 1.0e-09 rad" in out + err
 
 
 @pytest.mark.parametrize("engine", ENGINES)

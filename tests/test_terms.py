@@ -3,13 +3,16 @@
 import gc
 import math
 import operator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from spherekit.engine.algebra import Series, length, vector
 from spherekit.engine.arrays import BLOCK, array_function
+from spherekit.engine.loads import expression_value
 from spherekit.engine.terms import Term, function, in_order, power, symbols, varies
+from spherekit.model.expression import load_names, parse
 
 X, Y, Z = symbols(["x", "y", "z"])
 
@@ -137,3 +140,37 @@ def test_the_length_of_a_vector_as_a_series():
     found = array_function([*unit, *size.coefficients], [X])(np.zeros((1, 1)))[:, 0]
     expected = [0.6, 0.8, 0.0, 5.0, 5.0, 5 / 2, 5 / 6]
     assert np.max(np.abs(found - expected)) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("sin(theta_a + 0.5*t)", np.sin(0.7 + 0.15)),
+        ("cos(2*theta_a - sin(theta_a))", np.cos(1.4 - np.sin(0.7))),
+        ("tan(-3*theta_a)", np.tan(-2.1)),
+        ("sin(t*2 + cos(-theta_a))", np.sin(0.6 + np.cos(0.7))),
+    ],
+)
+def test_sines_of_angles_after_many_turns_keep_their_digits(text, expected):
+    """The value is that without the turns, to rounding of numbers of the order of 1."""
+    whole, reduced, t = symbols(["whole", "reduced", "t"])
+    moving = SimpleNamespace(
+        angle=lambda pair: whole, direction=lambda pair: reduced, time=t
+    )
+    value = expression_value(parse(text, load_names(["a"])), moving)
+    turned = 0.7 + 2.0 * np.pi * 1e7
+    run = array_function([value], [whole, reduced, t])
+    found = run(np.array([[turned], [0.7], [0.3]]))
+    assert abs(found[0, 0] - expected) < 1e-14
+
+
+def test_sines_of_parts_of_angles_need_the_turns():
+    whole, reduced, t = symbols(["whole", "reduced", "t"])
+    moving = SimpleNamespace(
+        angle=lambda pair: whole, direction=lambda pair: reduced, time=t
+    )
+    law = parse("sin(0.5*theta_a)", load_names(["a"]))
+    run = array_function([expression_value(law, moving)], [whole, reduced, t])
+    turned = 0.7 + 2.0 * np.pi
+    found = run(np.array([[turned], [0.7], [0.3]]))
+    assert abs(found[0, 0] - np.sin(0.5 * turned)) < 1e-15

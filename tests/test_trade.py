@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.course import course_of
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import requests_for
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.course import course_of
+from spherekit.analysis.running.setting import Setting
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
 from spherekit.engine.compiler import available

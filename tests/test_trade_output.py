@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.setting import Setting
 from spherekit.cli.main import main
 from spherekit.trade.chart import LETTER, labels, svg
 from spherekit.trade.record import Measured, Trade

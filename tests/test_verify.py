@@ -10,15 +10,15 @@ import pytest
 from test_exact import arcs_of, closed_form
 
 import spherekit as sk
-from spherekit.analysis import evaluation, verify
 from spherekit.analysis import run as runner
 from spherekit.analysis.contract import AbstractAnalysis, Needs
-from spherekit.analysis.course import Course
-from spherekit.analysis.evaluation import Evaluation
-from spherekit.analysis.job import Job
-from spherekit.analysis.setting import ORDINARY
+from spherekit.analysis.running import evaluation, verify
+from spherekit.analysis.running.course import Course
+from spherekit.analysis.running.evaluation import Evaluation
+from spherekit.analysis.running.job import Job
+from spherekit.analysis.running.setting import ORDINARY
+from spherekit.analysis.running.verify import Verifier, faults, told
 from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
-from spherekit.analysis.verify import Verifier, faults, told
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
 from spherekit.errors import EngineError, FileError

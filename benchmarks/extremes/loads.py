@@ -24,7 +24,7 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import SpherekitError
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
-from spherekit.model.geometry import Revolute
+from spherekit.model.joints import revolute
 from spherekit.model.laws import Polynomial, Start
 from spherekit.model.mechanism import Mechanism
 
@@ -64,8 +64,7 @@ def _torque(reference: Reference, known: Truth, size: mp.mpf) -> tuple[mp.mpf, f
     rocker = reference.angles.index(made.variable_names.index("theta_41"))
     link = made.link_number["4"]
 
-    joint = reference.joints[made.pair_number["41"]]
-    assert isinstance(joint, Revolute)
+    joint = revolute(reference.joints[made.pair_number["41"]])
     axis = joint.first[:, 2]
 
     def at(angles: Exact, rotations: Exact, rates: Exact) -> mp.mpf:

@@ -12,7 +12,8 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.errors import ModelError
-from spherekit.model.geometry import Revolute, geometry_of
+from spherekit.model.geometry import geometry_of
+from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 
@@ -133,11 +134,7 @@ class Reference:
         numbers = [mechanism.variables_of(mechanism.pair_number[p])[0] for p in names]
         self.inputs = tuple(numbers)
         self.moved = numbers[names.index(moved) if moved else 0]
-        self.angles = [
-            v
-            for v, p in enumerate(self.tree.owners)
-            if isinstance(self.joints[p], Revolute)
-        ]
+        self.angles = [v for v, p in enumerate(self.tree.owners) if self.joints[p].has_axis]
         with mp.workdps(DIGITS):
             self.data = self._data()
 
@@ -146,12 +143,13 @@ class Reference:
         frames = np.zeros((2, pairs, 3, 3))
         radii, turns = np.ones((2, pairs)), np.ones((2, pairs), dtype=int)
         for k, joint in enumerate(self.joints):
-            if isinstance(joint, Revolute):
-                frames[0, k], frames[1, k] = joint.first, joint.second
+            if joint.has_axis:
+                hinge = revolute(joint)
+                frames[0, k], frames[1, k] = hinge.first, hinge.second
                 continue
             profiles = self.mechanism.pairs[k].profiles
             assert profiles is not None
-            for which, curve in enumerate((joint.first, joint.second)):
+            for which, curve in enumerate(track.curve for track in joint.tracks):
                 profile = profiles[which]
                 if profile.kind not in ("circle", "great_circle"):
                     raise ModelError(
@@ -175,13 +173,13 @@ class Reference:
     def _own(self, data: Data, which: int, pair: int, value: Exact) -> tuple[Exact, Exact]:
         """Return the frame of a pair in one link, and the curvature of its circle."""
         joint, frame = self.joints[pair], data.frames[which, pair]
-        if isinstance(joint, Revolute):
+        if joint.has_axis:
             if which:
                 return frame, mp.mpf(0)
             c, s = mp.cos(value), mp.sin(value)
             x, y, z = frame.T
             return np.stack([c * x + s * y, c * y - s * x, z], axis=-1), mp.mpf(0)
-        start = joint.start[which] if joint.rolling else 0.0
+        start = joint.tracks[which].start
         turn, radius = int(data.turns[which, pair]), data.radii[which, pair]
         sine, cosine = mp.sin(radius), mp.cos(radius)
         angle = turn * (value + start) / sine
@@ -202,13 +200,12 @@ class Reference:
         vectors_in: list[list[Exact]] = []
         at = 0
         for pair, joint in enumerate(self.joints):
-            revolute = isinstance(joint, Revolute)
-            last = at if revolute or getattr(joint, "rolling", False) else at + 1
+            last = at + joint.freedoms - 1
             first, k1 = self._own(data, 0, pair, values[at])
             second, k2 = self._own(data, 1, pair, values[last])
             own.append((first, second))
             normal, point = first[:, 1], first[:, 2]
-            if revolute:
+            if joint.has_axis:
                 vectors_in.append([point])
             elif last == at:
                 vectors_in.append([(k1 - k2) * point])

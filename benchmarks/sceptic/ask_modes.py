@@ -9,7 +9,7 @@ from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.conventions import Status
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.motion.modes import assemblies
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.motion import Tracer
 from spherekit.sphere.rotation import Floats
 

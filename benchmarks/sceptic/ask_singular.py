@@ -11,7 +11,7 @@ from benchmarks.sceptic.check import check
 from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.guarantee import Guarantee
-from spherekit.motion.modes import assemblies
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.turns import whole_periods
 from spherekit.sphere.rotation import Floats
 
@@ -168,6 +168,8 @@ def singular_rows_are_listed(evidence: Evidence, notes: Notes) -> None:
     if not evidence.single and not len(points):
         return  # no curves were asked for
     places = points[names].to_numpy(dtype=float)
+    if evidence.single:
+        places = both_ends(evidence, places[:, 0])[:, None]
     whole = bool(evidence.single and points["s"].isna().any())
     for q in rows[names].to_numpy()[:MOST]:
         gap = np.min(np.max(np.abs(places - q), axis=1), initial=np.inf)

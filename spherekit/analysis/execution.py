@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from spherekit.analysis.journal import Unfinished
-from spherekit.analysis.recording import Recorder
-from spherekit.analysis.setting import ORDINARY, Setting
+from spherekit.analysis.folder.journal import Unfinished
+from spherekit.analysis.running.recording import Recorder
+from spherekit.analysis.running.setting import ORDINARY, Setting
 from spherekit.analysis.tables import FILE_SIZE, Format
 from spherekit.checked import check_fields
 from spherekit.engine.kernels import Engine

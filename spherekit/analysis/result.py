@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
-from spherekit.analysis.cost import TABLES
-from spherekit.analysis.journal import SUMMARY, RunFolder
-from spherekit.analysis.store import AbstractStore, InMemory, OnDisk
+from spherekit.analysis.folder.journal import SUMMARY, RunFolder
+from spherekit.analysis.folder.store import AbstractStore, InMemory, OnDisk
+from spherekit.analysis.running.cost import TABLES
 from spherekit.analysis.tables import (
     COLUMNS,
     FILE_SIZE,

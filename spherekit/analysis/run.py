@@ -4,25 +4,31 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from spherekit.analysis.block import evaluate_block
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.cost import RECORDING, Ledger
-from spherekit.analysis.course import course_of
 from spherekit.analysis.execution import Execution
-from spherekit.analysis.job import job_of
-from spherekit.analysis.needed import left_out, needed_part
+from spherekit.analysis.folder.room import need_disk
+from spherekit.analysis.folder.store import OnDisk
+from spherekit.analysis.folder.unfinished import (
+    engine_of,
+    kept,
+    opened,
+    setting_of,
+    taken_up,
+)
 from spherekit.analysis.options import Subject, study_of, takes
-from spherekit.analysis.recording import Stage, thinning_of
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import RunResult, result_of
-from spherekit.analysis.room import need_disk
-from spherekit.analysis.setting import ORDINARY
-from spherekit.analysis.store import OnDisk
+from spherekit.analysis.running.block import evaluate_block
+from spherekit.analysis.running.cost import RECORDING, Ledger
+from spherekit.analysis.running.course import course_of
+from spherekit.analysis.running.job import job_of
+from spherekit.analysis.running.needed import left_out, needed_part
+from spherekit.analysis.running.recording import Stage, thinning_of
+from spherekit.analysis.running.setting import ORDINARY
+from spherekit.analysis.running.summary import actual_cost, summary_of
+from spherekit.analysis.running.verify import Verifier, faults
 from spherekit.analysis.study import analyses_of
-from spherekit.analysis.summary import actual_cost, summary_of
 from spherekit.analysis.tables import Files
-from spherekit.analysis.unfinished import engine_of, kept, opened, setting_of, taken_up
-from spherekit.analysis.verify import Verifier, faults
 from spherekit.checked import checked
 from spherekit.errors import AnalysisError
 from spherekit.model.study import Study

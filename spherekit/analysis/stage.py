@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
 from spherekit.conventions import listing
-from spherekit.model.geometry import Contact, geometry_of, link_axes
+from spherekit.model.geometry import geometry_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
@@ -108,11 +108,10 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
     """
     found = []
     for pair, joint in zip(mechanism.pairs, geometry_of(mechanism).joints, strict=True):
-        if not isinstance(joint, Contact) or link not in pair.links:
+        if pair.profiles is None or link not in pair.links:
             continue
-        assert pair.profiles is not None
         which = pair.links.index(link)
-        curve = (joint.first, joint.second)[which]
+        curve = joint.tracks[which].curve
         points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame[:, :, 2]
         found.append(points)
         if len(joints):

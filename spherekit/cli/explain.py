@@ -38,12 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
-    from spherekit.analysis.cost import counts_of
-    from spherekit.analysis.expected import expected
-    from spherekit.analysis.needed import needed_part
+    from spherekit.analysis.folder.room import memory_at_once, size_text
     from spherekit.analysis.registry import create
     from spherekit.analysis.requests import needs_of, requests_for
-    from spherekit.analysis.room import memory_at_once, size_text
+    from spherekit.analysis.running.cost import counts_of
+    from spherekit.analysis.running.expected import expected
+    from spherekit.analysis.running.needed import needed_part
     from spherekit.analysis.study import analyses_of
     from spherekit.planning.assembly import plan_assembly
     from spherekit.planning.inputs import driven_pairs
@@ -177,7 +177,7 @@ def _recording(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, 
     import tempfile
     from pathlib import Path
 
-    from spherekit.analysis.expected import extrapolated_recording
+    from spherekit.analysis.running.expected import extrapolated_recording
     from spherekit.view.rerun_view import Recorder
 
     with tempfile.TemporaryDirectory() as folder:

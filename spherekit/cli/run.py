@@ -19,7 +19,7 @@ from spherekit.cli.study import add_study_arguments, study_from
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
-    from spherekit.analysis.journal import Unfinished
+    from spherekit.analysis.folder.journal import Unfinished
     from spherekit.analysis.result import RunResult
     from spherekit.analysis.tables import Format
     from spherekit.model.study import Study
@@ -288,7 +288,7 @@ def _unfinished(options: argparse.Namespace) -> "Unfinished":
 
 def _add_hint(error: BaseException, study: "Study", options: argparse.Namespace) -> None:
     """Add the command by which a stopped run goes on, if there is one."""
-    from spherekit.analysis.journal import has_unfinished
+    from spherekit.analysis.folder.journal import has_unfinished
 
     kept = study.folder is not None and has_unfinished(study.folder)
     if not kept or not getattr(error, "__notes__", ()):
@@ -445,7 +445,7 @@ def report(summary: Any) -> str:
             line += f", of its derivative {errors['largest_rate_dq_error_bound']:.1e} 1/rad"
         lines.append(line)
     if "verified" in summary:
-        from spherekit.analysis.verify import told
+        from spherekit.analysis.running.verify import told
 
         lines += told(summary["verified"])
     lines += spent(summary["cost"])

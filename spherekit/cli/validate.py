@@ -46,7 +46,7 @@ def check(name: str) -> dict[str, Any]:
     """Return what a mechanism or study file holds, having planned and assembled it."""
     import numpy as np
 
-    from spherekit.analysis.course import check_time
+    from spherekit.analysis.running.course import check_time
     from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
     from spherekit.motion.loops import rank_mobility

@@ -6,8 +6,8 @@ from typing import final
 import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.model.actions import Called, LinkMoment, components, steep
-from spherekit.model.dynamics import TorqueTable, Vector
+from spherekit.model.actions import steep
+from spherekit.model.dynamics import Called, LinkMoment, TorqueTable, Vector
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
 
@@ -25,7 +25,7 @@ class Loads:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
-        each = [components(mechanism, load) for load in mechanism.loads]
+        each = [load.components(mechanism) for load in mechanism.loads]
         self.components = tuple(part for parts in each for part in parts)
         self.owners = [k for k, parts in enumerate(each) for _ in parts]
         self.steep = steep(mechanism)
@@ -34,11 +34,7 @@ class Loads:
         self._first = np.array(
             [self.owners.index(k) for k in range(len(each))], dtype=np.intp
         )
-        self._angles = {
-            pair.name: mechanism.variables_of(number)[0]
-            for number, pair in enumerate(mechanism.pairs)
-            if pair.type == "R"
-        }
+        self._angles = mechanism.angles
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
         """Return what each component works on (n, components), per unit rate."""

@@ -67,6 +67,13 @@ class InverseSolution:
     residual: Floats
     status: NDArray[np.int8]
 
+    def __repr__(self) -> str:
+        failed = int(np.count_nonzero(self.status))
+        return (
+            f"<InverseSolution of {self.mechanism.name}: {len(self.t)} rows in "
+            f"{len(set(self.branch.tolist()))} branches, {failed} failed>"
+        )
+
     @property
     def B(self) -> Floats:
         """(n,) equivalent inertia, kg m2."""

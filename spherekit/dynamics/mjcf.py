@@ -112,7 +112,7 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
         many as there are.
     """
     for pair in mechanism.pairs:
-        if pair.type != "R":
+        if not pair.kind.has_axis:
             raise ModelError(
                 f"{mechanism.name}: pair {pair.name} is a {pair.type} pair; only R pairs "
                 "are hinges of rigid bodies"

@@ -23,13 +23,13 @@ from spherekit.dynamics.online import OnlineModel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import Gravity, PointForce, TorqueTable
+from spherekit.model.dynamics import TorqueTable
 from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev
 from spherekit.planning.poles import (
     CoaxialPole,
     Pole,
@@ -117,6 +117,7 @@ def online_model(
                 tolerance,
                 own,
                 FIRST_CELLS,
+                rounding=ROUNDING,
             )
         )
         units = zip(names.items(), own, strict=True)
@@ -134,7 +135,7 @@ def online_model(
         low=sampler.low,
         high=sampler.high,
         variables=made.variable_names,
-        angles=tuple(pair.name for pair in made.pairs if pair.type == "R"),
+        angles=tuple(made.angles),
         poles=tuple(_pole_name(made, pole) for pole in wanted),
         loads=tuple(map(sampler.stored_load, range(len(made.loads)))),
         rise=tuple(sampler.rise.tolist()),
@@ -247,9 +248,7 @@ class _Sampler:
         if made.masses or made.loads:
             found |= {"B": "kg m2", f"d(B)/d{x}": "kg m2/rad"}
         for k, name in self.velocities.items():
-            load = made.loads[self.loads.owners[k]]
-            unit = "m" if isinstance(load, PointForce) else ""
-            found[name] = "N m" if isinstance(load, Gravity) else unit
+            found[name] = made.loads[self.loads.owners[k]].velocity_unit
         every = [found]
         for pole in self.poles:
             name = _pole_name(made, pole)

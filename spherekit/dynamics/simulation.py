@@ -191,6 +191,10 @@ class History:
     work: Floats
     residual: Floats
 
+    def __repr__(self) -> str:
+        span = f" from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
+        return f"<History: {len(self.t)} times{span}>"
+
 
 @final
 @dataclass(frozen=True)

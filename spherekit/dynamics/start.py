@@ -145,9 +145,9 @@ def prepare(
 
 def variable_of(mechanism: Mechanism, pair: str) -> int:
     """Return the number of an R pair's variable; `SpherekitError` for other names."""
-    if mechanism.pair(pair).type != "R":
+    if not mechanism.pair(pair).kind.has_axis:
         raise SolveError(f"{mechanism.name}: pair {pair} is a contact; name an R pair")
-    return mechanism.variables_of(mechanism.pair_number[pair])[0]
+    return mechanism.angles[pair]
 
 
 def _closed(
@@ -163,7 +163,7 @@ def _closed(
             "variable"
         )
     _need_digits(name, given)
-    angles = [mechanism.pairs[pair].type == "R" for pair in mechanism.variable_owners]
+    angles = np.isin(np.arange(count), list(mechanism.angles.values()))
     turns = np.where(angles, whole_turns(given), 0.0)
     given = np.where(angles, reduced(given), given)
     found = closure.solve(given[None])

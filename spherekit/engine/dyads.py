@@ -13,7 +13,7 @@ from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import Angles, Placement, ground_placement, placed_by
 from spherekit.engine.terms import Expr, function
 from spherekit.errors import EngineError
-from spherekit.model.geometry import Revolute
+from spherekit.model.joints import revolute
 from spherekit.planning.assembly import Group
 from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
 from spherekit.sphere.rotation import Floats
@@ -71,8 +71,7 @@ def _close(structure: Structure, group: Group, sign: Expr, within: list[Placemen
 
     def held(which: int, body: int) -> tuple[int, Floats]:
         pair = group.pairs[which]
-        joined = structure.pairs.joints[pair]
-        assert isinstance(joined, Revolute)
+        joined = revolute(structure.pairs.joints[pair])
         first = group.ends[which][0] == body
         frame = joined.first if first else joined.second
         return mechanism.ends[pair][0 if first else 1], frame[:, 2]

@@ -42,9 +42,6 @@ from spherekit.engine.pose import place_by_variables
 from spherekit.engine.terms import Expr, Term, power, symbols, varies
 from spherekit.engine.turns import turning_pairs
 from spherekit.model.dynamics import (
-    Gravity,
-    Moment,
-    PointForce,
     Stop,
     TorqueTable,
 )
@@ -195,7 +192,7 @@ def compiling_time(mechanism: Mechanism, tolerance: float, compact: bool) -> flo
     if COMPILED.known(_common(mechanism), _request(tolerance, compact, float)):
         return 0.0
     variables = len(mechanism.variable_names)
-    on_links = sum(isinstance(x, Gravity | PointForce | Moment) for x in mechanism.loads)
+    on_links = sum("pair" not in load.keys for load in mechanism.loads)
     at_pairs = len(mechanism.loads) - on_links
     if compact:
         return max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs

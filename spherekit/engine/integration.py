@@ -219,8 +219,8 @@ class _Integration:
         self.turns = turns
         self.work = np.zeros(len(mechanism.loads))
         self.unit = max(unit, abs(momentum))
-        kinds = [mechanism.pairs[owner].type for owner in mechanism.variable_owners]
-        self.period = np.array([1.0 if kind == "R" else 0.0 for kind in kinds])
+        self.period = np.zeros(len(mechanism.variable_owners))
+        self.period[list(mechanism.angles.values())] = 1.0
         self.least = CROSSED**2 * float(
             np.sum(np.asarray(equation.tau(values[:, None])) ** 2)
         )

@@ -345,9 +345,8 @@ _DERIVATIVES = {
 def _pole(flow: Flow, pole: Pole) -> tuple[Exprs, Series]:
     """Return a unit vector and the rate along it per unit of p."""
     mechanism = flow.structure.mechanism
-    for number, (a, b) in enumerate(mechanism.ends):
-        if mechanism.pairs[number].type == "R" and {a, b} == set(pole):
-            (variable,) = mechanism.variables_of(number)
-            sense = 1.0 if pole == (a, b) else -1.0
-            return flow.vectors[0][variable], _of_variable(flow, variable) * sense
+    variable = mechanism.angle_between(*pole)
+    if variable is not None:
+        sense = 1.0 if pole == mechanism.ends[mechanism.variable_owners[variable]] else -1.0
+        return flow.vectors[0][variable], _of_variable(flow, variable) * sense
     return length([flow.relative(*pole, k) for k in range(flow.order + 1)])

@@ -1,6 +1,6 @@
 """Loads as expressions of the generalised force they exert on the motion.
 
-What loads do is said in `spherekit.model.actions`; here the coordinate is the homogeneous
+What loads do is said in `spherekit.model.dynamics`; here the coordinate is the homogeneous
 parameter p. Where an expression is not smooth it asks for a switch, a factor +1 or -1 that
 the integration changes exactly where a condition passes through zero.
 """
@@ -14,8 +14,7 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.kinematics import Flow
 from spherekit.engine.terms import Expr, function, power
-from spherekit.model.actions import Called, components, expression_of
-from spherekit.model.dynamics import Load, TorqueTable, Vector
+from spherekit.model.dynamics import Called, Load, TorqueTable, Vector, expression_of
 from spherekit.model.expression import Expression, fold
 from spherekit.model.mechanism import Mechanism
 
@@ -91,7 +90,7 @@ def generalised_force(load: Load, moving: Moving) -> Expr:
     """Return the power of a load per unit rate of the homogeneous parameter."""
     total: Expr = 0.0
     on_links: dict[tuple[str, str, Vector | None], Exprs] = {}
-    for part in components(moving.mechanism, load):
+    for part in load.components(moving.mechanism):
         magnitude = _magnitude(part.magnitude, moving)
         if part.pair:
             total = total + magnitude * moving.coefficient(part.pair)
@@ -109,9 +108,9 @@ def generalised_force(load: Load, moving: Moving) -> Expr:
 
 def steep_arguments(load: Load, moving: Moving) -> list[Expr]:
     """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
-    laws = [part.magnitude for part in components(moving.mechanism, load)]
+    laws = [part.magnitude for part in load.components(moving.mechanism)]
     return [
-        _value(each, moving)
+        expression_value(each, moving)
         for law in laws
         if isinstance(law, Expression)
         for each in law.steep_and_smooth
@@ -133,10 +132,10 @@ def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) 
 def _magnitude(law: Expression | Called | TorqueTable, moving: Moving) -> Expr:
     if isinstance(law, TorqueTable):
         return moving.table(law.name)
-    return _value(expression_of(law), moving)
+    return expression_value(expression_of(law), moving)
 
 
-def _value(law: Expression, moving: Moving) -> Expr:
+def expression_value(law: Expression, moving: Moving) -> Expr:
     """Return an expression's value.
 
     Beside each part stands one that differs from it by whole turns at most, formed of

@@ -11,8 +11,10 @@ from typing import final
 import numpy as np
 
 from spherekit.errors import EngineError
-from spherekit.model.geometry import Joint, Revolute, geometry_of
+from spherekit.model.geometry import geometry_of
+from spherekit.model.joints import Joint, Track, revolute
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.pairs import contact_tracks, numbered
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.rotation import Floats, frame_from, transpose
 
@@ -82,29 +84,34 @@ def turning_pairs(mechanism: Mechanism) -> TurningPairs:
     """
     joints = geometry_of(mechanism).joints
     chains: list[Chain] = []
-    spins: list[tuple[Spin, ...]] = []
+    spins: list[tuple[Spin, ...]] = [()] * len(mechanism.variable_owners)
     twin: dict[int, Spin] = {}
-    for number, joint in enumerate(joints):
+    tracks = dict(contact_tracks(joints))
+    for number, at, joint in numbered(joints):
         a, b = mechanism.ends[number]
-        at = len(spins)
-        if isinstance(joint, Revolute):
-            chains.append(Chain((joint.first, transpose(joint.second)), (Turn(at),)))
-            spins.append((Spin(1.0, a, joint.first[:, 2]),))
-            twin[at] = Spin(1.0, b, joint.second[:, 2])
-            continue
-        _need_circles(mechanism, number)
-        (one, pace), (other, far_pace) = map(_circle, (joint.first, joint.second))
-        last = at if joint.rolling else at + 1
-        start = joint.start if joint.rolling else (0.0, 0.0)
-        turns = (
-            Turn(at, pace, pace * start[0]),
-            Turn(last, -far_pace, -far_pace * start[1]),
-        )
-        middle = transpose(_about(joint.first)) @ _about(joint.second)
-        chains.append(Chain((one, middle, transpose(other)), turns))
-        parts = Spin(pace, a, one[:, 2]), Spin(-far_pace, b, other[:, 2])
-        spins += [parts] if joint.rolling else [(parts[0],), (parts[1],)]
+        if number in tracks:
+            _need_circles(mechanism, number)
+            chain = _along(*tracks[number])
+        else:
+            hinge = revolute(joint)
+            chain = Chain((hinge.first, transpose(hinge.second)), (Turn(at),))
+            twin[at] = Spin(1.0, b, hinge.second[:, 2])
+        chains.append(chain)
+        axes = (a, chain.constants[0][:, 2]), (b, chain.constants[-1][2])
+        for turn, (link, axis) in zip(chain.turns, axes, strict=False):
+            spins[turn.variable] += (Spin(turn.scale, link, axis),)
     return TurningPairs(joints, tuple(chains), tuple(spins), twin)
+
+
+def _along(one: Track, other: Track) -> Chain:
+    """Return the turns that run along two circles."""
+    (first, pace), (second, far_pace) = _circle(one.curve), _circle(other.curve)
+    middle = transpose(_about(one.curve)) @ _about(other.curve)
+    turns = (
+        Turn(one.variable, pace, pace * one.start),
+        Turn(other.variable, -far_pace, -far_pace * other.start),
+    )
+    return Chain((first, middle, transpose(second)), turns)
 
 
 def _need_circles(mechanism: Mechanism, number: int) -> None:

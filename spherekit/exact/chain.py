@@ -8,6 +8,7 @@ import numpy as np
 from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.joints import exact_joints
 from spherekit.exact.series import matrix_product, skew_part, transpose
+from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -23,15 +24,7 @@ class ExactChain:
     def __init__(self, arithmetic: Arithmetic, mechanism: Mechanism) -> None:
         self.arithmetic, self.mechanism = arithmetic, mechanism
         self.joints = exact_joints(arithmetic, mechanism)
-        self._way: list[tuple[int, int, int]] = []
-        placed = [0]
-        for link in placed:
-            for pair, ends in enumerate(mechanism.ends):
-                if link in ends:
-                    other = ends[1] if ends[0] == link else ends[0]
-                    if other not in placed:
-                        placed.append(other)
-                        self._way.append((pair, link, other))
+        self._way = spanning(mechanism.ends)
         used = {pair for pair, _, _ in self._way}
         self.chords = [pair for pair in range(len(self.joints)) if pair not in used]
         self._columns = [

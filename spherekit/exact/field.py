@@ -54,13 +54,9 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Numbers:
         raise ValueError("a direction needs rows of order 2 or 3")
     arithmetic = exact.arithmetic
     side = arithmetic.exact(toward)
-    joined = [
-        number
-        for number, pair in enumerate(exact.mechanism.pairs)
-        if pair.type != "Cs" and sorted(exact.mechanism.ends[number]) == sorted(pole)
-    ]
-    if joined:
-        along = exact.axes[:, joined[0]]
+    joined = exact.mechanism.pole_pairs.get((min(pole), max(pole)))
+    if joined is not None:
+        along = exact.axes[:, joined]
     else:
         i, j = pole
         along = exact.w[:, j] - exact.w[:, i]

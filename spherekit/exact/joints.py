@@ -15,7 +15,7 @@ from spherekit.exact.series import (
     skew_part,
     transpose,
 )
-from spherekit.model.geometry import COLLINEAR, Contact, geometry_of, link_axes
+from spherekit.model.geometry import COLLINEAR, geometry_of, link_axes
 from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
 from spherekit.sphere.rotation import Floats
 
@@ -57,14 +57,13 @@ class ExactRevolute:
 class ExactContact:
     """A contact pair: two curves, whose frames agree at the contact.
 
-    In rolling both arc lengths run together from `start` (2,), in sliding each is a
-    variable.
+    Each is run along by the variable of its number in `variables`, from its `start` (2,)
+    on: in rolling both by the same one.
     """
 
     arithmetic: Arithmetic
-    first: ExactCurve
-    second: ExactCurve
-    rolling: bool
+    curves: tuple[ExactCurve, ExactCurve]
+    variables: tuple[int, int]
     start: Numbers
 
     def turn(self, values: Numbers) -> Numbers:
@@ -72,35 +71,34 @@ class ExactContact:
 
         At series (k, n, 1 or 2) of the variables.
         """
-        one, other = self._arcs(values)
-        return matrix_product(self.first.frame(one), transpose(self.second.frame(other)))
+        one, other = self._frames(values)
+        return matrix_product(one, transpose(other))
 
     def vectors(self, values: Numbers) -> Numbers:
         """Return the vectors (n, 1 or 2, 3) of the variables, values (n, 1 or 2)."""
         along = self.arithmetic.exact(np.ones(values.shape))
-        first, second = (
-            curve.frame(s)
-            for curve, s in zip(
-                (self.first, self.second),
-                self._arcs(np.stack([values, along])),
-                strict=True,
-            )
-        )
+        first, second = self._frames(np.stack([values, along]))
         back = transpose(second)
-        one = skew_part(first[1] @ transpose(first[0]))
-        other = skew_part(first[0] @ back[1] @ second[0] @ transpose(first[0]))
-        return np.stack([one + other] if self.rolling else [one, other], axis=1)
+        found = self.arithmetic.zeros(*values.shape, 3)
+        found[:, self.variables[0]] += skew_part(first[1] @ transpose(first[0]))
+        turned = first[0] @ back[1] @ second[0] @ transpose(first[0])
+        found[:, self.variables[1]] += skew_part(turned)
+        return np.asarray(found)
 
     def axis(self, values: Numbers) -> Numbers:
         """Return the contact point (n, 3) in the first link's axes."""
-        return self.first.frame(self._arcs(values[None])[0])[0, :, :, 2]
+        return self._frames(values[None])[0][0, :, :, 2]
 
-    def _arcs(self, values: Numbers) -> tuple[Numbers, Numbers]:
-        if not self.rolling:
-            return values[..., 0], values[..., 1]
-        one, other = values[..., 0].copy(), values[..., 0].copy()
-        one[0], other[0] = one[0] + self.start[0], other[0] + self.start[1]
-        return one, other
+    def _frames(self, values: Numbers) -> list[Numbers]:
+        """Return the frames (k, n, 3, 3) of both curves at series of the variables."""
+        found = []
+        for curve, variable, start in zip(
+            self.curves, self.variables, self.start, strict=True
+        ):
+            s = values[..., variable].copy()
+            s[0] = s[0] + start
+            found.append(curve.frame(s))
+        return found
 
 
 ExactJoint = ExactRevolute | ExactContact
@@ -120,30 +118,31 @@ def exact_joints(arithmetic: Arithmetic, mechanism: Mechanism) -> tuple[ExactJoi
     made: list[ExactJoint] = []
     given = geometry_of(mechanism).joints
     for pair, joint in zip(mechanism.pairs, given, strict=True):
-        if not isinstance(joint, Contact):
+        if pair.profiles is None:
             made.append(ExactRevolute(arithmetic, *frames[pair.name]))
             continue
-        assert pair.profiles is not None
         one, other = pair.profiles
         curves = (
             exact_curve(arithmetic, one, False),
             exact_curve(arithmetic, other, pair.contact == "external"),
         )
-        start = arithmetic.exact(joint.start)
-        if joint.rolling and isinstance(mechanism.geometry, PoseGeometry):
-            start = _touching(arithmetic, *curves, start)
-        made.append(ExactContact(arithmetic, *curves, joint.rolling, start))
+        tracks = joint.tracks
+        start = arithmetic.exact([track.start for track in tracks])
+        if joint.rolled and isinstance(mechanism.geometry, PoseGeometry):
+            start = _touching(arithmetic, curves, start)
+        first, second = (track.variable for track in tracks)
+        made.append(ExactContact(arithmetic, curves, (first, second), start))
     return tuple(made)
 
 
 def _touching(
-    arithmetic: Arithmetic, first: ExactCurve, second: ExactCurve, start: Numbers
+    arithmetic: Arithmetic, curves: tuple[ExactCurve, ExactCurve], start: Numbers
 ) -> Numbers:
     """Return the arc lengths (2,) at which two profiles touch with links aligned.
 
     Least squares, as profiles may miss each other by what the float64 geometry allows.
     """
-    pair = ExactContact(arithmetic, first, second, False, start)
+    pair = ExactContact(arithmetic, curves, (0, 1), arithmetic.zeros(2))
     s = start
     last = np.inf
     for _ in range(STEPS):
@@ -182,7 +181,7 @@ def _size_frames(
     }
     made = {}
     for pair in mechanism.pairs:
-        if pair.type != "R":
+        if not pair.kind.has_axis:
             continue
         first, second = (
             _reference_frame(arithmetic, axes[link], near[link], pair.name)

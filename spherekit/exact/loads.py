@@ -1,6 +1,6 @@
 """What loads do on a motion, in any arithmetic, with switches where they have kinks.
 
-What a load is made of is said in `spherekit.model.actions`. An expression that is not
+What a load is made of is said in `spherekit.model.dynamics`. An expression that is not
 smooth is continued beyond its kinks: each `abs`, `sign`, `min` and `max` depends on the
 sign of a condition, which is held on the side it is said to be on.
 """
@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.series import cross
-from spherekit.model.actions import LinkMoment, components, expression_of
-from spherekit.model.dynamics import TorqueTable
+from spherekit.model.dynamics import LinkMoment, TorqueTable, expression_of
 from spherekit.model.expression import KINKED, Expression, fold
 from spherekit.model.mechanism import Mechanism
 
@@ -65,13 +64,9 @@ class ExactLoads:
     def __init__(self, arithmetic: Arithmetic, mechanism: Mechanism) -> None:
         self.arithmetic, self.mechanism = arithmetic, mechanism
         self.parts = [
-            part for load in mechanism.loads for part in components(mechanism, load)
+            part for load in mechanism.loads for part in load.components(mechanism)
         ]
-        self._variables = {
-            pair.name: mechanism.variables_of(number)[0]
-            for number, pair in enumerate(mechanism.pairs)
-            if pair.type == "R"
-        }
+        self._variables = mechanism.angles
 
     def knots(self, until: float) -> list[Any]:
         """Return the times between 0 and `until` (s) at which tables have kinks."""

@@ -2,13 +2,12 @@
 
 import math
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
-from typing import Literal
 
 from spherekit.conventions import EPS
 from spherekit.files.document import Document, Written
 from spherekit.files.locate import KeyPath
+from spherekit.model.changes import AngleUnit
 
-AngleUnit = Literal["deg", "rad"]
 Vector = tuple[float, float, float]
 
 LENGTH_TOLERANCE = 1e-3

@@ -8,11 +8,11 @@ import numpy as np
 
 from spherekit.checked import checked
 from spherekit.errors import ModelError
-from spherekit.files.angles import AngleUnit
 from spherekit.files.check import FORMAT
 from spherekit.files.document import Document, spelt
 from spherekit.files.locate import KeyPath
 from spherekit.files.read import read
+from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism
 
 Tables = Mapping[Any, Any]

@@ -8,7 +8,7 @@ from typing import Any, final
 
 from spherekit.checked import checked
 from spherekit.errors import FileError, ModelError, SpherekitError
-from spherekit.files.angles import AngleUnit, Vector
+from spherekit.files.angles import Vector
 from spherekit.files.check import check
 from spherekit.files.contact import Contacts
 from spherekit.files.document import Document, parse, read_text
@@ -16,6 +16,7 @@ from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
 from spherekit.files.read_dynamics import DynamicsReader
 from spherekit.files.values import Table, Values
+from spherekit.model.changes import AngleUnit
 from spherekit.model.geometry import arc_pole, given_axis
 from spherekit.model.mechanism import (
     Input,

@@ -1,6 +1,6 @@
 """Masses, loads and stops of a mechanism from the data of its file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, final
 
@@ -8,23 +8,11 @@ import numpy as np
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import ModelError
-from spherekit.files.angles import AngleUnit, angle_at, to_radians
+from spherekit.files.angles import angle_at, to_radians
 from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    Load,
-    Mass,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-    Stop,
-    TorqueTable,
-    Vector,
-)
+from spherekit.model.changes import AngleUnit
+from spherekit.model.dynamics import LOADS, Form, Load, Mass, PairTorque, Stop, Vector
 from spherekit.model.dynamics_checks import check_tensor
 from spherekit.model.geometry import link_axes
 from spherekit.model.inertia import axes_frame, moved_to_sphere_centre, uniform_arc
@@ -139,30 +127,21 @@ class DynamicsReader:
         return link_axes(self.mechanism)
 
     def _load(self, name: str, item: Mapping[str, Any]) -> Load:
-        kind = item.get("kind", "torque")
-        path: KeyPath = ("loads", name)
-        if kind == "gravity":
-            return Gravity(name, _vector(item["acceleration"]))
-        if kind == "force":
-            point, force = _vector(item["point"]), _texts(item["force"])
-            return PointForce(name, item["link"], point, force, item.get("axes", "ground"))
-        if kind == "moment":
-            moment = _texts(item["moment"])
-            return Moment(name, item["link"], moment, item.get("axes", "ground"))
-        pair = item["pair"]
-        if kind == "spring":
-            rest = self._angle((*path, "rest"), item.get("rest", 0.0))
-            return Spring(name, pair, float(item["stiffness"]), rest)
-        if kind == "damper":
-            return Damper(name, pair, float(item["damping"]))
-        if kind == "friction":
-            viscous = float(item.get("viscous", 0.0))
-            speed = to_radians(item["speed"], self.unit)
-            return Friction(name, pair, float(item["torque"]), viscous, speed)
-        if kind == "table":
-            times, torques = (tuple(map(float, item[k])) for k in ("times", "torques"))
-            return TorqueTable(name, pair, times, torques, item.get("periodic", False))
-        return PairTorque(name, pair, item["torque"])
+        kind = LOADS[item.get("kind", PairTorque.kind)]
+        fields = {
+            key: self._field(form, ("loads", name, key), item[key])
+            for key, form in kind.keys.items()
+            if key in item
+        }
+        made: Callable[..., Load] = kind
+        return made(name, **{**kind.absent, **fields})
+
+    def _field(self, form: Form, path: KeyPath, given: Any) -> Any:
+        if form == "angle":
+            return self._angle(path, given)
+        if form == "rate":
+            return to_radians(given, self.unit)
+        return _FIELDS[form](given)
 
     def _angle(self, path: KeyPath, number: float) -> float:
         return angle_at(self.document, path, number, self.unit)
@@ -176,6 +155,22 @@ def _vector(numbers: Sequence[float] | Floats) -> Vector:
 def _texts(parts: Sequence[str]) -> tuple[str, str, str]:
     x, y, z = parts
     return x, y, z
+
+
+def _numbers(given: Sequence[float]) -> tuple[float, ...]:
+    return tuple(map(float, given))
+
+
+_FIELDS: Mapping[Form, Callable[[Any], Any]] = {
+    "pair": str,
+    "link": str,
+    "text": str,
+    "texts": _texts,
+    "number": float,
+    "numbers": _numbers,
+    "vector": _vector,
+    "flag": bool,
+}
 
 
 def _symmetric(tensor: Floats) -> tuple[Vector, Vector, Vector]:

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from spherekit.errors import ModelError
-from spherekit.files.angles import AngleUnit, angle_at, to_radians
+from spherekit.files.angles import angle_at, to_radians
 from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
+from spherekit.model.changes import AngleUnit
 from spherekit.model.laws import (
     ConstantSpeed,
     Cycloidal,

@@ -4,15 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-from spherekit.files.angles import (
-    AngleUnit,
-    Vector,
-    angle_at,
-    direction,
-    unit_vector,
-)
+from spherekit.files.angles import Vector, angle_at, direction, unit_vector
 from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
+from spherekit.model.changes import AngleUnit
 
 Table = Mapping[str, Any]
 

@@ -8,12 +8,13 @@ from typing import Any
 
 from spherekit.checked import checked
 from spherekit.errors import FileError, OutputError
-from spherekit.files.angles import AngleUnit, to_text
+from spherekit.files.angles import to_text
 from spherekit.files.atomic import write_text
 from spherekit.files.check import FORMAT
 from spherekit.files.read import AnyMechanism, loads, mechanism_of
 from spherekit.files.toml_text import Literal, assignment, tables
 from spherekit.files.write_dynamics import load_tables, mass_tables, stop_tables
+from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism, Output, Pair, PoseGeometry, Profile
 
 _Table = dict[str, Any]
@@ -162,7 +163,7 @@ def _profile(profile: Profile, unit: AngleUnit) -> _Table:
         table["radius"] = _angle(profile.radius, unit)
     if profile.points:
         table["points_xyz"] = [[float(x) for x in point] for point in profile.points]
-    if profile.kind == "points" or not profile.closed:
+    if profile.points or not profile.closed:
         table["closed"] = profile.closed
     if profile.cosines:
         table["cosines"] = [_angle(value, unit) for value in profile.cosines]

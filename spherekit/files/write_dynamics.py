@@ -4,22 +4,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from spherekit.errors import EngineError
-from spherekit.files.angles import AngleUnit, to_text
+from spherekit.files.angles import to_text
 from spherekit.files.toml_text import Literal
-from spherekit.model.actions import not_written
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    Load,
-    Mass,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-    Stop,
-    TorqueTable,
-)
+from spherekit.model.changes import AngleUnit
+from spherekit.model.dynamics import Load, Mass, PairTorque, Stop, not_written
 
 _Table = dict[str, Any]
 
@@ -52,55 +40,20 @@ def _mass(mass: Mass) -> _Table:
 
 
 def _load(load: Load, unit: AngleUnit) -> _Table:
-    if isinstance(load, PairTorque):
-        if not isinstance(load.torque, str):
-            raise EngineError(not_written(load.pair))
-        return {"pair": load.pair, "torque": load.torque}
-    if isinstance(load, Gravity):
-        return {"kind": "gravity", "acceleration": [float(x) for x in load.acceleration]}
-    if isinstance(load, PointForce):
-        return {
-            "kind": "force",
-            "link": load.link,
-            "point": [float(x) for x in load.point],
-            "force": list(load.force),
-            "axes": load.axes,
-        }
-    if isinstance(load, Moment):
-        return {
-            "kind": "moment",
-            "link": load.link,
-            "moment": list(load.moment),
-            "axes": load.axes,
-        }
-    return _at_pair(load, unit)
-
-
-def _at_pair(load: Spring | Damper | Friction | TorqueTable, unit: AngleUnit) -> _Table:
-    if isinstance(load, Spring):
-        return {
-            "kind": "spring",
-            "pair": load.pair,
-            "stiffness": float(load.stiffness),
-            "rest": _angle(load.rest, unit),
-        }
-    if isinstance(load, Damper):
-        return {"kind": "damper", "pair": load.pair, "damping": float(load.damping)}
-    if isinstance(load, Friction):
-        return {
-            "kind": "friction",
-            "pair": load.pair,
-            "torque": float(load.torque),
-            "speed": _angle(load.speed, unit),
-            "viscous": float(load.viscous),
-        }
-    return {
-        "kind": "table",
-        "pair": load.pair,
-        "times": [float(t) for t in load.times],
-        "torques": [float(torque) for torque in load.torques],
-        "periodic": load.periodic,
-    }
+    table: _Table = {} if load.kind == PairTorque.kind else {"kind": load.kind}
+    for key, form in load.keys.items():
+        given = getattr(load, key)
+        if callable(given):
+            raise EngineError(not_written(getattr(load, "pair", "")))
+        if form in ("angle", "rate"):
+            table[key] = _angle(given, unit)
+        elif form in ("vector", "numbers"):
+            table[key] = [float(x) for x in given]
+        elif form == "number":
+            table[key] = float(given)
+        else:
+            table[key] = list(given) if form == "texts" else given
+    return table
 
 
 def _angle(angle: float, unit: AngleUnit) -> Literal:

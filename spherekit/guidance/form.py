@@ -18,7 +18,7 @@ from spherekit.conventions import REACH_SLACK, SINGULAR_RATIO, Status, listing
 from spherekit.errors import SolveError
 from spherekit.guidance.midplane import MidPlane
 from spherekit.guidance.rotation import RotationSamples, turn_to, unit, within
-from spherekit.model.geometry import Joint, Revolute
+from spherekit.model.joints import Joint, revolute, revolutes
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
@@ -249,8 +249,7 @@ class MidPlaneForm:
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
         """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""
-        joints = [joint for joint in self.joints if isinstance(joint, Revolute)]
-        return turns_of(self.mechanism.ends, joints, placed)
+        return turns_of(self.mechanism.ends, revolutes(self.joints), placed)
 
     def rates_of_links(self, normals: Floats, slopes: Floats, modes: ArrayLike) -> Floats:
         """Return angular velocities (n, links, 3) relative to the base, in its axes.
@@ -458,8 +457,7 @@ class MidPlaneRotation:
 
 def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int) -> Floats:
     """Return the axis (3,) of an R pair in one of its links."""
-    joint = joints[pair]
-    assert isinstance(joint, Revolute)
+    joint = revolute(joints[pair])
     held = joint.first if mechanism.ends[pair][0] == link else joint.second
     return np.asarray(held[:, 2])
 

@@ -15,7 +15,6 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.geometry import Revolute
 from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
 from spherekit.sphere.poses import LogRate
@@ -138,7 +137,7 @@ class Nearness:
         change = tree.body_rates(turned, rates)[:, tree.firsts]
         out = np.full_like(turned, np.nan)
         for v, pair in enumerate(self.target.closure.tree.owners):
-            if isinstance(self.target.closure.joints[pair], Revolute):
+            if self.target.closure.joints[pair].has_axis:
                 out[:, v] = cross(change[:, pair], self.at.vectors[:, v])
                 out[:, v] += cross(first[:, pair], turned[:, v])
         return out

@@ -22,9 +22,9 @@ from spherekit.guidance.nearest import Target
 from spherekit.guidance.rotation import FixedAxisRotation, unit
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.branches import Solver
 from spherekit.motion.closure import Closure
-from spherekit.motion.modes import assemblies
 from spherekit.motion.motion import Motion, trace
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.solutions import pose_of

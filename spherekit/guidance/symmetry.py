@@ -20,7 +20,8 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.form import Carrier, Leg, MidPlaneForm, axis_in
 from spherekit.guidance.midplane import MidPlane
 from spherekit.guidance.rotation import chosen_output
-from spherekit.model.geometry import Joint, Revolute, geometry_of
+from spherekit.model.geometry import geometry_of
+from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.sphere.rotation import Floats, arc, cross
 
@@ -50,7 +51,7 @@ def mid_plane_form(mechanism: AnyMechanism, output: str | None = None) -> MidPla
     end = chosen_output(mechanism, output)
     made = replace(mechanism, ground=end.relative_to)
     for pair in made.pairs:
-        if pair.type != "R":
+        if not pair.kind.has_axis:
             raise _refusal(made, f"pair {pair.name} is a contact pair; only R pairs fit")
     joints = geometry_of(made).joints
     effector = made.link_number[end.link]
@@ -203,8 +204,7 @@ def _assembled(
         )
     dials, phases, senses, arcs = [], [], [], []
     for leg in legs:
-        joint = joints[leg.base]
-        assert isinstance(joint, Revolute)
+        joint = revolute(joints[leg.base])
         ahead = mechanism.ends[leg.base][0] == 0
         ours, its = (joint.first, joint.second) if ahead else (joint.second, joint.first)
         elbow = axis_in(mechanism, joints, leg.elbow, leg.near)

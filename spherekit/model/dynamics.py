@@ -1,14 +1,29 @@
 """What acts on the links of a mechanism: inertia, loads, and stops of pairs."""
 
+from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal, final
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.errors import ModelError
+from spherekit.conventions import listing, nearest
+from spherekit.errors import EngineError, ModelError
+from spherekit.model.expression import Expression, load_names, parse
+from spherekit.model.laws import need_increasing
+from spherekit.model.needs import (
+    need_angle,
+    need_at_least_zero,
+    need_expression,
+    need_finite,
+    need_function,
+)
+
+if TYPE_CHECKING:
+    from spherekit.model.mechanism import Mechanism
 
 Vector = tuple[float, float, float]
 Tensor = tuple[Vector, Vector, Vector]
@@ -43,7 +58,125 @@ class Mass:
 
 @final
 @dataclass(frozen=True)
-class PairTorque:
+class LinkMoment:
+    """A moment about the centre of the sphere, on a link.
+
+    It is `direction`, or the cross product of `arm` (m, link axes) with it, where there
+    is an arm. The direction is along the axes of the ground or of the link.
+    """
+
+    link: str
+    direction: Vector
+    axes: Axes
+    arm: Vector | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Called:
+    """A torque that a function f(t, q, dq) gives, of a pair's variable and rate.
+
+    It stands where an `Expression` may, for what evaluates magnitudes at states.
+    """
+
+    pair: str
+    function: TorqueFunction
+
+    @property
+    def names(self) -> frozenset[str]:
+        """What it depends on, as an expression would say it."""
+        return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
+
+    def evaluate(self, known: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return the torque (n,) N m at the values of its names, each (n,).
+
+        Raises
+        ------
+        ModelError
+            If the function returns what is not a number.
+        """
+        states = (known["t"], known[f"theta_{self.pair}"], known[f"dtheta_{self.pair}"])
+        found = []
+        for state in zip(*(x.tolist() for x in np.broadcast_arrays(*states)), strict=True):
+            torque = self.function(*state)
+            try:
+                found.append(float(torque))
+            except (TypeError, ValueError):
+                t, q, dq = state
+                raise ModelError(
+                    f"the torque at pair {self.pair}: the function returned {torque!r} at "
+                    f"t = {t:g}, q = {q:g}, dq = {dq:g}; it has to return a number (N m)"
+                ) from None
+        return np.array(found)
+
+
+def expression_of(magnitude: "Expression | Called") -> Expression:
+    """Return the expression of a magnitude; `EngineError` for a function."""
+    if isinstance(magnitude, Called):
+        raise EngineError(not_written(magnitude.pair))
+    return magnitude
+
+
+def not_written(pair: str) -> str:
+    """Return what is to be said where a torque had to be an expression."""
+    return (
+        f"the torque at pair {pair} is a Python function, which only simulations by NumPy "
+        "can call; write it as an expression, or as a table of torques"
+    )
+
+
+@final
+@dataclass(frozen=True)
+class Component:
+    """A part of a load: a magnitude, and the pair or the moments on links it works on.
+
+    A component at `pair` works on the rate of the pair's variable; otherwise on the
+    angular velocities of links through `moments`, each times the magnitude.
+    """
+
+    magnitude: "Expression | Called | TorqueTable"
+    pair: str = ""
+    moments: tuple[LinkMoment, ...] = ()
+
+
+Form = Literal[
+    "pair", "link", "text", "texts", "number", "numbers", "vector", "angle", "rate", "flag"
+]
+"""What a key of a file holds; angles (rad) and rates (rad/s) are there in its unit."""
+
+
+class Load(ABC):
+    """What acts on a mechanism; a kind says all there is to say of it.
+
+    Its generalised force is its power per unit rate of the coordinate (Di Gregorio 2024,
+    eq. (12)); reactions at ideal pairs have none.
+    """
+
+    name: str
+    kind: ClassVar[str]
+    """The word in files."""
+    keys: ClassVar[Mapping[str, Form]]
+    """Its fields in files, in the order in which they are written."""
+    absent: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    """What fields without a default are where a file leaves them out."""
+    velocity_unit: ClassVar[str] = ""
+    """The unit of what its components work on, per unit rate of an angle."""
+
+    @abstractmethod
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        """Raise `ModelError` where its numbers or places at a key have no meaning.
+
+        The links and pairs that it names exist.
+        """
+
+    @abstractmethod
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        """Return what it is made of: magnitudes, and what they work on."""
+
+
+@final
+@dataclass(frozen=True)
+class PairTorque(Load):
     """A torque (N m) about an R pair's axis on its second link, its reaction on the first.
 
     `torque` is an expression in pair variables ``theta_PAIR`` (rad), their rates
@@ -52,28 +185,79 @@ class PairTorque:
     called at any times in any order.
     """
 
+    kind = "torque"
+    keys = MappingProxyType({"pair": "pair", "torque": "text"})
+
     name: str
     pair: str
     torque: str | TorqueFunction
 
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        need_angle(f"{key}.pair", self.pair, mechanism)
+        if callable(self.torque):
+            need_function(f"{key}.torque", self.torque)
+        else:
+            need_expression(f"{key}.torque", self.torque, mechanism)
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        if isinstance(self.torque, str):
+            return (Component(_law(mechanism, self.torque), self.pair),)
+        return (Component(Called(self.pair, self.torque), self.pair),)
+
 
 @final
 @dataclass(frozen=True)
-class Gravity:
+class Gravity(Load):
     """The same acceleration (m/s2, ground axes) on every link with a mass."""
+
+    kind = "gravity"
+    keys = MappingProxyType({"acceleration": "vector"})
+    velocity_unit = "N m"
 
     name: str
     acceleration: Vector
 
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        need_finite(f"{key}.acceleration", self.acceleration)
+        moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
+        if not moving:
+            raise ModelError(
+                f"{key}: gravity needs a moving link with a mass: give mass and centre in "
+                "[mass.LINK], or leave gravity out"
+            )
+        lacking = [mass.link for mass in moving if mass.centre is None]
+        if lacking:
+            raise ModelError(
+                f"{key}: gravity needs mass and centre of every link with inertia; "
+                f"[mass.LINK] lacks them for link {listing(lacking)}"
+            )
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        weights = []
+        for mass in mechanism.masses:
+            if mass.link == mechanism.ground:
+                continue
+            assert mass.mass is not None and mass.centre is not None
+            x, y, z = (mass.mass * float(each) for each in mass.centre)
+            down = _floats(self.acceleration)
+            weights.append(LinkMoment(mass.link, down, "ground", (x, y, z)))
+        return (Component(_law(mechanism, "1"), moments=tuple(weights)),)
+
 
 @final
 @dataclass(frozen=True)
-class PointForce:
+class PointForce(Load):
     """A force (N) at a point (m, link axes) fixed in a link; its reaction on the ground.
 
     The components of `force` are expressions as in `PairTorque`, along the axes of the
     ground or of the link.
     """
+
+    kind = "force"
+    keys = MappingProxyType(
+        {"link": "link", "point": "vector", "force": "texts", "axes": "text"}
+    )
+    velocity_unit = "m"
 
     name: str
     link: str
@@ -81,57 +265,105 @@ class PointForce:
     force: Expressions
     axes: Axes = "ground"
 
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        need_finite(f"{key}.point", self.point)
+        _check_on_link(key, self.axes, "force", self.force, mechanism)
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        return _on_link(mechanism, self, self.force, _floats(self.point))
+
 
 @final
 @dataclass(frozen=True)
-class Moment:
+class Moment(Load):
     """A moment (N m) on a link; its reaction on the ground.
 
     The components are expressions as in `PairTorque`, along the axes of the ground or of
     the link.
     """
 
+    kind = "moment"
+    keys = MappingProxyType({"link": "link", "moment": "texts", "axes": "text"})
+
     name: str
     link: str
     moment: Expressions
     axes: Axes = "ground"
 
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        _check_on_link(key, self.axes, "moment", self.moment, mechanism)
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        return _on_link(mechanism, self, self.moment, None)
+
 
 @final
 @dataclass(frozen=True)
-class Spring:
+class Spring(Load):
     """A spring at an R pair: the torque -stiffness (v - rest) for the variable v (rad).
 
     `stiffness` is in N m/rad. The variable is not reduced to a turn.
     """
+
+    kind = "spring"
+    keys = MappingProxyType({"pair": "pair", "stiffness": "number", "rest": "angle"})
 
     name: str
     pair: str
     stiffness: float
     rest: float = 0.0
 
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        need_angle(f"{key}.pair", self.pair, mechanism)
+        push = "; a torque that pushes away is a load of kind torque, an expression"
+        need_at_least_zero(f"{key}.stiffness", self.stiffness, "N m/rad", push)
+        need_finite(f"{key}.rest", [self.rest])
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        away = f"(theta_{self.pair} - {_number(self.rest)})"
+        torque = f"-{_number(self.stiffness)}*{away}"
+        return (Component(_law(mechanism, torque), self.pair),)
+
 
 @final
 @dataclass(frozen=True)
-class Damper:
+class Damper(Load):
     """A viscous damper at an R pair: the torque -damping v' for the rate v' (rad/s).
 
     `damping` is in N m s/rad.
     """
 
+    kind = "damper"
+    keys = MappingProxyType({"pair": "pair", "damping": "number"})
+
     name: str
     pair: str
     damping: float
 
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        need_angle(f"{key}.pair", self.pair, mechanism)
+        drive = "; a torque that drives is a load of kind torque, an expression"
+        need_at_least_zero(f"{key}.damping", self.damping, "N m s/rad", drive)
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        torque = f"-{_number(self.damping)}*dtheta_{self.pair}"
+        return (Component(_law(mechanism, torque), self.pair),)
+
 
 @final
 @dataclass(frozen=True)
-class Friction:
+class Friction(Load):
     """Dry and viscous friction at an R pair: -(torque tanh(v' / speed) + viscous v').
 
     `torque` (N m) is the dry friction at rates v' well above `speed` (rad/s), below which
     the jump of Coulomb's law is smoothed; `viscous` is in N m s/rad.
     """
+
+    kind = "friction"
+    keys = MappingProxyType(
+        {"pair": "pair", "torque": "number", "speed": "rate", "viscous": "number"}
+    )
+    absent = MappingProxyType({"viscous": 0.0})
 
     name: str
     pair: str
@@ -139,14 +371,36 @@ class Friction:
     viscous: float
     speed: float
 
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        need_angle(f"{key}.pair", self.pair, mechanism)
+        need_at_least_zero(f"{key}.torque", self.torque, "N m")
+        need_at_least_zero(f"{key}.viscous", self.viscous, "N m s/rad")
+        need_finite(f"{key}.speed", [self.speed])
+        if not self.speed > 0:
+            raise ModelError(
+                f"{key}.speed: found {self.speed:g} rad/s, needs more than 0: the rate "
+                "below which the jump of dry friction is smoothed"
+            )
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        rate = f"dtheta_{self.pair}"
+        dry = f"{_number(self.torque)}*tanh({rate}/{_number(self.speed)})"
+        torque = f"-({dry} + {_number(self.viscous)}*{rate})"
+        return (Component(_law(mechanism, torque), self.pair),)
+
 
 @final
 @dataclass(frozen=True)
-class TorqueTable:
+class TorqueTable(Load):
     """A torque (N m) at an R pair given at increasing times (s), linear in between.
 
     A periodic one repeats with the period ``times[-1] - times[0]``.
     """
+
+    kind = "table"
+    keys = MappingProxyType(
+        {"pair": "pair", "times": "numbers", "torques": "numbers", "periodic": "flag"}
+    )
 
     name: str
     pair: str
@@ -197,8 +451,85 @@ class TorqueTable:
         for turn in range(first, last + 1):
             yield from (t + turn * period for t in self.times)
 
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        need_angle(f"{key}.pair", self.pair, mechanism)
+        if len(self.times) != len(self.torques):
+            raise ModelError(
+                f"{key}.torques: has {len(self.torques)} values, but times has "
+                f"{len(self.times)}"
+            )
+        if len(self.times) < 2:
+            raise ModelError(f"{key}.times: has {len(self.times)} values, needs at least 2")
+        need_finite(f"{key}.times", self.times)
+        need_finite(f"{key}.torques", self.torques)
+        need_increasing(f"{key}.times", self.times)
+        if self.periodic and self.torques[0] != self.torques[-1]:
+            raise ModelError(
+                f"{key}.torques: a periodic table ends with the torque it starts with, but "
+                f"this one has {self.torques[0]:g} and {self.torques[-1]:g} N m"
+            )
 
-Load = PairTorque | Gravity | PointForce | Moment | Spring | Damper | Friction | TorqueTable
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        return (Component(self, self.pair),)
+
+
+LOADS: Mapping[str, type[Load]] = MappingProxyType(
+    {
+        each.kind: each
+        for each in (
+            PairTorque,
+            Gravity,
+            PointForce,
+            Moment,
+            Spring,
+            Damper,
+            Friction,
+            TorqueTable,
+        )
+    }
+)
+"""The kinds of loads by their words in files; without one it is a torque."""
+
+
+_UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def _law(mechanism: "Mechanism", text: str) -> Expression:
+    return parse(text, load_names(mechanism.angles))
+
+
+def _floats(given: Vector) -> Vector:
+    x, y, z = map(float, given)
+    return x, y, z
+
+
+def _number(value: float) -> str:
+    return f"({float(value)!r})"
+
+
+def _on_link(
+    mechanism: "Mechanism",
+    load: PointForce | Moment,
+    texts: Expressions,
+    arm: Vector | None,
+) -> tuple[Component, ...]:
+    return tuple(
+        Component(
+            _law(mechanism, text), moments=(LinkMoment(load.link, axis, load.axes, arm),)
+        )
+        for text, axis in zip(texts, _UNITS, strict=True)
+    )
+
+
+def _check_on_link(
+    key: str, axes: str, what: str, parts: Expressions, mechanism: "Mechanism"
+) -> None:
+    if axes not in AXES:
+        raise ModelError(
+            f'{key}.axes: found "{axes}", allowed: {listing(AXES)}{nearest(axes, AXES)}'
+        )
+    for number, text in enumerate(parts):
+        need_expression(f"{key}.{what}[{number}]", text, mechanism)
 
 
 @final

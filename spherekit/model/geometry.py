@@ -8,6 +8,7 @@ import numpy as np
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import ModelError
+from spherekit.model.joints import Joint, Revolute, Rolling, Sliding
 from spherekit.model.mechanism import (
     LinkSizes,
     Mechanism,
@@ -30,38 +31,6 @@ Vector = tuple[float, float, float]
 
 COLLINEAR = 1e-9
 """Below this sine two directions count as one line: they fix no arc."""
-
-
-@final
-@dataclass(frozen=True)
-class Revolute:
-    """An R pair: its frame in both links, columns zero direction, its side, axis.
-
-    R_second = R_first first Z(v) second^T with Z a rotation by the variable about z, and
-    R_link from link axes to ground axes.
-    """
-
-    first: Floats
-    second: Floats
-
-
-@final
-@dataclass(frozen=True)
-class Contact:
-    """A contact pair: the curves of both links, with tangents that agree at the contact.
-
-    R_second = R_first A_first(s_first) A_second(s_second)^T with A the moving frames
-    (tangent, normal, point) of the curves. In rolling, both arc lengths run together
-    from `start`; in sliding, each is a variable.
-    """
-
-    first: Curve
-    second: Curve
-    rolling: bool
-    start: tuple[float, float]
-
-
-Joint = Revolute | Contact
 
 
 @final
@@ -89,7 +58,7 @@ def geometry_of(mechanism: Mechanism) -> Geometry:
     joints: list[Joint] = []
     reference: list[float] = []
     for pair in mechanism.pairs:
-        if pair.type == "R":
+        if pair.kind.has_axis:
             joints.append(Revolute(first[pair.name], second[pair.name]))
             if isinstance(given, PoseGeometry):
                 reference.append(given.values.get(pair.name, 0.0))
@@ -98,8 +67,12 @@ def geometry_of(mechanism: Mechanism) -> Geometry:
         start = pair.start
         if isinstance(given, PoseGeometry):
             start = touching(mechanism, pair, curves)
-            reference += [0.0] if pair.type == "Cr" else list(start)
-        joints.append(Contact(*curves, pair.type == "Cr", start))
+        if pair.type == "Cr":
+            joints.append(Rolling(*curves, start))
+            reference.append(0.0)
+        else:
+            joints.append(Sliding(*curves))
+            reference += start
     known = isinstance(given, PoseGeometry)
     return Geometry(tuple(joints), np.array(reference) if known else None)
 
@@ -152,7 +125,7 @@ def link_axes(mechanism: Mechanism) -> dict[str, dict[str, Floats]]:
     axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
     first, second = _frames(mechanism)
     for pair in mechanism.pairs:
-        if pair.type == "R":
+        if pair.kind.has_axis:
             axes[pair.links[0]][pair.name] = first[pair.name][:, 2]
             axes[pair.links[1]][pair.name] = second[pair.name][:, 2]
     return axes
@@ -244,7 +217,7 @@ def _size_frames(
     }
     first, second = {}, {}
     for pair in mechanism.pairs:
-        if pair.type == "R":
+        if pair.kind.has_axis:
             zero = about_z(geometry.zeros.get(pair.name, 0.0))
             first[pair.name] = reference_frame(axes[pair.links[0]], pair.name) @ zero
             second[pair.name] = reference_frame(axes[pair.links[1]], pair.name)

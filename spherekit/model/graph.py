@@ -1,29 +1,44 @@
 """Graph views of a mechanism; the only module that imports networkx, when called."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
 from spherekit.model.mechanism import Mechanism
 
 
+def spanning(
+    ends: Sequence[tuple[int, int]],
+    start: Iterable[int] = (0,),
+    pairs: Collection[int] | None = None,
+) -> tuple[tuple[int, int, int], ...]:
+    """Return how bodies are reached from some of them, breadth first.
+
+    Each way is the number of a pair, the body it starts at, and the new one that it leads
+    to. `ends` are the bodies of every pair; only `pairs` are used, where they are given.
+    """
+    used = range(len(ends)) if pairs is None else sorted(pairs)
+    reached = list(dict.fromkeys(start))
+    ways = []
+    for body in reached:
+        for pair in used:
+            if body in ends[pair]:
+                other = ends[pair][1] if ends[pair][0] == body else ends[pair][0]
+                if other not in reached:
+                    reached.append(other)
+                    ways.append((pair, body, other))
+    return tuple(ways)
+
+
 def pieces(mechanism: Mechanism) -> list[list[str]]:
     """Return the connected pieces, each as its links in file order, ground's first."""
-    joined: dict[int, set[int]] = {k: set() for k in range(len(mechanism.links))}
-    for a, b in mechanism.ends:
-        joined[a].add(b)
-        joined[b].add(a)
-    left = dict.fromkeys(joined)
+    left = list(range(len(mechanism.links)))
     found: list[list[str]] = []
     while left:
-        reached, stack = set(), [next(iter(left))]
-        while stack:
-            link = stack.pop()
-            if link not in reached:
-                reached.add(link)
-                stack += joined[link]
-        found.append([mechanism.links[k] for k in sorted(reached)])
-        left = {k: None for k in left if k not in reached}
+        ways = spanning(mechanism.ends, left[:1])
+        reached = {left[0], *(link for _, _, link in ways)}
+        found.append([mechanism.links[link] for link in sorted(reached)])
+        left = [link for link in left if link not in reached]
     return found
 
 

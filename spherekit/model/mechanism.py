@@ -5,25 +5,25 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, Literal, final
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
 from spherekit.errors import ModelError
-from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce, Stop
-from spherekit.model.dynamics_checks import check_loads, check_mass, check_stops
-
-PairType = Literal["R", "Cr", "Cs"]
-PAIR_TYPES: Mapping[str, str] = MappingProxyType(
-    {"R": "revolute", "Cr": "rolling contact", "Cs": "sliding contact"}
+from spherekit.model.changes import (
+    AngleUnit,
+    Sizes,
+    all_in_radians,
+    along,
+    changed,
+    in_radians,
+    rows_of,
 )
-CONSTRAINTS: Mapping[str, int] = MappingProxyType({"R": 2, "Cr": 2, "Cs": 1})
-"""How many relative freedoms a pair of each type takes away (of three)."""
-
+from spherekit.model.dynamics import Load, Mass, Stop
+from spherekit.model.dynamics_checks import check_mass, check_stop
+from spherekit.model.joints import KINDS, Kind, PairType
 
 ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
 
@@ -67,6 +67,16 @@ class Pair:
     contact: Literal["external", "internal"] = "external"
     start: tuple[float, float] = (0.0, 0.0)
 
+    @property
+    def kind(self) -> Kind:
+        """What all pairs of its type have in common."""
+        return KINDS[self.type]
+
+    @property
+    def constraints(self) -> int:
+        """How many relative freedoms it takes away, of three."""
+        return 3 - self.kind.freedoms
+
 
 @final
 @dataclass(frozen=True)
@@ -89,7 +99,7 @@ class LinkSizes:
     unpaired: tuple[str, ...] = ()
     signed: bool = False
 
-    def with_arcs(self, arcs: "Sizes") -> "LinkSizes":
+    def with_arcs(self, arcs: Sizes) -> "LinkSizes":
         """Return the same link with other arcs (rad), all or some by the pair they end at.
 
         Raises
@@ -97,17 +107,11 @@ class LinkSizes:
         ModelError
             If no arc ends at a pair that is named.
         """
-        return replace(self, arcs=_changed("arcs", self.axes[1:], self.arcs, arcs))
+        return replace(self, arcs=changed("arcs", self.axes[1:], self.arcs, arcs))
 
-    def with_angles(self, angles: "Sizes") -> "LinkSizes":
+    def with_angles(self, angles: Sizes) -> "LinkSizes":
         """Return the same link with other angles (rad), as `with_arcs` has arcs."""
-        return replace(self, angles=_changed("angles", self.axes[2:], self.angles, angles))
-
-
-Sizes = float | Sequence[float] | Mapping[str, float]
-"""Sizes of a link: its only one, all of them, or some by the pair that they lead to."""
-
-AngleUnit = Literal["deg", "rad"]
+        return replace(self, angles=changed("angles", self.axes[2:], self.angles, angles))
 
 
 @final
@@ -226,19 +230,45 @@ class Mechanism:
         return tuple(
             number
             for number, pair in enumerate(self.pairs)
-            for _ in range(3 - CONSTRAINTS[pair.type])
+            for _ in range(pair.kind.freedoms)
         )
 
     @cached_property
     def variable_names(self) -> tuple[str, ...]:
         """``theta_PAIR`` (R), ``s_PAIR`` (Cr), ``s_PAIR_LINK`` for both links (Cs)."""
-        names: list[str] = []
-        for pair in self.pairs:
-            if pair.type == "Cs":
-                names += [f"s_{pair.name}_{link}" for link in pair.links]
-            else:
-                names.append(f"{'theta' if pair.type == 'R' else 's'}_{pair.name}")
-        return tuple(names)
+        return tuple(
+            name
+            for pair in self.pairs
+            for name in pair.kind.variable_names(pair.name, pair.links)
+        )
+
+    @cached_property
+    def angles(self) -> Mapping[str, int]:
+        """The numbers of the variables that are angles about fixed axes, by R pair."""
+        owners = enumerate(self.variable_owners)
+        owned = ((self.pairs[owner], variable) for variable, owner in owners)
+        return {pair.name: variable for pair, variable in owned if pair.kind.has_axis}
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether some pairs are no R pairs."""
+        return len(self.angles) < len(self.pairs)
+
+    @cached_property
+    def pole_pairs(self) -> Mapping[tuple[int, int], int]:
+        """The pairs whose axis or contact line is a pole, by its links, smaller first."""
+        return {
+            (min(ends), max(ends)): number
+            for number, (pair, ends) in enumerate(zip(self.pairs, self.ends, strict=True))
+            if pair.kind.pole_line is not None
+        }
+
+    def angle_between(self, one: int, other: int) -> int | None:
+        """Return the number of the angle of the first R pair of two links, if any."""
+        for name, variable in self.angles.items():
+            if set(self.ends[self.pair_number[name]]) == {one, other}:
+                return variable
+        return None
 
     def variables_of(self, pair: int) -> tuple[int, ...]:
         """Return the numbers of a pair's variables."""
@@ -311,7 +341,7 @@ class Mechanism:
                 raise ModelError(
                     f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
                 )
-            known[name] = Input(name, *(_radians(x, angle_unit) for x in (start, stop)))
+            known[name] = Input(name, *(in_radians(x, angle_unit) for x in (start, stop)))
         inputs = (
             known.get(name, Input(self.pair(name).name, 0.0, 2.0 * math.pi))
             for name in names
@@ -377,7 +407,7 @@ class Mechanism:
                     own = links.get(self.links[self.link(link)], LinkSizes(()))
                     change = own.with_arcs if key == "arcs" else own.with_angles
                     try:
-                        links[link] = change(_all_radians(sizes, angle_unit))
+                        links[link] = change(all_in_radians(sizes, angle_unit))
                     except ModelError as error:
                         raise ModelError(f"{self.name}: links.{link}.{error}") from None
             geometry = SizeGeometry(
@@ -385,7 +415,7 @@ class Mechanism:
             )
         else:
             turned = {
-                self.pair(name).name: _unit(f"{self.name}: pairs.{name}", axis)
+                self.pair(name).name: along(f"{self.name}: pairs.{name}", axis)
                 for name, axis in (axes or {}).items()
             }
             geometry = PoseGeometry(
@@ -398,7 +428,7 @@ class Mechanism:
         self, given: Mapping[str, float] | None, unit: AngleUnit
     ) -> dict[str, float]:
         """Return angles in rad by the names of pairs, which are looked up."""
-        return {self.pair(n).name: _radians(x, unit) for n, x in (given or {}).items()}
+        return {self.pair(n).name: in_radians(x, unit) for n, x in (given or {}).items()}
 
     @checked(ModelError)
     def with_mass(
@@ -436,8 +466,8 @@ class Mechanism:
             masses.pop(link, None)
         else:
             where = f"{self.name}: mass.{link}"
-            rows = _rows(f"{where}.tensor", tensor, (3, 3))
-            place = None if centre is None else _rows(f"{where}.centre", centre, (3,))
+            rows = rows_of(f"{where}.tensor", tensor, (3, 3))
+            place = None if centre is None else rows_of(f"{where}.centre", centre, (3,))
             masses[link] = Mass(link, rows, mass, place)
         return replace(self, masses=tuple(masses.values()))
 
@@ -471,51 +501,6 @@ class Mechanism:
         return replace(self, loads=tuple(kept.values()))
 
 
-def _radians(angle: float, unit: AngleUnit | None) -> float:
-    return math.radians(angle) if unit == "deg" else float(angle)
-
-
-def _all_radians(sizes: Sizes, unit: AngleUnit) -> Sizes:
-    if isinstance(sizes, Mapping):
-        return {name: _radians(size, unit) for name, size in sizes.items()}
-    if isinstance(sizes, int | float):
-        return (_radians(sizes, unit),)
-    return tuple(_radians(size, unit) for size in sizes)
-
-
-def _changed(
-    key: str, pairs: Sequence[str], old: tuple[float, ...], given: Sizes
-) -> tuple[float, ...]:
-    """Return sizes of a link with those given in place of old ones."""
-    if not isinstance(given, Mapping):
-        return tuple(given) if isinstance(given, Sequence) else (given,)
-    unknown = [name for name in given if name not in pairs]
-    if unknown:
-        raise ModelError(
-            f'{key}: none leads to "{unknown[0]}"{nearest(unknown[0], pairs) or ";"} they '
-            f"lead to: {listing(pairs)}"
-        )
-    return tuple(given.get(name, size) for name, size in zip(pairs, old, strict=True))
-
-
-def _rows(key: str, given: ArrayLike, shape: tuple[int, ...]) -> Any:
-    """Return numbers of a shape as tuples of floats."""
-    found = np.asarray(given, dtype=float)
-    if found.shape != shape:
-        raise ModelError(f"{key}: has the shape {found.shape}, needs {shape}")
-    rows = found.tolist()
-    return tuple(map(tuple, rows)) if len(shape) > 1 else tuple(rows)
-
-
-def _unit(key: str, given: ArrayLike) -> tuple[float, float, float]:
-    """Return the unit vector along a direction (3,)."""
-    x, y, z = _rows(f"{key}.xyz", given, (3,))
-    length = math.hypot(x, y, z)
-    if not (math.isfinite(length) and length > 0.0):
-        raise ModelError(f"{key}.xyz: found [{x:g}, {y:g}, {z:g}], which has no direction")
-    return x / length, y / length, z / length
-
-
 def _check(mechanism: Mechanism) -> None:
     where = mechanism.name or "mechanism"
     if len(mechanism.links) < 2:
@@ -539,14 +524,14 @@ def _check(mechanism: Mechanism) -> None:
     need_link(mechanism.ground, "ground")
     pair_names = [pair.name for pair in mechanism.pairs]
     for pair in mechanism.pairs:
-        if pair.type not in PAIR_TYPES:
+        if pair.type not in KINDS:
             raise ModelError(
                 f'{where}: pairs.{pair.name}: type "{pair.type}" is not one of '
-                f"{listing(PAIR_TYPES)}"
+                f"{listing(KINDS)}"
             )
         for name in pair.links:
             need_link(name, f"pairs.{pair.name}.links")
-        if (pair.profiles is None) != (pair.type == "R"):
+        if (pair.profiles is None) != pair.kind.has_axis:
             raise ModelError(
                 f"{where}: pairs.{pair.name}: a contact pair (Cr, Cs) has a profile for "
                 "each of its links, an R pair has none"
@@ -572,10 +557,11 @@ def _check(mechanism: Mechanism) -> None:
     for mass in mechanism.masses:
         need_link(mass.link, f"mass.{mass.link}")
     for load in mechanism.loads:
-        if isinstance(load, PointForce | Moment):
-            need_link(load.link, f"loads.{load.name}.link")
-        elif not isinstance(load, Gravity):
-            need_pair(load.pair, f"loads.{load.name}.pair")
+        for key, form in load.keys.items():
+            if form == "link":
+                need_link(getattr(load, key), f"loads.{load.name}.{key}")
+            elif form == "pair":
+                need_pair(getattr(load, key), f"loads.{load.name}.{key}")
     for stop in mechanism.stops:
         need_pair(stop.pair, f"stops.{stop.pair}")
     _check_dynamics(where, mechanism)
@@ -585,7 +571,7 @@ def _check(mechanism: Mechanism) -> None:
         for name in geometry.axes:
             need_pair(name, "pairs")
         for pair in mechanism.pairs:
-            if pair.type == "R" and pair.name not in geometry.axes:
+            if pair.kind.has_axis and pair.name not in geometry.axes:
                 raise ModelError(
                     f"{where}: pairs.{pair.name}: its axis in the reference pose is "
                     "missing; give xyz = [x, y, z] or lonlat = [longitude, latitude]"
@@ -600,13 +586,13 @@ def _check(mechanism: Mechanism) -> None:
 
 
 def _check_dynamics(where: str, mechanism: Mechanism) -> None:
-    types = {pair.name: pair.type for pair in mechanism.pairs}
-    moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
     try:
         for mass in mechanism.masses:
             check_mass(mass)
-        check_loads(mechanism.loads, moving, types)
-        check_stops(mechanism.stops, types)
+        for load in mechanism.loads:
+            load.check(f"loads.{load.name}", mechanism)
+        for stop in mechanism.stops:
+            check_stop(stop, mechanism)
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None
 
@@ -628,7 +614,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
     on_link: dict[str, list[str]] = {link: [] for link in mechanism.links}
     for pair in mechanism.pairs:
         for link in pair.links:
-            if pair.type == "R":
+            if pair.kind.has_axis:
                 on_link[link].append(pair.name)
     for link, expected in on_link.items():
         sizes = geometry.links.get(link, LinkSizes(()))

@@ -129,10 +129,7 @@ class ArcCurve:
         `spherekit.numeric.zeros` for pairs that are too near to part.
         """
         found = zeros(lambda s: function(self.at(s)), self.s)
-        if not self.closed:
-            return found
-        once = found.places < self.length * (1.0 - 1e-12)
-        return Zeros(found.places[once], found.double[once])
+        return found.once(self.length) if self.closed else found
 
     def dead_points(self, variable: int) -> Zeros:
         """Return all s at which a variable stands still: dv/ds = 0.

@@ -8,19 +8,17 @@ the test of their change keeps them apart.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from typing import final
 
 import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status
 from spherekit.errors import SolveError
-from spherekit.model.geometry import Revolute
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.closure import Closure
 from spherekit.motion.continuation import Rows, Verification
 from spherekit.motion.curve_path import NEARLY_THERE, STEP_PARTS, CurvePath, taylor
-from spherekit.motion.limits import Limit, contact_variables, limits_of
+from spherekit.motion.limits import Limit, limits_of
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.segments import (
     Bordered,
@@ -151,22 +149,7 @@ def follow_arc(
 
 def periods_of(closure: Closure) -> Floats:
     """Return the growth (variables,) of each variable that gives the same configuration."""
-    periods = np.full(len(closure.tree.owners), np.inf)
-    for pair, joint in enumerate(closure.joints):
-        first, second = contact_variables(closure, pair)
-        if isinstance(joint, Revolute):
-            periods[first] = 2.0 * np.pi
-            continue
-        curves = joint.first, joint.second
-        if not joint.rolling:
-            for variable, curve in zip((first, second), curves, strict=True):
-                periods[variable] = curve.length if curve.closed else np.inf
-        elif all(curve.closed for curve in curves):
-            ratio = curves[0].length / curves[1].length
-            whole = Fraction(ratio).limit_denominator(MOST_TEETH)
-            if abs(float(whole) / ratio - 1.0) < 1e-12:
-                periods[first] = curves[0].length * whole.denominator
-    return periods
+    return np.array([period for joint in closure.joints for period in joint.periods])
 
 
 def _started(closure: Closure, values: Floats) -> _Node:

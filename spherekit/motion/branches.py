@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.model.geometry import Revolute, geometry_of
+from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.follow import Curve
@@ -215,10 +215,7 @@ class Solver:
     @property
     def angles(self) -> list[int]:
         """Numbers of the variables that are angles of R pairs."""
-        owners = self.mechanism.variable_owners
-        return [
-            v for v, pair in enumerate(owners) if isinstance(self.joints[pair], Revolute)
-        ]
+        return list(self.mechanism.angles.values())
 
 
 def _guided(

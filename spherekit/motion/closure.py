@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.geometry import Joint
+from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import REDUNDANT, LoopTree
@@ -91,7 +91,7 @@ class Closure:
             if step == iterations or not np.any(going):
                 break
             active = active[going]
-            change = _solve_rows(at.jacobian[going][:, :, free], -at.residual[going])
+            change = least_change(at.jacobian[going][:, :, free], -at.residual[going])
             length = np.max(np.abs(change), axis=1)
             if step == 0:
                 first_step[active] = length
@@ -113,7 +113,8 @@ class NewtonResult:
     ratio: Floats
 
 
-def _solve_rows(matrices: Floats, right: Floats) -> Floats:
+def least_change(matrices: Floats, right: Floats) -> Floats:
+    """Return the least x (n, k) with matrices (n, m, k) x = right (n, m)."""
     if matrices.shape[1] == matrices.shape[2]:
         try:
             return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])

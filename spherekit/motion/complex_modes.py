@@ -12,7 +12,7 @@ from typing import Protocol, final
 
 import numpy as np
 
-from spherekit.model.geometry import Revolute
+from spherekit.model.joints import revolute
 from spherekit.motion.bars import bars_of
 from spherekit.motion.branches import Solver
 from spherekit.motion.elimination import all_solutions, count_orders
@@ -207,8 +207,7 @@ class _Modes:
         ends = solver.mechanism.ends
         axes = {}
         for number, bodies in enumerate(group.ends):
-            joint = solver.joints[group.pairs[number]]
-            assert isinstance(joint, Revolute)
+            joint = revolute(solver.joints[group.pairs[number]])
             links, frames = ends[group.pairs[number]], (joint.first, joint.second)
             for body, link, frame in zip(bodies, links, frames, strict=True):
                 axes[number, body] = self.within[link] @ frame[:, 2]

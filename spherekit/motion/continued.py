@@ -8,7 +8,6 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from spherekit.model.geometry import Revolute
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
 
@@ -54,7 +53,7 @@ class AngleMemory:
             return motion.inputs[:, motion.assembly.inputs.index(pair)]
         (variable,) = motion.mechanism.variables_of(pair)
         found = motion.values[:, variable].copy()
-        if not motion.is_path or not isinstance(motion.joints[pair], Revolute):
+        if not motion.is_path or name not in motion.mechanism.angles:
             return found
         for position, branch in enumerate(motion.branches):
             own = found[position * motion.samples : (position + 1) * motion.samples]

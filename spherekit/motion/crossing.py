@@ -1,22 +1,93 @@
-"""The ways out of a configuration, also out of one in which configuration curves cross."""
+"""Configurations in which curves cross: the closure equations lose rank.
+
+There the velocity equations have k > 1 independent solutions. The configuration x and a
+basis T of them solve F(x) = 0, J(x) T = 0 together, and these equations are regular where
+the second-order terms below are not degenerate. A motion x' = T y goes on to second order
+if y . B y = 0 for B = T' (l . dJ/dx) T and every l with l J = 0: for k = 2 these are the
+directions of no or two curves, for k = 3 of up to four (Keller 1977 calls them the
+algebraic bifurcation equations).
+"""
+
+from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
-from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.segments import bordered
 from spherekit.sphere.rotation import Floats
 
+NEARLY_NULL = 3e-3
+"""Relative singular values below this may vanish at the crossing nearby."""
+MOST_STEPS = 20
+FAR = 0.05
+"""The crossing lies within this (rad) of where a curve ended before it."""
+MISSED = 1e-9
+"""Configurations that miss closing and rank loss by more (rad) are no crossings."""
+DEGENERATE = 1e-7
+"""Second-order terms below this, relative, do not decide how many curves cross."""
 RADIUS = 0.02
-"""How far (rad) from the configuration points of the curves are looked for."""
+"""How far (rad) from a configuration points on the ways out of it are looked for."""
 MOVES = 1e-4
 """Relative singular values of the velocity equations below this are motions here."""
-DIRECTIONS = 64
-"""Directions of motion tried where there are several motions."""
-MOST_STEPS = 20
+SPREAD = 64
+"""Directions of motion tried where second-order terms do not decide."""
 SAME = 1e-6
 """Points (rad) nearer to each other than this part of the radius are one."""
+
+
+@final
+@dataclass(frozen=True)
+class Crossing:
+    """A configuration where the closure equations lose rank.
+
+    Attributes
+    ----------
+    values
+        (variables,) rad.
+    rank, freedoms
+        Of the velocity equations: their rank, and the variables less that.
+    tangents
+        (branches, variables) unit directions of the real curves through it, one sense of
+        each.
+    resolved
+        Whether second-order terms say how many there are. If not, `tangents` is empty.
+    miss
+        By how much (rad) the loops stay open, or rank loss is missed. A mechanism whose
+        sizes miss a crossing by less than rounding cannot be told from one with it.
+    error
+        Size (rad) of the last correction of `values`.
+    """
+
+    values: Floats
+    rank: int
+    freedoms: int
+    tangents: Floats
+    resolved: bool
+    miss: float
+    error: float
+
+    @property
+    def angle(self) -> float:
+        """The sine of the angle between the two branches, 0 where there are not two."""
+        if len(self.tangents) != 2:
+            return 0.0
+        cosine = float(self.tangents[0] @ self.tangents[1])
+        return float(np.sqrt(max(0.0, 1.0 - cosine**2)))
+
+
+def crossing_near(closure: Closure, values: Floats) -> Crossing | None:
+    """Return the crossing beside a configuration (variables,), None if there is none."""
+    _, sizes, _ = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    count = len(values)
+    rank = int(np.sum(sizes > NEARLY_NULL * sizes[0]))
+    for freedoms in range(max(2, count - rank), 1, -1):
+        found = _located(closure, values, freedoms)
+        if found is not None:
+            return found
+    return None
 
 
 def ways_out(closure: Closure, values: Floats, radius: float = RADIUS) -> Floats:
@@ -26,12 +97,14 @@ def ways_out(closure: Closure, values: Floats, radius: float = RADIUS) -> Floats
     Each is `radius` (rad) away in the variables. Where the configuration is part of
     a surface there is no end of them, and some are returned.
     """
-    _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    left, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
     sizes = np.append(sizes, np.zeros(len(right) - len(sizes)))
-    motions = right[sizes < MOVES * max(sizes[0], MOVES)]
+    rank = int(np.sum(sizes >= MOVES * max(sizes[0], MOVES)))
+    motions = right[rank:]
     if not len(motions):
         return np.zeros((0, len(values)))
-    start = values + radius * _directions(len(motions)) @ motions
+    forms = _second_order(closure, values, left[:, rank:], motions)
+    start = values + radius * _leaving(forms) @ motions
     for _ in range(MOST_STEPS):
         at = closure.at(start)
         away = start - values
@@ -52,13 +125,165 @@ def ways_out(closure: Closure, values: Floats, radius: float = RADIUS) -> Floats
     return np.array(found).reshape(-1, len(values))
 
 
-def _directions(count: int) -> Floats:
-    """Return unit vectors (n, count) spread over the sphere of so many dimensions."""
+def _leaving(forms: Floats) -> Floats:
+    """Return unit vectors (n, k) in which curves may leave: those of second order.
+
+    Where that does not decide, vectors spread over the sphere of k dimensions.
+    """
+    count = forms.shape[1]
     if count == 1:
         return np.array([[1.0], [-1.0]])
+    along = _directions(forms)
+    if along is not None and len(along):
+        return np.concatenate([along, -along])
     if count == 2:
-        turn = 2.0 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+        turn = 2.0 * np.pi * (np.arange(SPREAD) + 0.5) / SPREAD
         return np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    random = np.random.default_rng(20240616)
-    found = random.normal(size=(DIRECTIONS, count))
+    found = np.random.default_rng(20240616).normal(size=(SPREAD, count))
     return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+
+def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
+    """Solve F = 0, J T = 0, C . T = 1 for x and T by the Gauss-Newton method."""
+    count = len(start)
+    x = start.copy()
+    basis = np.linalg.svd(closure.at(x[None]).jacobian[0])[2][count - freedoms :].T
+    held = basis.copy()
+    error = np.inf
+    for _ in range(MOST_STEPS):
+        matrix, rest = _augmented(closure, x, basis, held)
+        step = np.linalg.lstsq(matrix, -rest, rcond=1e-12)[0]
+        before, error = error, float(np.max(np.abs(step[:count])))
+        x = x + step[:count]
+        basis = basis + step[count:].reshape(freedoms, count).T
+        if not np.all(np.isfinite(x)) or np.max(np.abs(x - start)) > FAR:
+            return None
+        if error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before):
+            break
+    at = closure.at(x[None])
+    rest = np.append(at.residual[0], (at.jacobian[0] @ np.linalg.qr(basis)[0]).ravel())
+    miss = float(np.max(np.abs(rest)))
+    if miss > MISSED or error > 1e-6:
+        return None
+    left, _, right = np.linalg.svd(at.jacobian[0])
+    rank = count - freedoms
+    forms = _second_order(closure, x, left[:, rank:], right[rank:])
+    tangents = _directions(forms)
+    resolved = tangents is not None
+    along = np.zeros((0, count)) if tangents is None else tangents @ right[rank:]
+    return Crossing(x, rank, freedoms, along, resolved, miss, error)
+
+
+def _augmented(
+    closure: Closure, x: Floats, basis: Floats, held: Floats
+) -> tuple[Floats, Floats]:
+    """Return the matrix and the residual of the augmented equations."""
+    at = closure.at(x[None])
+    gap, jacobian = at.residual[0], at.jacobian[0]
+    rows, count = jacobian.shape
+    freedoms = basis.shape[1]
+    turned = jacobian_rates(closure, x)
+    matrix = np.zeros((rows * (1 + freedoms) + freedoms**2, count * (1 + freedoms)))
+    matrix[:rows, :count] = jacobian
+    rest = [gap]
+    for k in range(freedoms):
+        here = slice(rows * (1 + k), rows * (2 + k))
+        own = slice(count * (1 + k), count * (2 + k))
+        matrix[here, :count] = (turned @ basis[:, k]).T
+        matrix[here, own] = jacobian
+        last = rows * (1 + freedoms) + freedoms * k
+        matrix[last : last + freedoms, own] = held.T
+        rest.append(jacobian @ basis[:, k])
+    norm = held.T @ basis - np.eye(freedoms)
+    return matrix, np.concatenate([*rest, norm.T.ravel()])
+
+
+def jacobian_rates(closure: Closure, values: Floats) -> Floats:
+    """Return dJ/dx (variables, 3 loops, variables), the first index that of x.
+
+    Each variable moves alone, the loops not closed.
+    """
+    count, tree = len(values), closure.tree
+    at = closure.at(np.tile(values, (count, 1)))
+    first = at.body_rates(np.eye(count))[:, tree.firsts]
+    second = first.copy()
+    every = np.arange(count)
+    second[every, list(tree.owners)] += at.vectors[every, every]
+    return tree.jacobian(at.pair_rates(first, second).vectors)
+
+
+def _second_order(closure: Closure, x: Floats, left: Floats, null: Floats) -> Floats:
+    """Return the symmetric forms (l, k, k) of all left null vectors on the null space."""
+    turned = jacobian_rates(closure, x)
+    forms = np.einsum("bma,ml,ib,ja->lij", turned, left, null, null)
+    return np.asarray(0.5 * (forms + np.swapaxes(forms, 1, 2)))
+
+
+def _directions(forms: Floats) -> Floats | None:
+    """Return unit vectors (branches, k) on which all forms vanish, None if undecided.
+
+    Equations that repeat others give forms that vanish or repeat others.
+    """
+    size = forms.shape[1]
+    upper = np.triu_indices(size)
+    if not len(forms):
+        return None
+    _, sizes, right = np.linalg.svd(forms[:, *upper])
+    if sizes[0] < DEGENERATE or size not in (2, 3):
+        return None
+    if int(np.sum(sizes > DEGENERATE * sizes[0])) != size - 1:
+        return None
+    kept = np.zeros((size - 1, size, size))
+    kept[:, *upper] = right[: size - 1]
+    kept[:, upper[1], upper[0]] = kept[:, *upper]
+    return _lines(kept[0]) if size == 2 else _conics(kept[0], kept[1])
+
+
+def _lines(form: Floats) -> Floats | None:
+    """Return the lines (0 or 2, 2) where a form m + r cos(2 a - b) of the angle is zero."""
+    mean, half = 0.5 * (form[0, 0] + form[1, 1]), 0.5 * (form[0, 0] - form[1, 1])
+    reach = float(np.hypot(half, form[0, 1]))
+    if abs(abs(mean) - reach) < DEGENERATE:
+        return None
+    if abs(mean) > reach:
+        return np.zeros((0, 2))
+    middle, swing = np.arctan2(form[0, 1], half), np.arccos(-mean / reach)
+    angles = 0.5 * np.array([middle - swing, middle + swing])
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _conics(first: Floats, second: Floats) -> Floats | None:
+    """Return the common points of two conics, unit vectors (0 to 4, 3).
+
+    In turned coordinates (u, v, 1) the resultant by v is a polynomial of degree four in
+    u; its real roots are polished on the forms. None where two points are one.
+    """
+    turn = np.linalg.qr(np.cos(1.0 + np.arange(9.0)).reshape(3, 3))[0]
+    a, b = (turn.T @ form @ turn for form in (first, second))
+    powers = []
+    for form in (a, b):
+        powers.append(
+            (
+                np.array([form[1, 1]]),
+                np.array([2.0 * form[0, 1], 2.0 * form[1, 2]]),
+                np.array([form[0, 0], 2.0 * form[0, 2], form[2, 2]]),
+            )
+        )
+    (a2, a1, a0), (b2, b1, b0) = powers
+    across: Floats = np.polysub(np.polymul(a2, b0), np.polymul(b2, a0))
+    linear = np.polysub(np.polymul(a2, b1), np.polymul(b2, a1))
+    last = np.polysub(np.polymul(a1, b0), np.polymul(b1, a0))
+    roots = np.roots(np.polysub(np.polymul(across, across), np.polymul(linear, last)))
+    apart = np.abs(roots[:, None] - roots)[~np.eye(len(roots), dtype=bool)]
+    if len(roots) < 4 or np.min(apart) < 1e-5 * np.max(np.abs(roots)):
+        return None
+    found = []
+    for u in roots[np.abs(roots.imag) < 1e-7].real:
+        v = -np.polyval(across, u) / np.polyval(linear, u)
+        y = np.array([u, v, 1.0])
+        for _ in range(4):
+            y /= np.linalg.norm(y)
+            matrix = np.stack([2.0 * a @ y, 2.0 * b @ y, y])
+            y = y - np.linalg.solve(matrix, np.array([y @ a @ y, y @ b @ y, 0.0]))
+        found.append(turn @ (y / np.linalg.norm(y)))
+    return np.array(found).reshape(-1, 3)

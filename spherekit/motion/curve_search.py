@@ -9,10 +9,10 @@ from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.branches import Solver
 from spherekit.motion.crossing import ways_out
 from spherekit.motion.dead_inputs import DeadInputs
-from spherekit.motion.modes import assemblies
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import SEED, STARTS, Census
 from spherekit.motion.stretches import Stretches, turning_inputs

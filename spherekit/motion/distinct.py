@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
-from spherekit.model.geometry import Contact
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import penetrates
+from spherekit.motion.pairs import penetrates, rolled_lengths
 from spherekit.sphere.rotation import Floats
 
 SAME_MODE = 1e-6
@@ -46,11 +45,7 @@ class Distinct:
         self.values: list[Floats] = []
         self._poses: list[tuple[Floats, float]] = []
         self._loose = 0
-        self._rolling = [
-            (variable, joint)
-            for variable, pair in enumerate(closure.tree.owners)
-            if isinstance(joint := closure.joints[pair], Contact) and joint.rolling
-        ]
+        self._rolling = rolled_lengths(closure.joints)
 
     def add(self, values: Floats) -> NDArray[np.intp]:
         """Add those of closed configurations (n, variables) that are new.
@@ -105,8 +100,9 @@ class Distinct:
         shifted = False
         for variable, joint in self._rolling:
             way = one[variable] - other[variable]
-            turns = [way / curve.length for curve in (joint.first, joint.second)]
-            if min(abs(turn - round(turn)) for turn in turns) > SAME_MODE:
+            turns = [way / lap for lap in joint.laps]
+            least = min((abs(turn - round(turn)) for turn in turns), default=abs(way))
+            if least > SAME_MODE:
                 return False
             shifted |= abs(way) > SAME_MODE
         return shifted

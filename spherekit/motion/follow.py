@@ -3,7 +3,7 @@
 The accepted nodes form a curve from which any sample is predicted.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -28,13 +28,14 @@ class Curve:
 
     `inputs` (k,), `values` and `slopes` (k, variables) in rad and rad/rad. `ends` say why
     the curve goes no further at both ends: OK where the range ends, else the status of
-    the samples beyond.
+    the samples beyond. `tried` counts the steps that it took to find it, also in vain.
     """
 
     inputs: Floats
     values: Floats
     slopes: Floats
     ends: tuple[Status, Status]
+    tried: int = 0
 
     def predict(self, q: Floats) -> tuple[Floats, Floats]:
         """Return Hermite values (n, variables) at inputs q (n,), and the nodes' spread."""
@@ -94,13 +95,16 @@ def follow(closure: Closure, driven: int, values: Floats, low: float, high: floa
     start = nodes_at(closure, [driven], values[None], np.ones((1, 1)))
     if start.flatness[0] > AT_DEAD_CENTRE and np.all(np.isfinite(start.slope)):
         return _through(closure, driven, start, low, high)
+    tried = 0
     for beside in _ways_on(closure, driven, values):
         start = nodes_at(closure, [driven], beside[None], np.ones((1, 1)))
         q = float(beside[driven])
         curve = _through(closure, driven, start, min(low, q), max(high, q))
+        tried += curve.tried
         if (reached := curve.to(values, driven)) is not None:
-            return reached
-    return _through(closure, driven, start, low, high)
+            return replace(reached, tried=tried)
+    curve = _through(closure, driven, start, low, high)
+    return replace(curve, tried=tried + curve.tried)
 
 
 def _ways_on(closure: Closure, driven: int, values: Floats) -> list[Floats]:
@@ -118,7 +122,7 @@ def _through(closure: Closure, driven: int, start: Nodes, low: float, high: floa
     down, up = (_of_way(start, paths, row) for row in (0, 1))
     values, slopes = (np.concatenate([down[k][:0:-1], up[k]]) for k in (0, 1))
     ends = Status(paths.status[0]), Status(paths.status[1])
-    return Curve(values[:, driven].copy(), values, slopes, ends)
+    return Curve(values[:, driven].copy(), values, slopes, ends, paths.tried)
 
 
 def _of_way(start: Nodes, paths: InputPaths, row: int) -> tuple[Floats, Floats]:

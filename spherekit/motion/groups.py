@@ -10,7 +10,8 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import REACH_SLACK
-from spherekit.model.geometry import Joint, Revolute
+from spherekit.model.graph import spanning
+from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.linearisation import Linearisation
@@ -51,22 +52,12 @@ class State:
         values = np.full((n, len(mechanism.variable_owners)), np.nan)
         for driven, column in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[driven][0]] = column
-        placed = set(assembly.bodies)
-        waiting = list(assembly.inputs)
-        while waiting:
-            driven = waiting.pop(0)
-            a, b = mechanism.ends[driven]
-            if not {a, b} & placed:
-                waiting.append(driven)
-                continue
-            joint = joints[driven]
-            states = pair_states((joint,), values[:, list(variables[driven])])
+        ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
+        for driven, parent, child in ways:
+            states = pair_states((joints[driven],), values[:, list(variables[driven])])
             turn = states.first[:, 0] @ transpose(states.second[:, 0])
-            if a in placed:
-                within[b] = within[a] @ turn
-            else:
-                within[a] = within[b] @ transpose(turn)
-            placed |= {a, b}
+            ahead = mechanism.ends[driven][0] == parent
+            within[child] = within[parent] @ (turn if ahead else transpose(turn))
         lost, slack = np.zeros(n, dtype=bool), np.full(n, REACH_SLACK)
         return State(joints, variables, within, values, lost, slack)
 
@@ -78,8 +69,7 @@ class State:
 
     def axis(self, pair: int, link: int, is_first: bool) -> Floats:
         """Return the axis (n, 3) of an R pair in the axes of the body that holds `link`."""
-        joint = self.joints[pair]
-        assert isinstance(joint, Revolute)
+        joint = revolute(self.joints[pair])
         frame = joint.first if is_first else joint.second
         return np.asarray(self.within[link] @ frame[:, 2])
 
@@ -94,8 +84,7 @@ class State:
         """Set the variables of a dyad's pairs from the orientations of its links."""
         for pair in group.pairs:
             a, b = ends[pair]
-            joint = self.joints[pair]
-            assert isinstance(joint, Revolute)
+            joint = revolute(self.joints[pair])
             one = self.within[a] @ joint.first
             other = self.within[b] @ joint.second
             cosine = np.sum(one[..., 0] * other[..., 0], axis=-1)

@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import EQUAL_CURVATURE, Status
-from spherekit.model.geometry import Contact
 from spherekit.motion.closure import Closure
+from spherekit.motion.pairs import contact_tracks
 from spherekit.sphere.rotation import Floats
 
 
@@ -82,25 +82,13 @@ def limits_of(
     for variable, (low, high) in stops.items():
         limits.append(Bound(variable, low, 1.0, Status.OK))
         limits.append(Bound(variable, high, -1.0, Status.OK))
-    for pair, joint in enumerate(closure.joints):
-        if not isinstance(joint, Contact):
-            continue
-        first, second = contact_variables(closure, pair)
-        limits.append(EqualCurvatures(pair, (first, second)))
-        start = joint.start if joint.rolling else (0.0, 0.0)
-        for variable, curve, offset in zip(
-            (first, second), (joint.first, joint.second), start, strict=True
-        ):
-            if not curve.closed:
+    for pair, (one, other) in contact_tracks(closure.joints):
+        limits.append(EqualCurvatures(pair, (one.variable, other.variable)))
+        for track in (one, other):
+            if not track.curve.closed:
+                low, high = -track.start, track.curve.length - track.start
                 limits += [
-                    Bound(variable, -offset, 1.0, Status.OFF_PROFILE),
-                    Bound(variable, curve.length - offset, -1.0, Status.OFF_PROFILE),
+                    Bound(track.variable, low, 1.0, Status.OFF_PROFILE),
+                    Bound(track.variable, high, -1.0, Status.OFF_PROFILE),
                 ]
     return tuple(limits)
-
-
-def contact_variables(closure: Closure, pair: int) -> tuple[int, int]:
-    """Return the variables that run along a contact pair's two profiles."""
-    first = closure.tree.owners.index(pair)
-    joint = closure.joints[pair]
-    return first, first if isinstance(joint, Contact) and joint.rolling else first + 1

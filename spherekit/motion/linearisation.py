@@ -11,11 +11,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.geometry import Joint
+from spherekit.model.joints import Joint, PairRates, PairStates
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import (
-    PairRates,
-    PairStates,
     pair_axes,
     pair_rates,
     pair_states,

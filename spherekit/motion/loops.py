@@ -6,6 +6,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -43,18 +44,7 @@ class LoopTree:
     @cached_property
     def branches(self) -> tuple[tuple[int, int, int], ...]:
         """Tree pairs in order of placement: (pair, parent body, child body)."""
-        placed, order = {0}, []
-        queue = [0]
-        while queue:
-            parent = queue.pop(0)
-            for pair, (a, b) in enumerate(self.ends):
-                if parent in (a, b):
-                    child = b if parent == a else a
-                    if child not in placed:
-                        placed.add(child)
-                        queue.append(child)
-                        order.append((pair, parent, child))
-        return tuple(order)
+        return spanning(self.ends)
 
     @cached_property
     def _pair_paths(self) -> Floats:

@@ -18,13 +18,14 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.model.geometry import Contact, Joint, Revolute
+from spherekit.model.graph import spanning
+from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.closure import Closure
 from spherekit.motion.distinct import Distinct
-from spherekit.motion.limits import contact_variables
 from spherekit.motion.locked import Locked, lock
 from spherekit.motion.loops import LoopTree
+from spherekit.motion.pairs import rolled_lengths
 from spherekit.motion.search import search
 from spherekit.motion.steps import nodes_at, walk
 from spherekit.sphere.rotation import Floats
@@ -45,8 +46,6 @@ FLAT = 1e-5
 """Configurations of a smaller relative singular value say nothing precise of rates."""
 SAME_LENGTH = 1e-7
 """Lengths (rad) that differ by less are one."""
-MOST_TEETH = 10_000
-"""Ratios of wheels are of whole numbers up to this, or none."""
 SAME_RATIO = 1e-9
 """Laps in a turn of an input that differ by less are the same."""
 MOST_CHOICES, MOST_SORTED, MOST_ASSEMBLIES = 8, 4096, 64
@@ -126,20 +125,11 @@ def _lock_all(closure: Closure, held: dict[int, float]) -> Locked:
     states = locked.closure.at(np.zeros((1, len(locked.kept)))).states
     fixed = {}
     for pair, (one, other) in enumerate(tree.ends):
-        if one == other and isinstance(joints[pair], Revolute):
+        if one == other and joints[pair].has_axis:
             turn = states.first[0, pair].T @ states.second[0, pair]
             variable = locked.kept[tree.owners.index(pair)]
             fixed[variable] = float(np.arctan2(turn[1, 0], turn[0, 0]))
     return lock(closure, held | fixed) if fixed else locked
-
-
-def rolling_variables(closure: Closure) -> list[int]:
-    """Return the numbers of the variables that are lengths rolled."""
-    return [
-        contact_variables(closure, pair)[0]
-        for pair, joint in enumerate(closure.joints)
-        if isinstance(joint, Contact) and joint.rolling
-    ]
 
 
 def meshes_of(
@@ -150,7 +140,7 @@ def meshes_of(
     `driven` are the variables of the inputs, `reference` (variables,) those of a reference
     pose.
     """
-    rolling = rolling_variables(closure)
+    rolling = [variable for variable, _ in rolled_lengths(closure.joints)]
     if not rolling:
         return None
     count = len(driven)
@@ -262,12 +252,10 @@ def _rolled(lengths: Sequence[float]) -> tuple[int, ...]:
 
 def _whole_turns_apart(joint: Joint, length: float) -> list[float]:
     """Return lengths that differ from one by whole turns of a wheel, the least first."""
-    assert isinstance(joint, Contact)
     found = {round(length / SAME_LENGTH): length}
-    curves = [curve.length for curve in (joint.first, joint.second) if curve.closed]
-    for lap in curves:
+    for lap in joint.laps:
         least = length - lap * round(length / lap)
-        most = int(np.ceil(0.5 * max(curves) / lap))
+        most = int(np.ceil(0.5 * max(joint.laps) / lap))
         for turns in range(-most, most + 1):
             found[round((least + turns * lap) / SAME_LENGTH)] = least + turns * lap
     return sorted(found.values(), key=abs)[:MOST_CHOICES]
@@ -311,10 +299,10 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
     pairs = [pair for pair, own in of_pair.items() if np.all(linear[own])]
     left = set(pairs)
     while left:
-        bodies, part = set(tree.ends[min(left)]), set[int]()
-        while new := {pair for pair in left if bodies & set(tree.ends[pair])} - part:
-            part |= new
-            bodies |= {body for pair in new for body in tree.ends[pair]}
+        first = tree.ends[min(left)][0]
+        ways = spanning(tree.ends, (first,), left)
+        bodies = {first, *(body for _, _, body in ways)}
+        part = {pair for pair in left if tree.ends[pair][0] in bodies}
         left -= part
         number = {body: k for k, body in enumerate(sorted(bodies))}
         own = sorted(part)

@@ -17,6 +17,7 @@ from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.assemblies import MOST_BRANCHES, assemblies, signs_at
 from spherekit.motion.branches import Branch, Solver, determinant_signs, wrap
 from spherekit.motion.dead_inputs import dead_inputs
 from spherekit.motion.distinct import SAME_MODE
@@ -24,7 +25,6 @@ from spherekit.motion.elimination import has_elimination
 from spherekit.motion.follow import Curve, follow
 from spherekit.motion.groups import (
     State,
-    group_closure,
     group_variables,
     place_dyad,
     place_group,
@@ -33,20 +33,20 @@ from spherekit.motion.lattice import Lattice
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import STARTS, Census
 from spherekit.motion.sheet import Sheet, spread
-from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solutions
+from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete
 from spherekit.motion.steps import walk
 from spherekit.motion.stretches import Stretches
-from spherekit.planning.assembly import Group
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
 Rows = NDArray[np.intp]
 
-MOST_BRANCHES = 64
-"""Branches of one run; a mechanism of many dyads has 2 to their number."""
 MOST_FOLLOWED = 60000
 """Nodes of all branches of irreducible groups, after which no further one is followed."""
+MOST_IN_VAIN = 12000
+"""The same for steps that led to none: a branch has some tens of nodes, and about three
+such steps; thousands where a configuration is singular in higher order."""
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
 PROBES = 5
@@ -123,7 +123,7 @@ def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     reference = solver.geometry.reference
     own: tuple[int, ...] | None = None
     if reference is not None:
-        own = _signs_at(solver, reference)
+        own = signs_at(solver, reference)
     probes, methods = 0, tuple[Method | None, ...]([None] * len(groups))
     claim = REFERENCE_ONLY
     if search or own is None:
@@ -160,19 +160,6 @@ def _range(lattice: Lattice) -> tuple[float, float]:
     return float(np.min(lattice.q)), float(np.max(lattice.q))
 
 
-def _signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
-    """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
-    axes = solver.closure.at(values[None]).axes[0]
-    signs = []
-    for group in solver.assembly.groups:
-        if group.is_dyad:
-            triple = float(np.linalg.det(axes[list(group.pairs)]))
-            signs.append(1 if triple >= 0.0 else -1)
-        else:
-            signs.append(0)
-    return tuple(signs)
-
-
 def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     gathering = _Gathering(solver, lattice)
     gathering.add_reference()
@@ -183,8 +170,10 @@ def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     if freedoms and not branches and min(freedoms) != len(solver.driven):
         raise _other_rank(solver, min(freedoms))
     claim = _limited(claim, len(branches))
-    if gathering.nodes > MOST_FOLLOWED:
-        words = f"stopped after {gathering.nodes} steps along {len(branches)} modes"
+    if gathering.is_spent:
+        steps = gathering.nodes + gathering.in_vain
+        modes = "1 mode" if len(branches) == 1 else f"{len(branches)} modes"
+        words = f"stopped after {steps} steps along {modes}"
         claim = Claim(Guarantee.SAMPLED, f"{words}; there may be more")
     return Found(tuple(branches), gathering.probes, tuple(gathering.methods), claim)
 
@@ -202,7 +191,7 @@ class _Gathering:
         self.branches: list[Branch] = []
         self.families: list[int] = []
         self.freedoms: list[int] = []
-        self.probes = self.nodes = 0
+        self.probes = self.nodes = self.in_vain = 0
         self.methods: list[Method | None] = [None] * len(solver.assembly.groups)
         self._curves: list[ArcCurve] = []
         self._followed = 0
@@ -212,7 +201,13 @@ class _Gathering:
     @property
     def is_full(self) -> bool:
         """Whether no further branch is to be followed."""
-        return len(self.branches) >= MOST_BRANCHES or self.nodes > MOST_FOLLOWED
+        return len(self.branches) >= MOST_BRANCHES or self.is_spent
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether as many steps were made as may be; there is at least one branch then."""
+        in_vain = bool(self.branches) and self.in_vain > MOST_IN_VAIN
+        return self.nodes > MOST_FOLLOWED or in_vain
 
     def add(self, values: Floats, family: int | None = None) -> None:
         """Add the branch through a configuration (variables,), if it is in the range."""
@@ -222,11 +217,13 @@ class _Gathering:
             self.freedoms.append(self.solver.freedoms(values))
             if self.freedoms[-1] != len(driven):
                 return
-        guide = _guide(self.solver, self.lattice, values)
+        guide, tried = _guide(self.solver, self.lattice, values)
+        self.in_vain += tried
         if guide is not None:
-            branch = Branch(len(self.branches), _signs_at(self.solver, values), guide)
+            branch = Branch(len(self.branches), signs_at(self.solver, values), guide)
             if isinstance(guide, Curve):  # where the pose itself may be a dead centre
                 values = guide.values[len(guide.values) // 2]
+                self.in_vain -= len(guide.values) - 1
             self.branches.append(_with_determinants(self.solver, branch, values))
             self.nodes += len(guide.values)
             self._working.tell(lambda: f"{len(self.branches)} followed")
@@ -425,23 +422,29 @@ def _inputs(count: int) -> str:
     return "1 input" if count == 1 else f"{count} inputs"
 
 
-def _guide(solver: Solver, lattice: Lattice, values: Floats) -> Curve | Sheet | None:
-    """Return the guide through a closed configuration, None if it is out of range."""
+def _guide(
+    solver: Solver, lattice: Lattice, values: Floats
+) -> tuple[Curve | Sheet | None, int]:
+    """Return the guide through a closed configuration, None if it is out of range.
+
+    Also the steps tried along a curve.
+    """
     driven = list(solver.driven)
     here = values[driven]
     if len(driven) == 1:
         low, high = _range(lattice)
         q = float(here[0])
         curve = follow(solver.closure, driven[0], values, min(low, q), max(high, q))
-        return curve if curve.inputs[0] <= high and curve.inputs[-1] >= low else None
+        inside = curve.inputs[0] <= high and curve.inputs[-1] >= low
+        return curve if inside else None, curve.tried
     near = lattice.nearest(here, NEAREST)
     start = np.repeat(values[None], len(near), axis=0)
     found, status = walk(solver.closure, driven, start, lattice.q[near])
     arrived = np.flatnonzero(status == Status.OK)
     if not len(arrived):
-        return None
+        return None, 0
     first = arrived[0]
-    return spread(solver.closure, driven, lattice, int(near[first]), found[first])
+    return spread(solver.closure, driven, lattice, int(near[first]), found[first]), 0
 
 
 def _scattered(lattice: Lattice) -> Floats:
@@ -498,67 +501,3 @@ def _why_nothing_closes(solver: Solver, lattice: Lattice) -> str:
         f"of pairs {pairs} did not close from any start, or only with profiles that enter "
         "each other; change its arcs, profiles or the range, or give a reference pose"
     )
-
-
-@final
-@dataclass(frozen=True)
-class Assemblies:
-    """The modes at one choice of the inputs.
-
-    `modes` are dyad signs and variables of each, `methods[g]` says how the modes of
-    group g were found: the least complete way, None if none of the groups before closes.
-    """
-
-    modes: tuple[tuple[tuple[int, ...], Floats], ...]
-    methods: tuple[Method | None, ...]
-
-
-def assemblies(solver: Solver, q: Floats) -> Assemblies:
-    """Return every mode found at inputs q (inputs,), and how."""
-    groups = solver.assembly.groups
-    found: list[tuple[tuple[int, ...], Floats]] = []
-    methods: list[Method | None] = [None] * len(groups)
-
-    def extend(state: State, signs: tuple[int, ...]) -> None:
-        if len(found) >= 4 * MOST_BRANCHES:
-            return
-        number = len(signs)
-        if number == len(groups):
-            found.append((signs, state.values[0].copy()))
-            return
-        grown, method = _grown(solver, state, groups[number])
-        methods[number] = least_complete(methods[number], method)
-        for sign, further in grown:
-            extend(further, (*signs, sign))
-
-    if solver.meshes is not None and solver.meshes.all_known:
-        there = solver.meshes.modes(solver.closure, solver.driven, q)
-        modes = tuple((_signs_at(solver, values), values) for values in there)
-        return Assemblies(modes, (Method(0),) * len(groups))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        extend(solver.start(q[None]), ())
-    return Assemblies(tuple(found), tuple(methods))
-
-
-def _grown(
-    solver: Solver, state: State, group: Group
-) -> tuple[list[tuple[int, State]], Method]:
-    """Return the states in which a group is placed, with dyad signs, and the method."""
-    ends = solver.mechanism.ends
-    grown = []
-    if group.is_dyad:
-        for sign in (1, -1):
-            further = state.copy()
-            place_dyad(further, group, ends, sign)
-            if not further.lost[0]:
-                grown.append((sign, further))
-        return grown, CLOSED_FORM
-    reference = solver.geometry.reference
-    own = group_variables(state, group)
-    given = None if reference is None else reference[None, own]
-    found, method = solutions(group, group_closure(state, group, ends), given)
-    for values in found:
-        further = state.copy()
-        place_group(further, group, ends, values[None])
-        grown.append((0, further))
-    return grown, method

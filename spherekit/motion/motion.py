@@ -13,7 +13,7 @@ from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, EPS, Status, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.model.geometry import Joint
+from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import lattice as lattices
 from spherekit.motion.branches import Branch, Solver

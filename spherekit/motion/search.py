@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.model.geometry import Revolute
 from spherekit.motion.closure import Closure
 from spherekit.motion.distinct import MOST_MODES, Distinct
 from spherekit.progress import Working
@@ -214,14 +213,5 @@ def _closed(closure: Closure, values: Floats) -> Floats:
 
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:
     """Return the limits (variables,) between which random starts are drawn."""
-    low: list[float] = []
-    high: list[float] = []
-    for joint in closure.joints:
-        if isinstance(joint, Revolute):
-            low, high = [*low, -np.pi], [*high, np.pi]
-        elif joint.rolling:
-            half = 0.5 * max(joint.first.length, joint.second.length)
-            low, high = [*low, -half], [*high, half]
-        else:
-            low, high = [*low, 0.0, 0.0], [*high, joint.first.length, joint.second.length]
-    return np.array(low), np.array(high)
+    every = [each for joint in closure.joints for each in joint.starts]
+    return np.array([low for low, _ in every]), np.array([high for _, high in every])

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.model.geometry import Contact
 from spherekit.motion.closure import Closure
 from spherekit.motion.continuation import Rows, Verification, follow_paths
 from spherekit.motion.loops import left_inverse
+from spherekit.motion.pairs import contact_tracks
 from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2
@@ -152,16 +152,12 @@ def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
     """Return the status of the samples beyond the last node that could be reached."""
     values = at.values[row]
     states = closure.at(values[None]).states
-    for k, joint in enumerate(closure.joints):
-        if not isinstance(joint, Contact):
-            continue
+    for k, tracks in contact_tracks(closure.joints):
         if states.curvatures[0, k, 0] - states.curvatures[0, k, 1] < NEARLY_EQUAL:
             return Status.CURVATURE
-        first = values[closure.tree.owners.index(k)]
-        last = first if joint.rolling else values[closure.tree.owners.index(k) + 1]
-        start = joint.start if joint.rolling else (0.0, 0.0)
-        for curve, s in ((joint.first, first + start[0]), (joint.second, last + start[1])):
-            if not curve.closed and min(s, curve.length - s) < NEARLY_ENDED:
+        for track in tracks:
+            s = values[track.variable] + track.start
+            if not track.curve.closed and min(s, track.curve.length - s) < NEARLY_ENDED:
                 return Status.OFF_PROFILE
     return Status.OUT_OF_REACH if at.flatness[row] < NEARLY_FLAT else Status.BRANCH_LOST
 
@@ -178,6 +174,8 @@ class InputPaths:
         (n,) OK, or why a way ended before its goal.
     trail
         What was reached in each step, with the ways it belongs to, if it is kept.
+    tried
+        How many steps were tried on all ways, those that did not hold too.
     """
 
     def __init__(
@@ -196,6 +194,7 @@ class InputPaths:
         self.status = np.full(len(q), Status.OK, dtype=np.int8)
         self.trail: list[tuple[Rows, Nodes]] | None = [] if keeps_trail else None
         self.going = np.flatnonzero(length > 0.0)
+        self.tried = 0
         self._left = np.full(len(q), MOST_NODES)
         follow_paths(self, np.full(len(q), np.inf))
 
@@ -205,6 +204,7 @@ class InputPaths:
 
     def advance(self, rows: Rows, step: Floats) -> Floats:
         """Go on by steps, the last ones exactly to the inputs wanted."""
+        self.tried += len(rows)
         at, q = self.at.take(rows), self.q[rows]
         here = at.values[:, self.driven]
         rest = np.sum((q - here) * at.direction, axis=1)

@@ -14,8 +14,7 @@ Floats = NDArray[np.float64]
 DEGREE = 15
 MOST_CELLS = 2**13
 ROUNDING = 1e-10
-"""A cell whose error is below this and does not fall when it is halved has reached
-rounding."""
+"""What functions that lose digits may be off by: see `PiecewiseChebyshev.fit`."""
 
 
 @final
@@ -41,13 +40,15 @@ class PiecewiseChebyshev:
         cells: int = 1,
         degree: int = DEGREE,
         most: int = MOST_CELLS,
+        rounding: float = 0.0,
     ) -> "PiecewiseChebyshev":
         """Return the interpolant of a function (n,) -> (n, m), of this degree.
 
         Starting from equal `cells`, each is halved until its error, measured at the
         extrema of the next Chebyshev polynomial, is below `tolerance` times `size` (m,)
-        for every function, or is rounding, or there are `most`: `error` says what was
-        reached. Without sizes the largest value at the first places counts for all.
+        for every function, or is below `rounding` and does not fall when the cell is
+        halved, or there are `most`: `error` says what was reached. Without sizes the
+        largest value at the first places counts for all.
         """
         count = degree + 1
         between = np.cos(np.arange(count + 1) * np.pi / count)
@@ -69,7 +70,7 @@ class PiecewiseChebyshev:
             series = through(found[:, :count])
             gap = np.einsum("jk,ckm->cjm", checking, series) - found[:, count:]
             error = np.max(np.abs(gap) / size, axis=(1, 2))
-            good = (error <= tolerance) | ((error < ROUNDING) & (error > 0.5 * before))
+            good = (error <= tolerance) | ((error < rounding) & (error > 0.5 * before))
             if len(done) + 2 * len(starts) > most:
                 good[:] = True
             done += zip(starts[good], series[good], strict=True)

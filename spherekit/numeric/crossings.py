@@ -13,6 +13,7 @@ from typing import final
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.chebyshev import Floats
 
 DEGREE = 32
@@ -171,11 +172,14 @@ def _zeros(series: Floats, error: float) -> tuple[Floats, Floats, Floats]:
         touches.append((float(place) - reach, float(place) + reach))
     cuts = np.unique(np.concatenate([[-1.0], np.clip(extrema, -1.0, 1.0), [1.0]]))
     values = chebyshev.chebval(cuts, series)
-    zeros = []
-    for a, b, fa, fb in zip(cuts[:-1], cuts[1:], values[:-1], values[1:], strict=True):
-        if (fa >= 0.0) != (fb >= 0.0):
-            zeros.append(_between(series, float(a), float(b), float(fa)))
-    places = np.array(zeros)
+    (part,) = np.nonzero((values[:-1] >= 0.0) != (values[1:] >= 0.0))
+    places, _ = bracketed_zeros(
+        lambda x, _: np.asarray(chebyshev.chebval(x, series), dtype=float),
+        cuts[part],
+        cuts[part + 1],
+        values[part],
+        values[part + 1],
+    )
     rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
     return places, rates, np.array(touches).reshape(-1, 2)
 
@@ -195,14 +199,3 @@ def _real(series: Floats) -> Floats:
     roots = chebyshev.chebroots(series)
     real = roots.real[np.abs(roots.imag) < ON_THE_AXIS]
     return np.asarray(np.sort(real[np.abs(real) < 1.0 + BEYOND]))
-
-
-def _between(series: Floats, a: float, b: float, at_a: float) -> float:
-    """Return the zero of a series that is monotone from a to b, by halving."""
-    for _ in range(52):
-        middle = 0.5 * (a + b)
-        if (float(chebyshev.chebval(middle, series)) >= 0.0) == (at_a >= 0.0):
-            a = middle
-        else:
-            b = middle
-    return 0.5 * (a + b)

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spherekit.numeric.chebyshev import Floats, PiecewiseChebyshev
+from spherekit.numeric.chebyshev import ROUNDING, Floats, PiecewiseChebyshev
 
 DEGREE = 7
 TOLERANCE = 1e-14
@@ -40,7 +40,14 @@ class LocalPolynomials:
         )
         low, high = float(series.edges[0]), float(series.edges[-1])
         fine = PiecewiseChebyshev.fit(
-            chosen.at, low, high, TOLERANCE, size, FIRST_CELLS, DEGREE
+            chosen.at,
+            low,
+            high,
+            TOLERANCE,
+            size,
+            FIRST_CELLS,
+            DEGREE,
+            rounding=ROUNDING,
         )
         orders = np.arange(DEGREE + 1)
         powers = np.zeros((DEGREE + 1, DEGREE + 1))

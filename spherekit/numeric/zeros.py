@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
+from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.chebyshev import Floats
 
 Function = Callable[[Floats], tuple[Floats, Floats]]
@@ -22,7 +23,7 @@ SAME = 1e-10
 
 
 MOST_STEPS = 100
-"""Steps to a zero or an extremum in its cell."""
+"""Steps to a zero in its cell."""
 
 
 @final
@@ -32,6 +33,17 @@ class Zeros:
 
     places: Floats
     double: NDArray[np.bool_]
+
+    def once(self, length: float) -> "Zeros":
+        """Return those of a lap of this length, one at its end as one at its start."""
+        seam = SAME * length
+        first = self.places[self.places > length - seam]
+        kept = self.places <= length - seam
+        places, double = self.places[kept], self.double[kept]
+        if len(first) and not np.any(places < seam):
+            at_end = self.double[~kept][:1]
+            places, double = np.append(0.0, places), np.append(at_end, double)
+        return Zeros(places, double)
 
 
 def zeros(function: Function, grid: Floats) -> Zeros:
@@ -114,32 +126,10 @@ def _about_extrema(
 
 
 def _extrema(function: Function, cells: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the extremum in each cell, with value and slope there.
-
-    False position on the slope, the end that stays halved in weight (the Illinois
-    method), and a halving where that has not halved the cell in three steps.
-    """
-    a, b, low, high = cells[0], cells[1], cells[3], cells[5]
-    rises = low < 0.0
-    width, side = b - a, np.zeros(len(a))
-    for step in range(MOST_STEPS):
-        slow = (step % 3 == 2) & (b - a > 0.5 * width)
-        width = b - a if step % 3 == 2 else width
-        part = np.where(
-            slow | (low == high), 0.5, low / np.where(low == high, 1.0, low - high)
-        )
-        top = np.clip(a + part * (b - a), a, b)
-        value, slope = function(top)
-        before = (slope < 0.0) == rises
-        high = np.where(before & (side > 0.0), 0.5 * high, np.where(before, high, slope))
-        low = np.where(~before & (side < 0.0), 0.5 * low, np.where(before, slope, low))
-        moved = np.where(before, top - a, b - top)
-        a, b = np.where(before, top, a), np.where(before, b, top)
-        side = np.where(before, 1.0, -1.0)
-        small = 4.0 * EPS * np.maximum(1.0, np.abs(top))
-        if np.all((slope == 0.0) | (b - a <= small) | (moved <= small)):
-            break
-    return top, value, slope
+    """Return the extremum in each cell, with value and slope there."""
+    a, b, _, low, _, high = cells
+    top, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, low, high)
+    return (top, *function(top))
 
 
 def _polish(function: Function, cells: Floats) -> Floats:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.errors import CountError
-from spherekit.model.geometry import Revolute
+from spherekit.model.joints import revolutes
 from spherekit.motion.branches import Solver
 from spherekit.output.dyads import Dyads, Fraction, Placed, Signs, difference
 from spherekit.output.wrist import Wrist
@@ -270,7 +270,7 @@ def turned(wrist: Wrist, solver: Solver) -> Turned | None:
     Of several bars, the one that leaves dyads which depend least on each other.
     """
     made, output = wrist.mechanism, wrist.output
-    joints = [joint for joint in solver.joints if isinstance(joint, Revolute)]
+    joints = revolutes(solver.joints)
     if not wrist.points or output.direction is None or len(joints) < len(made.pairs):
         return None
     held = (*wrist.pairs,)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import REACH_SLACK
-from spherekit.model.geometry import COLLINEAR, Revolute
+from spherekit.model.geometry import COLLINEAR
+from spherekit.model.joints import Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.branches import FLAT_DYAD
 from spherekit.planning.assembly import Assembly, Group

@@ -22,7 +22,7 @@ from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.model.geometry import Revolute
+from spherekit.model.joints import revolutes
 from spherekit.motion.branches import FLAT_DYAD, Solver
 from spherekit.motion.pairs import turns_of
 from spherekit.output.bar import Turned, turned
@@ -169,7 +169,7 @@ class InverseKinematics:
         self._dyads: Dyads | None = None
         self._turned: Turned | None = None
         self._assembly = self.solver.assembly
-        joints = [joint for joint in self.solver.joints if isinstance(joint, Revolute)]
+        joints = revolutes(self.solver.joints)
         every = len(joints) == len(self.solver.joints)
         if every and Dyads.fit(self._assembly, self.wrist.base):
             given = self.wrist.carrier if self.wrist.points else self.wrist.link
@@ -388,7 +388,7 @@ class InverseKinematics:
         self._check(given.T, 0)
         rows, rotations, signs = [], [], []
         values: list[Floats] = []
-        joints = [joint for joint in self.solver.joints if isinstance(joint, Revolute)]
+        joints = revolutes(self.solver.joints)
         ends, count = self.own.ends, len(self.own.links)
         for start in range(0, len(given), FEW):
             block = np.ascontiguousarray(given[start : start + FEW].T)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.branches import Solver, wrap
-from spherekit.motion.modes import assemblies
 from spherekit.sphere.rotation import Floats, transpose
 
 

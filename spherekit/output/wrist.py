@@ -159,7 +159,7 @@ def _other_way(mechanism: Mechanism, output: Output, count: int) -> str:
     """Return how the output of one freedom is driven itself, if a pair has its angle."""
     ends = {output.link, output.relative_to}
     for pair in mechanism.pairs:
-        if count == 1 and pair.type == "R" and set(pair.links) == ends:
+        if count == 1 and pair.kind.has_axis and set(pair.links) == ends:
             return (
                 f", or drive its pair {pair.name} and read the input: --input {pair.name}"
             )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import final
 
 from spherekit.errors import CountError, PlanError
-from spherekit.model.mechanism import CONSTRAINTS, Mechanism
+from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_pairs, merged
 from spherekit.planning.rigidity import FREEDOMS, Pebbles, counted_freedom
 
@@ -121,7 +121,7 @@ def split(
     """
     body_of = list(bodies)
     open_pairs = {n: mechanism.ends[n] for n in pairs}
-    taken = [CONSTRAINTS[pair.type] for pair in mechanism.pairs]
+    taken = [pair.constraints for pair in mechanism.pairs]
     game = Pebbles(len(mechanism.links))
     covered = True
     for n, ends in open_pairs.items():
@@ -158,7 +158,7 @@ def split(
                     )
                     for n in inside
                 ),
-                revolute=all(mechanism.pairs[n].type == "R" for n in inside),
+                revolute=all(mechanism.pairs[n].kind.has_axis for n in inside),
             )
         )
         game.gather(base, 3)

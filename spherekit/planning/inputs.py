@@ -15,10 +15,10 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
     PlanError
         If a declared input is a contact pair, or there is no R pair at all.
     """
-    revolute = [pair.name for pair in mechanism.pairs if pair.type == "R"]
+    revolute = list(mechanism.angles)
     names = [item.pair for item in mechanism.inputs] or revolute[:1]
     for name in names:
-        if mechanism.pair(name).type != "R":
+        if not mechanism.pair(name).kind.has_axis:
             raise PlanError(
                 f"{mechanism.name}: inputs.{name}: pair {name} is a contact pair; choose "
                 f"an R pair as input: {listing(revolute) or 'there is none'}"

@@ -289,7 +289,7 @@ def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
         if a == b:
             continue
         pole = pole_of(a, b)
-        if pair.type == "Cs":
+        if pair.kind.pole_line is None:
             contacts.setdefault(pole, []).append(number)
         else:
             steps.append(PrimaryPole(pole, number))

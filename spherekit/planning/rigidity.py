@@ -13,7 +13,7 @@ from typing import final
 from spherekit.conventions import listing
 from spherekit.errors import CountError, PlanError
 from spherekit.model.graph import pieces
-from spherekit.model.mechanism import CONSTRAINTS, Mechanism
+from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import merged
 
 FREEDOMS = 3
@@ -105,7 +105,7 @@ class Pebbles:
 
 def graph_mobility(mechanism: Mechanism) -> int:
     """Return 3 (m - 1) - 2 n_R - 2 n_Cr - n_Cs, the freedoms by counting."""
-    taken = sum(CONSTRAINTS[pair.type] for pair in mechanism.pairs)
+    taken = sum(pair.constraints for pair in mechanism.pairs)
     return FREEDOMS * (len(mechanism.links) - 1) - taken
 
 
@@ -162,7 +162,7 @@ def counted_freedom(
         game = _play(mechanism)
         _check_mobility(mechanism, driven)
     except CountError:
-        rolls = any(pair.type == "Cr" for pair in mechanism.pairs)
+        rolls = any(pair.kind.may_repeat for pair in mechanism.pairs)
         if (by_rank or rolls) and graph_mobility(mechanism) <= len(driven):
             return Freedom(merged(mechanism, locked), None)
         raise
@@ -203,7 +203,7 @@ def _play(mechanism: Mechanism) -> Pebbles:
     names = mechanism.links
     game = Pebbles(len(names))
     for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
-        for _ in range(CONSTRAINTS[pair.type]):
+        for _ in range(pair.constraints):
             if not game.insert(a, b):
                 stuck = sorted(game.reach([a, b]))
                 raise CountError(
@@ -232,7 +232,7 @@ def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) 
     independent = True
     for number in left:
         a, b = (body[link] for link in mechanism.ends[number])
-        for _ in range(CONSTRAINTS[mechanism.pairs[number].type]):
+        for _ in range(mechanism.pairs[number].constraints):
             independent = independent and a != b and game.insert(a, b)
     for number in left:
         a, b = (body[link] for link in mechanism.ends[number])

@@ -82,8 +82,8 @@ def describe(plan: Plan, step: Step) -> str:
     """Return one line that says how a step finds its poles."""
     if isinstance(step, PrimaryPole):
         pair = plan.mechanism.pairs[step.pair]
-        what = "axis of" if pair.type == "R" else "contact line of"
-        return f"x    {pole_name(plan, step.pole)} = {what} {pair.type} pair {pair.name}"
+        line = f"{pair.kind.pole_line} of {pair.type} pair {pair.name}"
+        return f"x    {pole_name(plan, step.pole)} = {line}"
     if isinstance(step, CoaxialPole):
         pair = plan.mechanism.pairs[step.pair]
         return (

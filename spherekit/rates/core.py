@@ -119,7 +119,7 @@ class Equations:
         First those that norms alone show to be good.
         """
         left = np.ones(len(self.motion), dtype=bool)
-        if all(pair.type == "R" for pair in self.motion.mechanism.pairs):
+        if not self.motion.mechanism.has_contacts:
             with np.errstate(invalid="ignore", over="ignore"):
                 rough = rough_errors(self.motion, self.inverse, self.rates, self.change)
                 left = ~((rough.widest < GOOD) & (self.flatness >= NEARLY_FLAT))

@@ -270,7 +270,7 @@ class _Pairs:
     def __init__(self, motion: Motion) -> None:
         self._motion = motion
         self._at = motion.linearisation
-        self._revolute = all(pair.type == "R" for pair in motion.mechanism.pairs)
+        self._revolute = not motion.mechanism.has_contacts
         self.vectors = np.ascontiguousarray(np.moveaxis(motion.vectors, 0, -1))
 
     def turned(self, w: Floats) -> tuple[Floats, Floats]:

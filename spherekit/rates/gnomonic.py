@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
+from spherekit.model.joints import PairRates
 from spherekit.motion.motion import Motion
-from spherekit.motion.pairs import PairRates
 from spherekit.planning.poles import (
     BlockPoles,
     LinePole,

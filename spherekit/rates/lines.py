@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
+from spherekit.model.joints import PairRates
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
-from spherekit.motion.pairs import PairRates
 from spherekit.planning.poles import (
     BlockPoles,
     CoaxialPole,
@@ -62,7 +62,7 @@ class Lines:
         axes = motion.axes
         n = len(axes)
         for number, pair in enumerate(plan.mechanism.pairs):
-            if pair.type == "Cs":
+            if pair.kind.pole_line is None:
                 lines.contact[number] = np.ascontiguousarray(axes[:, number].T)
         for step in plan.steps:
             if isinstance(step, PrimaryPole | CoaxialPole):

@@ -107,6 +107,6 @@ def _moving_bodies(planned: Plan) -> set[int]:
             used |= set(step.contacts)
     bodies: set[int] = set()
     for pair in used:
-        revolute = mechanism.pairs[pair].type == "R"
-        bodies |= set(planned.ends[pair][:1] if revolute else planned.ends[pair])
+        carriers = mechanism.pairs[pair].kind.carriers
+        bodies |= set(planned.ends[pair][:carriers])
     return bodies

@@ -13,9 +13,9 @@ import numpy as np
 
 from spherekit.conventions import EPS, Status
 from spherekit.errors import PlanError
+from spherekit.model.joints import PairRates
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.motion.pairs import PairRates
 from spherekit.motion.segments import Bordered, CurvePoints
 from spherekit.numeric.zeros import Zeros, zeros
 from spherekit.planning.poles import Plan, Pole, plan, pole_of
@@ -139,12 +139,7 @@ class AlongCurve:
         self._senses: dict[Pole, Sense] = {}
         self._kept: dict[bytes, Moving] = {}
         self._plans: dict[tuple[Pole, ...], Plan | None] = {}
-        mechanism = tracer.mechanism
-        self._primary = {
-            pole_of(*ends): number
-            for number, ends in enumerate(mechanism.ends)
-            if mechanism.pairs[number].type != "Cs"
-        }
+        self._primary = tracer.mechanism.pole_pairs
 
     def points(self, s: Floats) -> CurvePoints:
         """Return the curve at s (n,)."""
@@ -238,10 +233,7 @@ class AlongCurve:
     ) -> Zeros:
         """Return the zeros of a function of s and its derivative, once a lap."""
         found = zeros(function, grid)
-        if not self.curve.closed:
-            return found
-        once = found.places < self.curve.length * (1.0 - 1e-12)
-        return Zeros(found.places[once], found.double[once])
+        return found.once(self.curve.length) if self.curve.closed else found
 
     def _moving(self, s: Floats) -> Moving:
         """Return the velocity equations solved at s (n,); the last results are kept."""

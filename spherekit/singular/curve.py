@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
+from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.hermite import cubic, cubic_slope
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.sphere.rotation import Floats
@@ -18,7 +19,6 @@ NEAR = 1e-7
 """Configurations (rad) nearer than this to the curve lie on it."""
 BESIDE = 0.3
 """The curve is nowhere farther from the chord of two nodes than this part of it."""
-HALVINGS = 60
 NOTHING = 1e-6
 """A function smaller than this at two nodes is taken to vanish between them."""
 
@@ -117,21 +117,15 @@ class SingularCurve:
         value = function(self.nodes)
         clear = np.maximum(np.abs(value[:-1]), np.abs(value[1:])) > NOTHING
         (which,) = np.nonzero(clear & ((value[:-1] >= 0.0) != (value[1:] >= 0.0)))
-        low, high = np.zeros(len(which)), np.ones(len(which))
-        at_low, at_high = value[which], value[which + 1]
-        for step in range(HALVINGS):
-            if not len(which) or np.max(high - low) < 1e-14:
-                break
-            split = at_high - at_low
-            part = np.where(split == 0.0, 0.5, -at_low / np.where(split, split, 1.0))
-            part = low + np.where(step % 3 == 2, 0.5, np.clip(part, 0.0, 1.0)) * (
-                high - low
-            )
-            here = function(self.on(which, part))
-            left = (here >= 0.0) == (at_low >= 0.0)
-            low, at_low = np.where(left, part, low), np.where(left, here, at_low)
-            high, at_high = np.where(left, high, part), np.where(left, at_high, here)
-        return self.on(which, np.where(np.abs(at_low) < np.abs(at_high), low, high))
+        part, _ = bracketed_zeros(
+            lambda x, some: function(self.on(which[some], x)),
+            np.zeros(len(which)),
+            np.ones(len(which)),
+            value[which],
+            value[which + 1],
+            tolerance=1e-14,
+        )
+        return self.on(which, part)
 
     def cusps(self) -> LocusPoints:
         """Return where the locus has a cusp in the plane of what stands still.

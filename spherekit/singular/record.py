@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import final
 
+from spherekit.motion.crossing import Crossing
 from spherekit.singular.conditions import Holding
-from spherekit.singular.crossing import Crossing
 from spherekit.singular.relation import Form, FourLinks, Kind, Relation, SixPoles
 from spherekit.sphere.rotation import Floats
 

@@ -231,15 +231,10 @@ class SampledSingularities:
 
         Where no R pair joins its links: how far one has turned about the pole since s[0].
         """
-        mechanism = self.tracer.mechanism
-        links = set(self.report.outputs[output])
-        for number, (pair, ends) in enumerate(
-            zip(mechanism.pairs, mechanism.ends, strict=True)
-        ):
-            if pair.type == "R" and set(ends) == links:
-                (variable,) = mechanism.variables_of(number)
-                values = self.curves[curve].at(s).values[:, variable]
-                return np.asarray(np.pi - np.mod(np.pi - values, 2.0 * np.pi))
+        variable = self.tracer.mechanism.angle_between(*self.report.outputs[output])
+        if variable is not None:
+            values = self.curves[curve].at(s).values[:, variable]
+            return np.asarray(np.pi - np.mod(np.pi - values, 2.0 * np.pi))
         rate = np.nan_to_num(self.at(curve, s, output).output_rate)
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
         return np.concatenate([[0.0], np.cumsum(steps)])

@@ -18,12 +18,12 @@ from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import Pole, parse_pole, pole_of
 from spherekit.rates.core import LinkRates
 from spherekit.singular.along import AlongCurve, Axis, rounding_of
 from spherekit.singular.conditions import TOLERANCE, conditions
-from spherekit.singular.crossing import Crossing, crossing_near
 from spherekit.singular.places import (
     Group,
     Places,

@@ -18,9 +18,9 @@ from spherekit.errors import CountError, SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.assemblies import assemblies
 from spherekit.motion.branches import Branch, Solver
 from spherekit.motion.locked import Locked, lock
-from spherekit.motion.modes import assemblies
 from spherekit.motion.segments import CurvePoints
 from spherekit.planning.assembly import plan_assembly
 from spherekit.singular.locus import Locus, LocusPoints

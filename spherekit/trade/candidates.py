@@ -1,6 +1,6 @@
 """The settings that are tried."""
 
-from spherekit.analysis.setting import ENGINES, Integrator, Setting
+from spherekit.analysis.running.setting import ENGINES, Integrator, Setting
 from spherekit.dynamics.forward import LEAST
 from spherekit.rates.routes import ROUTES
 

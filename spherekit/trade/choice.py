@@ -7,8 +7,8 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.course import course_of
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.course import course_of
+from spherekit.analysis.running.setting import Setting
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.setting import Setting
 from spherekit.checked import check_fields
 from spherekit.errors import AnalysisError
 

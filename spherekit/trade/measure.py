@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
-from spherekit.analysis.course import Course
-from spherekit.analysis.evaluation import Evaluation
+from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.requests import requests_for
-from spherekit.analysis.setting import Setting
-from spherekit.analysis.store import InMemory
+from spherekit.analysis.running.course import Course
+from spherekit.analysis.running.evaluation import Evaluation
+from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import TableData
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.course import Course
+from spherekit.analysis.running.course import Course
 from spherekit.motion.motion import Tracer
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import Request

@@ -6,7 +6,7 @@ from typing import Any, TypeVar, final
 
 import numpy as np
 
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.setting import Setting
 from spherekit.errors import AnalysisError
 
 Way = TypeVar("Way")
@@ -91,6 +91,13 @@ class Trade:
     columns: tuple[tuple[str, str, float], ...]
     settings: tuple[Measured, ...]
     made_for: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        best = ", ".join(f"{each.name} ({each.error:.1e})" for each in self.pareto[:3])
+        return (
+            f"<Trade of {self.analysis} on {self.mechanism}: {len(self.settings)} "
+            f"settings, the quickest with their errors: {best}>"
+        )
 
     @property
     def pareto(self) -> tuple[Measured, ...]:

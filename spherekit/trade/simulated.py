@@ -8,8 +8,8 @@ from typing import final
 
 import numpy as np
 
-from spherekit.analysis.course import Course, simulated_course
-from spherekit.analysis.setting import Integrator, Setting
+from spherekit.analysis.running.course import Course, simulated_course
+from spherekit.analysis.running.setting import Integrator, Setting
 from spherekit.conventions import EPS
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.reference import refined

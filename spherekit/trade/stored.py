@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.journal import differences
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.folder.journal import differences
+from spherekit.analysis.running.setting import Setting
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.study import Study

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Sweep
-from spherekit.analysis.course import course_of
 from spherekit.analysis.options import Subject, study_of, takes
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.run import run
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.course import course_of
+from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import TableData
 from spherekit.checked import checked
 from spherekit.conventions import EPS

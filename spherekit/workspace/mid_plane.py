@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.guidance.form import MidPlaneForm
-from spherekit.model.geometry import Revolute
+from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.pairs import turns_of
 from spherekit.output.dyads import Cones, Signs
@@ -106,8 +106,7 @@ class _MidPlaneRows:
         for k, leg in enumerate(self.form.legs):
             if pair == leg.base:
                 return np.asarray(self.form.plane.readings(self._elbows[0])[:, k])
-        ends, joint = self.form.mechanism.ends[pair], self.form.joints[pair]
-        assert isinstance(joint, Revolute)
+        ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
         placed = self.form.place(self.normals, self.signs, links=ends)
         return turns_of([ends], [joint], placed)[0][:, 0]
 

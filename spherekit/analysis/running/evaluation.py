@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import Needs
-from spherekit.analysis.course import Course
-from spherekit.analysis.represented import Represented
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.course import Course
+from spherekit.analysis.running.represented import Represented
+from spherekit.analysis.running.setting import Setting
 from spherekit.conventions import Status
 from spherekit.engine.kernels import Kernel, kernel
 from spherekit.errors import AnalysisError

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import Batch, Needs
-from spherekit.analysis.job import Job
 from spherekit.analysis.result import MOTION
+from spherekit.analysis.running.job import Job
 from spherekit.analysis.tables import BRANCH, RESIDUAL, SAMPLE, Column, Table, TableData
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status, listing
 from spherekit.errors import SpherekitError

@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 
 from spherekit.analysis.contract import Needs
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.setting import Setting
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
@@ -21,10 +21,8 @@ from spherekit.motion.branches import wrap
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.chebyshev import DEGREE, PiecewiseChebyshev, through
 from spherekit.numeric.chebyshev import nodes as nodes_of
-from spherekit.numeric.hermite import cubic as hermite_cubic
-from spherekit.numeric.hermite import cubic_slope
 from spherekit.numeric.periodic import Periodic
-from spherekit.planning.poles import Pole, pole_of
+from spherekit.planning.poles import Pole
 from spherekit.rates.core import driven_rates
 from spherekit.rates.field import PoleField, evaluate
 from spherekit.rates.request import Request
@@ -167,11 +165,7 @@ class Represented:
             found["w", link] = w[rows, link], dw[rows, link]
             found["dw", link] = dw[rows, link], None
             parents["dw", link] = ("w", link)
-        pairs = {
-            pole_of(*ends): number
-            for number, ends in enumerate(mechanism.ends)
-            if mechanism.pairs[number].type != "Cs"
-        }
+        pairs = mechanism.pole_pairs
         for pole in self._wanted.poles:
             u = field.direction[pole][rows]
             known = np.all(np.isfinite(u), axis=1)
@@ -314,28 +308,25 @@ def _straight(
     low: float, high: float, table: _Columns, cubic: bool
 ) -> Callable[[Floats], Floats]:
     """Return the reader of equally spaced nodes, by lines or by Hermite cubics."""
+    from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+
     values, slopes = table.values, table.slopes
-    cells = len(values) - 1
-    h = (high - low) / cells
-    parent = np.full(values.shape[1], -1)
+    nodes = np.linspace(low, high, len(values))
+    if not cubic:
+        lines = make_interp_spline(nodes, values, k=1)
+        return lambda q: np.asarray(lines(q))
+    parent = np.arange(values.shape[1])
+    derived = np.zeros(values.shape[1], dtype=bool)
     for key, source in table.parents.items():
         parent[table.places[key]] = np.arange(values.shape[1])[table.places[source]]
-    smooth = np.flatnonzero(parent < 0)
-    derived = np.flatnonzero(parent >= 0)
-    rows = values[:, parent[derived]], slopes[:, parent[derived]]
+        derived[table.places[key]] = True
+    own = CubicHermiteSpline(nodes, values[:, ~derived], slopes[:, ~derived])
+    rows = parent[derived]
+    rates = CubicHermiteSpline(nodes, values[:, rows], slopes[:, rows]).derivative()
 
     def read(q: Floats) -> Floats:
-        place = (q - low) / h
-        cell = np.clip(place.astype(np.intp), 0, cells - 1)
-        t = (place - cell)[:, None]
-        if not cubic:
-            return np.asarray(values[cell] * (1.0 - t) + values[cell + 1] * t)
         found = np.empty((len(q), values.shape[1]))
-        a, b = values[cell][:, smooth], values[cell + 1][:, smooth]
-        da, db = slopes[cell][:, smooth], slopes[cell + 1][:, smooth]
-        found[:, smooth] = hermite_cubic((a, da), (b, db), h, t)
-        a, b, da, db = (x[cell + k] for x in rows for k in (0, 1))
-        found[:, derived] = cubic_slope((a, da), (b, db), h, t)
+        found[:, ~derived], found[:, derived] = own(q), rates(q)
         return found
 
     return read

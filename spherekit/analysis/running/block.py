@@ -4,14 +4,14 @@ import traceback
 from collections.abc import Mapping
 
 from spherekit.analysis.contract import Batch
-from spherekit.analysis.cost import AXES, RECORDING, Ledger
-from spherekit.analysis.course import EVENTS
-from spherekit.analysis.job import Job
-from spherekit.analysis.motion_table import motion_rows
-from spherekit.analysis.recording import Stage
+from spherekit.analysis.folder.store import AbstractStore
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.standing import Standing
-from spherekit.analysis.store import AbstractStore
+from spherekit.analysis.running.cost import AXES, RECORDING, Ledger
+from spherekit.analysis.running.course import EVENTS
+from spherekit.analysis.running.job import Job
+from spherekit.analysis.running.motion_table import motion_rows
+from spherekit.analysis.running.recording import Stage
+from spherekit.analysis.running.standing import Standing
 from spherekit.errors import SpherekitError
 from spherekit.motion.motion import Motion
 from spherekit.rates.field import PoleField

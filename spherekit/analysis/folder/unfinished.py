@@ -6,11 +6,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from spherekit.analysis.job import Job
-from spherekit.analysis.journal import RunFolder, Unfinished, differences
-from spherekit.analysis.setting import Setting
-from spherekit.analysis.standing import Standing
-from spherekit.analysis.store import AbstractStore, InMemory, Nowhere, OnDisk
+from spherekit.analysis.folder.journal import RunFolder, Unfinished, differences
+from spherekit.analysis.folder.store import AbstractStore, InMemory, Nowhere, OnDisk
+from spherekit.analysis.running.job import Job
+from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.running.standing import Standing
 from spherekit.conventions import listing
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import OutputError

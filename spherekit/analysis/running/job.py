@@ -6,14 +6,14 @@ from functools import cached_property
 from typing import Any, final
 
 from spherekit.analysis.contract import AbstractAnalysis, Needs
-from spherekit.analysis.course import EVENTS, Course
-from spherekit.analysis.evaluation import Evaluation
-from spherekit.analysis.motion_table import motion_table
+from spherekit.analysis.folder.room import need_memory
 from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.room import need_memory
-from spherekit.analysis.setting import Setting
-from spherekit.analysis.standing import identity_of
+from spherekit.analysis.running.course import EVENTS, Course
+from spherekit.analysis.running.evaluation import Evaluation
+from spherekit.analysis.running.motion_table import motion_table
+from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.running.standing import identity_of
 from spherekit.analysis.tables import Table
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism

@@ -7,7 +7,7 @@ from typing import Any, Protocol, final, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.course import Course
+from spherekit.analysis.running.course import Course
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.stage import link_shapes, motion_scenes, static_scene
 from spherekit.errors import AnalysisError

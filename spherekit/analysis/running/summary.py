@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import Findings
-from spherekit.analysis.cost import RECORDING, Ledger, cost_of
-from spherekit.analysis.job import Job
-from spherekit.analysis.recording import CountingRecorder, Recorder
 from spherekit.analysis.result import stem_of
+from spherekit.analysis.running.cost import RECORDING, Ledger, cost_of
+from spherekit.analysis.running.job import Job
+from spherekit.analysis.running.recording import CountingRecorder, Recorder
+from spherekit.analysis.running.standing import Standing
 from spherekit.analysis.stage import plan_notes
-from spherekit.analysis.standing import Standing
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.files.write import mechanism_hash
 from spherekit.planning.rigidity import graph_mobility

@@ -10,10 +10,10 @@ from typing import Any, Self, final
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, Findings
-from spherekit.analysis.course import Course
-from spherekit.analysis.setting import Setting
+from spherekit.analysis.running.course import Course
+from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.running.tally import Tally
 from spherekit.analysis.tables import TableData
-from spherekit.analysis.tally import Tally
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.continued import AngleMemory
 from spherekit.rates.field import SignMemory

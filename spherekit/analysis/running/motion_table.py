@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from spherekit.analysis.contract import run_status
-from spherekit.analysis.course import Course
 from spherekit.analysis.result import MOTION
+from spherekit.analysis.running.course import Course
 from spherekit.analysis.tables import (
     BRANCH,
     INPUTS,

@@ -18,10 +18,11 @@ from typing import Any, Literal, final
 from spherekit.conventions import listing
 from spherekit.errors import OutputError
 from spherekit.files.atomic import make_folder, refused, write_bytes
-from spherekit.files.lock import LockFile
+from spherekit.files.lock import BaseFileLock, locked
 
 WORK = ".spherekit-run"
 JOURNAL = "journal.json"
+LOCK = "lock"
 SUMMARY = "summary.json"
 
 EVERY = 2.0
@@ -36,10 +37,10 @@ Unfinished = Literal["refuse", "resume", "discard"]
 class RunFolder:
     """A folder for the results of one run, which holds its lock."""
 
-    def __init__(self, path: Path, lock: LockFile) -> None:
+    def __init__(self, path: Path, lock: BaseFileLock) -> None:
         self.path = path
         self.work = path / WORK
-        self.lock = lock
+        self._lock = lock
         self._journal = self.work / JOURNAL
         self._written = time.monotonic()
 
@@ -54,7 +55,7 @@ class RunFolder:
             If it cannot be written, or another program writes there.
         """
         make_folder(path)
-        lock = LockFile.taken(path / WORK / "lock")
+        lock = locked(path / WORK / LOCK)
         if isinstance(lock, str):
             raise OutputError(
                 f"{str(path)!r}: {lock} is writing there; wait for its end, or choose "
@@ -112,7 +113,7 @@ class RunFolder:
         with suppress(OSError):
             self._journal.unlink(missing_ok=True)
         for path in self.work.iterdir():
-            if path != self.lock.path:
+            if path.name != LOCK:
                 with suppress(OSError):
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
 
@@ -145,7 +146,9 @@ class RunFolder:
         kept = self.unfinished
         if not kept:
             self.discard()
-        self.lock.release(remove=not kept)
+            with suppress(OSError):  # Windows removes no open file
+                (self.work / LOCK).unlink(missing_ok=True)
+        self._lock.release()
         if not kept:
             with suppress(OSError):
                 self.work.rmdir()

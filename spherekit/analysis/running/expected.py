@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.block import evaluate_block
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.cost import Ledger
-from spherekit.analysis.course import course_of
 from spherekit.analysis.execution import Execution
-from spherekit.analysis.job import job_of
-from spherekit.analysis.recording import MOST_LOGGED
+from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.result import stem_of
 from spherekit.analysis.run import executed, traced
-from spherekit.analysis.setting import ORDINARY
-from spherekit.analysis.sizes import csv_row, parquet_row
-from spherekit.analysis.standing import Standing
-from spherekit.analysis.store import InMemory
+from spherekit.analysis.running.block import evaluate_block
+from spherekit.analysis.running.cost import Ledger
+from spherekit.analysis.running.course import course_of
+from spherekit.analysis.running.job import job_of
+from spherekit.analysis.running.recording import MOST_LOGGED
+from spherekit.analysis.running.setting import ORDINARY
+from spherekit.analysis.running.sizes import csv_row, parquet_row
+from spherekit.analysis.running.standing import Standing
 from spherekit.model.study import Study
 from spherekit.motion.motion import samples_in_block
 from spherekit.planning.assembly import Assembly

@@ -1,0 +1,102 @@
+"""The assembly modes of a mechanism at one choice of its inputs.
+
+Group after group in the order of planning: both modes of a dyad, and of an irreducible
+group all that elimination or a search finds.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.motion.branches import Solver
+from spherekit.motion.groups import (
+    State,
+    group_closure,
+    group_variables,
+    place_dyad,
+    place_group,
+)
+from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solutions
+from spherekit.planning.assembly import Group
+from spherekit.sphere.rotation import Floats
+
+MOST_BRANCHES = 64
+"""Branches of one run; a mechanism of many dyads has 2 to their number."""
+
+
+@final
+@dataclass(frozen=True)
+class Assemblies:
+    """The modes at one choice of the inputs.
+
+    `modes` are dyad signs and variables of each, `methods[g]` says how the modes of
+    group g were found: the least complete way, None if none of the groups before closes.
+    """
+
+    modes: tuple[tuple[tuple[int, ...], Floats], ...]
+    methods: tuple[Method | None, ...]
+
+
+def assemblies(solver: Solver, q: Floats) -> Assemblies:
+    """Return every mode found at inputs q (inputs,), and how."""
+    groups = solver.assembly.groups
+    found: list[tuple[tuple[int, ...], Floats]] = []
+    methods: list[Method | None] = [None] * len(groups)
+
+    def extend(state: State, signs: tuple[int, ...]) -> None:
+        if len(found) >= 4 * MOST_BRANCHES:
+            return
+        number = len(signs)
+        if number == len(groups):
+            found.append((signs, state.values[0].copy()))
+            return
+        grown, method = _grown(solver, state, groups[number])
+        methods[number] = least_complete(methods[number], method)
+        for sign, further in grown:
+            extend(further, (*signs, sign))
+
+    if solver.meshes is not None and solver.meshes.all_known:
+        there = solver.meshes.modes(solver.closure, solver.driven, q)
+        modes = tuple((signs_at(solver, values), values) for values in there)
+        return Assemblies(modes, (Method(0),) * len(groups))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        extend(solver.start(q[None]), ())
+    return Assemblies(tuple(found), tuple(methods))
+
+
+def _grown(
+    solver: Solver, state: State, group: Group
+) -> tuple[list[tuple[int, State]], Method]:
+    """Return the states in which a group is placed, with dyad signs, and the method."""
+    ends = solver.mechanism.ends
+    grown = []
+    if group.is_dyad:
+        for sign in (1, -1):
+            further = state.copy()
+            place_dyad(further, group, ends, sign)
+            if not further.lost[0]:
+                grown.append((sign, further))
+        return grown, CLOSED_FORM
+    reference = solver.geometry.reference
+    own = group_variables(state, group)
+    given = None if reference is None else reference[None, own]
+    found, method = solutions(group, group_closure(state, group, ends), given)
+    for values in found:
+        further = state.copy()
+        place_group(further, group, ends, values[None])
+        grown.append((0, further))
+    return grown, method
+
+
+def signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
+    """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
+    axes = solver.closure.at(values[None]).axes[0]
+    signs = []
+    for group in solver.assembly.groups:
+        if group.is_dyad:
+            triple = float(np.linalg.det(axes[list(group.pairs)]))
+            signs.append(1 if triple >= 0.0 else -1)
+        else:
+            signs.append(0)
+    return tuple(signs)
