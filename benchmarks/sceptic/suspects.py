@@ -16,6 +16,7 @@ from benchmarks.samples import (
     with_contacts,
 )
 from spherekit.errors import SpherekitError
+from spherekit.files.build import build
 from spherekit.files.library import shipped
 from spherekit.files.read import load
 from spherekit.model.dynamics import Mass
@@ -194,6 +195,65 @@ def _geared(random: np.random.Generator) -> Mechanism:
     )
 
 
+def _wheels_by_a_cam(random: np.random.Generator) -> Mechanism:
+    """Return a cam whose roller swings a wheel, which turns the crank of a four-bar."""
+    arcs = [
+        float(x)
+        for x in random.uniform([50, 60, 40, 15, 40, 40], [80, 100, 80, 35, 80, 80])
+    ]
+    made = build(
+        "made",
+        angle_unit="deg",
+        ground="frame",
+        links={
+            "frame": {
+                "axes": ["cam", "swing", "turn", "out"],
+                "arcs": arcs[:3],
+                "angles": [float(x) for x in random.uniform(-120.0, 120.0, 2)],
+            },
+            "disc": {"axes": ["cam"]},
+            "wheel": {"axes": ["swing"]},
+            "crank": {"axes": ["turn", "pin"], "arcs": arcs[3:4]},
+            "coupler": {"axes": ["pin", "joint"], "arcs": arcs[4:5]},
+            "rocker": {"axes": ["out", "joint"], "arcs": arcs[5:]},
+        },
+        pairs={
+            "cam": ["frame", "disc"],
+            "swing": ["frame", "wheel"],
+            "turn": ["frame", "crank"],
+            "pin": ["crank", "coupler"],
+            "joint": ["coupler", "rocker"],
+            "out": ["frame", "rocker"],
+            "mesh": {
+                "type": "Cr",
+                "links": ["wheel", "crank"],
+                "teeth": list(TEETH[random.integers(len(TEETH))]),
+                "axes": ["swing", "turn"],
+            },
+            "contact": {
+                "type": "Cs",
+                "links": ["disc", "wheel"],
+                "follower": {
+                    "link": "wheel",
+                    "roller": float(random.uniform(5.0, 15.0)),
+                    "centre_lonlat": [90.0, float(random.uniform(35.0, 55.0))],
+                },
+                "profiles": {
+                    "disc": {
+                        "kind": "fourier",
+                        "centre_xyz": [0.0, 0.0, 1.0],
+                        "cosines": [25.0, *(float(x) for x in random.normal(0.0, 2.0, 2))],
+                        "sines": [0.0, *(float(x) for x in random.normal(0.0, 2.0, 2))],
+                    }
+                },
+            },
+        },
+        inputs={"cam": (0.0, 360.0)},
+        outputs={"rocker": {"link": "rocker"}},
+    )
+    return replace(made, inputs=(Input("cam", *_range(random)),))
+
+
 def _cams(random: np.random.Generator) -> Mechanism:
     sliding = int(random.integers(1, 3))
     links = int(random.choice([3, 4, 5]))
@@ -255,5 +315,6 @@ KINDS = {
     "any graph": _any,
     "three inputs": lambda random: _legs(random, 3),
     "eight-bar": _eight_bar,
+    "wheels turned by a cam": _wheels_by_a_cam,
 }
 """What random mechanisms are of, in turn."""
