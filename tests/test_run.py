@@ -82,6 +82,7 @@ def test_written_files_read_back_equal(result, tmp_path):
     csv = pd.read_csv(
         tmp_path / "new" / "folder" / "poles.csv",
         dtype={"link": str, "relative_to": str, "moved": str},
+        float_precision="round_trip",
     )
     for column in POLES:
         if frame[column].dtype == float:
