@@ -412,3 +412,30 @@ def test_mid_plane_loci_of_type_two_hold_the_paths_and_the_triangle(mid_plane):
     readings = np.concatenate([each.points.inputs for each in meeting])
     held = np.max(np.abs(np.abs(readings) - (np.pi - corner)), axis=1) < 1e-9
     assert np.mean(held) > 0.9
+
+
+@pytest.mark.parametrize(
+    "name", ["shaped_flat_cam", "shaped_cam", "roller_cam", "four_bar", "stephenson"]
+)
+def test_the_output_reverses_where_it_is_said_to(name):
+    """Signs of the velocity coefficient at samples against the places between them."""
+    made = sk.load(name)
+    (output,) = made.outputs
+    pole = f"{output.link}/{output.relative_to}"
+    rates = sk.run(made, f"poles:only={pole}", samples=61).frame("poles")
+    places = sk.run(made, NAME, samples=61).frame()
+    reversing = places[places["turns"].str.contains("output", na=False)]
+    changes = 0
+    for branch, rows in rates.groupby("branch"):
+        w = rows[["ux", "uy", "uz"]].to_numpy() * rows["rate"].to_numpy()[:, None]
+        q = rows["q"].to_numpy()
+        own = reversing[
+            reversing["branch"].map(lambda text, b=branch: str(b) in text.split())
+        ]
+        for k in range(len(q) - 1):
+            if not np.all(np.isfinite(w[k : k + 2])):
+                continue
+            there = np.sum((own["q"] > q[k]) & (own["q"] < q[k + 1]))
+            assert there % 2 == int(w[k] @ w[k + 1] < 0.0), (branch, q[k])
+            changes += int(w[k] @ w[k + 1] < 0.0)
+    assert changes
