@@ -15,13 +15,27 @@ from numpy._core._multiarray_umath import __cpu_dispatch__ as DISPATCHED
 
 TESTS = Path(__file__).parent
 NUMERICAL = (
+    "test_assembly_modes",
+    "test_bounds",
     "test_change_points",
+    "test_contact",
+    "test_engine",
+    "test_engine_dyads",
+    "test_equivalent_rotation",
+    "test_exact",
     "test_inverse",
     "test_poles",
+    "test_reduced",
+    "test_region",
+    "test_singular_several",
+    "test_singular_single",
+    "test_special_dyads",
+    "test_touching",
+    "test_transmission",
     "test_units",
     "test_verify",
 )
-"""Files whose claims are close to rounding; together about a minute of processor time."""
+"""Files whose claims are close to rounding; about five minutes of processor time."""
 
 CORES = {"x86_64": "Prescott", "AMD64": "Prescott", "aarch64": "ARMV8"}
 """The least kernels of OpenBLAS by machine."""
