@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.plugin import (
-    BRANCH,
+    ASSEMBLY_MODE,
     INPUT,
     RESIDUAL,
     SAMPLE,
@@ -81,10 +81,10 @@ class Eksergian(AbstractAnalysis):
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
             "eksergian",
-            "one row per sample and branch",
+            "one row per sample and assembly mode",
             (
                 SAMPLE,
-                BRANCH,
+                ASSEMBLY_MODE,
                 TIME,
                 INPUT,
                 Column("dq", "rad/s", "rate of q"),
@@ -99,10 +99,10 @@ class Eksergian(AbstractAnalysis):
         ),
         Table(
             "inertia",
-            "one row per sample, branch and link with a mass",
+            "one row per sample, assembly mode and link with a mass",
             (
                 SAMPLE,
-                BRANCH,
+                ASSEMBLY_MODE,
                 INPUT,
                 Column("link", "", "the link", "text"),
                 Column("B", "kg m2", "its part of the equivalent inertia"),
@@ -112,10 +112,10 @@ class Eksergian(AbstractAnalysis):
         ),
         Table(
             "loads",
-            "one row per sample, branch and load",
+            "one row per sample, assembly mode and load",
             (
                 SAMPLE,
-                BRANCH,
+                ASSEMBLY_MODE,
                 TIME,
                 INPUT,
                 Column("load", "", "the load", "text"),
@@ -159,7 +159,7 @@ class Eksergian(AbstractAnalysis):
         mechanism = batch.mechanism
         links = [mass.link for mass in mechanism.masses]
         loads = [load.name for load in mechanism.loads]
-        common = {"sample": batch.sample, "branch": batch.branch}
+        common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
         return {
             "eksergian": {
                 **common,
@@ -224,7 +224,7 @@ class Eksergian(AbstractAnalysis):
         figures = {
             "largest_conditioning": float(batch.closure_conditioning[worst]),
             "at_q_rad": float(batch.q[worst]),
-            "at_branch": int(batch.branch[worst]),
+            "at_assembly_mode": int(batch.assembly_mode[worst]),
         }
         return Findings(figures)
 
@@ -259,7 +259,7 @@ class Eksergian(AbstractAnalysis):
             "torque": "driving torque, N m",
         }
         scenes = []
-        for number, rows in batch.branch_rows().items():
+        for number, rows in batch.assembly_mode_rows().items():
             parts: list[Primitive] = [
                 Series(
                     f"plots/{group}/{re.sub(r'[^A-Za-z0-9]+', '_', label)}",

@@ -14,17 +14,17 @@ from spherekit.plugin import (
     AbstractAnalysis,
     AnalysisError,
     Batch,
-    Candidates,
     Column,
     Findings,
     FixedAxisRotation,
     Floats,
     Mechanism,
-    MidPlaneForm,
+    MidPlaneArchitecture,
     MidPlaneRotation,
     ModelError,
     Needs,
     Output,
+    PoseCandidates,
     PoseFinder,
     RotationSamples,
     Scene,
@@ -53,7 +53,7 @@ ENDS: Mapping[Status, str] = {
     Status.OUT_OF_REACH: "the output link cannot turn further; choose a nearer pose",
     Status.AT_SINGULARITY: "the loops stop fixing the links there; choose another way",
     Status.OFF_PROFILE: "a contact runs off its profile; choose a nearer pose",
-    Status.BRANCH_LOST: "no verified step leads on; choose another way",
+    Status.MODE_LOST: "no verified step leads on; choose another way",
 }
 """What it means that a rotation ends before its whole angle."""
 FEASIBLE = 1e-9
@@ -62,19 +62,20 @@ FEASIBLE = 1e-9
 
 @final
 @dataclass(frozen=True)
-class Found:
+class FoundRotation:
     """A rotation with its samples; `graph` is how far (rad) the graph is from them.
 
-    `form` is the mechanism's mid-plane form. `graph` is known where the rotation is in
-    closed form, unless the graph could not be followed, for the reason `unchecked`.
+    `form` is the mechanism's mid-plane symmetric architecture. `graph` is known where the
+    rotation is in closed form, unless the graph could not be followed, for the reason
+    `unchecked`.
     """
 
     output: Output
-    start: Candidates
+    start: PoseCandidates
     number: int
     rotation: FixedAxisRotation
     samples: RotationSamples
-    form: MidPlaneForm | None
+    form: MidPlaneArchitecture | None
     graph: float | None
     unchecked: str
     schedule: Schedule | None
@@ -87,11 +88,11 @@ class EquivalentRotation(AbstractAnalysis):
     """The rotation about a fixed axis that carries an output link from `start` to `end`.
 
     Poses are ``key=value+key=value``, angles in degrees: all driven pairs by their names
-    (``21=5.3+61=56.7``); ``phi``, ``gamma`` of a mid-plane form; ``x``, ``y``, ``z``, where
-    an output points; ``azimuth``, ``tilt``, ``torsion`` or the quaternion ``qx``, ``qy``,
-    ``qz``, ``qw`` of an orientation. The end may also be the axis and angle of a turn,
-    ``ux``, ``uy``, ``uz``, ``angle``. All are seen from the link that the output is
-    relative to.
+    (``21=5.3+61=56.7``); ``phi``, ``gamma`` of a mid-plane symmetric architecture; ``x``,
+    ``y``, ``z``, where an output points; ``azimuth``, ``tilt``, ``torsion`` or the
+    quaternion ``qx``, ``qy``, ``qz``, ``qw`` of an orientation. The end may also be the
+    axis and angle of a turn, ``ux``, ``uy``, ``uz``, ``angle``. All are seen from the link
+    that the output is relative to.
 
     `mode` is the start's configuration, by number or by signs; the summary lists them.
     `end_mode` is that of an end with several orientations, 0 the nearest to the start.
@@ -117,18 +118,24 @@ class EquivalentRotation(AbstractAnalysis):
             (
                 Column("sample", "", "number of the angle, from 0", "integer"),
                 Column("theta", "rad", "angle turned through about the axis"),
-                Column("phi", "rad", "arc from Q to P, of a mid-plane form"),
-                Column("gamma", "rad", "turn of the mid-plane, of a mid-plane form"),
+                Column(
+                    "phi", "rad", "arc from Q to P, of a mid-plane symmetric architecture"
+                ),
+                Column(
+                    "gamma",
+                    "rad",
+                    "turn of the mid-plane, of a mid-plane symmetric architecture",
+                ),
                 Column("azimuth", "rad", "direction in which the output link is tilted"),
                 Column("tilt", "rad", "tilt of its z axis"),
-                Column("torsion", "rad", "its turn that is no tilt"),
+                Column("torsion", "rad", "its turn that is not a tilt"),
                 INPUTS,
-                Column("rate", "", "derivative of q by theta", per_input=True),
+                Column("dq_dtheta", "", "derivative of q by theta", per_input=True),
                 Column("departure", "rad", "angle from the pose turned exactly"),
                 Column(
                     "drift", "rad", "angle from the axis of the moment to the fixed one"
                 ),
-                Column("control", "", "how surely the inputs hold the mechanism, 0: not"),
+                Column("type_2", "", "transmission measure, 0 at a type II singularity"),
                 STATUS,
             ),
         ),
@@ -141,7 +148,7 @@ class EquivalentRotation(AbstractAnalysis):
                 INPUTS,
                 Column("dq", "rad/s", "rate of q", per_input=True),
                 Column("ddq", "rad/s2", "acceleration of q", per_input=True),
-                Column("control", "", "how surely the inputs hold the mechanism, 0: not"),
+                Column("type_2", "", "transmission measure, 0 at a type II singularity"),
                 STATUS,
             ),
         ),
@@ -219,10 +226,10 @@ class EquivalentRotation(AbstractAnalysis):
             "tilt": tilted[:, 1],
             "torsion": tilted[:, 2],
             **input_columns(mechanism, at.inputs),
-            **_by_input(mechanism, "rate", at.rates),
+            **_by_input(mechanism, "dq_dtheta", at.rates),
             "departure": at.departure,
             "drift": at.drift,
-            "control": at.control,
+            "type_2": at.control,
             "status": at.status,
         }
         count = len(mechanism.inputs)
@@ -240,7 +247,7 @@ class EquivalentRotation(AbstractAnalysis):
             **input_columns(mechanism, inputs),
             **_by_input(mechanism, "dq", dq),
             **_by_input(mechanism, "ddq", ddq),
-            "control": control,
+            "type_2": control,
             "status": status,
         }
         return {"equivalent_rotation": first, "schedule": second}
@@ -326,8 +333,8 @@ class EquivalentRotation(AbstractAnalysis):
                         for name, q in zip(turn.inputs, inputs, strict=True)
                     )
                 warnings.append(
-                    f"control is lost at {where}: the rotation meets a type II "
-                    "singularity there, where the inputs do not hold the mechanism"
+                    f"the rotation meets a type II singularity at {where}, where the "
+                    "inputs do not hold the mechanism"
                 )
         if found.graph is not None and not found.graph < AGREES:
             warnings.append(
@@ -345,10 +352,10 @@ class EquivalentRotation(AbstractAnalysis):
             remarks.append(f"it takes {found.schedule.duration:.6g} s within the limits")
         return Findings(figures, tuple(warnings), tuple(remarks))
 
-    def _found(self, batch: Batch) -> Found:
+    def _found(self, batch: Batch) -> FoundRotation:
         return batch.once("found", lambda: self._rotation(batch))
 
-    def _rotation(self, batch: Batch) -> Found:
+    def _rotation(self, batch: Batch) -> FoundRotation:
         mechanism = batch.mechanism
         output = chosen_output(mechanism, self.output or None)
         try:
@@ -356,7 +363,7 @@ class EquivalentRotation(AbstractAnalysis):
         except ModelError:
             form = None
         finder = PoseFinder(batch.tracer.solver, output, form, batch.motion)
-        inputs = batch.moved_pairs
+        inputs = batch.moving_inputs
         end = read_end(self.end, inputs, f"{self.name}: end")
         start, number = self._start(finder, inputs)
         turn = finder.rotation(start, number, end, self.end_mode)
@@ -384,7 +391,7 @@ class EquivalentRotation(AbstractAnalysis):
                 )
             except SolveError as problem:
                 unscheduled = str(problem)
-        return Found(
+        return FoundRotation(
             output,
             start,
             number,
@@ -397,14 +404,16 @@ class EquivalentRotation(AbstractAnalysis):
             unscheduled,
         )
 
-    def _start(self, finder: PoseFinder, inputs: tuple[str, ...]) -> tuple[Candidates, int]:
+    def _start(
+        self, finder: PoseFinder, inputs: tuple[str, ...]
+    ) -> tuple[PoseCandidates, int]:
         try:
             start = finder.candidates(read_pose(self.start, inputs, "start"))
             return start, start.number_of(self.mode)
         except SolveError as problem:
             raise SolveError(f"start: {problem}") from None
 
-    def _words(self, found: Found, warnings: tuple[str, ...]) -> str:
+    def _words(self, found: FoundRotation, warnings: tuple[str, ...]) -> str:
         """Return what is to be read beside the page, as Markdown."""
         turn, at = found.rotation, found.samples
         x, y, z = turn.axis

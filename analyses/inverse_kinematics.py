@@ -28,6 +28,7 @@ from spherekit.plugin import (
     TableData,
     Text,
     azimuth_tilt,
+    counted,
     input_columns,
     label_of,
     listing,
@@ -67,7 +68,7 @@ SOLVED_BY = Column(
 
 @final
 @dataclass(frozen=True)
-class Found:
+class FoundPoses:
     """What was asked for, and what was found: one of `rows` and `forward` is None."""
 
     solver: OutputKinematics
@@ -113,7 +114,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             "one row per pose and working mode, or configuration found",
             (
                 POSE,
-                Column("mode", "", "signs of the working mode's legs", "text"),
+                Column("working_mode", "", "signs of the working mode's legs", "text"),
                 *PLACES,
                 INPUTS,
                 *(
@@ -145,8 +146,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             (
                 POSE,
                 Column("solution", "", "number of the pose at these inputs", "integer"),
-                Column("mode", "", "signs of the assembly mode's groups", "text"),
-                Column("working", "", "label of its working mode, if known", "text"),
+                Column("assembly_mode", "", "signs of the assembly mode's groups", "text"),
+                Column("working_mode", "", "label of its working mode, if known", "text"),
                 INPUTS,
                 *PLACES,
                 Column("type_2", "", "0 at a type II singularity"),
@@ -159,7 +160,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             "variables of pairs: one row per pose, mode and pair asked for",
             (
                 POSE,
-                Column("mode", "", "signs of the working mode's legs", "text"),
+                Column("working_mode", "", "signs of the working mode's legs", "text"),
                 Column("pair", "", "name of the pair", "text"),
                 Column("value", "rad", "its variable"),
             ),
@@ -172,7 +173,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     window: tuple[str, ...] = ()
     unit: Literal["deg", "rad"] = "deg"
     output: str = ""
-    mode: str = ""
+    working_mode: str = ""
     graph: bool = False
     pairs: tuple[str, ...] = ()
     nearest: int = 20
@@ -185,7 +186,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         self._pairs(mechanism)
         if self.nearest < 0:
             raise AnalysisError(
-                f"{self.name}: nearest: {self.nearest} is no number of rows"
+                f"{self.name}: nearest: {self.nearest} is not a number of rows"
             )
         return Needs()
 
@@ -224,7 +225,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 str(number): int(np.sum(solutions == number))
                 for number in np.unique(solutions)
             },
-            "modes": {
+            "working_modes": {
                 mode: {
                     "solved": int(np.sum(rows.solved[rows.mode == mode])),
                     "least_type_1": _least(rows.type_1[rows.mode == mode]),
@@ -247,12 +248,13 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         out = int(np.sum(~rows.solved))
         if found.offered < out and isinstance(found.solver, ClosedKinematics):
             warnings.append(
-                f"the nearest reachable pose is given for {found.offered} of {out} rows "
+                f"the nearest reachable pose is given for {found.offered} of "
+                f"{counted(out, 'row')} "
                 f"out of reach; ask for more with nearest={out}"
             )
         solved = int(np.sum(rows.solved))
         remarks = (
-            f"{solved} configurations of {count} poses, at most "
+            f"{counted(solved, 'configuration')} of {counted(count, 'pose')}, at most "
             f"{int(np.max(solutions, initial=0))} of one{_rest(found.solver)}",
         )
         return Findings(figures, tuple(warnings), remarks)
@@ -289,14 +291,15 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
     def _modes(self, solver: OutputKinematics) -> tuple[str, ...]:
         """Return the labels of the modes wanted."""
-        if not self.mode:
+        if not self.working_mode:
             return solver.labels
-        if self.mode in solver.labels:
-            return (self.mode,)
-        if self.mode.isdecimal() and int(self.mode) < len(solver.labels):
-            return (solver.labels[int(self.mode)],)
+        if self.working_mode in solver.labels:
+            return (self.working_mode,)
+        if self.working_mode.isdecimal() and int(self.working_mode) < len(solver.labels):
+            return (solver.labels[int(self.working_mode)],)
         raise AnalysisError(
-            f'{self.name}: mode "{self.mode}" is none of {listing(solver.labels, 64)}, nor '
+            f'{self.name}: mode "{self.working_mode}" is none of '
+            f"{listing(solver.labels, 64)}, nor "
             f"a number below {len(solver.labels)}; the signs are those of: "
             f"{'; '.join(solver.legs)}"
         )
@@ -314,19 +317,21 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 )
         return [mechanism.pair_number[name] for name in self.pairs]
 
-    def _found(self, batch: Batch) -> Found:
+    def _found(self, batch: Batch) -> FoundPoses:
         return batch.once("found", lambda: self._find(batch.mechanism))
 
-    def _find(self, mechanism: Mechanism) -> Found:
+    def _find(self, mechanism: Mechanism) -> FoundPoses:
         solver = self._solver(mechanism)
         given = self._given.read(solver, self.name)
         nothing = np.zeros((0, 4)), np.zeros(0), 0
         if given.inputs is not None:
             forward = _forward_table(mechanism, solver, given.inputs)
-            return Found(solver, given, None, forward, *nothing)
+            return FoundPoses(solver, given, None, forward, *nothing)
         assert given.poses is not None
         rows = solver.inverse(given.poses, self._modes(solver), self._pairs(mechanism))
-        return Found(solver, given, rows, None, *self._offers(solver, given.poses, rows))
+        return FoundPoses(
+            solver, given, rows, None, *self._offers(solver, given.poses, rows)
+        )
 
     def _offers(
         self, solver: OutputKinematics, poses: Floats, rows: InverseRows
@@ -345,7 +350,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             near[own, : found.shape[1]] = found
         return near, away, len(wanted)
 
-    def _closure(self, batch: Batch, found: Found) -> float | None:
+    def _closure(self, batch: Batch, found: FoundPoses) -> float | None:
         """Return the largest rotation (rad) by which a loop of some rows is open."""
         poses = found.given.poses
         assert poses is not None
@@ -357,7 +362,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         gap = found.solver.residual(rows.values[rows.status == Status.OK])
         return float(np.max(gap)) if len(gap) else None
 
-    def _of_forward(self, found: Found, figures: dict[str, Any]) -> Findings:
+    def _of_forward(self, found: FoundPoses, figures: dict[str, Any]) -> Findings:
         table = found.forward
         assert table is not None and found.given.inputs is not None
         count = len(found.given.inputs)
@@ -374,7 +379,10 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return Findings(
             figures,
             tuple(warnings),
-            (f"{int(np.sum(solved))} poses of {count} inputs{_rest(found.solver)}",),
+            (
+                f"{counted(int(np.sum(solved)), 'pose')} of {count} "
+                f"inputs{_rest(found.solver)}",
+            ),
         )
 
     def _pair_table(self, mechanism: Mechanism, rows: InverseRows) -> Row:
@@ -382,12 +390,12 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         names = np.array([mechanism.pairs[pair].name for pair in numbers], dtype=str)
         return {
             "pose": np.repeat(rows.pose, len(numbers)),
-            "mode": np.repeat(rows.mode, len(numbers)),
+            "working_mode": np.repeat(rows.mode, len(numbers)),
             "pair": np.tile(names, len(rows)),
             "value": rows.values.ravel(),
         }
 
-    def _words(self, found: Found, solutions: NDArray[np.int64]) -> str:
+    def _words(self, found: FoundPoses, solutions: NDArray[np.int64]) -> str:
         lines = [
             f"# Poses of {found.solver.output.name}",
             "",
@@ -415,7 +423,7 @@ def _rest(solver: OutputKinematics) -> str:
     )
 
 
-def _inverse_table(mechanism: Mechanism, found: Found, rows: InverseRows) -> Row:
+def _inverse_table(mechanism: Mechanism, found: FoundPoses, rows: InverseRows) -> Row:
     poses = found.given.poses
     assert poses is not None
     directions = poses[rows.pose] if found.solver.points else None
@@ -423,7 +431,7 @@ def _inverse_table(mechanism: Mechanism, found: Found, rows: InverseRows) -> Row
     axes = {f"rate_{axis}": rows.rates[:, :, k] for k, axis in enumerate("xyz")}
     return {
         "pose": rows.pose,
-        "mode": rows.mode,
+        "working_mode": rows.mode,
         **{name: each[rows.pose] for name, each in _places(found.solver, poses).items()},
         **input_columns(mechanism, rows.inputs),
         **{
@@ -475,8 +483,8 @@ def _forward_table(mechanism: Mechanism, solver: OutputKinematics, inputs: Float
     return {
         "pose": pose,
         "solution": np.arange(len(pose)) - first,
-        "mode": modes[order],
-        "working": working[order],
+        "assembly_mode": modes[order],
+        "working_mode": working[order],
         **input_columns(mechanism, inputs[pose]),
         **{name: each[order] for name, each in places.items()},
         "type_2": type_2[order],

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.plugin import (
-    BRANCH,
+    ASSEMBLY_MODE,
     INPUT,
     RESIDUAL,
     SAMPLE,
@@ -42,7 +42,7 @@ class Poles(AbstractAnalysis):
 
     With several inputs these are of each single-freedom mechanism in which one input
     moves and the others are locked; the motion of all is their sum (superposition).
-    `only` lists the poles wanted, such as ``31+42``; all by default. `show` is the pole
+    `only` lists the poles wanted, such as ``31+42``; all by default. `circles` is the pole
     whose two great circles are drawn; by default the first secondary one.
     """
 
@@ -57,18 +57,27 @@ class Poles(AbstractAnalysis):
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
             "poles",
-            "one row per sample, branch, input moved and pair of links",
+            "one row per sample, assembly mode, moving input and pair of links",
             (
                 SAMPLE,
-                BRANCH,
+                ASSEMBLY_MODE,
                 INPUT,
                 Column("link", "", "the link that moves", "text"),
                 Column("relative_to", "", "the link it is seen from", "text"),
                 Column("ux", "", "pole axis, x in ground axes", scale="absolute"),
                 Column("uy", "", "pole axis, y in ground axes", scale="absolute"),
                 Column("uz", "", "pole axis, z in ground axes", scale="absolute"),
-                Column("rate", "", "rate * u = angular velocity per unit rate of q"),
-                Column("rate_dq", "1/rad", "derivative of rate by q"),
+                Column(
+                    "velocity_coefficient",
+                    "",
+                    "velocity coefficient: times u it is the angular velocity per unit "
+                    "rate of q",
+                ),
+                Column(
+                    "acceleration_coefficient",
+                    "1/rad",
+                    "acceleration coefficient: derivative of the velocity coefficient by q",
+                ),
                 Column(
                     "conditioning",
                     "",
@@ -82,26 +91,26 @@ class Poles(AbstractAnalysis):
                     scale="none",
                 ),
                 Column(
-                    "rate_error_bound",
+                    "velocity_coefficient_error_bound",
                     "",
-                    "bound of the error of rate, likewise",
+                    "bound of the error of the velocity coefficient, likewise",
                     scale="none",
                 ),
                 Column(
-                    "rate_dq_error_bound",
+                    "acceleration_coefficient_error_bound",
                     "1/rad",
-                    "bound of the error of rate_dq, likewise",
+                    "bound of the error of acceleration_coefficient, likewise",
                     scale="none",
                 ),
                 RESIDUAL,
                 STATUS,
-                Column("moved", "", "the driven pair that moves, others locked", "text"),
+                Column("moving", "", "the moving input, the others locked", "text"),
             ),
         ),
     )
 
     only: tuple[str, ...] = ()
-    show: str = ""
+    circles: str = ""
 
     def poles(self, mechanism: Mechanism) -> tuple[Pole, ...]:
         """Return the wanted poles as pairs of link numbers."""
@@ -111,8 +120,8 @@ class Poles(AbstractAnalysis):
 
     def shown(self, mechanism: Mechanism) -> Pole | None:
         """Return the pole whose great circles are drawn, if any is secondary."""
-        if self.show:
-            return parse_pole(mechanism, self.show)
+        if self.circles:
+            return parse_pole(mechanism, self.circles)
         primary = _primary(mechanism)
         return next((p for p in self.poles(mechanism) if p not in primary), None)
 
@@ -131,7 +140,7 @@ class Poles(AbstractAnalysis):
         """Return the table `poles`."""
         mechanism = batch.mechanism
         poles = self.poles(mechanism)
-        inputs = range(len(batch.moved_pairs))
+        inputs = range(len(batch.moving_inputs))
         wanted = [(*pole, moved) for moved in inputs for pole in poles]
         n, k = len(batch), len(wanted)
 
@@ -143,49 +152,53 @@ class Poles(AbstractAnalysis):
 
         directions = np.stack([batch.direction(*pole) for pole in wanted], axis=1)
         directions = directions.reshape(n * k, 3)
-        links, pairs = np.array(mechanism.links), np.array(batch.moved_pairs)
+        links, pairs = np.array(mechanism.links), np.array(batch.moving_inputs)
         return {
             "poles": {
                 "sample": per_row(batch.sample),
-                "branch": per_row(batch.branch),
+                "assembly_mode": per_row(batch.assembly_mode),
                 "q": per_pole([batch.inputs[:, moved] for *_, moved in wanted]),
                 "link": np.tile(links[[j for _, j, _ in wanted]], n),
                 "relative_to": np.tile(links[[i for i, *_ in wanted]], n),
                 "ux": directions[:, 0],
                 "uy": directions[:, 1],
                 "uz": directions[:, 2],
-                "rate": per_pole([batch.rate(*pole) for pole in wanted]),
-                "rate_dq": per_pole([batch.rate_dq(*pole) for pole in wanted]),
+                "velocity_coefficient": per_pole(
+                    [batch.velocity_coefficient(*pole) for pole in wanted]
+                ),
+                "acceleration_coefficient": per_pole(
+                    [batch.acceleration_coefficient(*pole) for pole in wanted]
+                ),
                 "conditioning": per_pole([batch.conditioning(*pole) for pole in wanted]),
                 "error_bound": per_pole([batch.error_bound(*pole) for pole in wanted]),
-                "rate_error_bound": per_pole(
-                    [batch.rate_error_bound(*pole) for pole in wanted]
+                "velocity_coefficient_error_bound": per_pole(
+                    [batch.velocity_coefficient_error_bound(*pole) for pole in wanted]
                 ),
-                "rate_dq_error_bound": per_pole(
-                    [batch.rate_dq_error_bound(*pole) for pole in wanted]
+                "acceleration_coefficient_error_bound": per_pole(
+                    [batch.acceleration_coefficient_error_bound(*pole) for pole in wanted]
                 ),
                 "residual": per_row(batch.residual),
                 "status": per_pole([batch.pole_status(*pole) for pole in wanted]),
-                "moved": np.tile(pairs[[moved for *_, moved in wanted]], n),
+                "moving": np.tile(pairs[[moved for *_, moved in wanted]], n),
             }
         }
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return arrows along the poles, great circles of one, coefficient plots."""
-        inputs = range(len(batch.moved_pairs))
+        inputs = range(len(batch.moving_inputs))
         return tuple(
             Scene(
                 number,
                 tuple(part for moved in inputs for part in self._parts(batch, rows, moved)),
             )
-            for number, rows in batch.branch_rows().items()
+            for number, rows in batch.assembly_mode_rows().items()
         )
 
     def _parts(self, batch: Batch, rows: slice, moved: int) -> list[Primitive]:
-        """Return what is seen of one branch while one input moves."""
+        """Return what is seen of one assembly mode while one input moves."""
         mechanism = batch.mechanism
-        several = len(batch.moved_pairs) > 1
-        pair = batch.moved_pairs[moved]
+        several = len(batch.moving_inputs) > 1
+        pair = batch.moving_inputs[moved]
         home = f"{pair}/" if several else ""
         primary = _primary(mechanism)
         driven = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
@@ -214,8 +227,12 @@ class Poles(AbstractAnalysis):
             if pole == driven or body[pole[0]] == body[pole[1]]:
                 continue
             for order, letter, values in (
-                ("velocity", f"ω{short}/ω{unit}", batch.rate(*pole, moved)),
-                ("acceleration", f"(ω{short}/ω{unit})′", batch.rate_dq(*pole, moved)),
+                ("velocity", f"ω{short}/ω{unit}", batch.velocity_coefficient(*pole, moved)),
+                (
+                    "acceleration",
+                    f"(ω{short}/ω{unit})′",
+                    batch.acceleration_coefficient(*pole, moved),
+                ),
             ):
                 group = f"{title}{order} coefficients"
                 if many:

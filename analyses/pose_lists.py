@@ -29,7 +29,7 @@ MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
 """Columns that are angles."""
 NOT_ROTATION = 1e-6
-"""A matrix whose R R^T differs from 1 by more is no rotation."""
+"""A matrix whose R R^T differs from 1 by more is not a rotation."""
 MOST_POSES = 500_000
 """Of one run, whose tables are in memory: with eight modes 2 GB."""
 MOST_SHOWN = 5
@@ -227,14 +227,16 @@ class Given:
                 assert form is not None and solver.output.direction is not None
                 normals = normals_of(rows[:, 0], rows[:, 1])
                 lost = np.any(~np.isfinite(normals), axis=1)
-                _refuse(lost, places, where, "is no mid-plane: phi and gamma are too large")
+                _refuse(
+                    lost, places, where, "is not a mid-plane: phi and gamma are too large"
+                )
                 return np.asarray(
                     form.orientations(normals) @ np.array(solver.output.direction)
                 )
         matrices = rows.reshape(-1, 3, 3)
         gap = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(axis=(1, 2))
         turned = np.linalg.det(matrices) > 0.0
-        _refuse(~((gap < NOT_ROTATION) & turned), places, where, "is no rotation matrix")
+        _refuse(~((gap < NOT_ROTATION) & turned), places, where, "is not a rotation matrix")
         return matrices
 
 
@@ -266,7 +268,9 @@ def _kind(
     for kind in kinds:
         if set(kind) == set(names) and len(kind) == len(names):
             return kind
-    raise AnalysisError(f"{where}: {listing(names)} is no pose; say one of {_ways(kinds)}")
+    raise AnalysisError(
+        f"{where}: {listing(names)} is not a pose; say one of {_ways(kinds)}"
+    )
 
 
 def _ways(kinds: Sequence[tuple[str, ...]]) -> str:
@@ -274,7 +278,7 @@ def _ways(kinds: Sequence[tuple[str, ...]]) -> str:
 
 
 def _refuse(bad: NDArray[np.bool_], places: Sequence[str], where: str, why: str) -> None:
-    """Raise the error about rows that are no poses."""
+    """Raise the error about rows that are not poses."""
     wrong = np.flatnonzero(bad)
     if len(wrong):
         shown = ", ".join(places[k] for k in wrong[:MOST_SHOWN])

@@ -8,8 +8,8 @@ from spherekit.plugin import (
     AtInputs,
     AtMirror,
     AtOrientation,
+    AtRotation,
     Pose,
-    Turned,
     from_quaternion,
     from_tilt_torsion,
     listing,
@@ -41,13 +41,13 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
         If it is no such text.
     """
     found = read_end(text, inputs, where, turns=False)
-    assert not isinstance(found, Turned)
+    assert not isinstance(found, AtRotation)
     return found
 
 
 def read_end(
     text: str, inputs: tuple[str, ...], where: str, turns: bool = True
-) -> Pose | Turned:
+) -> Pose | AtRotation:
     """Return the pose, or with `turns` also the turn (ux, uy, uz, angle), of a text."""
     given = _numbers(text, where)
     kinds = [inputs, DIRECTION, MIRROR, TILT_TORSION, QUATERNION]
@@ -56,7 +56,7 @@ def read_end(
     kind = next((names for names in kinds if set(names) == set(given)), None)
     if kind is None:
         ways = listing("+".join(f"{name}=.." for name in names) for names in kinds)
-        raise AnalysisError(f'{where}: "{text}" is no pose; say one of {ways}')
+        raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {ways}')
     values = np.array([given[name] for name in kind])
     if kind == inputs:
         return AtInputs(np.radians(values))
@@ -75,7 +75,7 @@ def read_end(
         raise AnalysisError(
             f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
         )
-    return Turned(values[:3] / length, float(np.radians(values[3])))
+    return AtRotation(values[:3] / length, float(np.radians(values[3])))
 
 
 def _numbers(text: str, where: str) -> dict[str, float]:

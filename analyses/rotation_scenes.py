@@ -13,7 +13,7 @@ from spherekit.plugin import (
     GreatCircle,
     Mark,
     Mechanism,
-    MidPlaneForm,
+    MidPlaneArchitecture,
     Output,
     Portrait,
     Primitive,
@@ -41,14 +41,15 @@ class RotationScenes:
     """Pages about a rotation.
 
     `place` gives orientations (n, links, 3, 3) in ground axes at values (n, variables);
-    `form` is the mechanism's mid-plane form, `words` stand beside the pages.
+    `form` is the mechanism's mid-plane symmetric architecture, `words` stand beside the
+    pages.
     """
 
     mechanism: Mechanism
     place: Callable[[Floats], Floats]
     output: Output
     turn: FixedAxisRotation
-    form: MidPlaneForm | None
+    form: MidPlaneArchitecture | None
     words: str
 
     def rotation(self, samples: RotationSamples) -> Scene:
@@ -68,9 +69,9 @@ class RotationScenes:
             ("drift of the axis", np.degrees(samples.drift)),
         ):
             path = f"plots/{label.split()[0]}"
-            parts.append(Series(path, label, "off the fixed axis, deg", values))
+            parts.append(Series(path, label, "departure from the fixed axis, deg", values))
         parts.append(
-            Series("plots/control", "control", "hold by the inputs", samples.control)
+            Series("plots/control", "type_2", "transmission measure", samples.control)
         )
         parts.append(Text("words", "Rotation", self.words))
         return Scene("Equivalent rotation", tuple(parts), len(samples.theta))
@@ -116,8 +117,12 @@ class RotationScenes:
         if self.turn.crossings:
             lost = self.turn.at(np.array(self.turn.crossings)).values
             tips = self.place(lost)[:, link] @ self._directions()[0][1]
-            marks = [Mark("no control", tip, LOST_TONE) for tip in tips if tip[0] == tip[0]]
-            parts.append(SphereCurves("lost", "no control", [], LOST_TONE, marks))
+            marks = [
+                Mark("type II singularity", tip, LOST_TONE)
+                for tip in tips
+                if tip[0] == tip[0]
+            ]
+            parts.append(SphereCurves("lost", "type II singularity", [], LOST_TONE, marks))
         if self.form is not None:
             normals = mid_planes(self.form, orientation)
             moving = np.einsum("nij,nj->ni", base @ self.form.frame, normals)
@@ -158,7 +163,7 @@ class RotationScenes:
                     (float(np.nanmin(y)), float(np.nanmax(y))),
                     [(np.stack([x, y], axis=1), PATH_TONE)],
                     [
-                        Mark("no control", np.degrees([t, q]), LOST_TONE)
+                        Mark("type II singularity", np.degrees([t, q]), LOST_TONE)
                         for t, q in zip(lost, at[:, k], strict=True)
                     ],
                 )
@@ -166,7 +171,7 @@ class RotationScenes:
         return parts
 
 
-def mid_planes(form: MidPlaneForm, orientations: Floats) -> Floats:
+def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:
     """Return the mid-planes (n, 3) of orientations (n, 3, 3), NaN where these are."""
     normals = np.full((len(orientations), 3), np.nan)
     known = np.isfinite(orientations[:, 0, 0])

@@ -33,6 +33,7 @@ from spherekit.plugin import (
     TypeName,
     aspects,
     coefficients,
+    counted,
     cut,
     input_columns,
     mid_plane_loci,
@@ -79,13 +80,13 @@ class SeveralInputs:
     `slices` is the number of values at which each input is locked to look for singular
     curves, or surfaces where `mesh` (rad) is the length of their triangles' edges; with 0
     there is none, and by default random starts are the seeds of what no dyads cut quickly.
-    `lattice` is the number of values of each input for aspects, and `seconds` the
+    `input_grid` is the number of values of each input for aspects, and `seconds` the
     processor time that all this may take.
     """
 
     slices: int | None
     mesh: float | None
-    lattice: int
+    input_grid: int
     near: float
     seconds: float
 
@@ -93,7 +94,7 @@ class SeveralInputs:
         """Return the number of slices, by default what dyads of two inputs allow."""
         if self.slices is not None:
             return self.slices
-        two = len(batch.moved_pairs) == 2
+        two = len(batch.moving_inputs) == 2
         return SLICES if two and batch.tracer.assembly.has_closed_form else 0
 
     def side_of(self, batch: Batch) -> float:
@@ -148,18 +149,18 @@ class SeveralInputs:
         for output in self.outputs(batch.mechanism):
             found = self._coefficients(batch, output)
             kinds = np.array([_type(code) for code in found.type.tolist()], dtype=str)
-            for moved, pair in enumerate(batch.moved_pairs):
+            for moved, pair in enumerate(batch.moving_inputs):
                 w, u = found.w[:, moved], found.u[:, moved]
                 parts.append(
                     {
                         "sample": batch.sample,
-                        "branch": batch.branch,
+                        "assembly_mode": batch.assembly_mode,
                         **input_columns(batch.mechanism, batch.inputs),
                         "output": np.full(n, _named(output)),
                         "form": np.full(n, "i"),
                         "c": found.c[:, moved],
                         "d": found.d[:, moved],
-                        "rate": np.sum(w * u, axis=1),
+                        "velocity_coefficient": np.sum(w * u, axis=1),
                         "output_rate": found.output_rate[:, moved],
                         "input_rate": found.input_rate[:, moved],
                         "angle_I": _angle(found.type_one),
@@ -168,9 +169,9 @@ class SeveralInputs:
                         "to_I": np.full(n, np.nan),
                         "to_II": np.full(n, np.nan),
                         "sigma": found.hold,
-                        "flatness": found.flatness,
+                        "reciprocal_condition": found.reciprocal_condition,
                         "status": batch.status,
-                        "moved": np.full(n, pair),
+                        "moving": np.full(n, pair),
                         "type": kinds,
                         "group": found.group.astype(np.int64),
                     }
@@ -178,7 +179,7 @@ class SeveralInputs:
         return _stacked(parts)
 
     def aspect_rows(self, batch: Batch) -> Row:
-        """Return the configurations over a lattice, with the number of their aspect."""
+        """Return the configurations over an input grid, with the number of their aspect."""
         found = self._aspects(batch)
         if found is None:
             return {}
@@ -189,7 +190,7 @@ class SeveralInputs:
             **input_columns(batch.mechanism, found.inputs),
             "sign_II": two,
             "sign_I": one,
-            "modes": found.modes[found.label].astype(np.int64),
+            "assembly_modes": found.modes[found.label].astype(np.int64),
         }
 
     def findings(self, batch: Batch) -> Findings:
@@ -206,7 +207,7 @@ class SeveralInputs:
                 own[f"curves_outside_{found.kind}"] = len(found.curves) - len(met)
                 own[f"claim_{found.kind}"] = str(found.claim)
                 beyond = len(found.curves) - len(met)
-                words = f"{len(met)} curves of type {found.kind}"
+                words = f"{counted(len(met), 'curve')} of type {found.kind}"
                 words += f" and {beyond} outside the ranges" if beyond else ""
                 words += _irregular(len(found.stray), "curve")
                 remarks.append(f"output {name}: {words}; {found.claim}")
@@ -227,11 +228,13 @@ class SeveralInputs:
                 if np.any(near):
                     row = int(np.nanargmin(angles))
                     place = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
-                    branches = numbered("branch", np.unique(batch.branch[near]))
+                    assembly_modes = numbered(
+                        "assembly_mode", np.unique(batch.assembly_mode[near])
+                    )
                     warnings.append(
                         f"type {kind} of output {name} comes within {self.near:g} deg of "
-                        f"{branches}, nearest {angles[row]:.3g} deg on branch "
-                        f"{batch.branch[row]} at inputs {place} deg"
+                        f"{assembly_modes}, nearest {angles[row]:.3g} deg on assembly mode "
+                        f"{batch.assembly_mode[row]} at inputs {place} deg"
                     )
         parts = self._aspects(batch)
         if parts is not None:
@@ -241,14 +244,16 @@ class SeveralInputs:
             if parts.note or not len(parts.sizes):
                 words = f"{len(parts.sizes)} aspects"
                 if parts.singular:
-                    words += f"; {parts.singular} configurations met are singular"
+                    words += (
+                        f"; {counted(parts.singular, 'configuration')} met are singular"
+                    )
                 remarks.append("; ".join(filter(None, [words, parts.note])))
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scenes(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of each branch, curves in the plane of inputs and on the sphere."""
+        """Return plots of each mode, curves in the plane of inputs and on the sphere."""
         pages = []
-        for number, rows in batch.branch_rows().items():
+        for number, rows in batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
             for output in self.outputs(batch.mechanism):
                 parts += self._plots(batch, output, rows)
@@ -264,7 +269,7 @@ class SeveralInputs:
     def _plots(self, batch: Batch, output: Output, rows: slice) -> list[Primitive]:
         found = self._coefficients(batch, output)
         parts: list[Primitive] = []
-        for moved, pair in enumerate(batch.moved_pairs):
+        for moved, pair in enumerate(batch.moving_inputs):
             for name, values in (("c", found.c), ("d", found.d)):
                 where = f"plots/relation/{output.name}/{pair}/{name}"
                 label = f"{name}, {pair} moves"
@@ -292,7 +297,7 @@ class SeveralInputs:
         here = np.degrees(batch.inputs)
         every = np.concatenate([here, *(line for line, _ in curves)])
         (left, bottom), (right, top) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-        first, second = batch.moved_pairs
+        first, second = batch.moving_inputs
         return Portrait(
             f"plots/inputs/{output.name}",
             f"singular curves of {output.name} in the inputs",
@@ -355,12 +360,12 @@ class SeveralInputs:
         The sets are found in the order of outputs and types, the aspects last.
         """
         names = [each.name for each in self.outputs(batch.mechanism)]
-        sets = len(KINDS) * len(names) + (self.lattice > 0)
+        sets = len(KINDS) * len(names) + (self.input_grid > 0)
         done = len(KINDS) * names.index(output) + KINDS.index(kind)
         return self._budget(batch).part(1.0 / (sets - done), f"{what} of type {kind}")
 
     def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
-        if len(batch.moved_pairs) != 2 or self.slices == 0:
+        if len(batch.moving_inputs) != 2 or self.slices == 0:
             return ()
         return batch.once(
             ("curves", output.name),
@@ -368,7 +373,7 @@ class SeveralInputs:
         )
 
     def _curves_of(self, batch: Batch, kind: TypeName, output: str) -> SingularCurves:
-        """Return the curves of a type: of a mid-plane form, or as slices or starts find."""
+        """Return the curves of a type: of a mid-plane architecture, or as slices find."""
         made = self._cut(batch)
         budget = self._share(batch, kind, output, "curves")
         if made is None:
@@ -384,7 +389,7 @@ class SeveralInputs:
 
     def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
         side = self.side_of(batch)
-        if len(batch.moved_pairs) != 3 or self.slices == 0 or not side:
+        if len(batch.moving_inputs) != 3 or self.slices == 0 or not side:
             return ()
         return batch.once(
             ("surfaces", output.name),
@@ -403,14 +408,14 @@ class SeveralInputs:
         )
 
     def _aspects(self, batch: Batch) -> Aspects | None:
-        if not self.lattice:
+        if not self.input_grid:
             return None
         name = self.outputs(batch.mechanism)[0].name
         return batch.once(
             "aspects",
             lambda: aspects(
                 batch.mechanism,
-                self.lattice,
+                self.input_grid,
                 ("I", "II"),
                 name,
                 budget=self._budget(batch).part(1.0, "aspects"),
@@ -439,7 +444,7 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
     motion = batch.tracer.given(points.values)
     rest = output_of(batch.mechanism, output.name)
     at = coefficients(motion, rest, by_rank=batch.tracer.by_rank)
-    pairs = batch.moved_pairs
+    pairs = batch.moving_inputs
     # At a singularity the plan's axes may be unknown; the rates vanish with c and d.
     c = np.where(np.isfinite(at.c), at.c, at.input_rate)
     d = np.where(np.isfinite(at.d), at.d, at.output_rate)
@@ -477,7 +482,7 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
     for row, own in enumerate(words):
         if own:
             continue
-        if at.flatness[row] < VANISHES:
+        if at.reciprocal_condition[row] < VANISHES:
             own.append("the loops lose rank")
         elif not np.all(np.isfinite(u[row])):
             own.append("pole axes not known")
@@ -492,21 +497,22 @@ def _irregular(count: int, what: str) -> str:
     if not count:
         return ""
     return (
-        f"; {count} configurations met are singular where the locus is no regular {what}, "
+        f"; {counted(count, 'configuration')} met are singular where the locus is not a "
+        f"regular {what}, "
         "and not listed"
     )
 
 
 def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
-    """Return in words which branches are singular in every row that is known."""
+    """Return in words which assembly modes are singular in every row that is known."""
     found: dict[str, list[int]] = {}
-    for number, own in batch.branch_rows().items():
+    for number, own in batch.assembly_mode_rows().items():
         kinds = set(rows.type[own].tolist()) - {int(RowType.UNKNOWN)}
         if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
             found.setdefault(_type(kinds.pop()), []).append(number)
     return [
         f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of "
-        + numbered("branch", numbers)
+        + numbered("assembly_mode", numbers)
         for kind, numbers in found.items()
     ]
 
@@ -524,7 +530,7 @@ def _rows(
     return {
         "kind": np.full(n, points.kind, dtype="<U8"),
         "condition": _conditions(batch, points, output),
-        "branch": np.full(n, ""),
+        "assembly_mode": np.full(n, ""),
         **input_columns(batch.mechanism, points.inputs),
         "inside": np.where(points.inside, "yes", "no"),
         "output": np.full(n, _named(output)),
@@ -567,7 +573,7 @@ def _directions(points: SingularPoints) -> Floats:
 
 
 def _surface(batch: Batch, output: Output, mesh: SingularSurface) -> Surface:
-    a, b, c = (f"{pair}, deg" for pair in batch.moved_pairs)
+    a, b, c = (f"{pair}, deg" for pair in batch.moving_inputs)
     return Surface(
         f"plots/surface/{output.name}/{mesh.kind}",
         f"type {mesh.kind} of {output.name}",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.plugin import (
-    BRANCH,
+    ASSEMBLY_MODE,
     INPUTS,
     SAMPLE,
     STATUS,
@@ -20,12 +20,12 @@ from spherekit.plugin import (
     Findings,
     GreatCircle,
     Mark,
-    Measures,
     Mechanism,
     Needs,
     Portrait,
     Primitive,
     RelationAt,
+    RelationMeasures,
     SampledSingularities,
     Scene,
     Series,
@@ -36,6 +36,7 @@ from spherekit.plugin import (
     TableData,
     Text,
     Type,
+    counted,
     link_bodies,
     numbered,
     ordered_pole,
@@ -71,7 +72,7 @@ class SingularityAnalysis(AbstractAnalysis):
     if there are two inputs and all groups are dyads, else from random starts, since each
     slice then costs seconds to minutes. `mesh` is the length of the edges of surfaces
     (degrees), 0 for none, by default a quarter of the narrowest range. Aspects are found
-    over `lattice` values of each input, 0 for none. All that ends after `seconds` of
+    over `input_grid` values of each input, 0 for none. All that ends after `seconds` of
     processor time with what it has.
     """
 
@@ -89,7 +90,7 @@ class SingularityAnalysis(AbstractAnalysis):
             (
                 Column("kind", "", "I, II or III", "text"),
                 Column("condition", "", "geometric conditions that hold", "text"),
-                Column("branch", "", "assembly modes that it belongs to", "text"),
+                Column("assembly_mode", "", "assembly modes that it belongs to", "text"),
                 INPUTS,
                 Column("inside", "", "whether the inputs are in their ranges", "text"),
                 Column("output", "", "link relative to link", "text"),
@@ -106,16 +107,16 @@ class SingularityAnalysis(AbstractAnalysis):
         ),
         Table(
             "relation",
-            "c y' = d q' and nearness, one row per sample, branch, output and form",
+            "c y' = d q' and nearness, one row per sample, assembly mode, output and form",
             (
                 SAMPLE,
-                BRANCH,
+                ASSEMBLY_MODE,
                 INPUTS,
                 Column("output", "", "link relative to link: y'", "text"),
                 Column("form", "", "i or ii", "text"),
                 Column("c", "", "coefficient of the output rate"),
                 Column("d", "", "coefficient of the input rate"),
-                Column("rate", "", "y'/q' = d/c, infinite at type II"),
+                Column("velocity_coefficient", "", "y'/q' = d/c, infinite at type II"),
                 Column("angle_I", "rad", "by which axes or planes miss type I"),
                 Column("angle_II", "rad", "by which axes or planes miss type II"),
                 Column("output_rate", "", "of y by the arc length of all variables"),
@@ -124,22 +125,27 @@ class SingularityAnalysis(AbstractAnalysis):
                 Column("to_I", "rad", "change of the input to the nearest type I"),
                 Column("to_II", "rad", "change of the input to the nearest type II"),
                 Column("sigma", "", "least singular value of the passive equations"),
-                Column("flatness", "", "its part of the greatest one"),
+                Column("reciprocal_condition", "", "its part of the greatest one"),
                 STATUS,
-                Column("moved", "", "the driven pair that moves, others locked", "text"),
+                Column("moving", "", "the moving input, the others locked", "text"),
                 Column("type", "", "regular, I, II, III, loose or branching", "text"),
                 Column("group", "", "1: of a single-freedom part, 2: of none", "integer"),
             ),
         ),
         Table(
             "aspects",
-            "with several inputs: configurations over a lattice, by parts not singular",
+            "with several inputs: configurations over an input grid, by parts not singular",
             (
                 Column("aspect", "", "number of the part, the largest first", "integer"),
                 INPUTS,
                 Column("sign_II", "", "sign of the determinant of type II", "integer"),
                 Column("sign_I", "", "sign of the determinant of type I", "integer"),
-                Column("modes", "", "assembly modes of one input in the part", "integer"),
+                Column(
+                    "assembly_modes",
+                    "",
+                    "assembly modes of one input in the part",
+                    "integer",
+                ),
             ),
         ),
     )
@@ -148,7 +154,7 @@ class SingularityAnalysis(AbstractAnalysis):
     near: float = 5.0
     slices: int | None = None
     mesh: float | None = None
-    lattice: int = 11
+    input_grid: int = 11
     seconds: float = 50.0
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
@@ -174,12 +180,13 @@ class SingularityAnalysis(AbstractAnalysis):
         """Return the tracer, whose configuration curves are asked for more points."""
         if not self.near >= 0.0:
             raise AnalysisError(
-                f"singularities: near: {self.near:g} is no angle in degrees; 0 or more is"
+                f"singularities: near: {self.near:g} is not an angle in degrees; 0 or "
+                f"more is"
             )
         for name, value in (
             ("slices", self.slices),
             ("mesh", self.mesh),
-            ("lattice", self.lattice),
+            ("input_grid", self.input_grid),
             ("seconds", self.seconds),
         ):
             if value is not None and not value >= 0:
@@ -193,11 +200,11 @@ class SingularityAnalysis(AbstractAnalysis):
                     "the mechanism declares as [outputs.NAME]"
                 )
             self._several.outputs(mechanism)
-            if self.lattice and len(mechanism.inputs) > MOST_INPUTS:
+            if self.input_grid and len(mechanism.inputs) > MOST_INPUTS:
                 raise AnalysisError(
-                    f"singularities: lattice: with {len(mechanism.inputs)} inputs an "
+                    f"singularities: input grid: with {len(mechanism.inputs)} inputs an "
                     f"output can always rest: it has {MOST_INPUTS} freedoms at most, so "
-                    "no part is free of type I; lattice=0 leaves the parts out"
+                    "no part is free of type I; input_grid=0 leaves the parts out"
                 )
         else:
             self.outputs(mechanism)
@@ -206,7 +213,7 @@ class SingularityAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of singularities and of the relation along the motion."""
         several = self._several
-        if len(batch.moved_pairs) > 1:
+        if len(batch.moving_inputs) > 1:
             tables = [
                 several.points(batch),
                 several.relation(batch),
@@ -224,20 +231,20 @@ class SingularityAnalysis(AbstractAnalysis):
         return found
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of each branch, and what there is to see of singularities."""
-        if len(batch.moved_pairs) > 1:
+        """Return plots of each assembly mode, and what there is to see of singularities."""
+        if len(batch.moving_inputs) > 1:
             return self._several.scenes(batch)
         pages = [
             Scene(number, tuple(self._plots(batch, rows)))
-            for number, rows in batch.branch_rows().items()
+            for number, rows in batch.assembly_mode_rows().items()
         ]
         if np.any(np.isfinite(self._points(batch)["s"])):
             pages.append(self._gallery(batch))
         return tuple(pages)
 
     def findings(self, batch: Batch) -> Findings:
-        """Return how many singularities there are, and where a branch comes near one."""
-        if len(batch.moved_pairs) > 1:
+        """Return how many singularities there are, and where a mode comes near one."""
+        if len(batch.moving_inputs) > 1:
             return self._several.findings(batch)
         found = self._found(batch)
         relation = self._relation(batch)
@@ -267,11 +274,14 @@ class SingularityAnalysis(AbstractAnalysis):
                 if not np.any(near):
                     continue
                 row = np.flatnonzero(near)[np.argmin(angles[near])]
-                branches = numbered("branch", np.unique(relation["branch"][near]))
+                assembly_modes = numbered(
+                    "assembly_mode", np.unique(relation["assembly_mode"][near])
+                )
                 warnings.append(
                     f"type {kind} of output {output} comes within {self.near:g} deg of "
-                    f"{branches}, nearest {angles[row]:.3g} deg on branch "
-                    f"{relation['branch'][row]} at q = {np.degrees(relation['q'][row]):.6g}"
+                    f"{assembly_modes}, nearest {angles[row]:.3g} deg on assembly mode "
+                    f"{relation['assembly_mode'][row]} at q = "
+                    f"{np.degrees(relation['q'][row]):.6g}"
                     " deg"
                 )
         counts = _in_words(figures["singularities"]) or "no singularities"
@@ -288,7 +298,7 @@ class SingularityAnalysis(AbstractAnalysis):
     @property
     def _several(self) -> SeveralInputs:
         side = None if self.mesh is None else float(np.radians(self.mesh))
-        return SeveralInputs(self.slices, side, self.lattice, self.near, self.seconds)
+        return SeveralInputs(self.slices, side, self.input_grid, self.near, self.seconds)
 
     def _found(self, batch: Batch) -> SampledSingularities:
         return batch.once(
@@ -297,7 +307,7 @@ class SingularityAnalysis(AbstractAnalysis):
                 batch.tracer,
                 self.outputs(batch.mechanism),
                 batch.motion.values,
-                batch.branch,
+                batch.assembly_mode,
             ),
         )
 
@@ -340,17 +350,17 @@ class SingularityAnalysis(AbstractAnalysis):
             met = crossing.crossing
             count = 0 if met is None else len(met.tangents)
             words = [
-                f"{count} curves cross" if count else "curves end",
+                f"{counted(count, 'curve')} cross" if count else "curves end",
                 "ends of curves " + _joined(sorted({curve for curve, _ in ends}), ", "),
                 crossing.note,
             ]
             curve, s = ends[0]
             for output, links in enumerate(found.report.outputs):
-                on_branches = crossing.relations[output] if crossing.relations else ()
+                on_assembly_modes = crossing.relations[output] if crossing.relations else ()
                 rows += [
                     {
                         "kind": "III",
-                        **_conditions([at for own in on_branches for at in own]),
+                        **_conditions([at for own in on_assembly_modes for at in own]),
                         **_placed(found, ends, q),
                         "output": _named(batch.mechanism, links),
                         "curve": curve,
@@ -370,8 +380,10 @@ class SingularityAnalysis(AbstractAnalysis):
                 {
                     "kind": str(whole.type),
                     "condition": "",
-                    "branch": _joined(
-                        sorted({p.branch for p in own if p.branch is not None})
+                    "assembly_mode": _joined(
+                        sorted(
+                            {p.assembly_mode for p in own if p.assembly_mode is not None}
+                        )
                     ),
                     "q": np.nan,
                     "inside": "yes",
@@ -399,16 +411,16 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def _measured(self, batch: Batch) -> Row:
         found = self._found(batch)
-        sigma, flatness = found.singular_values()
+        sigma, reciprocal_condition = found.singular_values()
         n = len(batch)
 
-        def ratio(own: Measures) -> Floats:
+        def ratio(own: RelationMeasures) -> Floats:
             with np.errstate(divide="ignore", invalid="ignore"):
                 return np.asarray(own.output_rate / own.input_rate)
 
         status = np.where(batch.status == Status.OK, found.status, batch.status)
 
-        def kinds(own: Measures) -> NDArray[Any]:
+        def kinds(own: RelationMeasures) -> NDArray[Any]:
             known = np.isfinite(own.input_rate)
             rest = [np.abs(r) < RESTS for r in (own.output_rate, own.input_rate)]
             return np.select(
@@ -420,7 +432,7 @@ class SingularityAnalysis(AbstractAnalysis):
         parts: list[Row] = [
             {
                 "sample": batch.sample,
-                "branch": batch.branch,
+                "assembly_mode": batch.assembly_mode,
                 "q": batch.q,
                 "output": np.full(
                     n, _named(batch.mechanism, found.report.outputs[own.output])
@@ -428,7 +440,7 @@ class SingularityAnalysis(AbstractAnalysis):
                 "form": np.full(n, str(own.form)),
                 "c": own.c,
                 "d": own.d,
-                "rate": ratio(own),
+                "velocity_coefficient": ratio(own),
                 "output_rate": own.output_rate,
                 "input_rate": own.input_rate,
                 "angle_I": own.type_i,
@@ -437,9 +449,9 @@ class SingularityAnalysis(AbstractAnalysis):
                 "to_I": own.to_i,
                 "to_II": own.to_ii,
                 "sigma": sigma,
-                "flatness": flatness,
+                "reciprocal_condition": reciprocal_condition,
                 "status": status,
-                "moved": np.full(n, batch.moved_pairs[0]),
+                "moving": np.full(n, batch.moving_inputs[0]),
                 "type": kinds(own),
                 "group": (kinds(own) != "regular").astype(np.int64),
             }
@@ -544,13 +556,14 @@ class SingularityAnalysis(AbstractAnalysis):
             "reference s, or the fourth link of form ii. Great circles: the planes that "
             "coincide.",
             "",
-            "| sample | kind | condition | branch | q, deg | output | what coincides |",
+            "| sample | kind | condition | assembly mode | q, deg | output | what "
+            "coincides |",
             "|---|---|---|---|---|---|---|",
         ]
         for k in range(n):
             lines.append(
                 f"| {k} | {points['kind'][k]} | {points['condition'][k]} | "
-                f"{points['branch'][k]} | {np.degrees(points['q'][k]):.6f} | "
+                f"{points['assembly_mode'][k]} | {np.degrees(points['q'][k]):.6f} | "
                 f"{points['output'][k]} | {points['note'][k]} |"
             )
         parts.append(Text("list", "Singularities", "\n".join(lines)))
@@ -594,10 +607,10 @@ def _joined(numbers: Iterable[int], sign: str = "+") -> str:
 def _placed(
     found: SampledSingularities, ends: Iterable[tuple[int, float]], q: float
 ) -> Row:
-    """Return the input of a singularity on curves, its branches, whether in the range."""
-    branches = {b for curve, s in ends for b in found.branches_at(curve, s, q)}
+    """Return the input of a singularity on curves, its modes, whether in the range."""
+    assembly_modes = {b for curve, s in ends for b in found.assembly_modes_at(curve, s, q)}
     return {
-        "branch": _joined(sorted(branches)),
+        "assembly_mode": _joined(sorted(assembly_modes)),
         "q": q,
         "inside": "yes" if found.inside(q) else "no",
     }

@@ -11,9 +11,9 @@ from spherekit.plugin import (
     INPUTS,
     AbstractAnalysis,
     AnalysisError,
+    AngleLimit,
     AxesLimit,
     Batch,
-    Bound,
     ClosedKinematics,
     Column,
     Constraints,
@@ -63,7 +63,7 @@ FINE = 1e-4
 AREA = "sr or sr rad"
 """The unit of a set of directions, or of orientations."""
 
-MODE = Column("mode", "", "signs of the working mode's legs", "text")
+MODE = Column("working_mode", "", "signs of the working mode's legs", "text")
 PLACES = (
     Column("x", "", "of the direction, or of the unit quaternion xyzw"),
     Column("y", "", "of the direction or quaternion"),
@@ -148,13 +148,13 @@ class WorkspaceAnalysis(AbstractAnalysis):
             (1e-2, 1e-3, 1e-4, 1e-5),
             "areas",
             "size",
-            ("mode", "part"),
+            ("working_mode", "part"),
             "error",
         ),
     )
 
     output: str = ""
-    mode: str = ""
+    working_mode: str = ""
     limits: tuple[str, ...] = ()
     apart: tuple[str, ...] = ()
     near: float = 0.0
@@ -167,12 +167,13 @@ class WorkspaceAnalysis(AbstractAnalysis):
         """Return nothing: poses are given, not traced. Bad parameters are refused here."""
         if not 0.0 <= self.tolerance < 1.0:
             raise AnalysisError(
-                f"workspace: tolerance: {self.tolerance:g} is no relative error; give one "
+                f"workspace: tolerance: {self.tolerance:g} is not a relative error; "
+                f"give one "
                 "above 0 and below 1, or 0 for the default"
             )
         kinematics = closed_kinematics(mechanism, self.output or None)
         bounds_of(kinematics, self._constraints)
-        chosen_modes(kinematics, self.mode)
+        chosen_modes(kinematics, self.working_mode)
         self._given_pose(kinematics)
         return Needs()
 
@@ -218,7 +219,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 modes[label], words = self._of_orientations(batch, item)
             warnings += [f"mode {label}: {text}" for text in words]
             remarks.append(f"mode {label}: {_in_words(modes[label])}")
-        figures["modes"] = modes
+        figures["working_modes"] = modes
         if self.pose:
             figures["pose"], words = self._of_pose(batch)
             warnings += words
@@ -255,7 +256,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "kinematics", lambda: closed_kinematics(batch.mechanism, self.output or None)
         )
 
-    def _bounds(self, batch: Batch) -> tuple[Bound, ...]:
+    def _bounds(self, batch: Batch) -> tuple[AngleLimit, ...]:
         return batch.once(
             "bounds", lambda: bounds_of(self._kinematics(batch), self._constraints)
         )
@@ -265,7 +266,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
     def _find(self, batch: Batch) -> Workspaces:
         kinematics, bounds = self._kinematics(batch), self._bounds(batch)
-        modes = chosen_modes(kinematics, self.mode)
+        modes = chosen_modes(kinematics, self.working_mode)
         if kinematics.points:
             return direction_workspaces(kinematics, bounds, modes, self.tolerance or FINE)
         return orientation_workspaces(kinematics, bounds, modes, self.tolerance or COARSE)
@@ -290,7 +291,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         n = len(places)
         names = [bound.name for bound in self._bounds(batch)] + [UNDEFINED]
         return {
-            "mode": np.full(n, label),
+            "working_mode": np.full(n, label),
             **_coordinates(places),
             "inside": np.where(judged.inside, "yes", "no"),
             "margin": judged.margin,
@@ -314,7 +315,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 }
                 parts.append(
                     {
-                        "mode": np.full(n, label),
+                        "working_mode": np.full(n, label),
                         **{name: np.full(n, each) for name, each in numbers.items()},
                         "point": np.arange(n),
                         **dict(zip(POSE[:3], arc.points.T, strict=True)),
@@ -343,7 +344,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             kinematics, bounds = self._kinematics(batch), self._bounds(batch)
             margin[known] = judge(kinematics, bounds, item.signs, at[known]).margin
         return {
-            "mode": np.full(len(rows), label),
+            "working_mode": np.full(len(rows), label),
             "part": np.array(kinds),
             "number": np.array(numbers),
             "size": np.array(sizes),
@@ -358,7 +359,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         kinematics, bounds = self._kinematics(batch), self._bounds(batch)
         place = found.place[None]
         return {
-            "mode": np.array([label_of(item.signs)]),
+            "working_mode": np.array([label_of(item.signs)]),
             "part": np.array(["whole"]),
             "number": np.array([0]),
             "size": np.array([found.volume]),
@@ -470,7 +471,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 here = judge(kinematics, bounds, item.signs, place[None])
                 row: dict[str, Any] = {
                     "pose": place.tolist(),
-                    "mode": label,
+                    "working_mode": label,
                     **_fares(here, names),
                 }
                 figures.append(row)
@@ -632,7 +633,7 @@ def _degrees(what: str, text: str, number: str) -> float:
         return float(np.radians(float(number)))
     except ValueError:
         raise AnalysisError(
-            f'workspace: {what}: "{number}" in "{text}" is no number of degrees'
+            f'workspace: {what}: "{number}" in "{text}" is not a number of degrees'
         ) from None
 
 

@@ -110,7 +110,7 @@ def _chain(number: int, geometries: int) -> dict[str, Any]:
                 continue
             here.append(float(off_axis(direction, relative)))
             found["bound"].append(float(field.error[i, j][0]))
-            coefficient = field.rate[i, j][0] - relative @ direction
+            coefficient = field.velocity_coefficient[i, j][0] - relative @ direction
             found["coefficient"].append(abs(coefficient) / size)
             found["double"].append(float(off_axis(doubles[j] - doubles[i], relative)))
         found["direction"] += here

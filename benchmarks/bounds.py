@@ -187,9 +187,9 @@ def judged_special(seed: int) -> tuple[str, Stated]:
 def _tracers(several: list[Mechanism], samples: int) -> Iterator[Tracer]:
     for made in several:
         grid = samples if len(made.inputs) == 1 else [3] * len(made.inputs)
-        branch = None if len(several) == 1 else 0
+        assembly_mode = None if len(several) == 1 else 0
         try:
-            yield Tracer(made, search=False, samples=grid, branch=branch)
+            yield Tracer(made, search=False, samples=grid, assembly_mode=assembly_mode)
         except SpherekitError:
             continue
 
@@ -227,9 +227,14 @@ def _silent(field: PoleField, good: NDArray[np.bool_]) -> int:
     for pole, codes in field.pole_status.items():
         known = good & (codes == Status.OK)
         rest = good & (codes == Status.NO_POLE)
-        for values in (field.rate, field.rate_dq, field.rate_error, field.rate_dq_error):
+        for values in (
+            field.velocity_coefficient,
+            field.acceleration_coefficient,
+            field.velocity_coefficient_error,
+            field.acceleration_coefficient_error,
+        ):
             count += int(np.sum(~np.isfinite(values[pole]) & known))
-        count += int(np.sum(~np.isfinite(field.rate_error[pole]) & rest))
+        count += int(np.sum(~np.isfinite(field.velocity_coefficient_error[pole]) & rest))
         count += int(np.sum(~np.isfinite(field.error[pole]) & known))
     return count
 
@@ -297,16 +302,23 @@ def _compared(
     errors = {
         "configurations": exact.distance,
         "directions": [np.linalg.norm(numbers.floats(way), axis=1) for way in ways],
-        "rates": [np.abs(given.rate[pole] - nearest.rate[pole]) for pole in poles],
+        "rates": [
+            np.abs(given.velocity_coefficient[pole] - nearest.velocity_coefficient[pole])
+            for pole in poles
+        ],
         "derivatives": [
-            np.abs(given.rate_dq[pole] - nearest.rate_dq[pole]) for pole in poles
+            np.abs(
+                given.acceleration_coefficient[pole]
+                - nearest.acceleration_coefficient[pole]
+            )
+            for pole in poles
         ],
     }
     bounds = {
         "configurations": motion.configuration_error[rows],
         "directions": [given.error[pole] for pole in poles],
-        "rates": [given.rate_error[pole] for pole in poles],
-        "derivatives": [given.rate_dq_error[pole] for pole in poles],
+        "rates": [given.velocity_coefficient_error[pole] for pole in poles],
+        "derivatives": [given.acceleration_coefficient_error[pole] for pole in poles],
     }
     rounding = 10.0 * numbers.eps * exact.condition**2  # of the reference itself
     return (

@@ -64,7 +64,8 @@ def run(quick: bool) -> list[Section]:
         for pairs in counts
     }
     about = (
-        f"{SAMPLES} samples within {SPAN} rad of a random reference pose, one branch, all "
+        f"{SAMPLES} samples within {SPAN} rad of a random reference pose, one assembly "
+        f"mode, all "
         f"poles with derivatives; medians over {chains} seeded chains of each kind."
     )
     return [
@@ -80,7 +81,7 @@ def run(quick: bool) -> list[Section]:
             "Cost per configuration: contact pairs",
             f"Chains of {FIXED} links in which R pairs became rolling pairs, or binary "
             "links with their two R pairs sliding pairs, between circles. Groups with a "
-            f"contact are no dyads and closed by Newton's method. {about}",
+            f"contact are not dyads and closed by Newton's method. {about}",
             ("Cr pairs", "Cs pairs", *columns),
             _growth(touching, repeats),
             ratios=ratios,
@@ -99,10 +100,10 @@ def _shipped(quick: bool) -> Section:
     ]
     names = list(QUICK) if quick else [UNIT, *(name for name in every if name != UNIT)]
     rows: list[tuple[Cell, ...]] = []
-    unit = Tracer(load(UNIT), samples=SAMPLES, branch=0)
+    unit = Tracer(load(UNIT), samples=SAMPLES, assembly_mode=0)
     for name in names:
         started = time.perf_counter()
-        tracer = Tracer(load(name), samples=SAMPLES, branch=0)
+        tracer = Tracer(load(name), samples=SAMPLES, assembly_mode=0)
         before = time.perf_counter() - started
         pair = {UNIT: unit, name: tracer}
         times = times_of(pair, 3 if quick else 5)
@@ -130,7 +131,8 @@ def _shipped(quick: bool) -> Section:
     return Section(
         "Cost per configuration: shipped mechanisms",
         f"{SAMPLES} samples over the range of the input, or on the straight path through "
-        "the ranges of several, on branch 0; all poles with rates and derivatives, for "
+        "the ranges of several, on assembly mode 0; all poles with rates and "
+        "derivatives, for "
         f"each input moved alone. Each mechanism alternates with {UNIT}. `modes "
         "before` is the search for all modes, timed once; with several inputs and "
         "irreducible groups it includes following every mode to all samples.",
@@ -158,7 +160,10 @@ def _traced(make: Callable[[np.random.Generator], Mechanism], seed: int) -> Trac
         drives = Input(made.inputs[0].pair, -SPAN, SPAN)
         try:
             tracer = Tracer(
-                replace(made, inputs=(drives,)), samples=SAMPLES, branch=0, search=False
+                replace(made, inputs=(drives,)),
+                samples=SAMPLES,
+                assembly_mode=0,
+                search=False,
             )
         except SpherekitError:
             continue

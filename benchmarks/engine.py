@@ -106,15 +106,17 @@ def _kernel_row(
     )
     q = np.linspace(*tracer.range, BLOCK)
     motion = tracer.at(q)
-    branch = motion.branches[0]
+    assembly_mode = motion.assembly_modes[0]
     rows = motion.values[:BLOCK].T
     if source == "input":
-        rows = np.vstack([q, *(np.full(BLOCK, float(sign)) for sign in branch.signs)])
+        rows = np.vstack(
+            [q, *(np.full(BLOCK, float(sign)) for sign in assembly_mode.signs)]
+        )
     inputs = np.ascontiguousarray(np.tile(rows, (1, -(-count // BLOCK)))[:, :count])
     out = np.empty((len(compiled.columns), count))
     every = all_poles(len(made.links))
     wanted = request(made, pair, every, every)
-    configurations = BLOCK * len(motion.branches)
+    configurations = BLOCK * len(motion.assembly_modes)
 
     def plan() -> object:
         return evaluate(tracer.at(q) if source == "input" else motion, wanted)

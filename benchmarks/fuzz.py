@@ -108,7 +108,7 @@ def _judge_seed(seed: int, tally: Tally) -> None:
             plan_assembly(made)
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
-            tracer = Tracer(made, search=False, samples=SAMPLES, branch=0)
+            tracer = Tracer(made, search=False, samples=SAMPLES, assembly_mode=0)
             motion = tracer.motion()
             poles = all_poles(len(made.links))
             fields = {
@@ -191,8 +191,11 @@ def _not_nan(motion: Motion, found: PoleField) -> list[str]:
         ("values", motion.values, failed),
         ("rotations", motion.rotations, failed),
         *((f"direction {p}", v, failed) for p, v in found.direction.items()),
-        *((f"rate {p}", v, unknown) for p, v in found.rate.items()),
-        *((f"rate_dq {p}", v, unknown) for p, v in found.rate_dq.items()),
+        *((f"rate {p}", v, unknown) for p, v in found.velocity_coefficient.items()),
+        *(
+            (f"acceleration_coefficient {p}", v, unknown)
+            for p, v in found.acceleration_coefficient.items()
+        ),
         *((f"w {k}", v, unknown) for k, v in found.w.items()),
         *((f"dw {k}", v, unknown) for k, v in found.dw.items()),
     ):
@@ -262,7 +265,7 @@ def _judge_row(
         vector, change = w[j] - w[i], dw[j] - dw[i]
         size = _length(vector)
         status = Status(found.pole_status[pole][row])
-        direction, rate = found.direction[pole][row], found.rate[pole][row]
+        direction, rate = found.direction[pole][row], found.velocity_coefficient[pole][row]
         tally.poles[status.name] += 1
         if status == Status.NO_POLE:
             compare(f"standing {pole}", size / scale, max(1e-6, allowed))
@@ -277,10 +280,10 @@ def _judge_row(
             across = _length(np.cross(direction, vector)) / scale
             bound = found.error[pole][row] * BOUND * size / scale
             compare(f"direction {pole}", across, max(allowed, bound))
-            along = found.rate_dq[pole][row] - change @ direction
+            along = found.acceleration_coefficient[pole][row] - change @ direction
             # A direction may deviate by its bound, and the derivative with it.
             limit = allowed_rate + BOUND * found.error[pole][row]
-            compare(f"rate_dq {pole}", abs(along) / steep, limit)
+            compare(f"acceleration_coefficient {pole}", abs(along) / steep, limit)
             length = _length(direction)
             compare(f"length {pole}", abs(length - 1.0), 1e-12)
         else:

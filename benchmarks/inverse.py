@@ -10,7 +10,7 @@ from benchmarks.report import Cell, Section
 from benchmarks.timing import median, rounds
 from spherekit.files.read import load
 from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.motion.branches import Branch
+from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.dyads import Signs
 from spherekit.output.inverse import InverseKinematics
 from spherekit.sphere.mirror import upward
@@ -39,7 +39,7 @@ def run(quick: bool) -> list[Section]:
             "one": partial(kinematics.at, poses, [one]),
             "all": partial(kinematics.at, poses),
             "measure": partial(_measure, kinematics, poses[:FEW], one),
-            "links": partial(kinematics.solver.evaluate, Branch(0, one), coordinates),
+            "links": partial(kinematics.solver.evaluate, AssemblyMode(0, one), coordinates),
         }
         times = rounds(jobs, 3 if quick else 5)
         found = kinematics.at(poses)

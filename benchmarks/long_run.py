@@ -47,7 +47,8 @@ def _runs(quick: bool) -> Section:
     return Section(
         "Runs of many samples",
         "`spherekit run NAME -a ANALYSIS --samples N -o DIR`, whole processes, tables as "
-        "CSV and Parquet; a configuration is one sample of one branch. Memory is the "
+        "CSV and Parquet; a configuration is one sample of one assembly mode. Memory is "
+        "the "
         "largest resident set.",
         (
             "mechanism",
@@ -82,16 +83,16 @@ def _measured(name: str, analysis: str, samples: int) -> tuple[Cell, ...]:
             kind: sum(path.stat().st_size for path in Path(folder).glob(f"*.{kind}")) / 1e6
             for kind in ("csv", "parquet")
         }
-    configurations = samples * len(summary["branches"])
+    configurations = samples * len(summary["assembly_modes"])
     each = 1e6 * seconds / configurations
     return wall, seconds, each, peak / 1e6, size["csv"], size["parquet"]
 
 
 def _blocks(quick: bool) -> Section:
     made = load("stephenson")
-    branches = len(Tracer(made, samples=2).branches)
+    assembly_modes = len(Tracer(made, samples=2).assembly_modes)
     sizes = [BLOCK >> 5, BLOCK >> 3, BLOCK >> 1, BLOCK, BLOCK << 1, BLOCK << 3]
-    samples = sizes[-1] // branches
+    samples = sizes[-1] // assembly_modes
     best = dict.fromkeys(sizes, float("inf"))
     for _ in range(2 if quick else 5):
         for size in sizes:
@@ -100,19 +101,19 @@ def _blocks(quick: bool) -> Section:
                 made,
                 "poles:only=31",
                 samples=samples,
-                block=size // branches,
+                block=size // assembly_modes,
                 tables=False,
             )
             best[size] = min(best[size], time.process_time() - started)
     rows: list[tuple[Cell, ...]] = [
-        (size, 1e6 * seconds / (samples * branches), seconds / best[BLOCK])
+        (size, 1e6 * seconds / (samples * assembly_modes), seconds / best[BLOCK])
         for size, seconds in best.items()
     ]
     return Section(
         "Rows evaluated at once",
-        f"The Stephenson mechanism, `poles:only=31`, {samples} samples of {branches} "
-        f"branches, no tables kept; best processor time of the rounds. A run takes "
-        f"{BLOCK} rows of all branches together.",
+        f"The Stephenson mechanism, `poles:only=31`, {samples} samples of {assembly_modes} "
+        f"assembly modes, no tables kept; best processor time of the rounds. A run takes "
+        f"{BLOCK} rows of all assembly modes together.",
         ("rows in a block", "us per configuration", f"over {BLOCK}"),
         rows,
     )

@@ -18,7 +18,7 @@ from benchmarks.samples import (
 from spherekit.errors import PlanError
 from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Input, Mechanism
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.motion import Tracer
 from spherekit.motion.search import CLOSE, SEED, damped, starting_range
 from spherekit.planning.assembly import plan_assembly
@@ -69,7 +69,8 @@ def run(quick: bool, count: int | None = None) -> list[Section]:
             f"their reference pose. The modes at {INPUTS} random inputs are counted by an "
             f"independent search, {STARTS} starts at each, which knows orientations of "
             "bodies and arcs of links and no pair variables. Missed is a mode that no "
-            "branch of a run has there, or no curve of the search for all. Where the claim "
+            "assembly mode of a run has there, or no curve of the search for all. Where "
+            "the claim "
             "is not complete it rests on so many starts. The last columns compare the "
             "damped search with Newton's method from the same starts.",
             (
@@ -151,8 +152,9 @@ def judge(tally: Tally, made: Mechanism, seed: int) -> None:
     else:
         tally.complete += 1
     for q, (modes, _) in zip(inputs, structure.modes(inputs, STARTS, random), strict=True):
-        on_branches = [
-            solver.evaluate(branch, np.array([[q]])).rotations for branch in tracer.branches
+        on_assembly_modes = [
+            solver.evaluate(assembly_mode, np.array([[q]])).rotations
+            for assembly_mode in tracer.assembly_modes
         ]
         on_curves = [
             solver.closure.at(
@@ -161,7 +163,7 @@ def judge(tally: Tally, made: Mechanism, seed: int) -> None:
             for each in found.curves
         ]
         tally.modes += len(modes)
-        tally.missed_by_run += _lacking(structure, made, modes, on_branches)
+        tally.missed_by_run += _lacking(structure, made, modes, on_assembly_modes)
         tally.missed_by_curves += _lacking(structure, made, modes, on_curves)
     _compare(tally, solver)
 

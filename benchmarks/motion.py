@@ -35,7 +35,7 @@ def run(quick: bool) -> list[Section]:
             poles.append((*row, count, float(row[4] or 0) / count))
     columns = (
         "mechanism",
-        "branches",
+        "assembly_modes",
         "samples",
         "ms",
         "ns per configuration",
@@ -44,9 +44,11 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Motion",
-            f"All branches over the input's range, in blocks of about {BLOCK} rows as "
-            "a run has them; a configuration is one sample of one branch. Variables, "
-            "orientations, status and residual; the search for branches is not "
+            f"All assembly modes over the input's range, in blocks of about {BLOCK} "
+            f"rows as "
+            "a run has them; a configuration is one sample of one assembly mode. "
+            "Variables, "
+            "orientations, status and residual; the search for assembly modes is not "
             "included.",
             columns,
             motion,
@@ -95,15 +97,15 @@ def row_of(
     tracers: dict[str, Tracer], name: str, samples: int, times: Times, what: str
 ) -> tuple[Cell, ...]:
     """Return names, counts, times and the ratio of one mechanism."""
-    branches = len(tracers[name].branches)
-    share = len(tracers["four_bar"].branches) / branches
+    assembly_modes = len(tracers[name].assembly_modes)
+    share = len(tracers["four_bar"].assembly_modes) / assembly_modes
     seconds = median(times, f"{name} {what}")
     return (
         name,
-        branches,
+        assembly_modes,
         samples,
         1e3 * seconds,
-        1e9 * seconds / (samples * branches),
+        1e9 * seconds / (samples * assembly_modes),
         share * ratio(times, f"{name} {what}", f"four_bar {what}"),
     )
 
@@ -117,13 +119,13 @@ def _search(repeats: int) -> Section:
         tracer = Tracer(made[name])
         kinds = ", ".join(group.kind for group in tracer.assembly.groups)
         seconds, relation = median(times, name), ratio(times, name, "four_bar")
-        rows.append((name, kinds, len(tracer.branches), 1e3 * seconds, relation))
+        rows.append((name, kinds, len(tracer.assembly_modes), 1e3 * seconds, relation))
     return Section(
-        "Search for branches",
+        "Search for assembly modes",
         "Done once before any sample: dyads in closed form over the range; irreducible "
         "groups at several inputs, by elimination or from random starts, and by following "
         "each mode found.",
-        ("mechanism", "groups", "branches", "search, ms", "over four_bar"),
+        ("mechanism", "groups", "assembly_modes", "search, ms", "over four_bar"),
         rows,
         ratios=("over four_bar",),
     )

@@ -13,9 +13,9 @@ from spherekit.dynamics import forward
 from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.kinematics import by_arc_length
 from spherekit.dynamics.mjcf import RigidBodies, mjcf, rigid_bodies
-from spherekit.dynamics.offline import online_model
-from spherekit.dynamics.online_motion import online_motion
 from spherekit.dynamics.start import prepare
+from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulated_motion import online_motion
 from spherekit.engine.compiler import available
 from spherekit.files.read import load
 from spherekit.model.dynamics import Mass, PairTorque
@@ -40,7 +40,7 @@ others, costs six digits."""
 
 @dataclass(frozen=True)
 class Case:
-    """A mechanism with its loads at the start: q(0) = 0.3, q'(0) = 1, branch 0.
+    """A mechanism with its loads at the start: q(0) = 0.3, q'(0) = 1, assembly mode 0.
 
     `sines` and `damping` are its loads in another form, for engines that read none: pair,
     factor of -sin(theta) (N m) and of -dtheta (N m s).

@@ -70,8 +70,8 @@ def _difference(made: Mechanism, size: float) -> float:
     motion = Tracer(made, samples=SAMPLES).motion()
     number = made.pair_number
     largest = 0.0
-    for branch in motion.branches:
-        rows = motion.branch == branch.number
+    for assembly_mode in motion.assembly_modes:
+        rows = motion.assembly_mode == assembly_mode.number
         ground, crank, moving, rocker = (
             motion.axes[rows, number[name]] for name in ("41", "21", "32", "43")
         )
@@ -98,8 +98,8 @@ def _planar(start: float, step: float, place: tuple[float, float]) -> Any:
 
 
 def _times(repeats: int) -> Section:
-    tracer = Tracer(_four_bar(1e-3), samples=SAMPLES, branch=0)
-    inputs = [q[None] for q in tracer.lattice.q]
+    tracer = Tracer(_four_bar(1e-3), samples=SAMPLES, assembly_mode=0)
+    inputs = [q[None] for q in tracer.input_grid.q]
     linkage = _planar(0.0, 2.0 * np.pi / SAMPLES, (2.5, 2.5))
     jobs: dict[str, Callable[[], object]] = {
         "pylinkage, step by step": lambda: list(linkage.step(iterations=SAMPLES)),

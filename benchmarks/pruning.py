@@ -28,16 +28,16 @@ NARROW = {"one of the four-bar": "poles:only=4/1", "one of a dyad": "poles:only=
 
 def _sizes(mechanism: Mechanism, text: str, only_needed: bool) -> tuple[int, ...]:
     """Return rows, bytes of CSV and of Parquet, entities and bytes of a recording."""
-    from spherekit.view.rerun_view import Recorder
+    from spherekit.view.rerun_view import RerunRecorder
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.rrd"
-        with Recorder(mechanism.name, path=path) as recorder:
+        with RerunRecorder(mechanism.name, path=path) as recorder:
             cost = run_analyses(
                 mechanism,
                 text,
                 samples=SAMPLES,
-                branch=0,
+                assembly_mode=0,
                 only_needed=only_needed,
                 folder=Path(folder) / "out",
                 recorder=recorder,
@@ -110,7 +110,8 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Pruning",
-            f"Positions, poles and coefficients with derivatives of branch 0 at {SAMPLES} "
+            f"Positions, poles and coefficients with derivatives of assembly mode 0 at "
+            f"{SAMPLES} "
             "samples, for one coefficient and for all. Only needed: groups that nothing "
             "asked depends on are left out too. Sizes are those of a run with its tables "
             "and a recording. The chain of 30 links is a four-bar grown by dyads.",

@@ -14,8 +14,8 @@ from spherekit.region.orientations import find_orientations
 from spherekit.region.region import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
 from spherekit.workspace.constraints import (
+    AngleLimit,
     AxesLimit,
-    Bound,
     Constraints,
     PairLimit,
     bounds_of,
@@ -167,7 +167,7 @@ def _limited(quick: bool) -> Section:
         bounds = bounds_of(kinematics, Constraints(limits, near=float(np.radians(near))))
 
         def job(
-            kinematics: ClosedKinematics = kinematics, bounds: Sequence[Bound] = bounds
+            kinematics: ClosedKinematics = kinematics, bounds: Sequence[AngleLimit] = bounds
         ) -> Region:
             (found,) = direction_workspaces(kinematics, bounds, kinematics.modes[:1], 1e-4)
             return found.region

@@ -42,7 +42,7 @@ def run(quick: bool) -> list[Section]:
             "which all is well conditioned, derivatives relative to the largest, and the "
             "time in that of `conditioned`, the two with the smallest error bounds. "
             "`least_squares` takes all great circles, each weighted by the reciprocal of "
-            "its bound, and is no route of the package: it is no sharper.",
+            "its bound, and is not a route of the package: it is not a sharper.",
             (
                 "mechanism",
                 "route",

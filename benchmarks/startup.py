@@ -90,7 +90,7 @@ def _runs(repeats: int) -> Section:
     ]
     return Section(
         "Runs from the shell",
-        "Whole processes, 361 samples of two branches; the unit is what any program "
+        "Whole processes, 361 samples of two assembly modes; the unit is what any program "
         "pays that writes its tables with pandas.",
         ("process", "ms", "over numpy and pandas"),
         rows,

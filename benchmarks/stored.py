@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length
-from spherekit.dynamics.offline import online_model
-from spherekit.dynamics.online import OnlineModel
+from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.files.read import load
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import parse_pole
@@ -27,13 +27,13 @@ def run(quick: bool) -> list[Section]:
     """Return the section."""
     rows: list[tuple[Cell, ...]] = []
     places = 5_000 if quick else 100_000
-    for name, branch in CASES:
+    for name, assembly_mode in CASES:
         started = time.perf_counter()
-        model = online_model(load(name), branch=branch)
+        model = online_model(load(name), assembly_mode=assembly_mode)
         seconds = time.perf_counter() - started
-        worst, where = _worst(model, name, branch, places)
+        worst, where = _worst(model, name, assembly_mode, places)
         cells = sum(len(group.coefficients) for group in model.groups)
-        own = (name, branch, len(model.heading.functions), cells, seconds)
+        own = (name, assembly_mode, len(model.heading.functions), cells, seconds)
         rows.append((*own, model.error, worst, where, *_times(model, quick)))
     return [
         Section(
@@ -67,7 +67,7 @@ def run(quick: bool) -> list[Section]:
     ]
 
 
-def _times(model: OnlineModel, quick: bool) -> list[float | None]:
+def _times(model: TabulatedModel, quick: bool) -> list[float | None]:
     """Return the fastest and the median time (us) of each call, and in calls of a sine."""
     places = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, CALLS).tolist()
     calls: list[Callable[[float], object]] = [
@@ -92,10 +92,12 @@ def _times(model: OnlineModel, quick: bool) -> list[float | None]:
     return parts + [None] * (6 - len(parts))
 
 
-def _worst(model: OnlineModel, name: str, branch: int, count: int) -> tuple[float, str]:
+def _worst(
+    model: TabulatedModel, name: str, assembly_mode: int, count: int
+) -> tuple[float, str]:
     """Return the largest error of all functions, and whose it is."""
     mechanism = load(name)
-    tracer = Tracer(mechanism, branch=branch)
+    tracer = Tracer(mechanism, assembly_mode=assembly_mode)
     x = np.sort(np.random.default_rng(11).uniform(0.0, 2.0 * np.pi, count))
     poles = {text: parse_pole(mechanism, text) for text in model.heading.poles}
     wanted = request(mechanism, tracer.inputs[0], poles.values(), poles.values())
@@ -113,9 +115,15 @@ def _worst(model: OnlineModel, name: str, branch: int, count: int) -> tuple[floa
             found = model.pole(text, q)
             side = np.sign(np.sum(field.direction[pole] * found, axis=1))
             note(f"pole {text}", field.direction[pole] * side[:, None], found)
-            note(f"rate {text}", field.rate[pole] * side, model.rate(text, q))
+            note(
+                f"rate {text}", field.velocity_coefficient[pole] * side, model.rate(text, q)
+            )
             change = model.rate_derivative(text, q)
-            note(f"its derivative {text}", field.rate_dq[pole] * side, change)
+            note(
+                f"its derivative {text}",
+                field.acceleration_coefficient[pole] * side,
+                change,
+            )
         single = tracer.solver.single
         exact = by_arc_length(tracer.solver.closure, motion.values).by_variable(single)
         for number, variable in enumerate(mechanism.variable_names):

@@ -13,7 +13,7 @@ from benchmarks.timing import median, rounds
 from spherekit.files.read import load
 from spherekit.motion import closure as closures
 from spherekit.motion.closure import Closure
-from spherekit.motion.follow import Curve, follow
+from spherekit.motion.follow import ModeCurve, follow
 from spherekit.motion.motion import Tracer
 from spherekit.motion.steps import LARGEST_STEP
 
@@ -21,21 +21,22 @@ NAMES = ("double_butterfly", "single_flier")
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the cost of every branch of the shipped mechanisms that need it."""
+    """Return the cost of every assembly mode of the shipped mechanisms that need it."""
     rows: list[tuple[Cell, ...]] = []
     for name in NAMES:
         tracer = Tracer(load(name))
-        for branch in tracer.branches:
-            rows.append(_branch(tracer, branch, 3 if quick else 7, name))
+        for assembly_mode in tracer.assembly_modes:
+            rows.append(_assembly_mode(tracer, assembly_mode, 3 if quick else 7, name))
     return [
         Section(
             "Tracking of irreducible groups",
-            "One branch followed from a node in its middle to both ends of its range, "
+            "One assembly mode followed from a node in its middle to both ends of its "
+            "range, "
             "then evaluated at 361 samples. A trial is one predicted step with its "
             "Newton iteration; it is accepted as a node, or the step is halved.",
             (
                 "mechanism",
-                "branch",
+                "assembly_mode",
                 "range, turns",
                 "nodes",
                 "trials",
@@ -48,7 +49,7 @@ def run(quick: bool) -> list[Section]:
             ),
             rows,
             f"Steps are at most {LARGEST_STEP} rad, which makes at least "
-            f"{2 * np.pi / LARGEST_STEP:.0f} nodes a turn. A branch of less than "
+            f"{2 * np.pi / LARGEST_STEP:.0f} nodes a turn. An assembly mode of less than "
             "a turn ends at dead centres of the input, where the steps shrink.",
             ratios=("Newton steps per node", "Newton steps of 361 samples, per sample"),
             keys=2,
@@ -56,12 +57,14 @@ def run(quick: bool) -> list[Section]:
     ]
 
 
-def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell, ...]:
-    curve = branch.guide
+def _assembly_mode(
+    tracer: Tracer, assembly_mode: Any, repeats: int, name: str
+) -> tuple[Cell, ...]:
+    curve = assembly_mode.guide
     middle = curve.values[len(curve.inputs) // 2]
     closure, driven = tracer.solver.closure, tracer.solver.driven[0]
 
-    def job() -> Curve:
+    def job() -> ModeCurve:
         return follow(closure, driven, middle, *tracer.range)
 
     with counted() as cost:
@@ -72,10 +75,10 @@ def _branch(tracer: Tracer, branch: Any, repeats: int, name: str) -> tuple[Cell,
     seconds = median(rounds({"follow": job}, repeats), "follow")
     q = np.linspace(found.inputs[0], found.inputs[-1], 361)
     with counted() as later:
-        tracer.solver.evaluate(branch, q)
+        tracer.solver.evaluate(assembly_mode, q)
     return (
         name,
-        branch.number,
+        assembly_mode.number,
         turns,
         nodes,
         cost["solved"],

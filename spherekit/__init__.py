@@ -11,7 +11,7 @@ sk.mechanisms()                                # what is shipped
 mechanism = sk.load("four_bar")                # or sk.build(...), without a file
 longer = mechanism.with_sizes(angle_unit="deg", arcs={"2": 25.0})
 print(sk.table(sk.plan(mechanism)))            # how every pole axis is found
-here = sk.evaluate(longer, 0.7, branch=0)      # at one input, or at many
+here = sk.evaluate(longer, 0.7, assembly_mode=0)      # at one input, or at many
 here.velocity_coefficient("4/1"), here.direction("3/1")
 motion = sk.trace(mechanism, samples=361)      # every assembly mode
 result = sk.run(mechanism, "poles", samples=361)
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from spherekit.conventions import Status as Status
     from spherekit.dynamics.forward import simulate as simulate
     from spherekit.dynamics.inverse import inverse_dynamics as inverse_dynamics
-    from spherekit.dynamics.offline import online_model as online_model
-    from spherekit.dynamics.online import load_reduced as load_reduced
-    from spherekit.dynamics.online_motion import online_motion as online_motion
     from spherekit.dynamics.reference import reference_simulation as reference_simulation
     from spherekit.dynamics.simulation import Simulation as Simulation
     from spherekit.dynamics.start import PoseStart as PoseStart
+    from spherekit.dynamics.tabulate import online_model as online_model
+    from spherekit.dynamics.tabulated import load_reduced as load_reduced
+    from spherekit.dynamics.tabulated_motion import online_motion as online_motion
     from spherekit.errors import SpherekitError as SpherekitError
     from spherekit.exact.arithmetic import Digits as Digits
     from spherekit.exact.rows import exact_rows as exact_rows

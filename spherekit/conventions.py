@@ -12,7 +12,7 @@ class Status(IntEnum):
     OK = 0
     OUT_OF_REACH = 1
     AT_SINGULARITY = 2
-    BRANCH_LOST = 3
+    MODE_LOST = 3
     NOT_CONVERGED = 4
     NOT_CLOSED = 5
     NO_POLE = 6
@@ -23,13 +23,13 @@ class Status(IntEnum):
 
 
 STATUS_MEANING = {
-    Status.OK: "closed, on its branch, with finite rates",
-    Status.OUT_OF_REACH: "the arcs cannot close at this input, the branch ends at a "
+    Status.OK: "closed, on its assembly mode, with finite rates",
+    Status.OUT_OF_REACH: "the arcs cannot close at this input, the assembly mode ends at a "
     "dead centre before it, or with several inputs no verified way led here from a "
     "neighbouring sample; narrow the range, sample more finely or change the arcs",
     Status.AT_SINGULARITY: "the links close, but the input rate does not determine "
     "the motion here; choose another input pair or step around it",
-    Status.BRANCH_LOST: "a solution was found, but not on this branch; ask for more "
+    Status.MODE_LOST: "a solution was found, but not on this assembly mode; ask for more "
     "samples or start nearer",
     Status.NOT_CONVERGED: "the iteration did not reach the tolerance; start nearer "
     "or check for nearly parallel axes",
@@ -100,7 +100,7 @@ def listing(words: Iterable[object], limit: int = 12) -> str:
 
 
 def numbered(word: str, numbers: Iterable[object]) -> str:
-    """Return a word with what it counts: ``branch 0``, ``branches 0, 1``."""
+    """Return a word with what it counts: ``assembly_mode 0``, ``assembly_modes 0, 1``."""
     every = list(numbers)
     plural = "es" if word.endswith("h") else "s"
     return f"{word}{'' if len(every) == 1 else plural} {listing(every)}"

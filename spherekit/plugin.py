@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.contract import Findings as Findings
     from spherekit.analysis.contract import Needs as Needs
     from spherekit.analysis.contract import Sweep as Sweep
+    from spherekit.analysis.link_scenes import link_bodies as link_bodies
     from spherekit.analysis.numbers import columns_of as columns_of
     from spherekit.analysis.numbers import read_numbers as read_numbers
     from spherekit.analysis.registry import registered as registered
@@ -32,8 +33,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.scene import SphereMap as SphereMap
     from spherekit.analysis.scene import Surface as Surface
     from spherekit.analysis.scene import Text as Text
-    from spherekit.analysis.stage import link_bodies as link_bodies
-    from spherekit.analysis.tables import BRANCH as BRANCH
+    from spherekit.analysis.tables import ASSEMBLY_MODE as ASSEMBLY_MODE
     from spherekit.analysis.tables import INPUT as INPUT
     from spherekit.analysis.tables import INPUTS as INPUTS
     from spherekit.analysis.tables import RESIDUAL as RESIDUAL
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.tables import input_columns as input_columns
     from spherekit.budget import Budget as Budget
     from spherekit.conventions import Status as Status
+    from spherekit.conventions import counted as counted
     from spherekit.conventions import listing as listing
     from spherekit.conventions import nearest as nearest
     from spherekit.conventions import numbered as numbered
@@ -61,17 +62,21 @@ if TYPE_CHECKING:
     from spherekit.errors import SolveError as SolveError
     from spherekit.guarantee import Claim as Claim
     from spherekit.guidance.follow import follow_rotation as follow_rotation
-    from spherekit.guidance.form import MidPlaneForm as MidPlaneForm
-    from spherekit.guidance.form import MidPlaneRotation as MidPlaneRotation
     from spherekit.guidance.loci import mid_plane_loci as mid_plane_loci
+    from spherekit.guidance.mid_plane_architecture import (
+        MidPlaneArchitecture as MidPlaneArchitecture,
+    )
+    from spherekit.guidance.mid_plane_architecture import (
+        MidPlaneRotation as MidPlaneRotation,
+    )
     from spherekit.guidance.poses import AtDirection as AtDirection
     from spherekit.guidance.poses import AtInputs as AtInputs
     from spherekit.guidance.poses import AtMirror as AtMirror
     from spherekit.guidance.poses import AtOrientation as AtOrientation
-    from spherekit.guidance.poses import Candidates as Candidates
+    from spherekit.guidance.poses import AtRotation as AtRotation
     from spherekit.guidance.poses import Pose as Pose
+    from spherekit.guidance.poses import PoseCandidates as PoseCandidates
     from spherekit.guidance.poses import PoseFinder as PoseFinder
-    from spherekit.guidance.poses import Turned as Turned
     from spherekit.guidance.rotation import FixedAxisRotation as FixedAxisRotation
     from spherekit.guidance.rotation import RotationSamples as RotationSamples
     from spherekit.guidance.rotation import chosen_output as chosen_output
@@ -108,8 +113,7 @@ if TYPE_CHECKING:
     from spherekit.singular.record import SingularPoint as SingularPoint
     from spherekit.singular.record import Type as Type
     from spherekit.singular.relation import SixPoles as SixPoles
-    from spherekit.singular.rest import output_of as output_of
-    from spherekit.singular.sampled import Measures as Measures
+    from spherekit.singular.sampled import RelationMeasures as RelationMeasures
     from spherekit.singular.sampled import SampledSingularities as SampledSingularities
     from spherekit.singular.several import OutputCoefficients as OutputCoefficients
     from spherekit.singular.several import RowType as RowType
@@ -118,6 +122,7 @@ if TYPE_CHECKING:
     from spherekit.singular.slices import Cut as Cut
     from spherekit.singular.slices import cut as cut
     from spherekit.singular.slices import solver_of as solver_of
+    from spherekit.singular.stationarity import output_of as output_of
     from spherekit.singular.surface import SingularSurface as SingularSurface
     from spherekit.singular.surface import singular_surface as singular_surface
     from spherekit.sphere.mirror import mirror_angles as mirror_angles
@@ -130,8 +135,8 @@ if TYPE_CHECKING:
     from spherekit.sphere.tilt_torsion import from_tilt_torsion as from_tilt_torsion
     from spherekit.sphere.tilt_torsion import pointing as pointing
     from spherekit.sphere.tilt_torsion import tilt_torsion as tilt_torsion
+    from spherekit.workspace.constraints import AngleLimit as AngleLimit
     from spherekit.workspace.constraints import AxesLimit as AxesLimit
-    from spherekit.workspace.constraints import Bound as Bound
     from spherekit.workspace.constraints import Constraints as Constraints
     from spherekit.workspace.constraints import PairLimit as PairLimit
     from spherekit.workspace.constraints import bounds_of as bounds_of

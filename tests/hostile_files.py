@@ -158,7 +158,7 @@ def texts():
 
 
 def make_files(folder):
-    """Make the hostile files that are no texts, and return their paths by name."""
+    """Make the hostile files that are not texts, and return their paths by name."""
     paths = {name: folder / name for name in ("loop", "pipe", "sparse", "folder")}
     paths["loop"].symlink_to(folder / "loop")
     os.mkfifo(paths["pipe"])

@@ -149,8 +149,8 @@ def mechanisms(draw, contacts=True, legal=True, special=False, span=SPAN):
 def reordered(made, order):
     """Return a mechanism with other names and orders of links and pairs, R pairs turned.
 
-    `order` (links - 1,) is that of the moving links; every other R pair that is no input
-    is given with its links exchanged.
+    `order` (links - 1,) is that of the moving links; every other R pair that is not an
+    input is given with its links exchanged.
     """
     names = {made.ground: "base"}
     names |= {made.links[1 + k]: f"link_{n}" for n, k in enumerate(order)}

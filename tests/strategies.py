@@ -185,7 +185,7 @@ flags = st.one_of(
     st.tuples(st.just("--start"), starts),
     st.tuples(st.just("--torque"), texts),
     st.tuples(st.just("--tol"), floats),
-    st.tuples(st.just("--branch"), small),
+    st.tuples(st.just("--assembly-mode"), small),
     st.sampled_from([("--no-search",), ("--deg",), ("--json",), ("--strict",), ("-q",)]),
     st.tuples(st.just("-o"), st.sampled_from(("OUT", "/dev/null/x", "\0", "", "/proc/x"))),
     st.tuples(st.just("--save"), st.sampled_from(("/dev/null/x.rrd", "/proc/x.rrd"))),

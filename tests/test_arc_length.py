@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes
 from closed_forms import four_bar_angles
+from example_mechanisms import ARM, DEGREE, GROUND, ROLLER, at, cam, four_bar
 from oracles import null_space
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from test_contact import ARM, DEGREE, GROUND, ROLLER, at, cam
-from test_motion import four_bar
+from singular_examples import components
 
 import spherekit as sk
 from spherekit.conventions import Status
@@ -19,7 +19,7 @@ from spherekit.errors import SolveError
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Profile
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.closure import Closure
 from spherekit.motion.configuration import configuration_curves
 from spherekit.motion.motion import Tracer
@@ -55,7 +55,9 @@ def shipped(name):
     if name in GUESSES:
         return closed_near(sk.load(name), GUESSES[name])
     tracer = Tracer(sk.load(name), search=False)
-    there = tracer.solver.evaluate(tracer.branches[0], np.array([[tracer.range[0] + 0.5]]))
+    there = tracer.solver.evaluate(
+        tracer.assembly_modes[0], np.array([[tracer.range[0] + 0.5]])
+    )
     return follow_arc(tracer.solver.closure, there.values[0])
 
 
@@ -64,7 +66,7 @@ def configurations(made, inputs):
     solver = Solver(made, plan_assembly(made))
     found = []
     for sign in (1, -1):
-        there = solver.evaluate(Branch(0, (sign,)), inputs[:, None])
+        there = solver.evaluate(AssemblyMode(0, (sign,)), inputs[:, None])
         found.append(there.values[there.status == Status.OK])
     return solver.closure, np.concatenate(found)
 
@@ -91,22 +93,6 @@ def loop_gap(arcs, values):
     )
     k4 = np.stack([np.sin(p) * s4, -np.cos(p) * s4, c4 + 0.0 * p])
     return np.sum(k3 * k4, axis=0) - c3
-
-
-def components(arcs):
-    """Return how many closed curves a four-bar has, from the reach of its diagonal.
-
-    The diagonal between axes 32 and 41 has to lie in the range that links 1, 2 allow and in
-    that of links 3, 4. Where one end of the first range is out of reach the two modes
-    meet there and are one curve; where both are, or none, there are two.
-    """
-    ground, crank, coupler, rocker = arcs
-    shortest, longest = abs(ground - crank), min(ground + crank, 2 * np.pi - ground - crank)
-    near = abs(coupler - rocker)
-    far = min(coupler + rocker, 2 * np.pi - coupler - rocker)
-    if shortest >= far or longest <= near:
-        return 0
-    return 1 if (shortest < near) != (longest > far) else 2
 
 
 def axes_of(curve, values):
@@ -343,7 +329,7 @@ def test_samples_at_inputs_are_those_of_the_branches(name):
     curve = shipped(name)
     tracer = Tracer(sk.load(name), search=False)
     for q in tracer.range[0] + np.linspace(0.1, 0.9, 5) * np.ptp(tracer.range):
-        there = tracer.solver.evaluate(tracer.branches[0], np.array([[q]]))
+        there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[q]]))
         if there.status[0] != Status.OK:
             continue
         places = curve.at_input(tracer.solver.single, q).places
@@ -372,7 +358,7 @@ def test_a_gear_train_runs_at_constant_rates():
 
 def test_cones_without_a_common_length_never_close():
     tracer = Tracer(sk.load("rolling_cones"), search=False)
-    there = tracer.solver.evaluate(tracer.branches[0], np.array([[0.5]])).values[0]
+    there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[0.5]])).values[0]
     curve = follow_arc(tracer.solver.closure, there, longest=20.0)
     assert not curve.closed
     assert curve.ends == (Status.OK, Status.OK)
@@ -463,8 +449,10 @@ def test_starts_that_cannot_be_followed(no_crank):
 
 def test_modes_that_meet_at_dead_points_are_one_curve():
     tracer = Tracer(four_bar(NO_CRANK))
-    (found,) = configuration_curves(tracer.solver, tracer.branches, *tracer.range).curves
-    numbers = [piece.branch for piece in found.pieces]
+    (found,) = configuration_curves(
+        tracer.solver, tracer.assembly_modes, *tracer.range
+    ).curves
+    numbers = [piece.assembly_mode for piece in found.pieces]
     assert set(numbers) == {0, 1}
     curve = found.curve
     covered = sum(piece.stop - piece.start for piece in found.pieces)
@@ -473,10 +461,14 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
         s = np.linspace(piece.start, piece.stop, 9)[1:-1]
         values = curve.at(s).values
         q = np.mod(values[:, 0], 2 * np.pi)
-        (branch,) = (b for b in tracer.branches if b.number == piece.branch)
-        there = tracer.solver.evaluate(branch, q[:, None]).values
+        (assembly_mode,) = (
+            b for b in tracer.assembly_modes if b.number == piece.assembly_mode
+        )
+        there = tracer.solver.evaluate(assembly_mode, q[:, None]).values
         assert np.max(np.abs(curve.wrapped(there - values))) < 1e-9
-    inside = tracer.solver.evaluate(tracer.branches[1], np.linspace(0.0, 6.28, 40)[:, None])
+    inside = tracer.solver.evaluate(
+        tracer.assembly_modes[1], np.linspace(0.0, 6.28, 40)[:, None]
+    )
     values = inside.values[inside.status == Status.OK]
     again = curve.at(curve.find(values)).values
     assert np.max(np.abs(curve.wrapped(again - values))) < 1e-12
@@ -485,8 +477,8 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
 @pytest.mark.slow
 def test_two_modes_of_the_double_butterfly_are_one_closed_curve():
     tracer = Tracer(sk.load("double_butterfly"))
-    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range).curves
-    assert sorted(p.branch for c in found for p in c.pieces) == list(range(8))
+    found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range).curves
+    assert sorted(p.assembly_mode for c in found for p in c.pieces) == list(range(8))
     assert all(c.curve.closed for c in found)
     assert sorted(len(c.pieces) for c in found) == [1, 1, 1, 1, 1, 1, 2]
 

@@ -10,7 +10,7 @@ import pytest
 import spherekit as sk
 from spherekit.analysis.contract import AbstractAnalysis, Findings, Needs
 from spherekit.analysis.scene import Portrait, Scene, Series
-from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
+from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import ConstantSpeed, Start
@@ -22,7 +22,7 @@ BACK = {"laws": {"21": ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
 
 COURSES = {
     "samples": {"samples": 120},
-    "one branch": {"samples": 120, "branch": 1},
+    "one assembly mode": {"samples": 120, "assembly_mode": 1},
     "a law": {"samples": 120, **BACK},
     "a path": {"path": np.sin(np.linspace(0.0, 9.0, 120))[:, None] * 9.0},
     "loads": {
@@ -89,7 +89,7 @@ def test_inputs_are_as_given_and_grids_as_they_are():
     motion = many_turns().motion()
     found = AngleMemory().continued(motion, ["21"])["21"]
     assert np.array_equal(found, motion.q) and np.min(found) == -25.0
-    tracer = Tracer(sk.load("five_bar"), samples=(3, 4), grid=True, branch=0)
+    tracer = Tracer(sk.load("five_bar"), samples=(3, 4), grid=True, assembly_mode=0)
     motion = tracer.motion()
     name = next(
         pair.name for pair in motion.mechanism.pairs if pair.name not in tracer.inputs
@@ -127,7 +127,7 @@ def test_eksergian_in_blocks_and_at_once(course):
     assert first["largest_conditioning"] == pytest.approx(
         second["largest_conditioning"], rel=1e-12
     )
-    places = [(each["at_branch"], each["at_q_rad"]) for each in (first, second)]
+    places = [(each["at_assembly_mode"], each["at_q_rad"]) for each in (first, second)]
     assert places[0][0] == places[1][0]
     assert places[0][1] == pytest.approx(places[1][1], abs=1e-14)
 
@@ -137,7 +137,7 @@ def test_wound_springs_give_back_what_was_put_in():
 
     Simpson's rule over three turns; each missed turn would be off by joules.
     """
-    result = sk.run(wound(), "eksergian", samples=2001, block=64, branch=0, **BACK)
+    result = sk.run(wound(), "eksergian", samples=2001, block=64, assembly_mode=0, **BACK)
     loads = result.frame("eksergian", "loads")
     angle = np.unwrap(result.frame("motion")["theta_32"])
     power = loads[loads["load"] == "at_32"]["power"].to_numpy()
@@ -196,7 +196,7 @@ class Counting(AbstractAnalysis):
         Table(
             "counting",
             "",
-            (SAMPLE, BRANCH, Column("x", "", "")),
+            (SAMPLE, ASSEMBLY_MODE, Column("x", "", "")),
         ),
     )
     joins: bool = True
@@ -207,7 +207,13 @@ class Counting(AbstractAnalysis):
 
     def compute(self, batch):
         values = batch.continued_value(self.reads)
-        return {"counting": {"sample": batch.sample, "branch": batch.branch, "x": values}}
+        return {
+            "counting": {
+                "sample": batch.sample,
+                "assembly_mode": batch.assembly_mode,
+                "x": values,
+            }
+        }
 
     def findings(self, batch):
         return Findings({"rows": len(batch)})
@@ -296,16 +302,16 @@ def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):
     def followed(*given, **named):
         raise AssertionError("a motion was traced")
 
-    monkeypatch.setattr("spherekit.motion.motion.find_branches", followed)
+    monkeypatch.setattr("spherekit.motion.motion.find_assembly_modes", followed)
     made = sk.load("two_dof_spm")
     for request in (
         "inverse_kinematics:poses=14:23,columns=21+61",
-        "workspace:mode=0,tolerance=0.1",
+        "workspace:working_mode=0,tolerance=0.1",
         "equivalent_rotation:start=phi=75+gamma=-20,end=phi=70+gamma=20,samples=3",
     ):
         result = sk.run(made, request)
         assert not result.failures and not result.results["motion"].tables
-        assert result.summary["branches"] == [] and result.summary["remarks"]
+        assert result.summary["assembly_modes"] == [] and result.summary["remarks"]
     with pytest.raises(AssertionError, match="was traced"):
         sk.run(made, ["inverse_kinematics:poses=14:23,columns=21+61", "poles"])
 
@@ -336,8 +342,8 @@ def test_it_is_not_asked_again_when_a_run_goes_on(tmp_path):
 )
 def test_analyses_of_poses_do_not_hold_up_the_blocks(name, text):
     made = sk.load(name)
-    alone = sk.run(made, text, samples=3, branch=0)
-    both = sk.run(made, [text, "poles"], samples=9, branch=0, block=2)
+    alone = sk.run(made, text, samples=3, assembly_mode=0)
+    both = sk.run(made, [text, "poles"], samples=9, assembly_mode=0, block=2)
     assert not alone.failures and not both.failures
     assert both.summary["samples_in_a_block"] == 2
     assert len(alone.frame()) == len(both.frame()) > 0

@@ -105,7 +105,7 @@ def test_directions_and_rates_beside_a_fold_lie_within_their_bounds(tmp_path, ar
                 continue
             axis = frame[
                 (frame["sample"] == row["sample"])
-                & (frame["branch"] == row["branch"])
+                & (frame["assembly_mode"] == row["assembly_mode"])
                 & (frame["link"] == "4")
             ].iloc[0]
             near = [axis[k] for k in ("ux", "uy", "uz")]
@@ -118,9 +118,15 @@ def test_directions_and_rates_beside_a_fold_lie_within_their_bounds(tmp_path, ar
                 sum((side * p - g) ** 2 for p, g in zip(pole, given, strict=True))
             )
             assert off <= row["error_bound"]
-            assert abs(side * rate - row["rate"]) <= row["rate_error_bound"]
+            assert (
+                abs(side * rate - row["velocity_coefficient"])
+                <= row["velocity_coefficient_error_bound"]
+            )
             change = side * slope / (2 * step)
-            assert abs(change - row["rate_dq"]) <= row["rate_dq_error_bound"] + 1e-18
+            assert (
+                abs(change - row["acceleration_coefficient"])
+                <= row["acceleration_coefficient_error_bound"] + 1e-18
+            )
             ok += 1
     assert ok >= 6
 
@@ -128,7 +134,9 @@ def test_directions_and_rates_beside_a_fold_lie_within_their_bounds(tmp_path, ar
 def test_what_follows_from_rates_in_doubt_has_a_status(tmp_path):
     made = written(tmp_path, ARCS[0], MASSES)
     path = np.pi - np.array([1e-1, 1e-2, 1e-4])
-    frame = sk.run(made, "eksergian", path=path[:, None], branch=0).frame("eksergian")
+    frame = sk.run(made, "eksergian", path=path[:, None], assembly_mode=0).frame(
+        "eksergian"
+    )
     assert list(frame["status"]) == ["OK", "OK", "ILL_CONDITIONED"]
     assert np.isnan(frame["B"].iloc[-1]) and np.all(np.isfinite(frame["B"].iloc[:2]))
 

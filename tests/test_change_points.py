@@ -1,4 +1,4 @@
-"""Torque beside the points at which the branches of a four-bar cross, in 50 digits."""
+"""Torque beside the points at which the modes of a four-bar cross, in 50 digits."""
 
 from dataclasses import replace
 

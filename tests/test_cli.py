@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from test_planner import LECTURE_TABLE
+from common import LECTURE_TABLE
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -101,9 +101,13 @@ def test_explain_says_what_will_be_computed(capsys):
 
 def test_analyses_describe_their_tables(capsys):
     _, out, _ = run(capsys, "analyses", "poles")
-    assert re.search(r"rate_dq +\[1/rad\] +derivative of rate by q", out)
+    assert re.search(
+        r"acceleration_coefficient +\[1/rad\] +acceleration coefficient: derivative of "
+        r"the velocity coefficient by q",
+        out,
+    )
     _, out, _ = run(capsys, "analyses", "poles", "--json")
-    assert json.loads(out)["parameters"] == {"only": "text+...", "show": "text"}
+    assert json.loads(out)["parameters"] == {"only": "text+...", "circles": "text"}
 
 
 def test_run_writes_tables_and_recording(capsys, tmp_path):
@@ -112,7 +116,7 @@ def test_run_writes_tables_and_recording(capsys, tmp_path):
         "--save", tmp_path / "a.rrd", "--deg",
     )  # fmt: skip
     assert status == 0
-    assert "branch 0 (+): 13 OK" in out
+    assert "assembly mode 0 (+): 13 OK" in out
     assert "recording in" in err
     frame = pd.read_csv(tmp_path / "poles.csv")
     assert frame["q"].max() == 360.0
@@ -127,7 +131,7 @@ def test_statuses_of_run(capsys):
     assert run(capsys, *lost, "--strict")[0] == 3
     assert run(capsys, "run", "no_such_mechanism")[0] == 1
     assert run(capsys, "run", "four_bar", "-a", "pols")[0] == 1
-    assert run(capsys, "run", "four_bar", "--branch", 9)[0] == 1
+    assert run(capsys, "run", "four_bar", "--assembly-mode", 9)[0] == 1
     for wrong in (["run"], ["run", "four_bar", "--samples", "0"]):
         with pytest.raises(SystemExit) as caught:
             main(wrong)
@@ -221,7 +225,7 @@ def test_serve_streams_and_stops_on_interrupt():
     finally:
         process.kill()
     assert f"serving at rerun+http://127.0.0.1:{port}" in said + err
-    assert "branch 1 (-): 20 OK" in out
+    assert "assembly mode 1 (-): 20 OK" in out
     assert process.returncode == 0
     assert "Traceback" not in err
 
@@ -253,7 +257,7 @@ def test_a_run_that_fails_leaves_no_empty_folder(tmp_path, capsys):
     new, old = tmp_path / "new", tmp_path / "old"
     old.mkdir()
     for folder in (new, old):
-        assert main(["run", "four_bar", "--branch", "7", "-o", str(folder)]) == 1
+        assert main(["run", "four_bar", "--assembly-mode", "7", "-o", str(folder)]) == 1
     assert list(tmp_path.iterdir()) == [old]
 
 
@@ -278,8 +282,8 @@ def test_long_times_are_whole_seconds():
 
 
 def test_one_branch_is_one_branch(capsys):
-    assert main(["run", "four_bar", "--samples", "3", "--branch", "1"]) == 0
-    assert ", 1 branch; " in capsys.readouterr().out
+    assert main(["run", "four_bar", "--samples", "3", "--assembly-mode", "1"]) == 0
+    assert ", 1 assembly mode; " in capsys.readouterr().out
 
 
 def test_a_recording_that_cannot_be_predicted_is_named(capsys):

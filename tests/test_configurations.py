@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
+from independent import multi_start
 from scipy.spatial.transform import Rotation
-from test_assembly_modes import multi_start
 
 import spherekit as sk
 from spherekit.guarantee import Guarantee
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.complex_modes import meetings_of
 from spherekit.motion.configuration import configuration_curves
-from spherekit.motion.dead_inputs import DeadInputs, dead_inputs
-from spherekit.motion.drive import easiest_drive
+from spherekit.motion.driving_pair import easiest_drive
+from spherekit.motion.input_turning_points import InputTurningPoints, input_turning_points
+from spherekit.motion.monotone_segments import MonotoneSegments, turning_inputs
 from spherekit.motion.motion import Tracer
-from spherekit.motion.stretches import Stretches, turning_inputs
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.assembly import plan_assembly
 from spherekit.sphere.complex_rotation import at_arcs, dot, taking
@@ -31,7 +31,7 @@ def solver_of(made):
 def with_curves(chain, axes, driven, span=(0.0, TURN)):
     """Return a tracer over the whole turn of an input, and all its curves."""
     tracer = Tracer(mechanism(chain, axes, driven, span=span))
-    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
+    found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range)
     return tracer, found
 
 
@@ -156,11 +156,11 @@ def test_dead_inputs_of_a_four_bar_are_where_its_links_are_stretched():
             axes[0] @ np.cross(normal_in, normal_out), normal_in @ normal_out
         )
         true = np.mod([way * q - start for q in angles for way in (1.0, -1.0)], TURN)
-        found = dead_inputs(solver, 0.0, TURN)
+        found = input_turning_points(solver, 0.0, TURN)
         assert not len(found.doubtful)
         assert np.allclose(found.places, np.sort(true), rtol=0, atol=1e-9)
     crank = Tracer(sk.load("four_bar")).solver
-    assert not len(dead_inputs(crank, 0.0, TURN).places)
+    assert not len(input_turning_points(crank, 0.0, TURN).places)
 
 
 def test_the_function_of_a_triad_has_the_degree_of_its_discriminant():
@@ -178,7 +178,7 @@ def test_a_group_beside_another_does_not_see_its_modes():
     solver = solver_of(
         mechanism(EIGHT_BARS[0], random_axes(np.random.default_rng(4), 10), "p1_2")
     )
-    found = dead_inputs(solver, 0.0, TURN)
+    found = input_turning_points(solver, 0.0, TURN)
     assert not len(found.doubtful)
     counts = [len(assemblies(solver, np.array([q])).modes) for q in found.probes(0.1)]
     for q in np.random.default_rng(5).uniform(0.0, TURN, 40):
@@ -186,7 +186,9 @@ def test_a_group_beside_another_does_not_see_its_modes():
         assert len(assemblies(solver, np.array([q])).modes) == counts[place]
 
 
-LOOSE = DeadInputs(0.0, 2.0, np.array([0.4]), np.array([[1.0, 1.3], [1.7, 1.70001]]))
+LOOSE = InputTurningPoints(
+    0.0, 2.0, np.array([0.4]), np.array([[1.0, 1.3], [1.7, 1.70001]])
+)
 
 
 def test_a_doubtful_part_is_sampled_and_said_to_be():
@@ -216,8 +218,10 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     tracer, found = with_curves(STEPHENSON, axes, "p5_6")
     solver = tracer.solver
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
-    assert sorted(p.branch for c in found.curves for p in c.pieces) == list(range(10))
-    assert len(tracer.branches) == 10
+    assert sorted(p.assembly_mode for c in found.curves for p in c.pieces) == list(
+        range(10)
+    )
+    assert len(tracer.assembly_modes) == 10
     probed = TURN * (np.arange(5) + 0.5) / 5.0
     met = [values for q in probed for _, values in assemblies(solver, np.array([q])).modes]
     hidden = [c.curve for c in found.curves if np.all(np.isnan(c.curve.find(met)))]
@@ -232,7 +236,7 @@ def test_the_range_of_the_input_decides_which_curves_are_wanted():
     _, found = with_curves(STEPHENSON, axes, "p5_6", span=(2.1, 2.4))
     (only,) = found.curves
     assert found.guarantee is Guarantee.COMPLETE
-    assert {piece.branch for piece in only.pieces} == {0, 1}
+    assert {piece.assembly_mode for piece in only.pieces} == {0, 1}
 
 
 def test_curves_do_not_depend_on_the_pair_that_finds_them():
@@ -277,7 +281,9 @@ def test_modes_change_by_two_where_a_curve_turns_back(chain, driven, seed):
     axes = random_axes(np.random.default_rng(seed), len(joints(chain)))
     tracer, found = with_curves(chain, axes, driven)
     assert check_counts(tracer, found) >= 2
-    parts = [Stretches.of(c.curve, tracer.solver.single, 0.0, TURN) for c in found.curves]
+    parts = [
+        MonotoneSegments.of(c.curve, tracer.solver.single, 0.0, TURN) for c in found.curves
+    ]
     for q, count in zip(found.inputs, found.counts, strict=True):
         assert sum(part.count(q) for part in parts) == count
 
@@ -293,7 +299,7 @@ def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
 
 def test_wheels_are_searched_and_said_to_be():
     tracer = Tracer(sk.load("bevel_pair"))
-    found = configuration_curves(tracer.solver, tracer.branches, *tracer.range)
+    found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range)
     assert found.guarantee is Guarantee.SAMPLED
     assert "random starts" in str(found.claim)
     assert not found.mismatches

@@ -7,8 +7,9 @@ import mpmath
 import numpy as np
 import pytest
 from chains import any_inputs, random_axes, random_chain
+from common import field_of
+from example_mechanisms import ARM, DEGREE, DISC, ECCENTRICITY, GROUND, ROLLER, at, cam
 from oracles import locked_rates, off_axis
-from test_poles import field_of
 
 import spherekit as sk
 from spherekit.conventions import Status
@@ -27,35 +28,7 @@ from spherekit.planning.poles import all_poles, plan
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
-DEGREE = np.pi / 180
 ROOT = Path(__file__).parent.parent
-
-
-def at(colatitude):
-    """Return the direction at this colatitude from z, towards y (as link arcs lie)."""
-    return (0.0, float(np.sin(colatitude)), float(np.cos(colatitude)))
-
-
-def cam(ground, profile, follower, contact="external"):
-    """Return a cam (link 2) and an oscillating follower (link 3) touching it."""
-    return Mechanism(
-        "cam",
-        "1",
-        ("1", "2", "3"),
-        (
-            Pair("12", "R", ("1", "2")),
-            Pair("13", "R", ("1", "3")),
-            Pair("23", "Cs", ("2", "3"), (profile, follower), contact),
-        ),
-        SizeGeometry(
-            {
-                "1": LinkSizes(("12", "13"), (ground,)),
-                "2": LinkSizes(("12",)),
-                "3": LinkSizes(("13",)),
-            }
-        ),
-        inputs=(Input("12", 0.0, 2 * np.pi),),
-    )
 
 
 def four_bar(ground, crank, coupler, rocker):
@@ -82,11 +55,6 @@ def four_bar(ground, crank, coupler, rocker):
     )
 
 
-GROUND, ECCENTRICITY, DISC, ROLLER, ARM = (
-    x * DEGREE for x in (60.0, 10.0, 25.0, 12.0, 45.0)
-)
-
-
 @pytest.mark.parametrize("kind", ["roller", "flat"])
 def test_circular_cam_is_a_four_bar(kind):
     """Position, first and second derivatives over a turn, to 1e-11."""
@@ -101,25 +69,34 @@ def test_circular_cam_is_a_four_bar(kind):
     same, other = field_of(equal, samples=73)
     assert np.all(same.status == Status.OK)
     found = 0
-    for branch in motion.branches:
-        rows = motion.branch == branch.number
+    for assembly_mode in motion.assembly_modes:
+        rows = motion.assembly_mode == assembly_mode.number
         if not np.all(motion.status[rows] == Status.OK):
             continue
         psi = motion.values[rows, 1]
-        for twin in same.branches:
-            twins = same.branch == twin.number
+        for twin in same.assembly_modes:
+            twins = same.assembly_mode == twin.number
             if np.max(np.abs(np.exp(1j * psi) - np.exp(1j * same.values[twins, 1]))) < 1e-3:
                 found += 1
                 gap = np.exp(1j * psi) - np.exp(1j * same.values[twins, 1])
                 assert np.max(np.abs(gap)) < 1e-11
-                for name in ("rate", "rate_dq"):
+                for name in ("velocity_coefficient", "acceleration_coefficient"):
                     ours, theirs = getattr(field, name), getattr(other, name)
                     assert np.max(np.abs(ours[0, 2][rows] - theirs[0, 2][twins])) < 1e-11
-                w = field.rate[1, 2][rows, None] * field.direction[1, 2][rows]
-                v = other.rate[1, 2][twins, None] * other.direction[1, 2][twins]
+                w = (
+                    field.velocity_coefficient[1, 2][rows, None]
+                    * field.direction[1, 2][rows]
+                )
+                v = (
+                    other.velocity_coefficient[1, 2][twins, None]
+                    * other.direction[1, 2][twins]
+                )
                 assert np.max(np.abs(w - v)) < 1e-11
-                dw = field.rate_dq[1, 2][rows] ** 2
-                assert np.max(np.abs(dw - other.rate_dq[1, 2][twins] ** 2)) < 1e-10
+                dw = field.acceleration_coefficient[1, 2][rows] ** 2
+                assert (
+                    np.max(np.abs(dw - other.acceleration_coefficient[1, 2][twins] ** 2))
+                    < 1e-10
+                )
     assert found >= 1
 
 
@@ -136,10 +113,12 @@ def test_non_circular_cam_against_fifty_digits():
     made = cam(GROUND, SHAPE, Profile("circle", at(ARM), ROLLER))
     motion, field = field_of(made, samples=13)
     whole = [
-        b for b in motion.branches if np.all(motion.status[motion.branch == b.number] == 0)
+        b
+        for b in motion.assembly_modes
+        if np.all(motion.status[motion.assembly_mode == b.number] == 0)
     ]
     assert whole
-    rows = np.flatnonzero(motion.branch == whole[0].number)
+    rows = np.flatnonzero(motion.assembly_mode == whole[0].number)
     assert np.max(motion.residual[rows]) < 1e-13
     normal = motion.axes[rows, 2]
     assert np.max(np.abs(np.sum(normal * field.direction[1, 2][rows], axis=1))) < 1e-13
@@ -191,8 +170,8 @@ def test_non_circular_cam_against_fifty_digits():
         psi = [follower(theta + k * h, (found[0], found[1]))[0] for k in (-2, -1, 0, 1, 2)]
         first = (psi[0] - 8 * psi[1] + 8 * psi[3] - psi[4]) / (12 * h)
         second = (-psi[0] + 16 * psi[1] - 30 * psi[2] + 16 * psi[3] - psi[4]) / (12 * h * h)
-        assert abs(float(first) - field.rate[0, 2][row]) < 1e-10
-        assert abs(float(second) - field.rate_dq[0, 2][row]) < 1e-10
+        assert abs(float(first) - field.velocity_coefficient[0, 2][row]) < 1e-10
+        assert abs(float(second) - field.acceleration_coefficient[0, 2][row]) < 1e-10
         checked += 1
     assert checked >= 3
 
@@ -308,7 +287,9 @@ def test_random_mixed_mechanisms_against_the_null_space(capsys):
                     error = off_axis(field.direction[i, j][0], vector)
                     worst = max(worst, float(error))
                     assert error < 1e-9
-                ours = field.rate[i, j][0] * np.nan_to_num(field.direction[i, j][0])
+                ours = field.velocity_coefficient[i, j][0] * np.nan_to_num(
+                    field.direction[i, j][0]
+                )
                 assert np.linalg.norm(ours - vector) / scale < 1e-9
                 poles += 1
     print(f"{count}; {poles} poles, largest error of a direction {worst:.1e}")
@@ -331,9 +312,11 @@ def test_derivatives_of_mixed_mechanisms_by_taylor_remainder():
         if np.any(field.status != Status.OK):
             continue
         for pole in poles:
-            rate = field.rate[pole]
-            rest = np.abs(rate - rate[0] - steps * field.rate_dq[pole][0])[1:]
-            size = max(1.0, abs(rate[0]), abs(field.rate_dq[pole][0]))
+            rate = field.velocity_coefficient[pole]
+            rest = np.abs(rate - rate[0] - steps * field.acceleration_coefficient[pole][0])[
+                1:
+            ]
+            size = max(1.0, abs(rate[0]), abs(field.acceleration_coefficient[pole][0]))
             assert rest[2] < 0.02 * rest[1] + 1e-11 * size
 
 
@@ -345,7 +328,7 @@ SHIPPED_CAMS = ("roller_cam", "flat_cam", "shaped_cam", "shaped_flat_cam")
 def test_shipped_contact_mechanisms_run_over_their_whole_range(name):
     result = sk.run(sk.load(name), "poles", samples=37)
     assert not result.failures
-    assert result.summary["status"] == {"OK": 37 * len(result.summary["branches"])}
+    assert result.summary["status"] == {"OK": 37 * len(result.summary["assembly_modes"])}
     assert result.summary["errors_reached"]["largest_closure_residual_rad"] < 1e-13
     assert result.summary["mobility"]["rank"] == 1
     by_graph = {"bevel_pair": 0, "rolling_cones": 0, "planetary_bevel": -1}.get(name, 1)
@@ -362,8 +345,8 @@ def test_bevel_gears():
     radii = [profile.radius / DEGREE for profile in made.pair("12").profiles]
     assert np.allclose(radii, [23.15272713, 51.84727287], rtol=0, atol=5e-9)
     _, field = field_of(made, samples=73)
-    assert np.max(np.abs(field.rate[0, 2] + 0.5)) < 1e-13
-    assert np.max(np.abs(field.rate_dq[0, 2])) < 1e-12
+    assert np.max(np.abs(field.velocity_coefficient[0, 2] + 0.5)) < 1e-13
+    assert np.max(np.abs(field.acceleration_coefficient[0, 2])) < 1e-12
     line = field.direction[1, 2]
     # the pitch line: in the plane of the axes, at d1 from the pinion's axis
     pinion, wheel = field.direction[0, 1], field.direction[0, 2]
@@ -392,7 +375,7 @@ def test_internal_bevel_gears():
     _, field = field_of(
         replace(base, pairs=pairs, geometry=SizeGeometry(sizes)), samples=13
     )
-    assert np.max(np.abs(field.rate[0, 2] - 20 / 50)) < 1e-13
+    assert np.max(np.abs(field.velocity_coefficient[0, 2] - 20 / 50)) < 1e-13
 
 
 def test_epicyclic_train_obeys_the_differential_law():

@@ -14,7 +14,7 @@ import spherekit as sk
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.running import expected, recording
-from spherekit.analysis.running.cost import Ledger, counts_of
+from spherekit.analysis.running.cost import Timer, counts_of
 from spherekit.analysis.running.sizes import csv_row
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
@@ -30,7 +30,7 @@ from spherekit.planning.poles import (
 )
 from spherekit.rates import lines as line_module
 from spherekit.rates.field import evaluate
-from spherekit.view.rerun_view import Recorder
+from spherekit.view.rerun_view import RerunRecorder
 
 NARROW, WIDE = "poles:only=6/1", "poles"
 PLACES = ((3, 1), (4, 1), (6, 8), (5, 1))
@@ -102,7 +102,7 @@ def test_an_irreducible_part_gives_the_poles_that_are_needed():
     field = sk.run(sk.load("double_butterfly"), "poles:only=31", samples=7, search=False)
     whole = sk.run(sk.load("double_butterfly"), "poles", samples=7, search=False).frame()
     part = whole[(whole["link"] == "3") & (whole["relative_to"] == "1")]
-    for name in ("ux", "rate", "rate_dq"):
+    for name in ("ux", "velocity_coefficient", "acceleration_coefficient"):
         assert np.allclose(field.frame()[name], part[name], rtol=0.0, atol=1e-12)
 
 
@@ -120,7 +120,7 @@ def test_calls_are_those_that_the_plan_counts(twelve, monkeypatch):
     seen = {}
     for text in (NARROW, WIDE):
         calls.clear()
-        cost = sk.run(twelve, text, samples=5, branch=0).summary["cost"]
+        cost = sk.run(twelve, text, samples=5, assembly_mode=0).summary["cost"]
         secondary = cost["each_configuration"]["1_2"]["secondary"]
         assert calls == {"_intersect": secondary, "_intersect_rate": secondary}
         assert cost["poles"] == 5 * (
@@ -137,11 +137,13 @@ def test_no_derivatives_where_none_were_asked(twelve, monkeypatch):
     counts = counts_of(wanted)
     assert counts.axis_derivatives == counts.rate_derivatives == 0
     assert counts.poles < counts_of(request_of(twelve, NARROW)).poles
-    motion = sk.trace(twelve, samples=3, branch=0)
-    rate = evaluate(motion, wanted).rate[0, 5]
+    motion = sk.trace(twelve, samples=3, assembly_mode=0)
+    rate = evaluate(motion, wanted).velocity_coefficient[0, 5]
     monkeypatch.undo()
-    frame = sk.run(twelve, NARROW, samples=3, branch=0).frame()
-    assert np.allclose(np.abs(rate), np.abs(frame["rate"]), rtol=0.0, atol=1e-12)
+    frame = sk.run(twelve, NARROW, samples=3, assembly_mode=0).frame()
+    assert np.allclose(
+        np.abs(rate), np.abs(frame["velocity_coefficient"]), rtol=0.0, atol=1e-12
+    )
 
 
 def logged(path):
@@ -157,8 +159,8 @@ def test_recordings_hold_what_was_asked(twelve, tmp_path):
     found, sizes = {}, {}
     for name, text in (("narrow", NARROW), ("wide", WIDE)):
         path = tmp_path / f"{name}.rrd"
-        with Recorder.to_file(path, "twelve_bar") as recorder:
-            result = sk.run(twelve, text, samples=9, branch=0, recorder=recorder)
+        with RerunRecorder.to_file(path, "twelve_bar") as recorder:
+            result = sk.run(twelve, text, samples=9, assembly_mode=0, recorder=recorder)
         found[name], sizes[name] = logged(path), path.stat().st_size
         cost = result.summary["cost"]["recording"]
         assert cost["entities"] == len(found[name])
@@ -179,7 +181,7 @@ def test_recordings_hold_what_was_asked(twelve, tmp_path):
 def test_tables_fall_with_the_request(twelve, tmp_path):
     size = {}
     for name, text in (("narrow", NARROW), ("wide", WIDE)):
-        result = sk.run(twelve, text, samples=40, branch=0, folder=tmp_path / name)
+        result = sk.run(twelve, text, samples=40, assembly_mode=0, folder=tmp_path / name)
         tables = result.summary["cost"]["tables"]
         for stem, own in tables.items():
             assert own["rows"] == len(result.frame(stem))
@@ -222,11 +224,14 @@ def test_needed_groups_are_the_ancestors_in_the_order_of_assembly(twelve, link, 
 
 
 def test_the_part_moves_as_the_whole(twelve):
-    """Each branch of the part is that of several of the whole, number for number."""
+    """Each assembly mode of the part is that of several of the whole, number for number."""
     text = "poles:only=6/1"
     whole = sk.run(twelve, text, samples=13)
     part = sk.run(twelve, text, samples=13, only_needed=True)
-    assert len(whole.summary["branches"]) == 32 and len(part.summary["branches"]) == 4
+    assert (
+        len(whole.summary["assembly_modes"]) == 32
+        and len(part.summary["assembly_modes"]) == 4
+    )
     assert part.summary["part_of"]["left_out_links"] == ["7", "8", "9", "10", "11", "12"]
     assert part.summary["part_of"]["mechanism_hash"] == whole.summary["mechanism_hash"]
     names = ["theta_1_4", "theta_1_6", "theta_3_5"]
@@ -234,10 +239,13 @@ def test_the_part_moves_as_the_whole(twelve):
     def curves(result):
         motion, poles = result.frame("motion"), result.frame("poles")
         found = set()
-        for number, own in motion.groupby("branch"):
+        for number, own in motion.groupby("assembly_mode"):
             angles = own[names].to_numpy()
-            w = poles[poles["branch"] == number]
-            w = (w["rate"].to_numpy()[:, None]) * w[["ux", "uy", "uz"]].to_numpy()
+            w = poles[poles["assembly_mode"] == number]
+            w = (
+                (w["velocity_coefficient"].to_numpy()[:, None])
+                * w[["ux", "uy", "uz"]].to_numpy()
+            )
             key = np.column_stack([np.cos(angles), np.sin(angles), w])
             found.add((np.round(key, 9) + 0.0).tobytes())
         return found
@@ -251,9 +259,9 @@ def test_frames_and_zeros_stay_where_sizes_are_given():
     whole = sk.run(watt, "poles:only=41", samples=9).frame()
     part = sk.run(watt, "poles:only=41", samples=9, only_needed=True)
     assert len(part.summary["part_of"]["left_out_pairs"]) == 3
-    for number, own in part.frame().groupby("branch"):
-        same = whole[whole["branch"] == 2 * number]
-        for name in ("ux", "uy", "uz", "rate", "rate_dq"):
+    for number, own in part.frame().groupby("assembly_mode"):
+        same = whole[whole["assembly_mode"] == 2 * number]
+        for name in ("ux", "uy", "uz", "velocity_coefficient", "acceleration_coefficient"):
             assert np.array_equal(own[name].to_numpy(), same[name].to_numpy()), name
 
 
@@ -295,7 +303,9 @@ def test_explain_predicts_rows_and_bytes(twelve, tmp_path, capsys):
     words = ["run", "four_bar", "--samples", "2000", "-o", str(tmp_path), "--json"]
     assert main([*words, "--save", str(path)]) == 0
     cost = json.loads(capsys.readouterr().out)["cost"]
-    assert found["branches"] == 2 and found["configurations"] == cost["configurations"]
+    assert (
+        found["assembly_modes"] == 2 and found["configurations"] == cost["configurations"]
+    )
     assert found["not_predicted"] == []
     for stem, own in cost["tables"].items():
         guess = found["tables"][stem]
@@ -310,15 +320,15 @@ def test_explain_predicts_rows_and_bytes(twelve, tmp_path, capsys):
 def test_what_is_not_known_is_not_predicted(capsys):
     assert main(["explain", "single_flier", "-a", "singularities", "-a", "poles"]) == 0
     out = capsys.readouterr().out
-    assert "predicted, for each branch: 361 configurations" in out
-    assert "not predicted: the number of branches, analysis singularities" in out
+    assert "predicted, for each assembly mode: 361 configurations" in out
+    assert "not predicted: the number of assembly modes, analysis singularities" in out
     assert main(["explain", "four_bar", "--samples", "2"]) == 0
     assert "sizes: not predicted; a run of 2 samples" in capsys.readouterr().out
 
 
 def test_a_stage_within_a_stage_counts_once():
     ticks = iter(range(100))
-    ledger = Ledger(lambda: float(next(ticks)))
+    ledger = Timer(lambda: float(next(ticks)))
     with ledger.stage("outer"), ledger.stage("inner"):
         pass
     list(ledger.each("items", [1, 2]))
@@ -357,7 +367,7 @@ class Counted:
 
 @pytest.mark.parametrize("most", [50_000, 1_000])
 def test_a_recording_is_predicted_block_by_block(most, monkeypatch):
-    """Blocks have fewer samples with more branches, also where few are logged."""
+    """Blocks have fewer samples with more assembly modes, also where few are logged."""
     for module in (expected, recording):
         monkeypatch.setattr(module, "MOST_LOGGED", most)
     made = sk.load("four_bar")

@@ -161,7 +161,7 @@ def test_plugin_tutorial_is_a_distribution_that_works(folder):
         assert not result.failures
         poles = result.frame("poles").query("link == '4' and relative_to == '1'")
         ratio = result.frame(name)["ratio"].to_numpy()
-        assert abs(ratio * poles["rate"].to_numpy() - 1.0).max() < 1e-12
+        assert abs(ratio * poles["velocity_coefficient"].to_numpy() - 1.0).max() < 1e-12
         with pytest.raises(sk.SpherekitError, match="is none of 2, 3, 4"):
             sk.run(sk.load("four_bar"), f"{name}:link=1")
         with pytest.raises(sk.SpherekitError, match="parameters missing: link"):

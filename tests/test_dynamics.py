@@ -17,9 +17,9 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.dynamics import forward
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.offline import online_model
-from spherekit.dynamics.online_motion import online_motion
 from spherekit.dynamics.start import PoseStart
+from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulated_motion import online_motion
 from spherekit.errors import ModelError, SolveError, SpherekitError
 from spherekit.model.dynamics import (
     Damper,
@@ -147,10 +147,10 @@ def tabled(four_bar):
     return sk.run(four_bar, ["poles:only=31+41", Eksergian()])
 
 
-def rows_of(frame, branch, **chosen):
+def rows_of(frame, assembly_mode, **chosen):
     for name, value in chosen.items():
         frame = frame[frame[name] == value]
-    return frame[frame["branch"] == branch]
+    return frame[frame["assembly_mode"] == assembly_mode]
 
 
 def mode_of(exact, theta41):
@@ -158,30 +158,30 @@ def mode_of(exact, theta41):
     return int(abs(np.sin(0.5 * (exact[1][0, 0] - theta41))) < 1e-9)
 
 
-@pytest.mark.parametrize("branch", [0, 1])
-def test_tables_1_and_2_of_the_source(tabled, exact, branch):
-    found = rows_of(tabled.frame("eksergian"), branch)
-    motion = rows_of(tabled.frame("motion"), branch)
+@pytest.mark.parametrize("assembly_mode", [0, 1])
+def test_tables_1_and_2_of_the_source(tabled, exact, assembly_mode):
+    found = rows_of(tabled.frame("eksergian"), assembly_mode)
+    motion = rows_of(tabled.frame("motion"), assembly_mode)
     theta = motion["theta_41"].to_numpy()
     want = exact[mode_of(exact, theta[0])].T
     assert np.max(np.abs(np.sin(0.5 * (theta - want[0])))) < 1e-12
     poles = tabled.frame("poles")
-    w31, w41 = (rows_of(poles, branch, link=link) for link in ("3", "4"))
+    w31, w41 = (rows_of(poles, assembly_mode, link=link) for link in ("3", "4"))
     u31 = w31[["ux", "uy", "uz"]].to_numpy()
     side = np.sign(np.sum(u31 * want[1:4].T, axis=1))
     assert np.max(np.abs(u31 * side[:, None] - want[1:4].T)) < 1e-12
-    for name, k in (("rate", 4), ("rate_dq", 6)):
+    for name, k in (("velocity_coefficient", 4), ("acceleration_coefficient", 6)):
         assert np.max(np.abs(w31[name].to_numpy() * side - want[k])) < 1e-12
         assert np.max(np.abs(w41[name].to_numpy() - want[k + 1])) < 1e-12
     assert np.max(np.abs(found["B"].to_numpy() - want[8])) < 1e-12
     assert np.max(np.abs(found["dB_dq"].to_numpy() - want[9])) < 1e-12
     assert np.max(np.abs(found["Q"].to_numpy() - want[10] - want[11])) < 1e-12
     assert np.max(np.abs(found["tau"].to_numpy() - want[12])) < 1e-12
-    loads = rows_of(tabled.frame("eksergian", "loads"), branch)
+    loads = rows_of(tabled.frame("eksergian", "loads"), assembly_mode)
     for name, k in (("on_crank", 10), ("on_rocker", 11)):
         own = loads[loads["load"] == name]
         assert np.max(np.abs(own["Q"].to_numpy() - want[k])) < 1e-12
-    parts = rows_of(tabled.frame("eksergian", "inertia"), branch)
+    parts = rows_of(tabled.frame("eksergian", "inertia"), assembly_mode)
     summed = parts.groupby("sample")["B"].sum().to_numpy()
     assert np.max(np.abs(summed - want[8])) < 1e-12
 
@@ -326,7 +326,7 @@ def test_newton_and_euler_give_the_same_torque(name, law):
     random = np.random.default_rng(sum(map(ord, name)))
     mechanism, joint = loaded(name, random)
     found = inverse_dynamics(
-        mechanism, Polynomial(law), [0.0, 0.3, 0.6, 0.9], branch=0, search=False
+        mechanism, Polynomial(law), [0.0, 0.3, 0.6, 0.9], assembly_mode=0, search=False
     )
     assert np.all(found.status == 0)
     (number,) = mechanism.variables_of(mechanism.pair_number[joint])
@@ -431,7 +431,7 @@ def test_a_stored_model_gives_the_same_motion(four_bar):
         bare.with_torque("theta_9")
     with pytest.raises(ModelError, match="torque: the model has one already"):
         model.with_torque("1")
-    with pytest.raises(SolveError, match='"B" is no pair variable; Variables: theta_21'):
+    with pytest.raises(SolveError, match='"B" is not a pair variable; Variables: theta_21'):
         model.places("B", 0.1)
 
 
@@ -580,7 +580,7 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
         masses=(Mass("cam", ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15))),),
     )
     reached = inverse_dynamics(
-        opened, ConstantSpeed(1.0), TURN[::6], branch=0, search=False
+        opened, ConstantSpeed(1.0), TURN[::6], assembly_mode=0, search=False
     )
     first = reached.values[reached.status == Status.OK][0]
     last = reached.q[reached.status == Status.OK][-1]
@@ -633,7 +633,7 @@ def test_what_moves_needs_the_torque_that_moved_it(four_bar):
 
     found = simulate(four_bar, Start(0.3, 1.0), 5.0, torque=DRIVING, tolerance=1e-11)
     t = np.linspace(0.0, 5.0, 41)
-    solved = inverse_dynamics(four_bar, Moved(), t, branch=0)
+    solved = inverse_dynamics(four_bar, Moved(), t, assembly_mode=0)
     assert np.max(np.abs(solved.tau - 10.0 * np.sin(2.0 * t))) < 1e-9
 
 
@@ -664,8 +664,8 @@ def test_bad_input_is_refused_before_anything_is_integrated(four_bar):
         simulate(four_bar, Start(0.3, np.nan), 1.0)
     with pytest.raises(SolveError, match="tolerance"):
         simulate(four_bar, start, 1.0, tolerance=0.0)
-    with pytest.raises(SolveError, match="branch 7"):
-        simulate(four_bar, start, 1.0, branch=7)
+    with pytest.raises(SolveError, match="assembly mode 7"):
+        simulate(four_bar, start, 1.0, assembly_mode=7)
     with pytest.raises(SolveError, match="OUT_OF_REACH"):
         simulate(four_bar, Start(np.pi, 1.0), 1.0, input_pair="41")
     with pytest.raises(SolveError, match="do not close"):

@@ -98,16 +98,21 @@ def reference(mechanism, motion):
 
 def agree(values, field, inertia, change, tolerance):
     for pole, unit in field.direction.items():
-        rate, rate_dq = field.rate[pole], field.rate_dq[pole]
+        rate, acceleration_coefficient = (
+            field.velocity_coefficient[pole],
+            field.acceleration_coefficient[pole],
+        )
         known = np.abs(rate) > 1e-6
-        vector = values.direction[pole] * values.rate[pole][:, None]
+        vector = values.direction[pole] * values.velocity_coefficient[pole][:, None]
         gap = np.max(np.abs(vector - unit * rate[:, None]), axis=1)
         # The plan's own bound: long chains of intersections multiply rounding.
         allowed = tolerance + 40.0 * np.nan_to_num(field.error[pole])
         assert np.all((gap < allowed * (1.0 + np.abs(rate)))[known]), pole
-        side = np.sign(values.rate[pole] * rate)
-        gap = np.abs(values.rate_dq[pole] * side - rate_dq)
-        scale = 1.0 + np.abs(rate) + np.abs(rate_dq)
+        side = np.sign(values.velocity_coefficient[pole] * rate)
+        gap = np.abs(
+            values.acceleration_coefficient[pole] * side - acceleration_coefficient
+        )
+        scale = 1.0 + np.abs(rate) + np.abs(acceleration_coefficient)
         assert np.all((gap < allowed * scale)[known]), pole
     assert np.max(np.abs(values.inertia - inertia) / inertia) < tolerance
     assert np.max(np.abs(values.inertia_dq - change) / inertia) < 40 * tolerance
@@ -133,9 +138,9 @@ def test_closed_form_positions_equal_the_plan(name, engine):
     q = np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24)
     pair = made.inputs[0].pair
     found = kernel(made, pair, source="input", with_inertia=True, engine=engine)
-    for branch in tracer.branches:
-        motion = Tracer(made, branch=branch.number).at(q)
-        signs = [np.full(len(q), float(sign)) for sign in branch.signs]
+    for assembly_mode in tracer.assembly_modes:
+        motion = Tracer(made, assembly_mode=assembly_mode.number).at(q)
+        signs = [np.full(len(q), float(sign)) for sign in assembly_mode.signs]
         agree(found.values(np.vstack([q, *signs])), *reference(made, motion), 2e-14)
 
 
@@ -208,7 +213,14 @@ def test_third_order_of_the_paper_in_50_digits(engine, mode):
     gaps = [
         np.max(
             np.abs(
-                np.stack([x.rate[0, 3], x.rate_dq[0, 3], x.rate_dq2[0, 3]], axis=1)
+                np.stack(
+                    [
+                        x.velocity_coefficient[0, 3],
+                        x.acceleration_coefficient[0, 3],
+                        x.acceleration_coefficient_dq[0, 3],
+                    ],
+                    axis=1,
+                )
                 - expected
             )
             / (1.0 + np.abs(expected))
@@ -233,7 +245,7 @@ def rocker_angle(q, mode):
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "roller_cam"])
 def test_second_derivatives_are_slopes_of_the_first(name):
     made = with_masses(load(name))
-    tracer = Tracer(made, branch=0, search=False)
+    tracer = Tracer(made, assembly_mode=0, search=False)
     pair = made.inputs[0].pair
     found = kernel(made, pair, derivatives=2, with_inertia=True, engine="numpy")
     # Central differences of eighth order.
@@ -252,8 +264,18 @@ def test_second_derivatives_are_slopes_of_the_first(name):
         for pole in found.poles:
             # A direction that turns over would turn the sign of the rate.
             side = np.sign(values.direction[pole] @ values.direction[pole][4])
-            pairs.append((side * values.rate[pole], side * values.rate_dq[pole]))
-            pairs.append((side * values.rate_dq[pole], side * values.rate_dq2[pole]))
+            pairs.append(
+                (
+                    side * values.velocity_coefficient[pole],
+                    side * values.acceleration_coefficient[pole],
+                )
+            )
+            pairs.append(
+                (
+                    side * values.acceleration_coefficient[pole],
+                    side * values.acceleration_coefficient_dq[pole],
+                )
+            )
         for one, slope in pairs:
             gap = abs(weights @ one / h - slope[4])
             assert gap < 1e-9 * (1.0 + np.max(np.abs(one)) + abs(slope[4]))
@@ -276,8 +298,15 @@ def test_rates_by_arc_length_are_those_by_the_input_times_its_rate():
     assert np.max(np.abs(gap)) < 1e-14
     assert np.max(np.abs(found.inertia * length**2 / by_input.inertia - 1.0)) < 1e-14
     # d(B / |dv/dq|^2)/ds, with d|dv/dq|^2/dq from the derivatives of the pairs' rates.
-    own = [(pole, rate) for pole, rate in by_input.rate.items() if pole in ends_of(made)]
-    slope = sum(rate * by_input.rate_dq[pole] for pole, rate in own) / length**2
+    own = [
+        (pole, rate)
+        for pole, rate in by_input.velocity_coefficient.items()
+        if pole in ends_of(made)
+    ]
+    slope = (
+        sum(rate * by_input.acceleration_coefficient[pole] for pole, rate in own)
+        / length**2
+    )
     expected = by_input.inertia_dq - 2.0 * by_input.inertia * slope
     assert np.max(np.abs(found.inertia_dq * sense * length**3 - expected)) < 1e-11
 
@@ -291,7 +320,7 @@ def test_rates_by_arc_length_are_finite_at_a_dead_centre():
     made = rocker()
     at = dead_centre(made).values.T
     found = kernel(made, "21", coordinate="arc", with_inertia=True).values(at)
-    assert abs(found.rate[0, 1][0]) < 1e-13
+    assert abs(found.velocity_coefficient[0, 1][0]) < 1e-13
     assert np.isfinite(found.inertia_dq[0])
     assert found.inertia[0] > 0.0
 
@@ -366,9 +395,9 @@ class PaperModel:
 DRIVING = "10*sin(2*t)"
 
 
-def start_of(mechanism, q, branch=0):
+def start_of(mechanism, q, assembly_mode=0):
     """Return a configuration (variables,) at an input."""
-    return Tracer(mechanism).at(np.array([q])).values[branch]
+    return Tracer(mechanism).at(np.array([q])).values[assembly_mode]
 
 
 def with_torque(mechanism, pair, torque):
@@ -389,17 +418,19 @@ def paper_mode(mechanism, start):
 
 
 @compiled
-@pytest.mark.parametrize("branch", [0, 1])
-def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(branch):
+@pytest.mark.parametrize("assembly_mode", [0, 1])
+def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(assembly_mode):
     made = load("four_bar")
     times = np.linspace(0.0, 10.0, 41)
-    found = run(made, Start(0.3, 1.0), 10.0, torque=DRIVING, branch=branch, check=True)
+    found = run(
+        made, Start(0.3, 1.0), 10.0, torque=DRIVING, assembly_mode=assembly_mode, check=True
+    )
 
     def torque(t, q, dq, angle, turning, w):
         on_rocker = -5.0 * np.sin(angle) - 2.0 * turning
         return 10.0 * np.sin(2.0 * t) - np.sin(q) - 2.0 * dq + w * on_rocker
 
-    model = PaperModel(paper_mode(made, start_of(made, 0.3, branch)))
+    model = PaperModel(paper_mode(made, start_of(made, 0.3, assembly_mode)))
     history = found.at(times)
     expected = model.solve(torque, 0.3, 1.0, times)
     assert np.max(np.abs(history.q - expected)) < 5e-12
@@ -413,9 +444,9 @@ def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(branch):
     assert np.max(np.abs(inertia - [model.at(q)[0] for q in history.q])) < 1e-12
 
 
-def reference_path(made, branch):
+def reference_path(made, assembly_mode):
     """Return q at 101 times in quadruple precision, or with the tightest tolerance."""
-    problem = prepare(made, Start(0.3, 1.0), 10.0, DRIVING, branch=branch)
+    problem = prepare(made, Start(0.3, 1.0), 10.0, DRIVING, assembly_mode=assembly_mode)
     mechanism = problem.equation.mechanism
     number, tolerance = float, 1e-17
     if hasattr(heyoka(), "real128"):
@@ -439,10 +470,10 @@ def reference_path(made, branch):
 
 
 @compiled
-@pytest.mark.parametrize("branch", [0, 1])
-def test_the_tolerance_is_the_error_reached(branch):
+@pytest.mark.parametrize("assembly_mode", [0, 1])
+def test_the_tolerance_is_the_error_reached(assembly_mode):
     made = load("four_bar")
-    exact, times = reference_path(made, branch), np.linspace(0.0, 10.0, 101)
+    exact, times = reference_path(made, assembly_mode), np.linspace(0.0, 10.0, 101)
     for engine, tolerances in (("compiled", (1e-9, 1e-13)), ("numpy", (1e-9,))):
         for tolerance in tolerances:
             found = simulate(
@@ -450,7 +481,7 @@ def test_the_tolerance_is_the_error_reached(branch):
                 Start(0.3, 1.0),
                 10.0,
                 torque=DRIVING,
-                branch=branch,
+                assembly_mode=assembly_mode,
                 engine=engine,
                 tolerance=tolerance,
             )
@@ -556,11 +587,18 @@ def kite(*arcs):
 
 @compiled
 @pytest.mark.parametrize("arcs", [(60, 40, 60, 40), (60, 50, 70, 40)])
-@pytest.mark.parametrize("branch", [0, 1])
-def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, branch):
+@pytest.mark.parametrize("assembly_mode", [0, 1])
+def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, assembly_mode):
     made = kite(*arcs)
     ends = [
-        simulate(made, Start(1.0, 1.3), 5.0, branch=branch, engine=engine, tolerance=given)
+        simulate(
+            made,
+            Start(1.0, 1.3),
+            5.0,
+            assembly_mode=assembly_mode,
+            engine=engine,
+            tolerance=given,
+        )
         for engine, given in (("compiled", 1e-3), ("compiled", 1e-13), ("numpy", 1e-5))
     ]
     for found in ends:
@@ -738,7 +776,7 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing():
     """Of a loop too many the equations chosen at one pose are dependent at another.
 
     With both cranks held by the wheels the outer three links are held as long as their
-    three axes are no plane: the compiled engine may not end in a crossing of curves there.
+    three axes are not plane: the compiled engine may not end in a crossing of curves there.
     """
     made = geared_five_bar()
     driving = {"torque": "0.1*sin(2*t)"}

@@ -33,7 +33,7 @@ def digits_lost(made):
     function = kernel(
         tracer.mechanism, name, (), source="input", links=links, engine="numpy"
     )
-    signs = np.array(tracer.branches[0].signs, dtype=float)
+    signs = np.array(tracer.assembly_modes[0].signs, dtype=float)
     found = function.values(np.concatenate([[0.0], signs])[:, None])
     want = exact.arithmetic.floats(exact.w)[0]
     off = max(np.max(np.abs(found.w[k][0] - want[k])) for k in links)

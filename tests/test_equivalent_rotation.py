@@ -322,11 +322,12 @@ def test_configuration_a_is_the_lower_one_at_the_papers_poses(form):
     assert np.all(np.cos(form.plane.solutions(normals)[-1, 1]) > 0.0)
 
 
-# --- the graph and its mid-plane form -----------------------------------------------------
+# --- the graph and its mid-plane symmetric architecture
+# -----------------------------------------------------
 
 
 def motion_of(form, tracer, normals, modes):
-    """Return the rows that the mid-plane form puts the graph's links in, as a motion."""
+    """Return the rows that the closed form puts the graph's links in, as a motion."""
     placed = form.place(normals, modes)
     values, _ = form.values(placed)
     n = len(normals)
@@ -335,10 +336,10 @@ def motion_of(form, tracer, normals, modes):
         mechanism=tracer.mechanism,
         joints=tracer.solver.joints,
         assembly=tracer.assembly,
-        branches=tracer.branches[:1],
+        assembly_modes=tracer.assembly_modes[:1],
         samples=n,
         sample=np.arange(n),
-        branch=np.zeros(n, dtype=np.int64),
+        assembly_mode=np.zeros(n, dtype=np.int64),
         inputs=values[:, form.driven_variables],
         values=values,
         rotations=placed,
@@ -384,7 +385,10 @@ def test_graph_and_mid_plane_form_are_one(paper, form):
             assert np.sum(rows) > 30
             for i, j in poles:
                 vector = (w[:, j] - w[:, i])[rows]
-                theirs = field.rate[i, j] * np.nan_to_num(field.direction[i, j]).T
+                theirs = (
+                    field.velocity_coefficient[i, j]
+                    * np.nan_to_num(field.direction[i, j]).T
+                )
                 size = np.maximum(1.0, np.max(np.abs(w[rows]), axis=(1, 2)))
                 error = np.linalg.norm(theirs.T[rows] - vector, axis=1) / size
                 assert np.max(error) < 1e-11, (paper.links[i], paper.links[j])
@@ -487,7 +491,7 @@ def crossed(a, b):
 REFUSED = {
     "unequal arcs": (
         lambda: mid_plane_mechanism(ARCS + np.radians([0, 0, 1, 0, 0, 0, 0, 0])),
-        ["no mid-plane form", "links 2 and 3 differ, 40 and 41 deg"],
+        ["no mid-plane symmetric architecture", "links 2 and 3 differ, 40 and 41 deg"],
     ),
     "no mirror image": (
         lambda: mid_plane_mechanism(ARCS + np.radians([0, 0, 0, 5, 0, 0, 0, 0])),
@@ -637,7 +641,7 @@ def configuration(name, row=0.5):
     """Return a mechanism and a configuration in the middle of its grid."""
     made = sk.load(name)
     motion = sk.trace(made, samples=[3] * len(made.inputs))
-    ok = np.flatnonzero((motion.status == Status.OK) & (motion.branch == 0))
+    ok = np.flatnonzero((motion.status == Status.OK) & (motion.assembly_mode == 0))
     return made, motion, motion.values[ok[int(row * len(ok))]]
 
 
@@ -715,7 +719,7 @@ def test_two_freedoms_depart_as_little_as_they_can():
     for k in (1, 2):
         motion = sk.trace(made, path=found.inputs[k] + mesh)
         rotations = motion.rotations[:, output]
-        rows = motion.branch == 0
+        rows = motion.assembly_mode == 0
         far = turns_between(rotations[rows], np.tile(wanted[k], (9, 1, 1))).angle
         assert np.argmin(far) == 4
         assert far[4] == pytest.approx(found.departure[k], abs=1e-13)
@@ -742,7 +746,7 @@ def test_one_freedom_about_its_own_pivot():
     assert np.max(found.departure) < 1e-13
     there = sk.trace(made, path=found.inputs[:, 0])
     rocker = made.link_number[made.outputs[0].link]
-    rows = there.branch == motion.branch[row]
+    rows = there.assembly_mode == motion.assembly_mode[row]
     assert np.max(np.abs(there.rotations[rows][:, rocker] - found.orientation)) < 1e-12
 
 

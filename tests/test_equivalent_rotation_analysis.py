@@ -14,7 +14,7 @@ from spherekit.analysis.registry import create
 from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, SpherekitError
-from spherekit.guidance.form import MidPlaneRotation
+from spherekit.guidance.mid_plane_architecture import MidPlaneRotation
 from spherekit.guidance.poses import (
     AtDirection,
     AtInputs,
@@ -50,7 +50,7 @@ class Listener:
 
 @cache
 def tracer_of(name):
-    return Tracer(sk.load(name), samples=2, branch=0)
+    return Tracer(sk.load(name), samples=2, assembly_mode=0)
 
 
 @dataclass
@@ -68,7 +68,7 @@ def ran(name, text, mechanism=None, scenes=False):
     if mechanism is None:
         tracer = tracer_of(name)
     else:
-        tracer = Tracer(mechanism, samples=2, branch=0)
+        tracer = Tracer(mechanism, samples=2, assembly_mode=0)
     needs = analysis.needs(tracer.mechanism)
     batch = Batch(tracer.mechanism, (), needs, tracer.motion(), (), _tracer=tracer)
     tables = {
@@ -110,7 +110,9 @@ def listener():
 @pytest.fixture(scope="module")
 def table_3(listener):
     text = TABLE_3 + ",theta=0+13+26+40.323061,speed=30,acceleration=70,samples=41"
-    return sk.run(sk.load("two_dof_spm"), text, samples=2, branch=0, recorder=listener)
+    return sk.run(
+        sk.load("two_dof_spm"), text, samples=2, assembly_mode=0, recorder=listener
+    )
 
 
 # --- the paper's mechanism ----------------------------------------------------------------
@@ -159,7 +161,10 @@ def test_loss_of_control_on_the_way_is_a_warning(table_3):
             rows.append([b[k - 2] * e[k - 1] - b[k - 1] * e[k - 2] for k in range(3)])
         assert abs(mp.det(mp.matrix(rows))) < 1e-14
     (text,) = table_3.summary["warnings"]
-    assert "control is lost at theta = 30.9007 deg, 21 = 37.95" in text
+    assert (
+        "the rotation meets a type II singularity at theta = 30.9007 deg, 21 = 37.95"
+        in text
+    )
 
 
 def test_schedule_is_a_table_in_time(table_3):
@@ -458,11 +463,14 @@ def test_singular_ends_come_last():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("start=phi=75,end=phi=70+gamma=20", 'start: "phi=75" is no pose; say one of 21='),
+        (
+            "start=phi=75,end=phi=70+gamma=20",
+            'start: "phi=75" is not a pose; say one of 21=',
+        ),
         ("start=phi=75+gamma=x,end=21=1+61=1", '"gamma=x" of "phi=75'),
         ("start=phi=75+gamma=-20+phi=1,end=21=1+61=1", "each name once"),
         ("start=21=5+61=5,end=x=0+y=0+z=0", "has no direction: all numbers are 0"),
-        ("start=ux=1+uy=0+uz=0+angle=9,end=21=5+61=5", "start: .* is no pose"),
+        ("start=ux=1+uy=0+uz=0+angle=9,end=21=5+61=5", "start: .* is not a pose"),
         ("start=21=5+61=5,end=ux=1+uy=0+uz=0+angle=-9", "angle has to be above 0"),
         ("start=21=5+61=5", "parameters missing: end"),
         ("start=21=5+61=5,end=21=6+61=6,samples=1", "samples: found 1, needs at least 2"),
@@ -514,7 +522,7 @@ def test_poses_out_of_reach_offer_what_is_near():
     text = failure("three_rrr", "start=azimuth=0+tilt=0+torsion=0,end=a1=1+a2=2+a3=3")
     assert "start: three_rrr: outputs.platform does not reach this pose" in text
     text = failure("three_rrr", "start=phi=1+gamma=0,end=a1=1+a2=2+a3=3")
-    assert "the mechanism has no mid-plane form" in text
+    assert "the mechanism has no mid-plane symmetric architecture" in text
     text = failure("three_rrr", "start=x=1+y=0+z=0,end=a1=1+a2=2+a3=3")
     assert "outputs.platform takes an orientation, or inputs" in text
     text = failure("two_dof_spm", TABLE_3 + ",theta=0+50")

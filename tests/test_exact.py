@@ -6,6 +6,7 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
+from independent import arcs_of, closed_form
 
 import spherekit as sk
 from benchmarks.bounds import KINDS, stated
@@ -46,22 +47,6 @@ def traced(name, samples=5):
     return sk.trace(sk.load(name), samples=samples)
 
 
-def arcs_of(made):
-    """The arcs (1, 2, 3, 4) of a four-bar's links, as the float64 numbers they are."""
-    sizes = made.geometry.links
-    return [mp.mpf(sizes[link].arcs[0]) for link in "1234"]
-
-
-def closed_form(arcs, q, mode):
-    """Return theta41 by eq. (25) of Di Gregorio 2024 in mpmath."""
-    (s1, s2, _, s4), (c1, c2, c3, c4) = map(mp.sin, arcs), map(mp.cos, arcs)
-    a0 = c4 * (mp.cos(q) * s2 * s1 + c1 * c2) - c3
-    a1 = mp.sin(q) * s2 * s4
-    a2 = s4 * (mp.cos(q) * s2 * c1 - s1 * c2)
-    root = mp.sqrt(a1**2 + a2**2 - a0**2)
-    return 2 * mp.atan2(-a1 + (-1) ** mode * root, a0 - a2)
-
-
 @pytest.mark.parametrize("name", ["four_bar", "universal_joint"])
 def test_four_bars_against_the_closed_form(name):
     """Angle, rate and two derivatives: the angle up to the constant of its zero."""
@@ -75,8 +60,8 @@ def test_four_bars_against_the_closed_form(name):
     axis = made.pair_number["41"]
     with mp.workdps(60):
         arcs = arcs_of(made)
-        for branch in (0, 1):
-            own = np.flatnonzero(motion.branch[chosen] == branch)
+        for assembly_mode in (0, 1):
+            own = np.flatnonzero(motion.assembly_mode[chosen] == assembly_mode)
             offsets = []
             for row in own:
                 q = mp.mpf(float(motion.inputs[chosen][row, 0]))
@@ -334,7 +319,7 @@ def test_what_has_failed_or_is_not_near_has_no_reference():
     values[2, 1] += 1e-9
     found = exact_rows(replace(motion, values=values, status=status), chosen, driven)
     assert found.status[0] == Status.OUT_OF_REACH
-    assert found.status[1] == Status.BRANCH_LOST
+    assert found.status[1] == Status.MODE_LOST
     assert found.distance[1] == pytest.approx(1e-4, rel=1e-3)
     assert np.all(found.status[2:] == Status.OK)
     assert found.distance[2] == pytest.approx(1e-9, rel=1e-3)
@@ -367,7 +352,9 @@ def test_near_a_dead_centre_the_reference_is_right_or_missing():
     found = exact_rows(motion, chosen, motion.assembly.inputs[0], FIFTY)
     good = found.status == Status.OK
     assert np.sum(good) >= 8
-    assert np.all(np.diff(found.condition[good & (motion.branch[chosen] == 0)]) > 0.0)
+    assert np.all(
+        np.diff(found.condition[good & (motion.assembly_mode[chosen] == 0)]) > 0.0
+    )
     gap = np.abs(motion.values[: motion.samples] - motion.values[motion.samples :])
     gap = np.tile(np.max(gap, axis=1), 2)[chosen]
     assert np.all(found.distance[good] < 0.2 * gap[good])
@@ -414,7 +401,7 @@ def test_no_rows_and_no_loops():
 def test_what_is_asked_for_wrongly():
     motion = traced("four_bar", 5)
     chosen = np.ones(len(motion), dtype=bool)
-    with pytest.raises(SolveError, match="is no input; inputs: 21"):
+    with pytest.raises(SolveError, match="is not an input; inputs: 21"):
         exact_rows(motion, chosen, 1)
     with pytest.raises(SolveError, match="give 1, 2 or 3"):
         exact_rows(motion, chosen, 0, order=4)
@@ -477,13 +464,18 @@ def test_fields_and_motions_of_reference_values(name):
         found = exact_field(exact, wanted, given)
         slack = 60 * EPS * exact.condition
         for pole in poles:
-            known = np.isfinite(given.rate[pole])
-            assert np.array_equal(known, np.isfinite(found.rate[pole]))
+            known = np.isfinite(given.velocity_coefficient[pole])
+            assert np.array_equal(known, np.isfinite(found.velocity_coefficient[pole]))
             apart = np.linalg.norm(given.direction[pole] - found.direction[pole], axis=1)
             bound = given.error[pole]
             assert np.all((apart <= bound) | np.isnan(apart))
-            assert np.all(np.abs(given.rate[pole] - found.rate[pole])[known] < slack[known])
-            along = found.rate[pole][:, None] * found.direction[pole]
+            assert np.all(
+                np.abs(given.velocity_coefficient[pole] - found.velocity_coefficient[pole])[
+                    known
+                ]
+                < slack[known]
+            )
+            along = found.velocity_coefficient[pole][:, None] * found.direction[pole]
             moving = np.isfinite(along[:, 0])
             v = exact.arithmetic.floats(exact.w[:, pole[1]] - exact.w[:, pole[0]])
             assert np.allclose(along[moving], v[moving], rtol=0.0, atol=1e-15)
@@ -491,8 +483,8 @@ def test_fields_and_motions_of_reference_values(name):
         better = exact_motion(motion, chosen, exact)
         assert np.max(np.abs(better.values - motion.values[chosen])) < 1e-13
         assert np.max(better.residual) < 1e-18 or name == "two_dof_spm"
-    lost = replace(pairs[-1], status=np.full(4, Status.BRANCH_LOST, dtype=np.int8))
-    assert np.all(exact_field(lost, wanted, given).status == Status.BRANCH_LOST)
+    lost = replace(pairs[-1], status=np.full(4, Status.MODE_LOST, dtype=np.int8))
+    assert np.all(exact_field(lost, wanted, given).status == Status.MODE_LOST)
 
 
 def test_radius_and_contraction_are_those_told():
@@ -528,7 +520,7 @@ def test_stated_errors_hold(seeds):
     for seed in seeds:
         try:
             made = random_mechanism(seed)[1]
-            tracer = Tracer(made, search=False, samples=3, branch=0)
+            tracer = Tracer(made, search=False, samples=3, assembly_mode=0)
         except SpherekitError:
             continue
         found = stated(tracer)

@@ -213,7 +213,7 @@ def test_cones_roll_by_the_sines_of_their_half_angles(shaft, contact, given, exp
 
 
 def test_half_angles_mean_the_same_in_both_forms_and_as_teeth():
-    """sin 30 / sin 45 is no ratio of teeth; 20 and 40 teeth are cones of any digits."""
+    """sin 30 / sin 45 is not a ratio of teeth; 20 and 40 teeth are cones of any digits."""
     posed = changed(CONES, 'axes = ["a", "b"]\narcs = [75.0]\n', "")
     posed = changed(posed, '[links.1]\naxes = ["a"]', "[links.1]")
     posed = changed(posed, '[links.2]\naxes = ["b"]', "[links.2]")
@@ -579,7 +579,7 @@ FAULTS = {
         "24: pairs.guide.through_lonlat: has 1 values, needs 2",
         [],
     ),
-    "an end that is no unit vector": (
+    "an end that is not a unit vector": (
         POSED_SLIDER,
         THROUGH,
         "through_xyz = [[0, 0.6, 0.8], [0, 3, 4]]",

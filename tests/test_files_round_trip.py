@@ -14,7 +14,7 @@ from spherekit.errors import OutputError
 from spherekit.files.angles import to_radians, to_text, unit_vector
 from spherekit.files.atomic import make_folder
 from spherekit.files.check import schema
-from spherekit.files.document import Written
+from spherekit.files.document import LiteralNumber
 from spherekit.files.read import load, loads
 from spherekit.files.write import canonical_text, dump, dumps
 from spherekit.model.dynamics import (
@@ -173,7 +173,7 @@ def test_every_radian_can_be_written_in_degrees():
     for angle in map(float, angles):
         for near in (angle, math.nextafter(angle, 0), math.nextafter(angle, 99)):
             text = to_text(near, "deg")
-            assert to_radians(Written(text), "deg") == near
+            assert to_radians(LiteralNumber(text), "deg") == near
             assert tomllib.loads(f"a = {text}")["a"] == float(text)
             longest = max(longest, len(text.split("e")[0].strip("-").replace(".", "")))
     assert longest <= 24
@@ -183,7 +183,9 @@ def test_short_degrees_stay_short_and_mean_what_programs_compute():
     for tenths in range(-7200, 7201):
         degrees = tenths / 10
         assert to_text(math.radians(degrees), "deg") in (repr(degrees), "0.0")
-    assert to_radians(Written("60.10000000000000000000000"), "deg") == math.radians(60.1)
+    assert to_radians(LiteralNumber("60.10000000000000000000000"), "deg") == math.radians(
+        60.1
+    )
     assert to_radians(45, "deg") == math.pi / 4
     assert to_text(math.pi, "deg") == "180.0"
     assert to_text(math.radians(1e-9), "deg") == "1e-9"
@@ -192,7 +194,7 @@ def test_short_degrees_stay_short_and_mean_what_programs_compute():
 
 def test_smallest_angles_in_degrees():
     for angle in (5e-324, 1e-310, 2.2250738585072014e-308, -5e-324):
-        assert to_radians(Written(to_text(angle, "deg")), "deg") == angle
+        assert to_radians(LiteralNumber(to_text(angle, "deg")), "deg") == angle
 
 
 def test_unit_vectors_are_left_alone_once_normalised():

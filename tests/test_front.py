@@ -11,7 +11,7 @@ from spherekit.checked import checked
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.mjcf import mjcf
-from spherekit.dynamics.offline import online_model
+from spherekit.dynamics.tabulate import online_model
 from spherekit.errors import SpherekitError
 from spherekit.model.laws import ConstantSpeed, Cycloidal, Start, Tabulated
 from spherekit.motion.motion import Tracer
@@ -33,8 +33,8 @@ WRONG = [
     (sk.run, (FOUR_BAR,), {"samples": 3.0}, "a whole number"),
     (sk.run, (FOUR_BAR,), {"samples": True}, "a whole number"),
     (sk.run, (FIVE_BAR,), {"samples": [3, 0]}, "sample"),
-    (sk.run, (FOUR_BAR,), {"branch": "0"}, "branch is '0'"),
-    (sk.run, (FOUR_BAR,), {"branch": 9}, "no branch 9"),
+    (sk.run, (FOUR_BAR,), {"assembly_mode": "0"}, "assembly_mode is '0'"),
+    (sk.run, (FOUR_BAR,), {"assembly_mode": 9}, "no assembly mode 9"),
     (sk.run, (5,), {}, "subject is 5"),
     (sk.run, ("four_bra",), {}, "four_bra"),
     (sk.run, (FOUR_BAR,), {"sampels": 9}, 'no option "sampels"; did you mean "samples"'),
@@ -73,7 +73,7 @@ WRONG = [
     (sk.run, ("stephenson_output",), {"engine": "cuda"}, 'allowed: "auto"'),
     (sk.trace, (FOUR_BAR,), {"samples": 1.5}, "a whole number"),
     (sk.trace, (5,), {}, "it has to be Mechanism"),
-    (Tracer, (FOUR_BAR,), {"branch": 1.0}, "branch is 1.0"),
+    (Tracer, (FOUR_BAR,), {"assembly_mode": 1.0}, "assembly_mode is 1.0"),
     (simulate, (FOUR_BAR, START, -1.0), {}, "-1"),
     (simulate, (FOUR_BAR, START, NAN), {}, "nan"),
     (simulate, (FOUR_BAR, START, np.inf), {}, "inf"),
@@ -82,7 +82,7 @@ WRONG = [
     (simulate, (FOUR_BAR, START, 0.1), {"scheme": "euler"}, 'allowed: "series", "paper"'),
     (simulate, (FOUR_BAR, START, 0.1), {"step": 0.01}, 'without scheme = "paper"'),
     (simulate, (FOUR_BAR, START, 0.1), {"switches": "abc"}, "switches is 'abc'"),
-    (simulate, (FOUR_BAR, START, 0.1), {"branch": 7}, "branch"),
+    (simulate, (FOUR_BAR, START, 0.1), {"assembly_mode": 7}, "assembly mode"),
     (Start, ("a", 1.0), {}, "Start: q is 'a' .str., it has to be a number"),
     (ConstantSpeed, ("1",), {}, "ConstantSpeed: speed is '1'"),
     (Cycloidal, (0.0, 1.0, -1.0), {}, "duration"),
@@ -91,7 +91,7 @@ WRONG = [
     (inverse_dynamics, (FOUR_BAR, LAW, "abc"), {}, "it has to be numbers"),
     (inverse_dynamics, (FOUR_BAR, LAW, [[0.0]]), {}, "must be finite and increase"),
     (online_model, (FOUR_BAR,), {"poles": "3/1"}, "a sequence, each text"),
-    (online_model, (FOUR_BAR,), {"poles": ["9/1"]}, "is no pole"),
+    (online_model, (FOUR_BAR,), {"poles": ["9/1"]}, "is not a pole"),
     (online_model, (FOUR_BAR,), {"tolerance": -1.0}, "tolerance"),
     (mjcf, (FOUR_BAR, np.zeros(2)), {}, "has 4 finite variables"),
     (mjcf, (FOUR_BAR, np.zeros(4)), {"timestep": 0.0}, "above 0"),
@@ -99,7 +99,7 @@ WRONG = [
     (trade, (FOUR_BAR,), {"tolerance": 1.0}, 'trade: there is no option "tolerance"'),
     (trade, (FOUR_BAR,), {"settings": ["fast"]}, "each Setting"),
     (sk.plan, (FOUR_BAR, "3/1"), {}, "poles is '3/1'"),
-    (sk.plan, (FOUR_BAR, ["9/9"]), {}, "is no pole"),
+    (sk.plan, (FOUR_BAR, ["9/9"]), {}, "is not a pole"),
     (sk.plan, (FOUR_BAR, [(1, 99)]), {}, "numbered from 0 to 3"),
     (sk.plan, (FOUR_BAR, [(-1, 0)]), {}, "numbered from 0 to 3"),
     (sk.table, (FOUR_BAR,), {}, "it has to be Plan"),

@@ -51,7 +51,7 @@ def arcs_of(second):
 
 
 def mode_of(here, arcs):
-    """The mode of the closed form that a branch at its first row is in."""
+    """The mode of the closed form that an assembly mode at its first row is in."""
     off = [
         abs(math.remainder(here.variable("41")[0] - angle, 2.0 * math.pi))
         for mode in (0, 1)
@@ -67,12 +67,14 @@ def slope(function, q, h=1e-3):
     return (points[0] - 8.0 * points[1] + 8.0 * points[2] - points[3]) / (12.0 * h)
 
 
-@pytest.mark.parametrize("branch", [0, 1])
-def test_load_change_an_arc_and_sweep(branch):
+@pytest.mark.parametrize("assembly_mode", [0, 1])
+def test_load_change_an_arc_and_sweep(assembly_mode):
     second = math.radians(25.0)
     longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 25.0})
     assert sk.load("four_bar").geometry.links["2"].arcs == (math.radians(20.0),)
-    turn = sk.evaluate(longer, np.linspace(0.1, 2.0 * np.pi, 50), branch=branch)
+    turn = sk.evaluate(
+        longer, np.linspace(0.1, 2.0 * np.pi, 50), assembly_mode=assembly_mode
+    )
     arcs = arcs_of(second)
     mode = mode_of(turn, arcs)
 
@@ -106,13 +108,15 @@ def test_one_input_is_a_row_of_many_and_a_row_of_a_run():
     q = np.linspace(0.0, 2.0 * np.pi, 7)
     many = sk.evaluate("four_bar", q, poles=["3/1"])
     table = sk.run("four_bar", "poles:only=31", samples=7).frame()
-    for row, (branch, value) in enumerate(zip(many.branch, many.q, strict=True)):
-        one = sk.evaluate("four_bar", float(value), branch=int(branch))
+    for row, (assembly_mode, value) in enumerate(
+        zip(many.assembly_mode, many.q, strict=True)
+    ):
+        one = sk.evaluate("four_bar", float(value), assembly_mode=int(assembly_mode))
         velocity, along = one.velocity_coefficient("31"), many.velocity_coefficient("3/1")
         w = velocity[0] * one.direction("31")[0]  # the sense of a pole goes on along rows
         assert w == pytest.approx(along[row] * many.direction("3/1")[row], abs=1e-13)
         assert w == pytest.approx(one.angular_velocity("3")[0], abs=1e-13)
-    same = table["rate"].to_numpy()
+    same = table["velocity_coefficient"].to_numpy()
     assert many.velocity_coefficient("3/1") == pytest.approx(same, abs=1e-13)
 
 
@@ -155,7 +159,7 @@ def test_the_same_by_axes_and_contacts():
         pairs={n: {"links": ends[n], "lonlat": axes[n]} for n in axes},
         inputs="drive",
     )
-    here = sk.evaluate(posed, 0.0, branch=0)
+    here = sk.evaluate(posed, 0.0, assembly_mode=0)
     for name in names:
         assert np.max(np.abs(here.rotation(name) - np.eye(3))) < 1e-14
     moved = posed.with_sizes(
@@ -251,7 +255,7 @@ def test_a_callable_torque_moves_as_an_independent_integration_says():
     t = np.linspace(0.0, 2.0, 21)
     moved = sk.simulate("four_bar", sk.Start(0.3, 1.0), 2.0, torque=controller)
     assert moved.engine.name == "numpy" and "Python function" in moved.engine.reason
-    mode = mode_of(sk.evaluate("four_bar", 0.3, branch=0), FOUR_BAR_ARCS)
+    mode = mode_of(sk.evaluate("four_bar", 0.3, assembly_mode=0), FOUR_BAR_ARCS)
     known = solve_ivp(
         four_bar_equation(controller, mode),
         (0.0, 2.0),
@@ -342,7 +346,7 @@ WRONG = [
     (lambda: sk.evaluate("four_bar", np.nan), "not finite"),
     (lambda: sk.evaluate("five_bar", [0.1, 0.2, 0.3]), "2 inputs"),
     (lambda: sk.evaluate("four_bar", 0.1, poles="3/1"), "poles is '3/1'"),
-    (lambda: sk.evaluate("four_bar", 0.1, branch=9), "no branch 9"),
+    (lambda: sk.evaluate("four_bar", 0.1, assembly_mode=9), "no assembly mode 9"),
     (lambda: sk.evaluate("four_bar", 0.1, samples=3), 'no argument is "samples"'),
     (lambda: sk.evaluate("four_bar", 0.1).rotation("9"), 'no link is named "9"; Links: 1'),
     (lambda: sk.evaluate("four_bar", 0.1).variable("99"), 'no pair is named "99"'),

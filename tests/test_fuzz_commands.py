@@ -62,4 +62,4 @@ def test_what_is_no_recording_is_not_shown(tmp_path, capsys):
     path = tmp_path / "four_bar.rrd"
     path.write_text(FILES["four_bar.toml"])
     assert main(["view", str(path)]) == 1
-    assert "is no recording; make one: run FILE --save X.rrd" in capsys.readouterr().err
+    assert "is not a recording; make one: run FILE --save X.rrd" in capsys.readouterr().err

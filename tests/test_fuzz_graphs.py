@@ -37,7 +37,7 @@ def fields(made, samples=3):
     """Return the motion and the field of each input."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        tracer = Tracer(made, search=False, samples=samples, branch=0)
+        tracer = Tracer(made, search=False, samples=samples, assembly_mode=0)
         motion = tracer.motion()
         poles = all_poles(len(made.links))
         found = {
@@ -97,11 +97,14 @@ def check_kennedy(field, links):
         sure = good.copy()
         for pole in poles:
             sure &= (field.pole_status[pole] == Status.OK) & (field.error[pole] < 1e-9)
-        w = [field.direction[p][sure] * field.rate[p][sure][:, None] for p in poles]
+        w = [
+            field.direction[p][sure] * field.velocity_coefficient[p][sure][:, None]
+            for p in poles
+        ]
         scale = np.maximum(1.0, np.max(np.abs(w), axis=(0, 2), initial=0.0))
         gap = np.max(np.abs(w[0] + w[1] - w[2]), axis=1, initial=0.0)
         assert np.max(gap / scale, initial=0.0) < 1e-8
-        rates = [np.abs(field.rate[pole][sure]) for pole in poles]
+        rates = [np.abs(field.velocity_coefficient[pole][sure]) for pole in poles]
         moving = np.min(rates, axis=0) > 1e-6 * scale
         one, other, third = (field.direction[pole][sure][moving] for pole in poles)
         triple = np.sum(np.cross(one, other) * third, axis=1)
@@ -130,7 +133,7 @@ def check_same(made, order):
         if np.any(field.status != moved.status):
             # Only at the edge of what rounding decides may one say more than the other.
             unsure = {Status.AT_SINGULARITY, Status.OUT_OF_REACH, Status.NOT_CONVERGED}
-            unsure |= {Status.BRANCH_LOST, Status.NOT_CLOSED}
+            unsure |= {Status.MODE_LOST, Status.NOT_CLOSED}
             for status in (field.status, moved.status):
                 assert {Status(code) for code in status} <= unsure | {Status.OK}
 
@@ -178,7 +181,7 @@ def walked(motion, row, steps=40):
     return values
 
 
-def check_branches(made):
+def check_assembly_modes(made):
     try:
         motion, _ = fields(made, samples=9)
     except SpherekitError:
@@ -230,13 +233,13 @@ def test_said_otherwise_it_is_the_same(data):
 @settings(max_examples=8)
 @given(mechanisms(span=1.2))
 def test_no_branch_jumps_to_another_mode(made):
-    check_branches(made)
+    check_assembly_modes(made)
 
 
 def test_a_jump_is_seen():
     tracer = Tracer(sk.load("four_bar"), samples=9)
     motion = tracer.motion()
-    first, other = (motion.rows(motion.branch == k) for k in (0, 1))
+    first, other = (motion.rows(motion.assembly_mode == k) for k in (0, 1))
     check_one_mode(first)
     values = first.values.copy()
     values[4:] = other.values[4:]
@@ -257,5 +260,5 @@ def test_thousands_of_graphs(legal, illegal, special):
 @settings(max_examples=300)
 @given(mechanisms(span=1.2), mechanisms(span=1.5, special=True))
 def test_no_branch_jumps_in_hundreds(made, special):
-    check_branches(made)
-    check_branches(special)
+    check_assembly_modes(made)
+    check_assembly_modes(special)

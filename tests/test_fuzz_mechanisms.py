@@ -61,7 +61,7 @@ def test_the_oracle_agrees_with_the_equations_of_other_tests():
         if len(made.links) > 8:
             continue
         try:
-            motion = Tracer(made, search=False, samples=3, branch=0).motion()
+            motion = Tracer(made, search=False, samples=3, assembly_mode=0).motion()
         except (CountError, PlanError):
             continue
         moved = motion.assembly.inputs[0]
@@ -87,7 +87,7 @@ def test_the_derivative_of_the_oracle_by_the_remainder():
         family, made = random_mechanism(seed)
         if family not in ("contacts", "triads") or len(made.inputs) > 1:
             continue
-        tracer = Tracer(made, search=False, samples=3, branch=0)
+        tracer = Tracer(made, search=False, samples=3, assembly_mode=0)
         steps = np.array([0.0, 1e-3, 1e-4]) * made.inputs[0].stop
         motion = tracer.at(steps)
         if np.any(motion.status != Status.OK):
@@ -124,5 +124,5 @@ def test_a_short_range_is_searched_too():
     poles = all_poles(len(made.links))
     name = made.inputs[0].pair
     field = evaluate(motion, request(short.mechanism, name, poles, poles))
-    assert len(short.branches) > 1
+    assert len(short.assembly_modes) > 1
     assert np.any(field.status == Status.OK)

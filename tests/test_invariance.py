@@ -27,7 +27,7 @@ def rows(made, q, search=False):
     names = made.links
     vectors, lines = {}, {}
     for i, j in poles:
-        w = field.direction[i, j] * field.rate[i, j][:, None]
+        w = field.direction[i, j] * field.velocity_coefficient[i, j][:, None]
         vectors[names[j], names[i]] = w
         vectors[names[i], names[j]] = -w
         lines[names[j], names[i]] = lines[names[i], names[j]] = field.direction[i, j]
@@ -127,14 +127,14 @@ def test_sizes_and_reference_pose_describe_the_same_motion():
     sized = sk.load("stephenson")
     tracer = Tracer(sized)
     start = tracer.at(np.array([0.7]))
-    first = start.branch == 2
+    first = start.assembly_mode == 2
     axes = {p.name: tuple(start.axes[first][0, k]) for k, p in enumerate(sized.pairs)}
     value = {p.name: float(start.values[first][0, k]) for k, p in enumerate(sized.pairs)}
     posed = replace(sized, geometry=PoseGeometry(axes, value))
     q = np.linspace(0.0, 6.0, 13)
     motion = tracer.at(q)
     other = Tracer(posed).at(q)
-    ours, theirs = motion.branch == 2, other.branch == 0
+    ours, theirs = motion.assembly_mode == 2, other.assembly_mode == 0
     turned = np.exp(1j * motion.values[ours]) - np.exp(1j * other.values[theirs])
     assert np.nanmax(np.abs(turned)) < 1e-13
     assert np.nanmax(np.abs(motion.axes[ours] - other.axes[theirs])) < 1e-13

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from example_mechanisms import serial, unlike_legs
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
@@ -19,13 +20,12 @@ from spherekit.model.mechanism import (
     Output,
     Pair,
     PoseGeometry,
-    SizeGeometry,
 )
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.branches import Branch
+from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.inverse import InverseKinematics
-from spherekit.output.wrist import with_wrist
+from spherekit.output.virtual_output import with_wrist
 from spherekit.sphere.tilt_torsion import (
     azimuth_tilt,
     euler_zyz,
@@ -36,80 +36,6 @@ from spherekit.sphere.tilt_torsion import (
 )
 
 SHIPPED = ("three_rrr", "agile_eye", "five_bar")
-
-
-def mechanism_of(links, pairs, inputs, output, zeros=None):
-    """A mechanism from link sizes in degrees and pairs as name -> two links."""
-    sizes = {
-        link: LinkSizes(
-            tuple(axes.split()), tuple(np.radians(arcs)), tuple(np.radians(angles))
-        )
-        for link, (axes, arcs, angles) in links.items()
-    }
-    return Mechanism(
-        name="made",
-        ground=next(iter(links)),
-        links=tuple(links),
-        pairs=tuple(Pair(name, "R", tuple(ends.split())) for name, ends in pairs.items()),
-        geometry=SizeGeometry(sizes, zeros or {}),
-        inputs=tuple(Input(name, 0.0, 6.0) for name in inputs),
-        outputs=(output,),
-    )
-
-
-def unlike_legs():
-    """Three legs: RRR driven at the base, one through a four-bar, one at its elbow."""
-    return mechanism_of(
-        {
-            "base": ("a1 a2 d2 a3", [70.0, 95.0, 110.0], [30.0, 140.0]),
-            "crank1": ("a1 b1", [50.0], []),
-            "coupler1": ("b1 c1", [75.0], []),
-            "drive": ("d2 e2", [35.0], []),
-            "rod": ("e2 f2", [48.0], []),
-            "crank2": ("a2 f2 b2", [40.0, 65.0], [75.0]),
-            "coupler2": ("b2 c2", [70.0], []),
-            "crank3": ("b3 a3", [58.0], []),
-            "coupler3": ("c3 b3", [66.0], []),
-            "platform": ("c2 c1 c3", [60.0, 75.0], [110.0]),
-        },
-        {
-            "a1": "base crank1",
-            "b1": "coupler1 crank1",
-            "c1": "coupler1 platform",
-            "d2": "drive base",
-            "e2": "drive rod",
-            "f2": "rod crank2",
-            "a2": "base crank2",
-            "b2": "crank2 coupler2",
-            "c2": "platform coupler2",
-            "a3": "base crank3",
-            "b3": "crank3 coupler3",
-            "c3": "coupler3 platform",
-        },
-        ["b3", "a1", "d2"],
-        Output("pose", "platform", "base"),
-        {"a1": 0.4, "b3": -0.7, "c2": 0.3},
-    )
-
-
-def serial(count):
-    """An open chain of two or three links, whose output link has a single pair."""
-    links = {
-        "base": ("p", [], []),
-        "yoke": ("p q", [80.0], []),
-        "fork": ("q r", [65.0], []),
-        "tool": ("r", [], []),
-    }
-    pairs = {"p": "base yoke", "q": "fork yoke", "r": "fork tool"}
-    if count == 2:
-        links = {**{k: links[k] for k in ("base", "yoke")}, "fork": ("q", [], [])}
-        del pairs["r"]
-    tool = list(links)[-1]
-    x = np.array([0.36, -0.48, 0.8]) if count == 2 else None
-    direction = None if x is None else tuple(float(v) for v in x)
-    return mechanism_of(
-        links, pairs, list(pairs), Output("pose", tool, "base", direction), {"q": 0.5}
-    )
 
 
 def posed():
@@ -220,7 +146,7 @@ def test_vectors_agree_with_the_positions_of_all_links(made):
     inverse = kinematics.at(poses)
     assert len(inverse.modes) == 2 ** len(kinematics.legs)
     for k, signs in enumerate(inverse.modes):
-        known = kinematics.solver.evaluate(Branch(0, signs), coordinates)
+        known = kinematics.solver.evaluate(AssemblyMode(0, signs), coordinates)
         assert np.array_equal(known.status, inverse.status[k])
         gap = known.values[:, kinematics.driven] - inverse.inputs[k]
         held = inverse.status[k] == Status.OK
@@ -520,11 +446,11 @@ def test_what_cannot_be_asked():
     kinematics = InverseKinematics(three)
     with pytest.raises(SolveError, match=r"poses are rotations \(n, 3, 3\), not \(4, 3\)"):
         kinematics.at(np.ones((4, 3)))
-    with pytest.raises(SolveError, match="row 1 is no rotation matrix"):
+    with pytest.raises(SolveError, match="row 1 is not a rotation matrix"):
         kinematics.at(np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])]))
-    with pytest.raises(SolveError, match="row 0 is no unit vector"):
+    with pytest.raises(SolveError, match="row 0 is not a unit vector"):
         InverseKinematics(five).at([[0.0, 0.0, 1.1]])
-    with pytest.raises(SolveError, match="is no working mode; a mode is a sign"):
+    with pytest.raises(SolveError, match="is not a working mode; a mode is a sign"):
         kinematics.at(np.eye(3), modes=[(1, 1)])
     with pytest.raises(SolveError, match="ask with normals=True"):
         kinematics.at(np.eye(3)).jacobian

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from example_mechanisms import serial
 from oracles import least_misfit
 from scipy.spatial.transform import Rotation
 from spherekit_analyses.pose_lists import Given
-from test_inverse import serial
 
 import spherekit as sk
 from spherekit.analysis.scene import SphereMap
@@ -102,7 +102,7 @@ def test_forward_of_inverse_names_the_working_mode(name):
         gap = np.linalg.norm(own[["x", "y", "z"]].to_numpy() - places[number], axis=1)
         best = own[gap < 1e-11]
         assert len(best)
-        signs = {"".join(label[k] for k in legs) for label in best["working"]}
+        signs = {"".join(label[k] for k in legs) for label in best["working_mode"]}
         assert signs == {"".join(rows.mode[at][k] for k in legs)}
 
 
@@ -168,29 +168,31 @@ def test_all_ways_to_say_an_orientation(tmp_path):
 
 def test_own_tables_are_read_again(tmp_path):
     """A Parquet table says its units; its inputs lead back to its poses."""
-    result, _ = found_in("five_bar", window="azimuth:10:50:3+tilt:60:70:2", mode="+-")
+    result, _ = found_in(
+        "five_bar", window="azimuth:10:50:3+tilt:60:70:2", working_mode="+-"
+    )
     result.write(tmp_path)
     path = tmp_path / "inverse_kinematics.parquet"
-    again, _ = found_in("five_bar", file=path, columns="azimuth+tilt", mode="+-")
+    again, _ = found_in("five_bar", file=path, columns="azimuth+tilt", working_mode="+-")
     one, other = (each.frame()[["q_21", "q_51"]].to_numpy() for each in (result, again))
     assert np.max(np.abs(one - other)) < 1e-14
     back, findings = found_in("five_bar", file=path, columns="21+51")
     assert findings["inputs"] == len(one)
     table = back.frame("inverse_kinematics", "forward")
-    own = table[table["working"] == "+-"][["x", "y", "z"]].to_numpy()
+    own = table[table["working_mode"] == "+-"][["x", "y", "z"]].to_numpy()
     assert np.max(np.abs(own - result.frame()[["x", "y", "z"]].to_numpy())) < 1e-12
 
 
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        ("x,y,z\n1,0,0\n0,nonsense,1\n", 'line 3, column y: "nonsense" is no finite'),
+        ("x,y,z\n1,0,0\n0,nonsense,1\n", 'line 3, column y: "nonsense" is not a finite'),
         ("x,y,z\n1,0,0\n0,0,0\n", "line 3 has no direction"),
         ("x,y,z\n1,0,\n", "line 2, column z: empty"),
-        ("x,y,z\n1,0,inf\n", 'line 2, column z: "inf" is no finite'),
+        ("x,y,z\n1,0,inf\n", 'line 2, column z: "inf" is not a finite'),
         ("x,y\n1,0\n", "hold none of"),
         ("x,y,z,azimuth,tilt\n1,0,0,1,1\n", "hold more than one of"),
-        ("", "is no CSV file"),
+        ("", "is not a CSV file"),
     ],
 )
 def test_bad_files_name_the_line(tmp_path, lines, said):
@@ -205,7 +207,7 @@ def test_a_matrix_that_is_no_rotation_is_refused(tmp_path):
     path = tmp_path / "bad.csv"
     names = [f"r{i}{k}" for i in "123" for k in "123"]
     path.write_text(",".join(names) + "\n1,0,0,0,1,0,0,0,1\n1,0,0,0,1,0,0,0,-1\n")
-    with pytest.raises(AnalysisError, match="line 3 is no rotation matrix"):
+    with pytest.raises(AnalysisError, match="line 3 is not a rotation matrix"):
         found_in("three_rrr", file=path)
 
 
@@ -216,13 +218,13 @@ def test_a_matrix_that_is_no_rotation_is_refused(tmp_path):
         ({"poses": "1:2", "window": "tilt:0:1:2"}, "found poses and window"),
         ({"poses": "1:2+3"}, '"3", number 2'),
         ({"poses": "1:2:3:4"}, "4 numbers a pose are none of"),
-        ({"poses": "1:2", "columns": "tilt+torsion"}, "is no pose"),
+        ({"poses": "1:2", "columns": "tilt+torsion"}, "is not a pose"),
         ({"poses": "0:0:0"}, "number 1 has no direction"),
         ({"window": "tilt:0:1"}, "NAME:FROM:TO:COUNT"),
         ({"window": "azimuth:0:1:3000+tilt:0:1:3000"}, "more than"),
-        ({"poses": "1:2", "mode": "+++"}, "signs are those of"),
+        ({"poses": "1:2", "working_mode": "+++"}, "signs are those of"),
         ({"poses": "1:2", "pairs": "99"}, "no pair is named"),
-        ({"poses": "1:2", "nearest": -1}, "no number of rows"),
+        ({"poses": "1:2", "nearest": -1}, "not a number of rows"),
         ({"file": "nowhere.csv"}, "nowhere.csv: cannot be read"),
     ],
 )
@@ -262,7 +264,9 @@ def test_open_chains():
 def test_rows_out_of_reach_offer_the_nearest_pose():
     """The offer is inside, and no direction inside is nearer."""
     mechanism = sk.load("five_bar")
-    result, findings = found_in(mechanism, poses="0:0:-1+1:0:0+0.3:1:0.2", mode="++")
+    result, findings = found_in(
+        mechanism, poses="0:0:-1+1:0:0+0.3:1:0.2", working_mode="++"
+    )
     table = result.frame()
     assert (table["status"] == "OUT_OF_REACH").any()
     kinematics = closed_kinematics(mechanism)
@@ -281,7 +285,7 @@ def test_rows_out_of_reach_offer_the_nearest_pose():
 
 
 def test_nearest_orientation_is_inside():
-    result, _ = found_in("three_rrr", poses="0:60:180+240:80:90", mode="+++")
+    result, _ = found_in("three_rrr", poses="0:60:180+240:80:90", working_mode="+++")
     table = result.frame()
     out = table[table["status"] == "OUT_OF_REACH"]
     assert len(out)
@@ -322,7 +326,7 @@ def test_scene(how):
 
 
 def test_pairs_asked_for():
-    result, _ = found_in("five_bar", poses="10:20", pairs="32+51", mode="-+")
+    result, _ = found_in("five_bar", poses="10:20", pairs="32+51", working_mode="-+")
     pairs = result.frame("inverse_kinematics", "pairs").set_index("pair")["value"]
     assert abs(pairs["51"] - result.frame()["q_51"][0]) < 1e-15
     form = mid_plane_form(sk.load("two_dof_spm"))
@@ -367,5 +371,5 @@ def test_row_by_row_is_the_same(name):
 def test_what_is_no_parquet_file_is_refused(tmp_path):
     path = tmp_path / "poses.parquet"
     path.write_bytes(b"no such thing")
-    with pytest.raises(FileError, match="is no Parquet file"):
+    with pytest.raises(FileError, match="is not a Parquet file"):
         found_in("five_bar", file=path)

@@ -21,10 +21,11 @@ import pytest
 import spherekit as sk
 from spherekit.analysis import tables
 from spherekit.analysis.contract import AbstractAnalysis, Needs
-from spherekit.analysis.folder import journal, room, store
+from spherekit.analysis.folder import journal, store
+from spherekit.analysis.folder import resource_check as room
 from spherekit.analysis.folder.journal import WORK, RunFolder
 from spherekit.analysis.scene import Scene, Series
-from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
+from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, OutputError
@@ -96,7 +97,7 @@ def names_in(folder):
 
 
 def contents(folder):
-    """The bytes of all files; of the summary what is no time."""
+    """The bytes of all files; of the summary what is not a time."""
     found = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
     summary = json.loads(found["summary.json"])
     for key in ("seconds", "predicted", "simulate"):
@@ -320,7 +321,7 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
     for options, words in [
         ({"samples": 61}, "samples: 60 there, 61 now"),
         ({"block": 5}, "samples in a block: 10 there, 5 now"),
-        ({"branch": 1}, "branches: "),
+        ({"assembly_mode": 1}, "assembly modes: "),
         ({"path": np.linspace(0, 1, 60)}, "input values: "),
         ({"duration": 1.0}, "over time: false there, true now"),
     ]:
@@ -388,7 +389,7 @@ def test_degrees_in_files_come_back_in_rad(tmp_path):
 
 def test_csv_gives_every_number_back(tmp_path):
     result = sk.run(sk.load("stephenson"), "poles", samples=200, folder=tmp_path)
-    frame, types = result.frame(), {"link": str, "relative_to": str, "moved": str}
+    frame, types = result.frame(), {"link": str, "relative_to": str, "moving": str}
     read = pd.read_csv(tmp_path / "poles.csv", dtype=types)
     for column in frame.select_dtypes(float):
         assert np.array_equal(frame[column], read[column], equal_nan=True)
@@ -405,9 +406,11 @@ class Words(AbstractAnalysis):
     summary: ClassVar = "texts"
     rowwise: ClassVar = True
     tables: ClassVar = (
-        Table("words", "texts", (SAMPLE, BRANCH, Column("word", "", "a text", "text"))),
-        Table("plain", "no branches", (Column("x", "", "a number"),)),
-        Table("empty", "no rows", (SAMPLE, BRANCH, Column("y", "", "no number"))),
+        Table(
+            "words", "texts", (SAMPLE, ASSEMBLY_MODE, Column("word", "", "a text", "text"))
+        ),
+        Table("plain", "no assembly modes", (Column("x", "", "a number"),)),
+        Table("empty", "no rows", (SAMPLE, ASSEMBLY_MODE, Column("y", "", "no number"))),
     )
     plain: bool = False
 
@@ -419,13 +422,17 @@ class Words(AbstractAnalysis):
         words = [odd[k * k % len(odd)] for k in batch.sample.tolist()]
         none = np.zeros(0)
         return {
-            "words": {"sample": batch.sample, "branch": batch.branch, "word": words},
+            "words": {
+                "sample": batch.sample,
+                "assembly_mode": batch.assembly_mode,
+                "word": words,
+            },
             "plain": {"x": batch.sample},
-            "empty": {"sample": none, "branch": none, "y": none},
+            "empty": {"sample": none, "assembly_mode": none, "y": none},
         }
 
     def scene(self, batch):
-        rows = batch.branch_rows().items()
+        rows = batch.assembly_mode_rows().items()
         return tuple(Scene(b, (Series("s", "s", "g", batch.q[own]),)) for b, own in rows)
 
 
@@ -439,13 +446,13 @@ def test_any_text_survives(plain, tmp_path):
     frame = kept.frame("words")
     read = pd.read_csv(tmp_path / "a" / "words.csv")
     assert list(read["word"]) == list(frame["word"]) == list(streamed.frame()["word"])
-    assert list(frame["branch"]) == [0] * 25 + [1] * 25
+    assert list(frame["assembly_mode"]) == [0] * 25 + [1] * 25
     assert len(pd.read_csv(tmp_path / "a" / "words_empty.csv")) == 0
     assert kept.frame("words", "plain")["x"].dtype == float
 
 
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
-    """Pieces of 32 rows cut across blocks and branches."""
+    """Pieces of 32 rows cut across blocks and assembly modes."""
     for module in (store, tables):
         monkeypatch.setattr(module, "CHUNK", 32)
     four_bar(tmp_path)
@@ -454,8 +461,8 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
     assert rows == [32, 32, 32, 24]
     monkeypatch.undo()
     pd.testing.assert_frame_equal(
-        pd.read_csv(tmp_path / "motion.csv")[["branch", "q"]],
-        four_bar().frame("motion")[["branch", "q"]],
+        pd.read_csv(tmp_path / "motion.csv")[["assembly_mode", "q"]],
+        four_bar().frame("motion")[["assembly_mode", "q"]],
         check_exact=True,
     )
 
@@ -601,14 +608,14 @@ def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path)
     four_bar(samples=45, recorder=all_of_them, log_every=1)
     assert all(len(own) == 45 for own in all_of_them.samples.values())
     grid = Listener()
-    sk.run(sk.load("five_bar"), samples=(3, 4), branch=0, recorder=grid, log_every=2)
+    sk.run(sk.load("five_bar"), samples=(3, 4), assembly_mode=0, recorder=grid, log_every=2)
     assert all(own == [0, 2, 4, 6, 8, 10] for own in grid.samples.values())
     assert grid.row == 2
     with pytest.raises(AnalysisError, match="log_every must be at least 1"):
         four_bar(recorder=Listener(), log_every=0)
     words = ["run", "four_bar", "--samples", "50", "--save", str(tmp_path / "x.rrd")]
     assert main(words) == 0
-    assert "one of 5 samples of each branch" in capsys.readouterr().err
+    assert "one of 5 samples of each assembly mode" in capsys.readouterr().err
 
 
 def test_a_resumed_recording_says_where_it_begins(tmp_path):
@@ -622,13 +629,13 @@ def test_a_resumed_recording_says_where_it_begins(tmp_path):
 
 
 def test_two_runs_do_not_record_into_one_file(tmp_path):
-    from spherekit.view.rerun_view import Recorder
+    from spherekit.view.rerun_view import RerunRecorder
 
     path = tmp_path / "x.rrd"
-    with Recorder.to_file(path, "four_bar") as first:
+    with RerunRecorder.to_file(path, "four_bar") as first:
         with (
             pytest.raises(OutputError, match="another run is recording there"),
-            Recorder.to_file(path, "four_bar"),
+            RerunRecorder.to_file(path, "four_bar"),
         ):
             pass
         four_bar(recorder=first)

@@ -92,9 +92,9 @@ def test_a_start_is_moved_into_a_range_of_less_than_a_turn():
     made = replace(made, inputs=(Input(made.inputs[0].pair, 5.0, 5.6),))
     masses = sk.load("four_bar").masses[0]
     made = replace(made, masses=(replace(masses, link=made.links[1]),))
-    number = sk.trace(made, samples=3).branches[0].number
+    number = sk.trace(made, samples=3).assembly_modes[0].number
     first, again = (
-        simulate(made, Start(5.3 + shift, 0.1), 0.1, branch=number, engine="numpy")
+        simulate(made, Start(5.3 + shift, 0.1), 0.1, assembly_mode=number, engine="numpy")
         for shift in (0.0, 50 * TURN)
     )
     assert np.max(np.abs(again.at([0.1]).q - 50 * TURN - first.at([0.1]).q)) < 1e-9

@@ -10,7 +10,7 @@ from benchmarks.modes import Tally, cams, judge, ten_bar
 from spherekit import progress
 from spherekit.cli.main import main
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.motion import Tracer
 from spherekit.motion.range_search import RangeSearch
 from spherekit.motion.search import STARTS, Census

@@ -1,4 +1,4 @@
-"""The motion: closure, assembly modes, reach, statuses, and that no branch flips."""
+"""The motion: closure, assembly modes, reach, statuses, and that no assembly mode flips."""
 
 from dataclasses import replace
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes
 from closed_forms import four_bar_angles
+from example_mechanisms import four_bar
 from oracles import closure_gap, integrated, null_space, revolute_frames
 
 import spherekit as sk
@@ -17,7 +18,7 @@ from spherekit.model.mechanism import (
     Mechanism,
     SizeGeometry,
 )
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.follow import follow
 from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import plan_assembly
@@ -30,21 +31,6 @@ SHIPPED = (
     "double_butterfly",
     "single_flier",
 )
-FULL_TURN = (0.0, 2 * np.pi)
-
-
-def four_bar(arcs, span=FULL_TURN):
-    """Return the four-bar of Di Gregorio 2024, Fig. 5, with these arcs (4,) rad."""
-    base = sk.load("four_bar")
-    sizes = {
-        link: replace(size, arcs=(float(arcs[int(link) - 1]),))
-        for link, size in base.geometry.links.items()
-    }
-    return replace(
-        base,
-        geometry=replace(base.geometry, links=sizes),
-        inputs=(Input("21", *span),),
-    )
 
 
 def random_crank(random):
@@ -60,7 +46,7 @@ def random_crank(random):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_mechanism_closes_over_its_whole_turn(name):
     motion = sk.trace(sk.load(name))
-    own = motion.branch == 0
+    own = motion.assembly_mode == 0
     assert np.all(motion.status[own] == Status.OK)
     frames = revolute_frames(motion.mechanism)
     assert closure_gap(motion.mechanism, motion.rotations, frames) < 2e-15
@@ -89,18 +75,19 @@ def test_four_hundred_random_cranks_never_flip():
     for _ in range(400):
         arcs = random_crank(random)
         motion = sk.trace(four_bar(arcs), samples=13)
-        assert len(motion.branches) == 2
+        assert len(motion.assembly_modes) == 2
         assert np.all(motion.status == Status.OK)
         theta41 = motion.values[:, 3].reshape(2, 13)
         q = motion.q[:13]
         found = []
-        for branch in (0, 1):
+        for assembly_mode in (0, 1):
             for p in (0, 1):
                 gap = np.abs(
-                    np.exp(1j * four_bar_angles(q, arcs, p)) - np.exp(1j * theta41[branch])
+                    np.exp(1j * four_bar_angles(q, arcs, p))
+                    - np.exp(1j * theta41[assembly_mode])
                 )
                 if np.max(gap) < 1e-9:
-                    found.append((branch, p))
+                    found.append((assembly_mode, p))
         assert len(found) == 2
         assert {p for _, p in found} == {0, 1}
 
@@ -112,25 +99,25 @@ def test_following_random_cranks_stays_on_the_closed_form():
         made = four_bar(random_crank(random))
         solver = Solver(made, plan_assembly(made))
         tracer = Tracer(made)
-        for branch in tracer.branches:
-            start = solver.evaluate(branch, np.zeros((1, 1))).values[0]
+        for assembly_mode in tracer.assembly_modes:
+            start = solver.evaluate(assembly_mode, np.zeros((1, 1))).values[0]
             curve = follow(solver.closure, solver.driven[0], start, 0.0, 2 * np.pi)
             assert curve.ends == (Status.OK, Status.OK)
             assert curve.inputs[-1] == 2 * np.pi
-            there = solver.evaluate(branch, curve.inputs[:, None]).values
+            there = solver.evaluate(assembly_mode, curve.inputs[:, None]).values
             assert np.max(np.abs(np.exp(1j * there) - np.exp(1j * curve.values))) < 1e-9
 
 
 def check_against_integration(made, samples=13):
-    """Compare the samples of the reference pose's branch with integrated velocities.
+    """Compare the samples of the reference pose's assembly mode with integrated velocities.
 
-    Returns how many were compared. The branch is compared as far as it is connected: a
-    mode of dyads may appear again beyond a range that it does not reach.
+    Returns how many were compared. The assembly mode is compared as far as it is connected:
+    a mode of dyads may appear again beyond a range that it does not reach.
     """
     tracer = Tracer(made, search=False, samples=samples)
     motion = tracer.motion()
     reference = tracer.at(np.zeros(1)).axes[0]
-    assert not np.any(motion.status == Status.BRANCH_LOST)
+    assert not np.any(motion.status == Status.MODE_LOST)
     assert not np.any(motion.status == Status.NOT_CONVERGED)
     compared = 0
     for way in (1, -1):
@@ -188,7 +175,7 @@ def test_rocker_is_reported_out_of_reach_exactly_where_it_is():
 
 
 def test_followed_branches_end_at_the_dead_centre_of_the_input():
-    """A Stephenson driven in its outer loop: branches meet in pairs at dead centres."""
+    """A Stephenson driven in its outer loop: modes meet in pairs at dead centres."""
     made = mechanism(
         STEPHENSON,
         random_axes(np.random.default_rng(3), 7),
@@ -197,8 +184,8 @@ def test_followed_branches_end_at_the_dead_centre_of_the_input():
     )
     tracer = Tracer(made)
     ends = []
-    for branch in tracer.branches:
-        curve = branch.guide
+    for assembly_mode in tracer.assembly_modes:
+        curve = assembly_mode.guide
         assert set(curve.ends) <= {Status.OK, Status.OUT_OF_REACH}
         for why, q in zip(curve.ends, curve.inputs[[0, -1]], strict=True):
             if why != Status.OK:
@@ -227,13 +214,13 @@ def test_dead_centre_itself_closes_but_has_no_rates():
     result = sk.run(made, "poles", samples=5)
     last = result.frame().query("sample == 4")
     assert set(last["status"]) <= {"AT_SINGULARITY", "OUT_OF_REACH"}
-    assert last["rate"].isna().all()
+    assert last["velocity_coefficient"].isna().all()
 
 
 def test_the_same_motion_in_blocks_and_at_once():
     for name in ("stephenson", "double_butterfly", "shaped_cam"):
         tracer = Tracer(sk.load(name), search=False, samples=50)
-        count = len(tracer.branches)
+        count = len(tracer.assembly_modes)
         whole = tracer.motion()
         parts = list(tracer.blocks(size=7))
         assert [len(part) for part in parts] == [7 * count] * 7 + [count]
@@ -278,9 +265,9 @@ def test_arcs_that_cannot_close_are_refused_with_the_group():
 def test_unknown_branch_range_and_samples():
     made = sk.load("four_bar")
     with pytest.raises(
-        SolveError, match="there is no branch 7; the branches found are 0, 1"
+        SolveError, match="there is no assembly mode 7; the assembly modes found are 0, 1"
     ):
-        sk.trace(made, branch=7)
+        sk.trace(made, assembly_mode=7)
     with pytest.raises(SolveError, match="must rise"):
         sk.trace(replace(made, inputs=(Input("21", 1.0, 1.0),)))
     with pytest.raises(SolveError, match="at least 1, not 0"):

@@ -6,6 +6,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from chains import EIGHT_BARS, FOUR_BAR, joints, mechanism, random_axes, random_chain
+from common import LECTURE_TABLE
 
 import spherekit as sk
 from spherekit.errors import PlanError
@@ -13,16 +14,6 @@ from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry, Prof
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import LinePole, all_poles, plan
 from spherekit.planning.table import as_dict, as_markdown, as_text, cells, describe
-
-LECTURE_TABLE = [
-    ["■", "x", "I", "x", "II", "x"],
-    ["x", "■", "x", "I", "III", "III"],
-    ["I", "x", "■", "x", "x", "II"],
-    ["x", "I", "x", "■", "III", "III"],
-    ["II", "III", "x", "III", "■", "x"],
-    ["x", "III", "II", "III", "x", "■"],
-]
-"""Di Gregorio 2019, lecture 2, case study 'Spherical Stephenson Mechanism'."""
 
 
 def test_table_of_the_lecture():
@@ -200,7 +191,7 @@ def test_two_pairs_between_the_same_links_are_refused():
 
 def test_unknown_pole_and_input():
     made = sk.load("four_bar")
-    with pytest.raises(PlanError, match=r"is no pole.*LINK/LINK"):
+    with pytest.raises(PlanError, match=r"is not a pole.*LINK/LINK"):
         sk.plan(made, ["5/1"])
     with pytest.raises(sk.SpherekitError, match='did you mean "41"'):
         sk.plan(made, input_pair="4_1")

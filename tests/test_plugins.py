@@ -13,7 +13,7 @@ import spherekit as sk
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.registry import create, load, names, records, registered
 from spherekit.analysis.tables import (
-    BRANCH,
+    ASSEMBLY_MODE,
     INPUTS,
     SAMPLE,
     STATUS,
@@ -27,13 +27,17 @@ from spherekit.errors import AnalysisError, PluginError
 @final
 @dataclass(frozen=True, kw_only=True)
 class Swing(AbstractAnalysis):
-    """The largest swing of one pair per branch: an analysis of whole batches."""
+    """The largest swing of one pair per assembly mode: an analysis of whole batches."""
 
     name: ClassVar = "swing"
     version: ClassVar = "1"
     summary: ClassVar = "range of a pair's variable"
     tables: ClassVar = (
-        Table("swing", "one row per branch", (BRANCH, Column("swing", "rad", "largest"))),
+        Table(
+            "swing",
+            "one row per assembly mode",
+            (ASSEMBLY_MODE, Column("swing", "rad", "largest")),
+        ),
     )
     pair: str = "41"
 
@@ -43,10 +47,12 @@ class Swing(AbstractAnalysis):
 
     def compute(self, batch: Batch):
         values = batch.pair_value(self.pair)
-        found = [(n, np.ptp(values[rows])) for n, rows in batch.branch_rows().items()]
+        found = [
+            (n, np.ptp(values[rows])) for n, rows in batch.assembly_mode_rows().items()
+        ]
         return {
             "swing": {
-                "branch": np.array([n for n, _ in found]),
+                "assembly_mode": np.array([n for n, _ in found]),
                 "swing": np.array([s for _, s in found]),
             }
         }
@@ -62,18 +68,18 @@ class Greedy(AbstractAnalysis):
     summary: ClassVar = "reads too much"
     rowwise: ClassVar = True
     tables: ClassVar = (Table("greedy", "", (SAMPLE,)),)
-    what: str = "rate"
+    what: str = "velocity_coefficient"
 
     def needs(self, mechanism):
         return Needs(directions=frozenset([(0, 1)]))
 
     def compute(self, batch: Batch):
         reads = {
-            "rate": lambda: batch.rate(0, 1),
+            "velocity_coefficient": lambda: batch.velocity_coefficient(0, 1),
             "pole": lambda: batch.direction(0, 2),
             "value": lambda: batch.pair_value("21"),
             "rotation": lambda: batch.rotation("2"),
-            "rate_dq": lambda: batch.rate_dq(0, 1),
+            "acceleration_coefficient": lambda: batch.acceleration_coefficient(0, 1),
             "nonsense": lambda: 1 / 0,
             "columns": lambda: None,
         }
@@ -103,7 +109,9 @@ class Ranges(AbstractAnalysis):
     def findings(self, batch: Batch):
         widest = float(np.max(np.ptp(batch.inputs, axis=0)))
         return Findings(
-            {"widest": widest, "modes": len(batch.tracer.branches)}, ("So.",), ("Yes.",)
+            {"widest": widest, "modes": len(batch.tracer.assembly_modes)},
+            ("So.",),
+            ("Yes.",),
         )
 
 
@@ -138,8 +146,8 @@ def test_poles_is_registered_like_anyones():
 def test_main_table_has_the_agreed_columns():
     table = load("poles").tables[0]
     assert [column.name for column in table.columns][:11] == [
-        "sample", "branch", "q", "link", "relative_to", "ux", "uy", "uz",
-        "rate", "rate_dq", "conditioning",
+        "sample", "assembly_mode", "q", "link", "relative_to", "ux", "uy", "uz",
+        "velocity_coefficient", "acceleration_coefficient", "conditioning",
     ]  # fmt: skip
 
 
@@ -149,7 +157,7 @@ def test_an_analysis_of_whole_batches():
             sk.load("four_bar"), ["swing:pair=41", "poles:only=31"], samples=19, block=5
         )
     frame = result.frame("swing")
-    assert list(frame["branch"]) == [0, 1]
+    assert list(frame["assembly_mode"]) == [0, 1]
     # the two modes of a four-bar mirror each other (theory of the paper's eq. 25)
     assert frame["swing"][0] == pytest.approx(frame["swing"][1], abs=1e-12)
     assert len(result.frame("poles")) == 2 * 19
@@ -158,11 +166,11 @@ def test_an_analysis_of_whole_batches():
 @pytest.mark.parametrize(
     ("what", "words"),
     [
-        ("rate", "Needs(rates=...)"),
+        ("velocity_coefficient", "Needs(rates=...)"),
         ("pole", "links 3 and 1"),
         ("value", 'pair_value("21")'),
         ("rotation", 'rotation("2")'),
-        ("rate_dq", "derivatives=True"),
+        ("acceleration_coefficient", "derivatives=True"),
         ("nonsense", "ZeroDivisionError"),
         ("columns", "declared with columns"),
     ],
@@ -181,9 +189,9 @@ def test_faults_of_one_analysis_do_not_touch_the_others(what, words):
     [
         ("pole", 'did you mean "poles"'),
         ("poles:onyl=31", 'did you mean "only"'),
-        ("poles:only", "is no parameter"),
+        ("poles:only", "is not a parameter"),
         ("swing:pair=14", "no pair is named"),
-        ("poles:only=91", "is no pole"),
+        ("poles:only=91", "is not a pole"),
     ],
 )
 def test_wrong_requests_fail_before_anything_is_computed(request_, words):
@@ -193,7 +201,7 @@ def test_wrong_requests_fail_before_anything_is_computed(request_, words):
 
 
 def test_parameters_are_converted_by_their_type():
-    assert create("poles:only=31+42,show=42").only == ("31", "42")
+    assert create("poles:only=31+42,circles=42").only == ("31", "42")
 
 
 @final

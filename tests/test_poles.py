@@ -13,6 +13,7 @@ from closed_forms import (
     four_bar_frames,
     four_bar_poles,
 )
+from common import field_of
 from oracles import null_space, off_axis
 from scipy.optimize import brentq
 
@@ -23,22 +24,12 @@ from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 
-def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
-    tracer = Tracer(made, search=search, samples=samples)
-    poles = all_poles(len(made.links)) if wanted is None else wanted
-    asked = request(
-        tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles, derivatives
-    )
-    motion = tracer.motion()
-    return motion, evaluate(motion, asked)
-
-
 @pytest.fixture(scope="module")
 def four_bar():
     motion, field = field_of(sk.load("four_bar"))
     modes = {}
-    for branch in motion.branches:
-        rows = motion.branch == branch.number
+    for assembly_mode in motion.assembly_modes:
+        rows = motion.assembly_mode == assembly_mode.number
         theta41 = motion.values[rows, motion.mechanism.pair_number["41"]]
         for p in (0, 1):
             u43 = four_bar_axes(motion.q[rows], FOUR_BAR_ARCS, p)["43"]
@@ -65,9 +56,9 @@ def test_four_bar_of_the_paper(four_bar, p):
         assert np.max(np.abs(motion.rotations[rows, link - 1] - frames[link])) < 1e-12
     w31, w41 = four_bar_coefficients(q, FOUR_BAR_ARCS, p)
     sense = np.sign(np.sum(field.direction[0, 2][rows] * u["31"], axis=1))
-    assert np.max(np.abs(field.rate[0, 2][rows] * sense - w31)) < 1e-12
-    assert np.max(np.abs(field.rate[0, 3][rows] - w41)) < 1e-12
-    assert np.max(np.abs(field.rate[0, 1][rows] - 1.0)) < 1e-15
+    assert np.max(np.abs(field.velocity_coefficient[0, 2][rows] * sense - w31)) < 1e-12
+    assert np.max(np.abs(field.velocity_coefficient[0, 3][rows] - w41)) < 1e-12
+    assert np.max(np.abs(field.velocity_coefficient[0, 1][rows] - 1.0)) < 1e-15
     # the remaining two by the relative-motion theorem, eq. (6), from the published ones
     w21 = u["21"]
     w3, w4 = w31[:, None] * u["31"], w41[:, None] * u["41"]
@@ -77,7 +68,7 @@ def test_four_bar_of_the_paper(four_bar, p):
 
 
 def _vector(field, pole, rows):
-    return field.direction[pole][rows] * field.rate[pole][rows][:, None]
+    return field.direction[pole][rows] * field.velocity_coefficient[pole][rows][:, None]
 
 
 @pytest.mark.parametrize("p", [0, 1])
@@ -98,8 +89,17 @@ def test_four_bar_derivatives_in_fifty_digits(four_bar, p):
 
     for row in rows:
         q = mpmath.mpf(float(motion.q[row]))
-        assert abs(float(mpmath.diff(theta41, q)) - field.rate[0, 3][row]) < 1e-13
-        assert abs(float(mpmath.diff(theta41, q, 2)) - field.rate_dq[0, 3][row]) < 1e-12
+        assert (
+            abs(float(mpmath.diff(theta41, q)) - field.velocity_coefficient[0, 3][row])
+            < 1e-13
+        )
+        assert (
+            abs(
+                float(mpmath.diff(theta41, q, 2))
+                - field.acceleration_coefficient[0, 3][row]
+            )
+            < 1e-12
+        )
 
 
 def test_universal_joint():
@@ -109,16 +109,16 @@ def test_universal_joint():
     motion, field = field_of(made)
     psi = np.arctan2(np.sin(motion.q), np.cos(beta) * np.cos(motion.q))
     turn = motion.values[:, motion.mechanism.pair_number["41"]] - psi
-    opposite = motion.branch == motion.branch[np.argmax(np.cos(turn) < 0)]
+    opposite = motion.assembly_mode == motion.assembly_mode[np.argmax(np.cos(turn) < 0)]
     turn = np.where(opposite, turn - np.pi, turn)
     assert np.max(np.abs(np.sin(turn / 2.0))) < 1e-13
     below = 1.0 - np.sin(beta) ** 2 * np.cos(motion.q) ** 2
     first = np.cos(beta) / below
     second = -np.cos(beta) * np.sin(beta) ** 2 * np.sin(2 * motion.q) / below**2
-    assert np.max(np.abs(field.rate[0, 3] - first)) < 1e-13
-    assert np.max(np.abs(field.rate_dq[0, 3] - second)) < 1e-13
+    assert np.max(np.abs(field.velocity_coefficient[0, 3] - first)) < 1e-13
+    assert np.max(np.abs(field.acceleration_coefficient[0, 3] - second)) < 1e-13
     assert abs(np.max(first) - 1 / np.cos(beta)) < 1e-15
-    assert abs(np.max(field.rate[0, 3]) - 1 / np.cos(beta)) < 1e-13
+    assert abs(np.max(field.velocity_coefficient[0, 3]) - 1 / np.cos(beta)) < 1e-13
 
 
 def compare_with_null_space(made, tolerance=1e-9, least_gap=1e-6):
@@ -139,7 +139,7 @@ def compare_with_null_space(made, tolerance=1e-9, least_gap=1e-6):
         assert off_axis(field.direction[i, j][1], vector / size) < tolerance
         if abs(driven) > 1e-4:
             ratio = vector / driven
-            ours = field.rate[i, j][1] * field.direction[i, j][1]
+            ours = field.velocity_coefficient[i, j][1] * field.direction[i, j][1]
             error = np.linalg.norm(ours - ratio) / max(1.0, np.linalg.norm(w / driven))
             assert error < tolerance
     return True
@@ -172,14 +172,14 @@ def test_random_ten_bars_against_the_null_space():
 def test_derivatives_by_taylor_remainder(name):
     """The remainder f(q + h) - f(q) - h f'(q) falls with the square of h."""
     made = sk.load(name)
-    tracer = Tracer(made, search=False, branch=0)
+    tracer = Tracer(made, search=False, assembly_mode=0)
     poles = all_poles(len(made.links))
     asked = request(tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles)
     steps = np.array([0.0, 1e-2, 1e-3, 1e-4])
     field = evaluate(tracer.at(1.234 + steps), asked)
     for pole in poles:
-        rate = field.rate[pole]
-        rest = np.abs(rate - rate[0] - steps * field.rate_dq[pole][0])[1:]
+        rate = field.velocity_coefficient[pole]
+        rest = np.abs(rate - rate[0] - steps * field.acceleration_coefficient[pole][0])[1:]
         size = max(1.0, abs(rate[0]))
         assert rest[1] < 0.02 * rest[0] + 1e-12 * size
         assert rest[2] < 0.02 * rest[1] + 1e-12 * size
@@ -200,23 +200,23 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
     tracer = Tracer(made)
     poles = all_poles(4)
     asked = request(tracer.mechanism, "21", poles, poles)
-    for branch in range(2):
+    for assembly_mode in range(2):
         low, high = 0.1, 3.0
-        one = Tracer(made, branch=branch)
+        one = Tracer(made, assembly_mode=assembly_mode)
 
         def still(q, one=one):
-            return evaluate(one.at(q), asked).rate[1, 2][0]
+            return evaluate(one.at(q), asked).velocity_coefficient[1, 2][0]
 
         grid = np.linspace(0.0, 2 * np.pi, 100)
-        values = evaluate(one.at(grid), asked).rate[1, 2]
+        values = evaluate(one.at(grid), asked).velocity_coefficient[1, 2]
         k = int(np.flatnonzero(values[1:] * values[:-1] < 0.0)[0])
         low, high = grid[k], grid[k + 1]
         root = brentq(still, low, high, xtol=1e-15)
         field = evaluate(one.at(root + np.array([-1e-7, 0.0, 1e-7])), asked)
-        assert np.all(np.abs(field.rate[1, 2]) < 1e-6)
+        assert np.all(np.abs(field.velocity_coefficient[1, 2]) < 1e-6)
         total = _vector(field, (0, 1), slice(None)) + _vector(field, (1, 2), slice(None))
         assert np.max(np.abs(_vector(field, (0, 2), slice(None)) - total)) < 1e-13
-        assert abs(abs(field.rate[0, 2][1]) - 1.0) < 1e-13
+        assert abs(abs(field.velocity_coefficient[0, 2][1]) - 1.0) < 1e-13
 
 
 def test_pruned_request_gives_the_same_numbers():
@@ -225,8 +225,18 @@ def test_pruned_request_gives_the_same_numbers():
     for pole in ((0, 3), (2, 6)):
         _, small = field_of(made, samples=25, search=False, wanted=[pole])
         assert np.allclose(small.direction[pole], whole.direction[pole], rtol=0, atol=1e-11)
-        assert np.allclose(small.rate[pole], whole.rate[pole], rtol=0, atol=1e-11)
-        assert np.allclose(small.rate_dq[pole], whole.rate_dq[pole], rtol=0, atol=1e-9)
+        assert np.allclose(
+            small.velocity_coefficient[pole],
+            whole.velocity_coefficient[pole],
+            rtol=0,
+            atol=1e-11,
+        )
+        assert np.allclose(
+            small.acceleration_coefficient[pole],
+            whole.acceleration_coefficient[pole],
+            rtol=0,
+            atol=1e-9,
+        )
 
 
 def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
@@ -254,12 +264,12 @@ def test_any_order_and_any_block_gives_the_same_rows():
     tracer = Tracer(made, samples=60)
     poles = all_poles(6)
     asked = request(tracer.mechanism, "12", poles, poles)
-    q = tracer.lattice.q[:, 0]
+    q = tracer.input_grid.q[:, 0]
     whole = evaluate(tracer.at(q), asked)
     order = np.random.default_rng(0).permutation(60)
     mixed = evaluate(tracer.at(q[order]), asked)
     single = [evaluate(tracer.at(q[k : k + 1]), asked) for k in range(0, 60, 7)]
-    count = len(tracer.branches)
+    count = len(tracer.assembly_modes)
     for pole in poles:
         vector = _vector(whole, pole, slice(None)).reshape(count, 60, 3)
         ours = _vector(mixed, pole, slice(None)).reshape(count, 60, 3)
@@ -275,7 +285,7 @@ def test_directions_are_continuous_over_the_turn():
         for samples, least in ((721, 0.0), (7201, 0.9)):
             motion, field = field_of(sk.load(name), samples=samples, search=False)
             for pole, direction in field.direction.items():
-                for branch in motion.branches:
-                    rows = motion.branch == branch.number
+                for assembly_mode in motion.assembly_modes:
+                    rows = motion.assembly_mode == assembly_mode.number
                     turned = np.sum(direction[rows][1:] * direction[rows][:-1], axis=1)
                     assert np.nanmin(turned) > least, (name, pole)

@@ -12,8 +12,8 @@ import pytest
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.mjcf import mjcf, rigid_bodies
-from spherekit.dynamics.offline import online_model
-from spherekit.dynamics.online import load_reduced
+from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulated import load_reduced
 from spherekit.errors import FileError, ModelError, PlanError, SolveError
 from spherekit.files.read import load
 from spherekit.files.write import dumps
@@ -47,16 +47,16 @@ def models(four_bar, tmp_path_factory):
     """Both modes of the four-bar, saved and loaded."""
     folder = tmp_path_factory.mktemp("models")
     found = []
-    for branch in (0, 1):
-        path = folder / f"mode{branch}.npz"
-        online_model(four_bar, branch=branch).save(path)
+    for assembly_mode in (0, 1):
+        path = folder / f"mode{assembly_mode}.npz"
+        online_model(four_bar, assembly_mode=assembly_mode).save(path)
         found.append(load_reduced(path))
     return found
 
 
-def worst_pole_errors(mechanism, model, branch, count, names):
+def worst_pole_errors(mechanism, model, assembly_mode, count, names):
     """Largest errors of directions and, relative to the largest, of coefficients."""
-    tracer = Tracer(mechanism, branch=branch)
+    tracer = Tracer(mechanism, assembly_mode=assembly_mode)
     x = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
     motion = tracer.at(x)
     poles = [parse_pole(mechanism, name) for name in names]
@@ -67,8 +67,8 @@ def worst_pole_errors(mechanism, model, branch, count, names):
         gap = field.direction[pole] * side[:, None] - model.pole(name, x)
         worst = max(worst, np.max(np.abs(gap)))
         for want, found in (
-            (field.rate[pole], model.rate(name, x)),
-            (field.rate_dq[pole], model.rate_derivative(name, x)),
+            (field.velocity_coefficient[pole], model.rate(name, x)),
+            (field.acceleration_coefficient[pole], model.rate_derivative(name, x)),
         ):
             size = np.max(np.abs(want)) if np.max(np.abs(want)) > 1e-9 else 1.0
             worst = max(worst, np.max(np.abs(want * side - found)) / size)
@@ -78,14 +78,14 @@ def worst_pole_errors(mechanism, model, branch, count, names):
     return worst
 
 
-@pytest.mark.parametrize("branch", [0, 1])
-def test_every_pole_and_coefficient_is_that_of_the_plan(four_bar, models, branch):
-    model = models[branch]
+@pytest.mark.parametrize("assembly_mode", [0, 1])
+def test_every_pole_and_coefficient_is_that_of_the_plan(four_bar, models, assembly_mode):
+    model = models[assembly_mode]
     assert model.heading.coordinate == "q"
     assert model.error < 1e-12
     names = model.heading.poles
     assert len(names) == 6
-    assert worst_pole_errors(four_bar, model, branch, 2000, names) < 1e-12
+    assert worst_pole_errors(four_bar, model, assembly_mode, 2000, names) < 1e-12
 
 
 def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
@@ -96,12 +96,14 @@ def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
     assert worst_pole_errors(mechanism, model, 0, 2000, names) < 1e-12
 
 
-@pytest.mark.parametrize("branch", [0, 1])
-def test_inertia_and_torque_are_those_of_the_inverse_problem(four_bar, models, branch):
-    model = models[branch]
+@pytest.mark.parametrize("assembly_mode", [0, 1])
+def test_inertia_and_torque_are_those_of_the_inverse_problem(
+    four_bar, models, assembly_mode
+):
+    model = models[assembly_mode]
     t = np.linspace(0.0, 2.0, 400)
     law = Polynomial((0.3, 1.0, 2.0, -0.5))
-    found = inverse_dynamics(four_bar, law, t, branch=branch)
+    found = inverse_dynamics(four_bar, law, t, assembly_mode=assembly_mode)
     args = (found.q, found.dq, found.ddq, t)
     for want, values in (
         (found.B, model.inertia(found.q)),
@@ -179,7 +181,7 @@ def test_every_kind_of_load_is_kept(four_bar, tmp_path):
     online_model(mechanism, poles=()).save(tmp_path / "loads.npz")
     model = load_reduced(tmp_path / "loads.npz")
     t = np.linspace(0.0, 2.0, 50)
-    found = inverse_dynamics(mechanism, Polynomial((0.3, 1.0, 1.0)), t, branch=0)
+    found = inverse_dynamics(mechanism, Polynomial((0.3, 1.0, 1.0)), t, assembly_mode=0)
     parts = model.forces(found.q, found.dq, t)
     assert list(parts) == [load.name for load in mechanism.loads]
     turn = model.value("theta_32", 0.3) - found.values[0, 1]
@@ -237,10 +239,10 @@ def test_bad_requests_name_the_nearest_match(four_bar, models):
         models[0].torque(float("nan"), 1.0, 0.0)
     with pytest.raises(SolveError, match="asked for q = inf"):
         models[0].inertia([0.1, np.inf])
-    with pytest.raises(PlanError, match="is no pole"):
+    with pytest.raises(PlanError, match="is not a pole"):
         online_model(four_bar, poles=["3/9"])
-    with pytest.raises(SolveError, match="no branch 7"):
-        online_model(four_bar, branch=7)
+    with pytest.raises(SolveError, match="no assembly mode 7"):
+        online_model(four_bar, assembly_mode=7)
     with pytest.raises(SolveError, match="tolerance is nan"):
         online_model(four_bar, tolerance=float("nan"))
     with pytest.raises(SolveError, match='"B" is not stored'):
@@ -273,7 +275,7 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
         with pytest.raises(FileError, match="make it anew"):
             load_reduced(tmp_path / "cut.npz")
     np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
-    with pytest.raises(FileError, match="is no spherekit reduced model"):
+    with pytest.raises(FileError, match="is not a spherekit reduced model"):
         load_reduced(tmp_path / "foreign.npz")
     with pytest.raises(FileError, match="cannot be read: No such file"):
         load_reduced(tmp_path / "absent.npz")
@@ -282,7 +284,7 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
     models[0].save(tmp_path / "model.npz")
     code = (
-        "import sys; from spherekit.dynamics.online import load_reduced; "
+        "import sys; from spherekit.dynamics.tabulated import load_reduced; "
         "print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1)); "
         "print(*sys.modules)"
     )
@@ -361,7 +363,7 @@ def test_the_input_of_an_exported_pose_is_in_the_unit_of_the_file(unit, given, t
     pose = dict(re.findall(r'<joint name="(\w+)".* ref="([^"]+)"', target.read_text()))
     q, gap = float(pose["21"]), float(pose["41"])
     assert q == pytest.approx(np.radians(400.0), abs=1e-12)
-    wanted = Tracer(load("four_bar"), branch=0).at(np.radians([40.0])).values[0, 3]
+    wanted = Tracer(load("four_bar"), assembly_mode=0).at(np.radians([40.0])).values[0, 3]
     assert np.exp(1j * gap) == pytest.approx(np.exp(1j * wanted), abs=1e-12)
 
 
@@ -377,7 +379,7 @@ def test_flags_of_another_export_are_refused(kind, flag, tmp_path, capsys):
 
 
 def test_rigid_bodies_have_the_inertia_of_the_mechanism(four_bar, models):
-    motion = Tracer(four_bar, branch=0).at(np.array([0.3]))
+    motion = Tracer(four_bar, assembly_mode=0).at(np.array([0.3]))
     made = rigid_bodies(four_bar, motion.values[0])
     assert [hinge.pair for hinge in made.hinges] == ["21", "32", "41"]
     w, B = {"1": np.zeros(3)}, 0.0

@@ -120,7 +120,7 @@ def test_kinks_stops_and_tables_by_closed_forms():
 def four_bar_inertia(made, q):
     """Return the equivalent inertia of each link at an input, by vectors in mpmath.
 
-    R. Di Gregorio (2024), eqs. (14), (22), with the branch of theta_41 that closes.
+    R. Di Gregorio (2024), eqs. (14), (22), with the assembly mode of theta_41 that closes.
     """
     geometry = made.geometry.links
     a1, a2, a3, a4 = (mp.mpf(geometry[name].arcs[0]) for name in "1234")
@@ -289,8 +289,8 @@ SETTINGS += [
 
 def tables_of(made, analysis, setting, t, start, toward=None):
     """Return the tables of a simulation by a setting, as an ordinary run gives them."""
-    from spherekit.analysis.running.course import simulated_course
-    from spherekit.trade.measure import Bench
+    from spherekit.analysis.running.sampling import simulated_course
+    from spherekit.trade.measure import Benchmark
 
     done = simulate(
         made,
@@ -301,7 +301,7 @@ def tables_of(made, analysis, setting, t, start, toward=None):
     )
     tracer = Tracer(made, None, 0, samples=2)
     course = simulated_course(tracer, done, t, setting.tolerance)
-    return Bench.of(course, create(analysis)).tables(Setting())[0]
+    return Benchmark.of(course, create(analysis)).tables(Setting())[0]
 
 
 @wide
@@ -335,7 +335,7 @@ def with_masses(name, *links):
 
 
 def rows_in_digits(made, q):
-    """Return the exact rows at inputs of mpmath, branch 0."""
+    """Return the exact rows at inputs of mpmath, assembly mode 0."""
     tracer = Tracer(made, None, 0, path=np.array([[float(x)] for x in q]))
     motion = tracer.at(np.array([float(x) for x in q]))
     arithmetic = Digits(50)
@@ -362,14 +362,17 @@ def error_of_poles(tables, exact, poles):
     data = tables["poles"]
     floats = exact.arithmetic.floats
     worst = 0.0
-    size = {"rate": 0.0, "rate_dq": 0.0}
+    size = {"velocity_coefficient": 0.0, "acceleration_coefficient": 0.0}
     error = dict.fromkeys(size, 0.0)
     for k, (i, j) in enumerate(poles):
         own = {name: np.asarray(x)[k :: len(poles)] for name, x in data.items()}
         u = np.stack([own[f"u{c}"] for c in "xyz"], axis=1)
         right = exact_direction(exact, (i, j), u)
         worst = max(worst, np.max(np.abs(floats(right - exact.arithmetic.exact(u)))))
-        for name, w in (("rate", exact.w), ("rate_dq", exact.dw)):
+        for name, w in (
+            ("velocity_coefficient", exact.w),
+            ("acceleration_coefficient", exact.dw),
+        ):
             along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
             off_by = np.abs(floats(along - exact.arithmetic.exact(own[name])))
             error[name] = max(error[name], np.max(off_by))

@@ -80,8 +80,12 @@ def test_all_routes_agree_where_all_are_sharp(name):
                 side = np.sign(np.sum(u * v, axis=1))
                 assert np.max(np.abs(u - v * side[:, None]), initial=0.0) < 1e-9
                 for ours, theirs, scale in (
-                    (field.rate, right.rate, rate),
-                    (field.rate_dq, right.rate_dq, change),
+                    (field.velocity_coefficient, right.velocity_coefficient, rate),
+                    (
+                        field.acceleration_coefficient,
+                        right.acceleration_coefficient,
+                        change,
+                    ),
                 ):
                     gap = (ours[pole][rows][known]) - side * theirs[pole][rows][known]
                     assert np.max(np.abs(gap), initial=0.0) < 1e-9 * scale, (route, pole)
@@ -96,8 +100,8 @@ def test_blocks_of_samples_give_what_the_whole_gives(route):
     parts = [evaluate(motion, wanted, memory, route) for motion in tracer.blocks(size=20)]
     for pole in wanted.poles:
         for k in range(2):
-            rows = [part.rate[pole].reshape(2, -1)[k] for part in parts]
-            mine = whole.rate[pole].reshape(2, -1)[k]
+            rows = [part.velocity_coefficient[pole].reshape(2, -1)[k] for part in parts]
+            mine = whole.velocity_coefficient[pole].reshape(2, -1)[k]
             np.testing.assert_allclose(np.concatenate(rows), mine, rtol=1e-11)
 
 

@@ -9,19 +9,21 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from common import Listener
 
 import spherekit as sk
 from spherekit.analysis.frames import read_parquet
-from spherekit.analysis.stage import link_shapes
+from spherekit.analysis.link_scenes import link_shapes
 from spherekit.errors import OutputError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion import branches
+from spherekit.motion import assembly_modes as assembly_modes
 from spherekit.planning.poles import all_poles
 
 POLES = [
-    "sample", "branch", "q", "link", "relative_to", "ux", "uy", "uz",
-    "rate", "rate_dq", "conditioning", "error_bound", "rate_error_bound",
-    "rate_dq_error_bound", "residual", "status", "moved",
+    "sample", "assembly_mode", "q", "link", "relative_to", "ux", "uy", "uz",
+    "velocity_coefficient", "acceleration_coefficient", "conditioning", "error_bound",
+    "velocity_coefficient_error_bound",
+    "acceleration_coefficient_error_bound", "residual", "status", "moving",
 ]  # fmt: skip
 
 
@@ -34,7 +36,7 @@ def test_frame_is_tidy_and_complete(result):
     frame = result.frame()
     assert list(frame.columns) == POLES
     assert len(frame) == 37 * 2 * 6
-    keys = frame.set_index(["sample", "branch", "link", "relative_to"]).index
+    keys = frame.set_index(["sample", "assembly_mode", "link", "relative_to"]).index
     assert keys.is_unique
     assert set(frame["status"]) == {"OK"}
     length = np.sqrt(frame["ux"] ** 2 + frame["uy"] ** 2 + frame["uz"] ** 2)
@@ -50,11 +52,13 @@ def test_degrees_only_change_angles(result):
     radians, degrees = result.frame(), result.frame(degrees=True)
     assert degrees["q"].max() == pytest.approx(360.0)
     assert np.allclose(np.radians(degrees["q"]), radians["q"])
-    assert np.array_equal(degrees["rate_dq"], radians["rate_dq"])
-    assert np.array_equal(degrees["rate"], radians["rate"])
+    assert np.array_equal(
+        degrees["acceleration_coefficient"], radians["acceleration_coefficient"]
+    )
+    assert np.array_equal(degrees["velocity_coefficient"], radians["velocity_coefficient"])
     assert degrees.attrs["units"]["q"] == "deg"
-    assert degrees.attrs["units"]["rate_dq"] == "1/rad"
-    assert radians.attrs["units"]["rate_dq"] == "1/rad"
+    assert degrees.attrs["units"]["acceleration_coefficient"] == "1/rad"
+    assert radians.attrs["units"]["acceleration_coefficient"] == "1/rad"
 
 
 def test_blocks_do_not_change_the_result(result):
@@ -81,7 +85,7 @@ def test_written_files_read_back_equal(result, tmp_path):
     assert parquet.attrs["units"]["q"] == "rad"
     csv = pd.read_csv(
         tmp_path / "new" / "folder" / "poles.csv",
-        dtype={"link": str, "relative_to": str, "moved": str},
+        dtype={"link": str, "relative_to": str, "moving": str},
         float_precision="round_trip",
     )
     for column in POLES:
@@ -101,10 +105,24 @@ def test_written_files_read_back_equal(result, tmp_path):
 def test_unreachable_samples_are_rows_with_a_reason():
     made = sk.load("four_bar").with_inputs("43")
     frame = sk.run(made, "poles", samples=61).frame()
-    assert len(frame) == 61 * 6 * frame["branch"].nunique()
+    assert len(frame) == 61 * 6 * frame["assembly_mode"].nunique()
     lost = frame[frame["status"] == "OUT_OF_REACH"]
     assert 0 < len(lost) < len(frame)
-    assert lost[["ux", "uy", "uz", "rate", "rate_dq", "conditioning"]].isna().all().all()
+    assert (
+        lost[
+            [
+                "ux",
+                "uy",
+                "uz",
+                "velocity_coefficient",
+                "acceleration_coefficient",
+                "conditioning",
+            ]
+        ]
+        .isna()
+        .all()
+        .all()
+    )
     fine = frame[frame["status"] == "OK"]
     assert fine.drop(columns=["status"]).notna().all().all()
 
@@ -154,35 +172,6 @@ def test_full_disk_leaves_no_half_file(result, tmp_path, monkeypatch):
     assert list((tmp_path / "out").iterdir()) == []
 
 
-class Listener:
-    """Keeps what a recorder is told."""
-
-    def __init__(self):
-        self.rows, self.paths, self.when = {}, set(), []
-
-    def start(
-        self,
-        scenes,
-        inputs,
-        *,
-        branches=None,
-        properties=None,
-        focus=None,
-        row=None,
-        times=None,
-    ):
-        self.inputs, self.branches, self.focus = inputs, branches, focus
-        self.row = row
-        self.still = [p.path for scene in scenes for p in scene.primitives]
-
-    def log(self, scene, samples, inputs=None, times=None):
-        self.when.append(len(samples))
-        for primitive in scene.primitives:
-            self.paths.add(primitive.path)
-            key = (scene.page, primitive.path)
-            self.rows.setdefault(key, []).extend(samples)
-
-
 def test_scenes_come_block_by_block_while_the_run_goes_on():
     listener, order = Listener(), []
     sk.run(
@@ -195,7 +184,7 @@ def test_scenes_come_block_by_block_while_the_run_goes_on():
     )
     assert [entry[:2] for entry in order] == [(10, 25), (20, 25), (25, 25)]
     assert order[0][2] < order[1][2] < order[2][2]
-    assert listener.branches == {0: "Mode 0 (+)", 1: "Mode 1 (-)"}
+    assert listener.assembly_modes == {0: "Mode 0 (+)", 1: "Mode 1 (-)"}
     assert listener.still == ["link/1", "graph", "plan"]
     for rows in listener.rows.values():
         assert rows == list(range(25))
@@ -204,7 +193,7 @@ def test_scenes_come_block_by_block_while_the_run_goes_on():
 
 def test_several_inputs_are_told_apart_on_the_stage():
     listener = Listener()
-    sk.run(sk.load("five_bar"), "poles", samples=(3, 4), branch=0, recorder=listener)
+    sk.run(sk.load("five_bar"), "poles", samples=(3, 4), assembly_mode=0, recorder=listener)
     assert listener.inputs is None and listener.row == 4
     plots = {path for path in listener.paths if path.startswith("plots/velocity/")}
     assert "plots/velocity/21/4_1" in plots and "plots/velocity/51/4_1" in plots
@@ -234,11 +223,14 @@ def test_pruned_run_gives_the_numbers_of_the_whole():
     made = sk.load("stephenson")
     small = sk.run(made, "poles:only=52+64", samples=19).frame()
     whole = sk.run(made, "poles", samples=19).frame()
-    keys = ["sample", "branch", "link", "relative_to"]
+    keys = ["sample", "assembly_mode", "link", "relative_to"]
     both = small.merge(whole, on=keys, suffixes=("", "_whole"))
     assert len(both) == len(small) == 19 * 4 * 2
     for axis in ("ux", "uy", "uz"):
-        ours, theirs = both[axis] * both["rate"], both[f"{axis}_whole"] * both["rate_whole"]
+        ours, theirs = (
+            both[axis] * both["velocity_coefficient"],
+            both[f"{axis}_whole"] * both["velocity_coefficient_whole"],
+        )
         assert np.max(np.abs(ours - theirs)) < 1e-11
 
 
@@ -268,9 +260,11 @@ def test_axes_that_coincide_are_drawn_once():
 
 def test_geometry_and_inputs_of_a_run_are_made_once(monkeypatch):
     made = []
-    geometry, changed = branches.geometry_of, Mechanism.with_inputs
+    geometry, changed = assembly_modes.geometry_of, Mechanism.with_inputs
     monkeypatch.setattr(
-        branches, "geometry_of", lambda *given: made.append("geometry") or geometry(*given)
+        assembly_modes,
+        "geometry_of",
+        lambda *given: made.append("geometry") or geometry(*given),
     )
 
     def with_inputs(self, *pairs):

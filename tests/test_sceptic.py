@@ -68,10 +68,10 @@ def spoilt(evidence, analysis, table, column, rows, value):
 @pytest.mark.parametrize(
     ("check", "analysis", "table", "column", "value"),
     [
-        ("poles by default", "poles", "poles", "rate", np.nan),
+        ("poles by default", "poles", "poles", "velocity_coefficient", np.nan),
         ("singularities by default", "singularities", "singularities", "q", 7.0),
         ("singularities by default", "singularities", "motion", "q", -1.0),
-        ("relation and poles", "poles", "poles", "rate", 0.123),
+        ("relation and poles", "poles", "poles", "velocity_coefficient", 0.123),
         ("signs change at places", "singularities", "singularities", "turns", ""),
         ("distances lead to places", "singularities", "singularities", "q", 0.01),
     ],

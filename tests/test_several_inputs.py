@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from chains import mechanism, random_axes
+from example_mechanisms import dixon
 from oracles import locked_rates, off_axis
 from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
-from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
-from spherekit.motion.lattice import Lattice
+from spherekit.model.mechanism import Input
+from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import CoaxialPole, all_poles, plan, plans
@@ -67,10 +68,12 @@ def test_poles_of_every_single_freedom_mechanism(name):
                 vector = w[j] - w[i]
                 size = np.linalg.norm(vector)
                 if size < 1e-9:
-                    assert field.rate[i, j][row] == pytest.approx(0.0, abs=1e-9 * scale)
+                    assert field.velocity_coefficient[i, j][row] == pytest.approx(
+                        0.0, abs=1e-9 * scale
+                    )
                     continue
                 judged += 1
-                ours = field.rate[i, j][row] * field.direction[i, j][row]
+                ours = field.velocity_coefficient[i, j][row] * field.direction[i, j][row]
                 assert np.linalg.norm(ours - vector) < 1e-9 * scale
                 if size > 1e-4:
                     assert off_axis(field.direction[i, j][row], vector) < 1e-9
@@ -156,14 +159,17 @@ def test_two_freedom_mechanism_of_the_third_paper():
     motion = sk.trace(made, path=path)
     expected = symmetric_pose(path[:, 0], path[:, 1])
     errors = {
-        branch.number: np.max(
-            np.abs(in_paper_frame(motion)[motion.branch == branch.number] - expected)
+        assembly_mode.number: np.max(
+            np.abs(
+                in_paper_frame(motion)[motion.assembly_mode == assembly_mode.number]
+                - expected
+            )
         )
-        for branch in motion.branches
+        for assembly_mode in motion.assembly_modes
     }
     number = min(errors, key=errors.get)
     assert errors[number] < 1e-13
-    phi, gamma = phi_gamma(in_paper_frame(motion)[motion.branch == number])
+    phi, gamma = phi_gamma(in_paper_frame(motion)[motion.assembly_mode == number])
     for k, known in enumerate(TABLE_1.values()):
         assert (phi[k], gamma[k]) == pytest.approx(known, abs=5.1e-5)
     for k, ((at, _), known) in enumerate(TABLE_1_CAD.items()):
@@ -188,11 +194,12 @@ def test_differential_law():
     z = np.array([0.0, 0.0, 1.0])
     for field in fields_of(tracer, motion):
         rate = {
-            n: field.rate[0, number[n]] * np.nan_to_num(field.direction[0, number[n]] @ z)
+            n: field.velocity_coefficient[0, number[n]]
+            * np.nan_to_num(field.direction[0, number[n]] @ z)
             for n in column
         }
         assert np.max(np.abs(rate["left"] + rate["right"] - 2 * rate["carrier"])) < 1e-13
-        assert np.max(np.abs(field.rate_dq[0, number["carrier"]])) < 1e-12
+        assert np.max(np.abs(field.acceleration_coefficient[0, number["carrier"]])) < 1e-12
 
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "three_rrr"])
@@ -208,7 +215,9 @@ def test_superposition(name):
         )
         for i, j in all_poles(len(motion.mechanism.links)):
             total = sum(
-                speed * field.rate[i, j][row] * np.nan_to_num(field.direction[i, j][row])
+                speed
+                * field.velocity_coefficient[i, j][row]
+                * np.nan_to_num(field.direction[i, j][row])
                 for speed, field in zip(speeds, fields, strict=True)
             )
             assert np.linalg.norm(total - (w[j] - w[i])) < 1e-9
@@ -216,7 +225,7 @@ def test_superposition(name):
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "three_rrr"])
 def test_derivative_by_the_moved_input(name):
-    """rate_dq by the remainder of a Taylor step, the other inputs held."""
+    """acceleration_coefficient by the remainder of a Taylor step, the other inputs held."""
     made = sk.load(name)
     middle = np.array([0.7 * item.start + 0.3 * item.stop for item in made.inputs])
     for moved in range(len(middle)):
@@ -229,12 +238,14 @@ def test_derivative_by_the_moved_input(name):
         own = slice(0, 5)
         assert np.all(field.status[own] == Status.OK)
         for pole in all_poles(len(made.links)):
-            r = field.rate[pole][own]
+            r = field.velocity_coefficient[pole][own]
             if not np.all(np.isfinite(field.direction[pole][own])):
                 continue
             difference = (r[0] - 8 * r[1] + 8 * r[3] - r[4]) / (12 * h)
-            size = max(1.0, abs(field.rate_dq[pole][2]))
-            assert difference == pytest.approx(field.rate_dq[pole][2], abs=1e-8 * size)
+            size = max(1.0, abs(field.acceleration_coefficient[pole][2]))
+            assert difference == pytest.approx(
+                field.acceleration_coefficient[pole][2], abs=1e-8 * size
+            )
 
 
 def test_five_bar_against_its_closed_form():
@@ -253,7 +264,7 @@ def test_five_bar_against_its_closed_form():
     g = np.sum(b * d, axis=1)
     p = c / (1 + g)
     r = np.sqrt((1 - 2 * p * p * (1 + g)) / (1 - g * g))
-    sign = np.where(motion.branch[ok] == 0, 1.0, -1.0)
+    sign = np.where(motion.assembly_mode[ok] == 0, 1.0, -1.0)
     for flip in (1.0, -1.0):
         point = p[:, None] * (b + d) + (flip * sign * r)[:, None] * np.cross(b, d)
         error = np.max(np.abs(motion.axes[ok][:, pairs["43"]] - point))
@@ -269,9 +280,11 @@ def test_a_grid_holds_every_path_and_blocks_do_not_matter(name):
     tracer = Tracer(made, samples=counts)
     whole = tracer.motion()
     parts = list(tracer.blocks(17))
-    for branch in tracer.branches:
-        joined = np.concatenate([p.values[p.branch == branch.number] for p in parts])
-        ours = whole.values[whole.branch == branch.number]
+    for assembly_mode in tracer.assembly_modes:
+        joined = np.concatenate(
+            [p.values[p.assembly_mode == assembly_mode.number] for p in parts]
+        )
+        ours = whole.values[whole.assembly_mode == assembly_mode.number]
         assert np.array_equal(joined, ours, equal_nan=True)
     diagonal = np.ravel_multi_index([np.arange(5)] * len(counts), counts)
     along = sk.trace(made, samples=5)
@@ -292,16 +305,16 @@ def test_a_mode_spreads_around_what_it_cannot_reach():
     )
     tracer = Tracer(made, samples=[15, 15])
     motion = tracer.motion()
-    from spherekit.motion.sheet import spread
+    from spherekit.motion.mode_over_grid import spread
 
-    for branch in tracer.branches:
-        rows = motion.branch == branch.number
+    for assembly_mode in tracer.assembly_modes:
+        rows = motion.assembly_mode == assembly_mode.number
         ok = np.flatnonzero(motion.status[rows] == Status.OK)
         start = ok[len(ok) // 2]
         found = spread(
             tracer.solver.closure,
             tracer.solver.driven,
-            tracer.lattice,
+            tracer.input_grid,
             int(start),
             motion.values[rows][start],
         )
@@ -311,8 +324,8 @@ def test_a_mode_spreads_around_what_it_cannot_reach():
 
 
 def test_neighbours_on_a_lattice():
-    lattice = Lattice(np.zeros((6, 2)), (2, 3))
-    assert lattice.neighbours().T.tolist() == [
+    input_grid = InputGrid(np.zeros((6, 2)), (2, 3))
+    assert input_grid.neighbours().T.tolist() == [
         [3, -1, 1, -1],
         [4, -1, 2, 0],
         [5, -1, -1, 1],
@@ -320,35 +333,6 @@ def test_neighbours_on_a_lattice():
         [-1, 1, 5, 3],
         [-1, 2, -1, 4],
     ]
-
-
-def dixon(random):
-    """Return the movable K(3,3) of Dixon on the sphere: nine bars, six points.
-
-    Three points on one great circle, three on one across it; with azimuths x and y on
-    them a bar has the cosine cos x cos y, which a common factor of all cos x and its
-    inverse for all cos y leaves unchanged. By counting it is rigid.
-    """
-    x, y = random.uniform(0.5, 1.2, 3), random.uniform(0.5, 1.2, 3)
-    here = np.stack([np.cos(x), np.sin(x), np.zeros(3)], axis=1)
-    there = np.stack([np.cos(y), np.zeros(3), np.sin(y)], axis=1)
-    bars = [(a, b) for a in range(3) for b in range(3)]
-    pairs, axes = [], {}
-    for point in range(6):
-        ends = [k for k, (a, b) in enumerate(bars) if point in (a, b + 3)]
-        axis = tuple(here[point] if point < 3 else there[point - 3])
-        for other in ends[1:]:
-            name = f"p{point}_{other}"
-            pairs.append(Pair(name, "R", (f"bar{ends[0]}", f"bar{other}")))
-            axes[name] = axis
-    return Mechanism(
-        "dixon",
-        "bar0",
-        tuple(f"bar{k}" for k in range(9)),
-        tuple(pairs),
-        PoseGeometry(axes),
-        inputs=(Input("p0_1", -0.05, 0.05),),
-    )
 
 
 def test_an_over_constrained_mechanism_moves():
@@ -363,7 +347,7 @@ def test_an_over_constrained_mechanism_moves():
     w, gap = locked_rates(tracer.motion(), 1, tracer.assembly.inputs[0])
     assert gap > 1e-3
     for i, j in all_poles(9):
-        ours = field.rate[i, j][1] * np.nan_to_num(field.direction[i, j][1])
+        ours = field.velocity_coefficient[i, j][1] * np.nan_to_num(field.direction[i, j][1])
         assert np.linalg.norm(ours - (w[j] - w[i])) < 1e-9
 
 
@@ -383,10 +367,10 @@ BAD = {
         PlanError,
         ["mobility 2 by rank with 0 by the graph", "number of inputs is 1"],
     ),
-    "an input that is no freedom once another is given": (
+    "an input that is not a freedom once another is given": (
         lambda: sk.trace(two_four_bars().with_inputs("p1_2", "p1_4")),
         PlanError,
-        ["inputs p1_2, p1_4 are no independent", "with p1_4 locked", "choose other"],
+        ["inputs p1_2, p1_4 are not independent", "with p1_4 locked", "choose other"],
     ),
     "a contact pair as input": (
         lambda: sk.trace(
@@ -444,7 +428,7 @@ def test_bad_input(case):
 
 
 def test_inputs_that_do_not_determine_the_pose_are_a_status():
-    """Where the couplers of a 5R line up, the inputs are no independent freedoms."""
+    """Where the couplers of a 5R line up, the inputs are not independent freedoms."""
 
     def stretched(q):
         s, c = np.sin(np.radians(75.0)), np.cos(np.radians(75.0))

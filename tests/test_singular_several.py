@@ -10,7 +10,7 @@ from chains import mechanism, random_axes
 from oracles import locked_rates, off_axis
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
-from test_arc_length import components
+from singular_examples import axes_at, components
 
 import spherekit as sk
 from spherekit.conventions import Status
@@ -29,9 +29,9 @@ from spherekit.rates.core import equations
 from spherekit.singular.aspects import aspects
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.locus import Locus
-from spherekit.singular.rest import InputsRest, output_of
 from spherekit.singular.several import RowType, coefficients
 from spherekit.singular.slices import solver_of
+from spherekit.singular.stationarity import InputsLocked, output_of
 from spherekit.singular.surface import singular_surface
 from spherekit.singular.trace import trace_curve
 
@@ -274,7 +274,7 @@ def test_agile_eye_in_closed_form():
         assert np.linalg.det(normals) == pytest.approx(right_angle_locus(q), abs=1e-14)
         solver = solver_of(made)
         measured = []
-        for rest in (InputsRest(solver.driven), output_of(made)):
+        for rest in (InputsLocked(solver.driven), output_of(made)):
             locus = Locus(solver.closure, 3, rest)
             space = locus.space(solver.geometry.reference[None])
             measured.append(locus.measure(space).value[0])
@@ -304,7 +304,7 @@ def test_newton_reaches_the_locus_of_right_angles():
         turn = Rotation.random(random_state=random).as_matrix()
         made = all_right_angles(turn, (1, 1, -1))
         solver = solver_of(made)
-        locus = Locus(solver.closure, 3, InputsRest(solver.driven))
+        locus = Locus(solver.closure, 3, InputsLocked(solver.driven))
         point = locus.onto(solver.geometry.reference[None])
         if not point.good[0]:
             continue
@@ -320,7 +320,7 @@ def test_derivatives_of_measures_are_exact():
     random = np.random.default_rng(12)
     made = three_legs(random_axes(random, 9))
     solver = solver_of(made)
-    for rest in (InputsRest(solver.driven), output_of(made)):
+    for rest in (InputsLocked(solver.driven), output_of(made)):
         locus = Locus(solver.closure, 3, rest)
         start = locus.space(solver.geometry.reference[None])
         measure = locus.measure(start)
@@ -402,10 +402,6 @@ def with_flat_chain(kind):
             ((other, second), (coupler, crank)),
         )
     ]
-
-
-def axes_at(made, values):
-    return solver_of(made).closure.at(values).axes
 
 
 def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
@@ -515,7 +511,7 @@ def test_cusps_of_a_three_rrr_with_one_input_locked():
     one, two, three = solver.driven
     locked = lock(solver.closure, {three: values[three]})
     driven = (locked.kept.index(one), locked.kept.index(two))
-    locus = Locus(locked.closure, 2, InputsRest(driven))
+    locus = Locus(locked.closure, 2, InputsLocked(driven))
     curve = trace_curve(locus, values[list(locked.kept)], longest=20.0)
     assert curve is not None
     cusps = curve.cusps()

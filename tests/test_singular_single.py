@@ -1,6 +1,5 @@
 """Singularities of one input: closed forms, 50 digits, and the velocity equations."""
 
-from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -9,6 +8,7 @@ from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
 from closed_forms import four_bar_coefficients
 from exact_rest import exact_rest
 from oracles import revolute_frames
+from singular_examples import four_bar
 
 from spherekit import load
 from spherekit.conventions import Status
@@ -25,18 +25,6 @@ from spherekit.singular.relation import FourLinks, SixPoles, form_i, form_ii
 from spherekit.singular.single import SingleFreedom, singularities
 
 TURN = 2.0 * np.pi
-
-
-SOURCE = load("four_bar")
-
-
-def four_bar(arcs, made=SOURCE):
-    """Return the four-bar of the source with these arcs (rad)."""
-    links = {
-        link: replace(size, arcs=(float(arc),))
-        for (link, size), arc in zip(sorted(made.geometry.links.items()), arcs, strict=True)
-    }
-    return replace(made, geometry=replace(made.geometry, links=links), loads=())
 
 
 def curves_of(tracer):
@@ -213,8 +201,8 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
         ahead, _ = curve_points(closure, starts, starts - crossing.values)
         assert np.max(ahead.residual) < 1e-13
         assert np.all(np.abs(ahead.bends) < 10.0)
-        (branches,) = point.relations
-        for tangent, (three, four) in zip(crossing.tangents, branches, strict=True):
+        (assembly_modes,) = point.relations
+        for tangent, (three, four) in zip(crossing.tangents, assembly_modes, strict=True):
             assert four.type == Type.III
             assert four.agrees
             assert any(h.label == "III.a" and h.decided for h in four.conditions)
@@ -261,7 +249,7 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
 def test_an_axis_that_swings_round_is_no_zero():
     """Links 3 and 6 of the Stephenson mechanism nearly stand still, once a lap."""
     tracer = Tracer(load("stephenson"), samples=9)
-    (first, *_) = tracer.branches
+    (first, *_) = tracer.assembly_modes
     values = tracer.solver.evaluate(first, np.zeros((1, 1))).values[0]
     curve = follow_arc(tracer.solver.closure, values)
     along = SingleFreedom(tracer, [curve], []).along[0]
@@ -275,7 +263,7 @@ def test_an_axis_that_swings_round_is_no_zero():
 
 
 def check_slopes(arcs, crossing, q, y):
-    """Compare dy/dq of both branches with the limits of the source's eq. (26b)."""
+    """Compare dy/dq of both assembly modes with the limits of the source's eq. (26b)."""
     near = crossing.values[q] + np.array([-1e-4, 1e-4])
     (a, b), (c, d) = (four_bar_coefficients(near, tuple(arcs), k)[1] for k in (0, 1))
     found = np.sort(crossing.tangents[:, y] / crossing.tangents[:, q])
@@ -495,9 +483,9 @@ def test_links_that_move_as_one_on_a_whole_curve():
 
 def test_wrong_links_are_errors():
     tracer = Tracer(load("four_bar"), samples=9)
-    with pytest.raises(PlanError, match="is no pole"):
+    with pytest.raises(PlanError, match="is not a pole"):
         singularities(tracer, [], ["4/9"])
-    with pytest.raises(PlanError, match="is no pole"):
+    with pytest.raises(PlanError, match="is not a pole"):
         singularities(tracer, [], [("4", "4")])
     with pytest.raises(PlanError, match="has 2 inputs"):
         singularities(Tracer(load("five_bar"), samples=3), [], ["4/1"])

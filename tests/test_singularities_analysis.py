@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from chains import mechanism
-from test_run import Listener
-from test_several_inputs import dixon
-from test_singular_single import four_bar
+from common import Listener
+from example_mechanisms import dixon
+from singular_examples import ROCKER, findings_of, four_bar
 
 import spherekit as sk
 from spherekit.analysis.scene import Portrait, Text
@@ -19,7 +19,6 @@ from spherekit.files.write import dump
 from spherekit.model.mechanism import Input
 
 NAME = "singularities"
-ROCKER = np.radians([100.0, 50.0, 70.0, 40.0])
 Z, SLANT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
 
 
@@ -37,12 +36,6 @@ def rocker():
     result = sk.run(four_bar(ROCKER), NAME, samples=61, recorder=pages)
     assert not result.failures
     return result, pages.pages
-
-
-def findings_of(result):
-    """Return the findings and the warnings of the only analysis."""
-    (entry,) = result.summary["analyses"]
-    return entry["findings"], result.summary["warnings"]
 
 
 def silent(frame):
@@ -65,7 +58,7 @@ def test_tables_have_the_columns_that_are_declared(rocker):
 
 
 def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker):
-    """By the cosine theorem, with kinds, branches and conditions."""
+    """By the cosine theorem, with kinds, assembly modes and conditions."""
     frame = rocker[0].frame()
     ground, crank, coupler, follower = ROCKER
     dead = frame[frame["kind"] == "II"]
@@ -78,7 +71,9 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker):
     assert len(dead) == len(angles) > 0
     assert np.max(np.abs(np.sort(dead["q"]) - np.sort(angles))) < 1e-12
     assert set(dead["turns"]) == {"input"}
-    assert all(len(branch.split("+")) == 2 for branch in dead["branch"])
+    assert all(
+        len(assembly_mode.split("+")) == 2 for assembly_mode in dead["assembly_mode"]
+    )
     still = frame[frame["kind"] == "I"]
     assert len(frame) == len(dead) + len(still)
     assert set(still["turns"]) <= {"output"}
@@ -133,8 +128,10 @@ def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
     (words,) = (p.markdown for p in page.primitives if isinstance(p, Text))
     listed = [line for line in words.splitlines() if line.startswith("|")]
     assert len(listed) == 2 + len(frame)
-    for branch in set(result.frame("motion")["branch"]):
-        (portrait,) = (p for p in pages[branch].primitives if isinstance(p, Portrait))
+    for assembly_mode in set(result.frame("motion")["assembly_mode"]):
+        (portrait,) = (
+            p for p in pages[assembly_mode].primitives if isinstance(p, Portrait)
+        )
         marked = sorted(mark.label for mark in portrait.marks)
         assert marked == sorted(frame["kind"])
         places = np.array([mark.place for mark in portrait.marks])
@@ -145,9 +142,9 @@ def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("output=4/9", "is no pole"),
-        ("output=4/4", "is no pole"),
-        ("near=-1", "is no angle"),
+        ("output=4/9", "is not a pole"),
+        ("output=4/4", "is not a pole"),
+        ("near=-1", "is not an angle"),
         ("near=nan", "near"),
         ("nere=1", "near"),
     ],

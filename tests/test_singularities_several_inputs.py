@@ -7,16 +7,16 @@ from rerun.chunk import RrdReader
 import spherekit as sk
 from spherekit.analysis.scene import Portrait, SphereCurves, Surface
 from spherekit.errors import AnalysisError, SpherekitError
-from spherekit.view.rerun_view import Recorder
+from spherekit.view.rerun_view import RerunRecorder
 
-FEW = "singularities:slices=3,lattice=5,near=10"
+FEW = "singularities:slices=3,input_grid=5,near=10"
 
 
 @pytest.fixture(scope="module")
 def five_bar(tmp_path_factory):
     path = tmp_path_factory.mktemp("singular") / "five_bar.rrd"
     made = sk.load("five_bar")
-    with Recorder.to_file(path, "five bar") as recorder:
+    with RerunRecorder.to_file(path, "five bar") as recorder:
         result = sk.run(made, FEW, samples=[7, 7], recorder=recorder)
     return result, path
 
@@ -24,7 +24,14 @@ def five_bar(tmp_path_factory):
 def test_points_of_singular_curves_say_why_they_are_singular(five_bar):
     result, _ = five_bar
     frame = result.frame("singularities")
-    assert list(frame)[:6] == ["kind", "condition", "branch", "q_21", "q_51", "inside"]
+    assert list(frame)[:6] == [
+        "kind",
+        "condition",
+        "assembly_mode",
+        "q_21",
+        "q_51",
+        "inside",
+    ]
     assert set(frame.guarantee) == {"complete to a box size"}
     assert frame.residual.max() < 1e-12
     conditions = frame.groupby("kind").condition.unique()
@@ -35,10 +42,10 @@ def test_points_of_singular_curves_say_why_they_are_singular(five_bar):
 def test_relation_has_every_input_and_agrees_with_itself(five_bar):
     result, _ = five_bar
     frame = result.frame("singularities", "relation")
-    assert list(frame)[-3:] == ["moved", "type", "group"]
-    assert set(frame.moved) == {"21", "51"}
+    assert list(frame)[-3:] == ["moving", "type", "group"]
+    assert set(frame.moving) == {"21", "51"}
     good = frame[frame.status == "OK"]
-    gap = good.c * good.rate - good.d
+    gap = good.c * good.velocity_coefficient - good.d
     assert np.nanmax(np.abs(gap)) < 1e-12
     assert np.all(good.sigma > 0.0)
     assert set(good.type) == {"regular"}
@@ -48,7 +55,7 @@ def test_relation_has_every_input_and_agrees_with_itself(five_bar):
 def test_aspects_and_findings(five_bar):
     result, _ = five_bar
     frame = result.frame("singularities", "aspects")
-    assert list(frame) == ["aspect", "q_21", "q_51", "sign_II", "sign_I", "modes"]
+    assert list(frame) == ["aspect", "q_21", "q_51", "sign_II", "sign_I", "assembly_modes"]
     (own,) = result.summary["analyses"]
     assert own["findings"]["aspects"] == frame.aspect.value_counts().sort_index().tolist()
     assert own["findings"]["3/1"]["curves_II"] == frame_curves(result, "II")
@@ -63,9 +70,9 @@ def frame_curves(result, kind):
 def test_recording_has_the_curves_on_the_sphere_and_in_the_plane_of_inputs(five_bar):
     _, path = five_bar
     entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
-    assert "/five_bar/branch_0/singular/pointer/II" in entities
-    assert "/five_bar/branch_0/plots/inputs/pointer/curve_0" in entities
-    assert "/five_bar/branch_0/plots/inputs/pointer/mark" in entities
+    assert "/five_bar/assembly_mode_0/singular/pointer/II" in entities
+    assert "/five_bar/assembly_mode_0/plots/inputs/pointer/curve_0" in entities
+    assert "/five_bar/assembly_mode_0/plots/inputs/pointer/mark" in entities
 
 
 class Pages:
@@ -78,17 +85,17 @@ class Pages:
         """Take what does not move."""
 
     def log(self, scene, samples, inputs=None, times=None):
-        """Take one block of one branch."""
+        """Take one block of one assembly mode."""
         self.parts += [(scene.page, part) for part in scene.primitives]
 
 
 def test_three_inputs_have_coefficients_and_no_surface_if_it_is_left_out():
     pages = Pages()
-    wanted = "singularities:lattice=3,mesh=0"
+    wanted = "singularities:input_grid=3,mesh=0"
     result = sk.run(sk.load("three_rrr"), wanted, samples=3, recorder=pages)
     assert result.frame("singularities").empty
     frame = result.frame("singularities", "relation")
-    assert set(frame.moved) == {"a1", "a2", "a3"}
+    assert set(frame.moving) == {"a1", "a2", "a3"}
     assert not any(isinstance(part, Surface | Portrait) for _, part in pages.parts)
     assert not any(isinstance(part, SphereCurves) for _, part in pages.parts)
 
@@ -102,7 +109,7 @@ def test_three_inputs_have_coefficients_and_no_surface_if_it_is_left_out():
             "the outputs are those that the mechanism",
         ),
         ("five_bar", "singularities:slices=-1", "slices: -1 is negative"),
-        ("five_bar", "singularities:near=-2", "near: -2 is no angle"),
+        ("five_bar", "singularities:near=-2", "near: -2 is not an angle"),
         ("four_bar", "singularities:output=4/7", "7"),
     ],
 )

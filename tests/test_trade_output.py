@@ -27,7 +27,7 @@ def made():
             1e-7,
             1e-7,
             error=10.0 / n**4,
-            column="poles.rate",
+            column="poles.velocity_coefficient",
         )
         for n in (32, 64, 128, 4096)
     ]
@@ -35,7 +35,10 @@ def made():
         Measured(f"numpy best linear {n}", None, reason="no curve closes")
         for n in (32, 64, 4096)
     ]
-    columns = (("poles.q", "absolute rad", 1.0), ("poles.rate", "relative to all", 1.5))
+    columns = (
+        ("poles.q", "absolute rad", 1.0),
+        ("poles.velocity_coefficient", "relative to all", 1.5),
+    )
     settings = (*every, *read, *without, Measured("compiled", None, reason="no heyoka"))
     return Trade("m", "poles", 361, 361, 722, "truth", 2e-16, 1, columns, settings, {})
 
@@ -59,7 +62,7 @@ def test_columns_of_times_end_at_the_right():
     lines = as_text(made(), 1e-9).splitlines()
     rows = [line for line in lines if re.match(r"(\* |  ) numpy .*(ms|us| s)$", line)]
     assert len(rows) == 12 and len({len(line) for line in rows}) == 1
-    assert "error of poles.rate: relative to all (1.5)" in lines
+    assert "error of poles.velocity_coefficient: relative to all (1.5)" in lines
     assert "error of poles.q: absolute rad" in lines
     assert "does not apply: numpy best linear 32, 64, 4096: no curve closes" in lines
     assert "does not apply: compiled: no heyoka" in lines

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.guidance.follow import follow_rotation
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.motion import Tracer, motion_of
 from spherekit.planning.assembly import plan_assembly
 from spherekit.rates.transmission import SINGULAR, Transmission
-from spherekit.singular.rest import output_of
 from spherekit.singular.several import RowType, coefficients
+from spherekit.singular.stationarity import output_of
 from spherekit.sphere.mirror import normal_at
 from spherekit.workspace.constraints import Constraints, bounds_of
 from spherekit.workspace.inverse import closed_kinematics, output_kinematics
@@ -184,7 +184,7 @@ def test_near_zero_the_measure_has_its_digits():
 @pytest.mark.parametrize("name", ["bevel_differential", "three_rrr", "two_dof_spm"])
 def test_neither_frame_nor_ground_nor_order_matters(name):
     made = sk.load(name)
-    motion = Tracer(made, samples=3, branch=0).motion()
+    motion = Tracer(made, samples=3, assembly_mode=0).motion()
     values = motion.values[~motion.failed][:2]
     closure = Solver(made, plan_assembly(made, by_rank=True)).closure
     at = closure.at(values)
@@ -212,7 +212,7 @@ def test_working_modes_of_the_whole_graph_are_all_found():
     request = "inverse_kinematics:poses=14:23,columns=21+61"
     result = sk.run(made, request)
     table = result.frame("inverse_kinematics", "forward")
-    assert list(table["working"]) == list(table["mode"])
+    assert list(table["working_mode"]) == list(table["assembly_mode"])
     assert set(table["solved_by"]) == {"mid-plane"}
     assert any("graph=true" in text for text in result.summary["remarks"])
     whole = sk.run(made, request + ",graph=true").frame("inverse_kinematics", "forward")

@@ -99,7 +99,7 @@ def test_numbers_change_as_their_units_say(folders):
 @pytest.mark.parametrize(
     ("table", "column", "derivative", "by"),
     [
-        ("poles", "rate", "rate_dq", "q"),
+        ("poles", "velocity_coefficient", "acceleration_coefficient", "q"),
         ("eksergian", "B", "dB_dq", "q"),
         ("eksergian_inertia", "B", "dB_dq", "q"),
         ("eksergian", "q", "dq", "t"),
@@ -112,7 +112,7 @@ def test_derivatives_are_those_by_the_stated_units(
     """Differences of columns in their own units give the derivative in its unit."""
     units = stated(folders[degrees])[table]
     frame = pd.read_csv(folders[degrees] / f"{table}.csv")
-    keys = [k for k in ("branch", "link", "relative_to", "moved") if k in frame]
+    keys = [k for k in ("assembly_mode", "link", "relative_to", "moving") if k in frame]
     checked = 0
     for _, rows in frame.groupby(keys):
         x, y, slope = (rows[name].to_numpy() for name in (by, column, derivative))
@@ -152,14 +152,14 @@ def test_poses_of_a_csv_table_have_the_unit_beside_it(tmp_path):
     first = sk.run(
         mechanism, "inverse_kinematics:poses=40:65,columns=azimuth+tilt", samples=2
     )
-    wanted = first.frame()[["mode", "q_21", "q_51"]]
+    wanted = first.frame()[["working_mode", "q_21", "q_51"]]
     for degrees in (False, True):
         folder = tmp_path / str(degrees)
         first.write(folder, degrees=degrees, formats=("csv",))
         path = folder / "inverse_kinematics.csv"
         request = f"inverse_kinematics:file={path},columns=azimuth+tilt"
         again = sk.run(mechanism, request, samples=2).frame()
-        again = again[again["pose"] == 0][["mode", "q_21", "q_51"]]
-        assert list(again["mode"]) == list(wanted["mode"])
+        again = again[again["pose"] == 0][["working_mode", "q_21", "q_51"]]
+        assert list(again["working_mode"]) == list(wanted["working_mode"])
         one, other = (f[["q_21", "q_51"]].to_numpy() for f in (again, wanted))
         assert np.max(np.abs(one - other)) < 1e-12

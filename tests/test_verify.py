@@ -7,18 +7,18 @@ from typing import ClassVar, final
 import mpmath as mp
 import numpy as np
 import pytest
-from test_exact import arcs_of, closed_form
+from independent import arcs_of, closed_form
 
 import spherekit as sk
 from spherekit.analysis import run as runner
 from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.analysis.running import evaluation, verify
-from spherekit.analysis.running.course import Course
 from spherekit.analysis.running.evaluation import Evaluation
-from spherekit.analysis.running.job import Job
+from spherekit.analysis.running.run_plan import RunPlan
+from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import ORDINARY
 from spherekit.analysis.running.verify import Verifier, faults, told
-from spherekit.analysis.tables import BRANCH, SAMPLE, Column, Table
+from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
 from spherekit.errors import EngineError, FileError
@@ -53,11 +53,11 @@ def test_columns_deviate_by_rounding_and_references_are_right():
         for name in (
             "conditioning",
             "error_bound",
-            "rate_error_bound",
-            "rate_dq_error_bound",
+            "velocity_coefficient_error_bound",
+            "acceleration_coefficient_error_bound",
         )
     }
-    item = column(verdict, "poles", "rate_dq")
+    item = column(verdict, "poles", "acceleration_coefficient")
     assert item["deviation"] < 1e-14
     assert item["deviation"] == pytest.approx(
         abs(item["value"] - item["reference"]), abs=1e-18
@@ -99,15 +99,15 @@ def test_the_same_rows_whatever_the_blocks():
         patch.setattr(runner, "Verifier", Spy)
         result = sk.run(sk.load("stephenson"), samples=21, verify=9)
     motion, poles = result.frame("motion"), result.frame("poles")
-    rows = set(zip(seen[0].motion.sample, seen[0].motion.branch, strict=True))
+    rows = set(zip(seen[0].motion.sample, seen[0].motion.assembly_mode, strict=True))
     assert len(rows) == 9
     for frame, name in ((motion, "residual"), (poles, "error_bound")):
         worst = frame.loc[frame[name].idxmax()]
-        assert (worst["sample"], worst["branch"]) in rows
+        assert (worst["sample"], worst["assembly_mode"]) in rows
     whole = sk.trace(sk.load("stephenson"), samples=21)
     worst = int(np.argmax(whole.conditioning))
-    assert (whole.sample[worst], whole.branch[worst]) in rows
-    assert len({branch for _, branch in rows}) > 2
+    assert (whole.sample[worst], whole.assembly_mode[worst]) in rows
+    assert len({assembly_mode for _, assembly_mode in rows}) > 2
     spread = sorted(sample for sample, _ in rows)
     assert spread[0] < 7 and spread[-1] > 13
 
@@ -115,16 +115,19 @@ def test_the_same_rows_whatever_the_blocks():
 def test_a_wrong_rate_is_found(monkeypatch, capsys):
     def perturbed(motion, wanted, memory=None, route="best"):
         field = evaluate(motion, wanted, memory)
-        field.rate[(0, 3)][:] += 1e-9
+        field.velocity_coefficient[(0, 3)][:] += 1e-9
         return field
 
     monkeypatch.setattr(evaluation, "evaluate", perturbed)
     arguments = ["run", "four_bar", "--samples", "9", "--verify", "4"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
-    assert "poles.rate: off by 1.0e-09 at sample" in printed
-    assert "worst row: " in printed and "link 4, relative_to 1, moved 21: poles" in printed
-    assert "warning: verify: poles.rate deviate by more than rounding" in printed
+    assert "poles.velocity_coefficient: off by 1.0e-09 at sample" in printed
+    assert "worst row: " in printed and "link 4, relative_to 1, moving 21: poles" in printed
+    assert (
+        "warning: verify: poles.velocity_coefficient deviate by more than rounding"
+        in printed
+    )
     assert main([*arguments, "--strict"]) == 3
 
 
@@ -147,9 +150,11 @@ def test_a_wrong_direction_is_outside_its_bound(monkeypatch):
 def verifier_of(tracer, count):
     made = tracer.mechanism
     wanted = request(made, "21", [(0, 3)], [(0, 3)])
-    course = Course(tracer, tracer.lattice.q, tracer.lattice.shape, None, False, {})
+    course = Sampling(tracer, tracer.input_grid.q, tracer.input_grid.shape, None, False, {})
     evaluation = Evaluation(ORDINARY, course, [wanted], Needs())
-    return wanted, Verifier(Job(course, (), (), (wanted,), len(course), evaluation), count)
+    return wanted, Verifier(
+        RunPlan(course, (), (), (wanted,), len(course), evaluation), count
+    )
 
 
 def test_a_wrong_configuration_has_no_reference():
@@ -164,15 +169,18 @@ def test_a_wrong_configuration_has_no_reference():
     verdict = verifier.verdict()
     assert verdict["rows"] == len(motion)
     (lost,) = verdict["without_reference"]
-    assert (lost["sample"], lost["branch"]) == (motion.sample[3], motion.branch[3])
-    assert lost["status"] == "BRANCH_LOST"
+    assert (lost["sample"], lost["assembly_mode"]) == (
+        motion.sample[3],
+        motion.assembly_mode[3],
+    )
+    assert lost["status"] == "MODE_LOST"
     assert lost["distance_rad"] == pytest.approx(1e-4, rel=0.5)
     assert "motion.theta_32" in verdict["beyond"]
     item = column(verdict, "motion", "theta_32")
     assert item["sample"] == motion.sample[5]
     assert item["deviation"] == pytest.approx(1e-8, rel=1e-6)
     text = "\n".join(told(verdict))
-    assert f"no reference at sample {motion.sample[3]}, branch 0: BRANCH_LOST" in text
+    assert f"no reference at sample {motion.sample[3]}, assembly mode 0: MODE_LOST" in text
     assert len(faults(verdict)) == 2
 
 
@@ -191,7 +199,7 @@ def test_nothing_to_verify():
 
 def test_several_inputs_times_and_analyses_of_whole_motions():
     verdict = verified("five_bar", samples=9, verify=3)
-    moved = {item["subject"].get("moved") for item in verdict["columns"]} - {None}
+    moved = {item["subject"].get("moving") for item in verdict["columns"]} - {None}
     assert moved <= set(sk.load("five_bar").pair_number) and moved
     mixed = verified(analyses=["eksergian", "poles"], samples=9, verify=3, duration=1.0)
     assert mixed["not_verified"] == [] and mixed["beyond"] == []
@@ -211,7 +219,9 @@ class Risen(AbstractAnalysis):
     name: ClassVar = "risen"
     version: ClassVar = "1"
     summary: ClassVar = "rise of a variable"
-    tables: ClassVar = (Table("risen", "", (SAMPLE, BRANCH, Column("rise", "rad", ""))),)
+    tables: ClassVar = (
+        Table("risen", "", (SAMPLE, ASSEMBLY_MODE, Column("rise", "rad", ""))),
+    )
 
     def needs(self, mechanism):
         return Needs(continued_values=frozenset(["32"]))
@@ -219,7 +229,13 @@ class Risen(AbstractAnalysis):
     def compute(self, batch):
         values = batch.continued_value("32").reshape(2, -1)
         rise = (values - values[:, :1]).ravel()
-        return {"risen": {"sample": batch.sample, "branch": batch.branch, "rise": rise}}
+        return {
+            "risen": {
+                "sample": batch.sample,
+                "assembly_mode": batch.assembly_mode,
+                "rise": rise,
+            }
+        }
 
 
 def test_whole_motions_have_their_rows_replaced():
@@ -251,7 +267,9 @@ def test_a_wrong_variable_of_a_whole_motion_is_found(monkeypatch):
     verdict = result.summary["verified"]
     assert "risen.rise" in verdict["beyond"]
     found = column(verdict, "risen", "rise")
-    same = (sound["sample"] == found["sample"]) & (sound["branch"] == found["branch"])
+    same = (sound["sample"] == found["sample"]) & (
+        sound["assembly_mode"] == found["assembly_mode"]
+    )
     assert found["reference"] == pytest.approx(sound["rise"][same].item(), abs=1e-12)
     assert abs(found["reference"]) > 2.0 * np.pi
     assert found["deviation"] == pytest.approx(drift * found["sample"], abs=1e-12)
@@ -275,7 +293,7 @@ def test_a_wrong_inertia_is_found(monkeypatch):
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 def test_simulations_are_off_by_their_own_errors(tolerance):
-    """Loops of a simulation stay open by its tolerance, which is no fault of rounding."""
+    """Loops of a simulation stay open by its tolerance, not by rounding."""
     summary = sk.run(
         sk.load("four_bar"),
         "eksergian",

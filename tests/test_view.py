@@ -34,7 +34,7 @@ from spherekit.analysis.scene import (
 )
 from spherekit.errors import OutputError
 from spherekit.view.blueprint import Layout, SeriesEntry
-from spherekit.view.rerun_view import Recorder
+from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.screenshot import screenshot
 from spherekit.view.shapes import path_on_sphere, quaternions_to
 from spherekit.view.timelines import input_scale, input_timeline
@@ -139,8 +139,8 @@ def record(
     path: Path, blocks: int = 1, arcs: Arcs = FOUR_BAR_ARCS, **places: object
 ) -> Path:
     """Record both modes of a four-bar."""
-    with Recorder("four bar", path=path, **places) as recorder:
-        recorder.start([resting(arcs)], INPUTS, branches={0: "Mode 0", 1: "Mode 1"})
+    with RerunRecorder("four bar", path=path, **places) as recorder:
+        recorder.start([resting(arcs)], INPUTS, assembly_modes={0: "Mode 0", 1: "Mode 1"})
         for mode in (0, 1):
             whole = block(mode, SAMPLES, arcs)
             for samples in np.array_split(SAMPLES, blocks):
@@ -205,7 +205,7 @@ def test_closed_forms_agree_with_each_other(mode: int) -> None:
 def test_series_keep_every_digit_and_both_timelines(recording: Path) -> None:
     found = columns(recording)
     for mode in (0, 1):
-        entity = f"/four_bar/branch_{mode}/plots/velocity/w41"
+        entity = f"/four_bar/assembly_mode_{mode}/plots/velocity/w41"
         values = np.concatenate(found[entity, "Scalars:scalars"])
         _, fourth = four_bar_coefficients(INPUTS, FOUR_BAR_ARCS, mode)
         np.testing.assert_array_equal(values, fourth)
@@ -215,10 +215,10 @@ def test_series_keep_every_digit_and_both_timelines(recording: Path) -> None:
 
 def test_poles_and_links_are_where_they_belong(recording: Path) -> None:
     found = columns(recording)
-    vectors = np.array(found["/four_bar/branch_1/pole/31", "Arrows3D:vectors"])
+    vectors = np.array(found["/four_bar/assembly_mode_1/pole/31", "Arrows3D:vectors"])
     u31 = four_bar_poles(INPUTS, FOUR_BAR_ARCS, 1)["31"]
     np.testing.assert_allclose(vectors[:, 0], 1.25 * u31, atol=1e-6)
-    entity = "/four_bar/branch_1/link/3"
+    entity = "/four_bar/assembly_mode_1/link/3"
     turns = np.array(found[entity, "Transform3D:quaternion"])[:, 0]
     frames = four_bar_frames(INPUTS, FOUR_BAR_ARCS, 1)
     np.testing.assert_allclose(turns, quaternions(frames[3]), atol=1e-6)
@@ -235,8 +235,8 @@ def test_what_stays_is_logged_once(partial: Path) -> None:
     ]
     assert len(still) == len(set(still))
     curves = {entity for entity, name in still if name == "LineStrips3D:strips"}
-    links = {f"/four_bar/branch_{m}/link/{j}" for m in (0, 1) for j in (2, 3, 4)}
-    paths = {f"/four_bar/branch_{m}/pole/31/path" for m in (0, 1)}
+    links = {f"/four_bar/assembly_mode_{m}/link/{j}" for m in (0, 1) for j in (2, 3, 4)}
+    paths = {f"/four_bar/assembly_mode_{m}/pole/31/path" for m in (0, 1)}
     assert links | paths | {"/four_bar/link/1"} <= curves
 
 
@@ -245,11 +245,11 @@ def test_block_size_does_not_matter(recording: Path, tmp_path: Path, blocks: int
     assert differences(record(tmp_path / "b.rrd", blocks), recording) == []
 
 
-def of_branches(path: Path, count: int) -> Path:
-    """Record five samples of so many branches."""
+def of_assembly_modes(path: Path, count: int) -> Path:
+    """Record five samples of so many assembly modes."""
     samples = SAMPLES[:5]
-    with Recorder.to_file(path, "x") as recorder:
-        recorder.start([], INPUTS, branches={k: f"Mode {k}" for k in range(count)})
+    with RerunRecorder.to_file(path, "x") as recorder:
+        recorder.start([], INPUTS, assembly_modes={k: f"Mode {k}" for k in range(count)})
         for mode in range(count):
             scene = Scene(mode, block(0, samples).primitives)
             recorder.log(scene, samples, INPUTS[samples])
@@ -258,7 +258,8 @@ def of_branches(path: Path, count: int) -> Path:
 
 def test_files_grow_with_the_branches_and_not_with_their_square(tmp_path: Path) -> None:
     sizes = [
-        of_branches(tmp_path / f"{count}.rrd", count).stat().st_size for count in (1, 4, 16)
+        of_assembly_modes(tmp_path / f"{count}.rrd", count).stat().st_size
+        for count in (1, 4, 16)
     ]
     assert sizes[2] - sizes[0] < 1.6 * 15 / 3 * (sizes[1] - sizes[0])
 
@@ -267,11 +268,11 @@ def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(
     tmp_path: Path,
 ) -> None:
     found = {}
-    for chunk in RrdReader(of_branches(tmp_path / "few.rrd", 2)).stream():
+    for chunk in RrdReader(of_assembly_modes(tmp_path / "few.rrd", 2)).stream():
         if chunk.is_static and "/plots/" in chunk.entity_path:
             batch = chunk.to_record_batch()
             colour = batch.column("SeriesLines:colors").to_pylist()[0]
-            found[chunk.entity_path.removeprefix("/x/branch_")] = colour
+            found[chunk.entity_path.removeprefix("/x/assembly_mode_")] = colour
     curves = ("velocity/w31", "velocity/w41", "position/theta41")
     first, second, other = [found[f"0/plots/{curve}"] for curve in curves]
     assert first != second and first == other
@@ -289,7 +290,7 @@ def test_failed_samples_leave_nothing_on_the_screen(partial: Path) -> None:
     found = columns(partial)
     failed = np.isnan(four_bar_angles(INPUTS, NO_CRANK, 0))
     assert 0 < failed.sum() < len(failed)
-    base = "/four_bar/branch_0"
+    base = "/four_bar/assembly_mode_0"
     arrows = found[f"{base}/pole/31", "Arrows3D:vectors"]
     assert [len(row or []) for row in arrows] == (~failed).astype(int).tolist()
     labels = found[f"{base}/link/3/labels", "Points3D:show_labels"]
@@ -352,7 +353,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     ]:
         with (
             pytest.raises(OutputError, match=words.replace("*", r"\*")),
-            Recorder.to_file(path, "x"),
+            RerunRecorder.to_file(path, "x"),
         ):
             pass
     assert list(tmp_path.iterdir()) == [folder]
@@ -384,7 +385,7 @@ def test_interrupted_run_keeps_its_part(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with (
         pytest.raises(KeyboardInterrupt) as caught,
-        Recorder.to_file(path, "four bar") as recorder,
+        RerunRecorder.to_file(path, "four bar") as recorder,
     ):
         recorder.start([resting(FOUR_BAR_ARCS)], INPUTS)
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:50], INPUTS[:50])
@@ -392,13 +393,13 @@ def test_interrupted_run_keeps_its_part(tmp_path: Path) -> None:
     part = tmp_path / "a.rrd.part"
     assert list(tmp_path.iterdir()) == [part]
     assert str(part) in caught.value.__notes__[0]
-    assert len(columns(part)["/four_bar/branch_0/link/2", "sample"]) == 50
+    assert len(columns(part)["/four_bar/assembly_mode_0/link/2", "sample"]) == 50
 
 
 def test_wrong_number_of_rows(tmp_path: Path) -> None:
     with (
         pytest.raises(ValueError, match="link/2 has 50 rows, the block has 49"),
-        Recorder.to_file(tmp_path / "a.rrd", "four bar") as recorder,
+        RerunRecorder.to_file(tmp_path / "a.rrd", "four bar") as recorder,
     ):
         recorder.start([], INPUTS)
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
@@ -408,7 +409,7 @@ def test_no_viewer_listens(tmp_path: Path) -> None:
     for url in ("127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"):
         with (
             pytest.raises(OutputError, match="looks like"),
-            Recorder.connected(url, "x"),
+            RerunRecorder.connected(url, "x"),
         ):
             pass
     with socket.socket() as other:
@@ -419,7 +420,7 @@ def test_no_viewer_listens(tmp_path: Path) -> None:
                 other.listen()
             with (
                 pytest.raises(OutputError, match="no viewer listens"),
-                Recorder("x", path=tmp_path / "a.rrd", url=url),
+                RerunRecorder("x", path=tmp_path / "a.rrd", url=url),
             ):
                 pass
     assert list(tmp_path.iterdir()) == []
@@ -439,14 +440,14 @@ def test_port_in_use() -> None:
         port = other.getsockname()[1]
         with (
             pytest.raises(OutputError, match="cannot serve"),
-            Recorder.serving(port, "x"),
+            RerunRecorder.serving(port, "x"),
         ):
             pass
 
 
 def test_file_and_live_together(tmp_path: Path, recording: Path) -> None:
     port = free_port()
-    with Recorder.serving(port, "server") as server:
+    with RerunRecorder.serving(port, "server") as server:
         assert server.url == f"rerun+http://127.0.0.1:{port}/proxy"
         path = record(tmp_path / "a.rrd", 3, url=server.url)
     assert differences(path, recording) == []
@@ -454,10 +455,10 @@ def test_file_and_live_together(tmp_path: Path, recording: Path) -> None:
 
 def test_lost_viewer_does_not_stop_the_file(tmp_path: Path, recording: Path) -> None:
     port = free_port()
-    server = Recorder.serving(port, "server")
+    server = RerunRecorder.serving(port, "server")
     url = f"rerun+http://127.0.0.1:{port}/proxy"
-    with server, Recorder("four bar", path=tmp_path / "a.rrd", url=url) as recorder:
-        recorder.start([resting(FOUR_BAR_ARCS)], INPUTS, branches={0: "0", 1: "1"})
+    with server, RerunRecorder("four bar", path=tmp_path / "a.rrd", url=url) as recorder:
+        recorder.start([resting(FOUR_BAR_ARCS)], INPUTS, assembly_modes={0: "0", 1: "1"})
         for mode in (0, 1):
             if mode == 1:
                 server.__exit__(None, None, None)

@@ -112,7 +112,7 @@ def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth,
         np.max(turned(angle_of(motion, "right") - right_crank(q, teeth) * DEGREE)[held])
         < 1e-9
     )
-    found = held.reshape(len(motion.branches), -1).sum(axis=0)
+    found = held.reshape(len(motion.assembly_modes), -1).sum(axis=0)
     margin = closes(q, right_crank(q, teeth))[: motion.samples]
     assert np.any(margin > 0.02)
     assert np.all(found[margin > 1e-6] == 2)
@@ -217,8 +217,10 @@ def test_curves_of_wheels_return_after_all_their_turns(tmp_path):
     found = tracer.configurations
     assert not found.mismatches
     motion = tracer.motion()
-    counted = (motion.status == Status.OK).reshape(len(motion.branches), -1).sum(axis=0)
-    assert sum(len(each.pieces) for each in found.curves) == len(tracer.branches)
+    counted = (
+        (motion.status == Status.OK).reshape(len(motion.assembly_modes), -1).sum(axis=0)
+    )
+    assert sum(len(each.pieces) for each in found.curves) == len(tracer.assembly_modes)
     for each in found.curves:
         q = each.curve.at(np.linspace(0.0, each.curve.length, 200)).values
         names = made.variable_names

@@ -11,15 +11,15 @@ from closed_forms import (
     five_bar_area,
     mid_plane_area,
 )
+from example_mechanisms import mechanism_of, unlike_legs
 from scipy.integrate import quad
-from test_inverse import mechanism_of, unlike_legs
 
 import spherekit as sk
 from spherekit.analysis.scene import SphereCurves, SphereMap, Text
 from spherekit.conventions import Status
 from spherekit.model.dynamics import Stop
 from spherekit.model.mechanism import Output
-from spherekit.motion.branches import Branch
+from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics
 from spherekit.output.inverse import InverseKinematics
 from spherekit.sphere.rotation import arc, from_quaternion, transpose
@@ -100,7 +100,7 @@ def five_bar_with_caps(least):
 
 
 def folded_over_area():
-    """The area (sr) of the mid-plane form where one leg folds to the other side.
+    """The area (sr) of the mid-plane architecture where one leg folds to the other side.
 
     The mid-plane's normal n has n . B1 = s1 and n . B6 = s6 of opposite signs; the area
     of P is 4 n_x times that of n, integrated over n_x in closed form.
@@ -127,8 +127,8 @@ def test_area_of_the_five_bar(five_bar, least):
     apart = f"21/43:{least}+43/51:{least}"
     for tolerance in (1e-2, 1e-4, 1e-6):
         result, findings = found_in(five_bar, apart=apart, tolerance=tolerance)
-        assert list(findings["modes"]) == ["++", "+-", "-+", "--"]
-        for own in findings["modes"].values():
+        assert list(findings["working_modes"]) == ["++", "+-", "-+", "--"]
+        for own in findings["working_modes"].values():
             assert abs(own["area_sr"] - exact) <= own["error_sr"] <= tolerance * exact
             assert len(own["components"]) == 1
             assert len(own["holes"]) == (3 if least else 1)
@@ -137,13 +137,13 @@ def test_area_of_the_five_bar(five_bar, least):
     areas = result.frame("workspace", "areas")
     whole = areas[areas.part == "whole"]
     assert np.abs(whole["size"] - exact).max() < 1e-6 * exact
-    parts = areas[areas["mode"] == "++"].query("part != 'whole'")
+    parts = areas[areas["working_mode"] == "++"].query("part != 'whole'")
     assert abs(parts["size"].sum() - 4.0 * np.pi) < 1e-9
 
 
 def test_samples_and_border_of_the_five_bar(five_bar):
     """Samples against inverse and forward kinematics, borders against their limits."""
-    result, _ = found_in(five_bar, apart="21/43:10", mode="+-")
+    result, _ = found_in(five_bar, apart="21/43:10", working_mode="+-")
     table = result.frame("workspace")
     place = table[["x", "y", "z"]].to_numpy()
     inverse = InverseKinematics(five_bar).at(place, [(1, -1)])
@@ -264,7 +264,7 @@ def test_mechanism_with_a_loop_within(loop_case, signs):
     """Brute force by the position analysis of the graph, in matrices."""
     mechanism, kinematics, bounds = loop_case
     inverse = InverseKinematics(mechanism)
-    found = inverse.solver.evaluate(Branch(0, signs), azimuth_tilt(DIRECTIONS))
+    found = inverse.solver.evaluate(AssemblyMode(0, signs), azimuth_tilt(DIRECTIONS))
     number = mechanism.pair_number
     f2 = found.values[:, number["f2"]]
     middle = np.angle(np.exp(1j * (f2 + 0.5)))
@@ -324,7 +324,7 @@ def test_stops_of_the_mechanism_are_limits(five_bar):
 def test_a_pose_is_judged_in_each_mode(five_bar):
     _, findings = found_in(five_bar, pose="1+1+0.2")
     assert [row["inside"] for row in findings["pose"]] == ["yes"] * 4
-    result, findings = found_in(five_bar, pose="0+0+-1", mode="++")
+    result, findings = found_in(five_bar, pose="0+0+-1", working_mode="++")
     (row,) = findings["pose"]
     assert row["inside"] == "no"
     axes = closed_kinematics(five_bar)
@@ -332,7 +332,7 @@ def test_a_pose_is_judged_in_each_mode(five_bar):
     assert abs(row["away_rad"] - arc(np.array([0.0, 0.0, -1.0]), there)) < 1e-12
     assert judge(axes, bounds_of(axes, Constraints()), (1, 1), there[None]).inside[0]
     assert any("is outside in mode ++" in text for text in result.summary["warnings"])
-    _, findings = found_in(five_bar, pose="40+45", mode="0")
+    _, findings = found_in(five_bar, pose="40+45", working_mode="0")
     assert len(findings["pose"]) == 2
     for row in findings["pose"]:
         if np.allclose(np.degrees(row["inputs"]), [40.0, 45.0], atol=1e-9):
@@ -340,8 +340,8 @@ def test_a_pose_is_judged_in_each_mode(five_bar):
 
 
 def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
-    result, findings = found_in(five_bar, apart="21/43:0:30+43/51:0:30", mode="++")
-    own = findings["modes"]["++"]
+    result, findings = found_in(five_bar, apart="21/43:0:30+43/51:0:30", working_mode="++")
+    own = findings["working_modes"]["++"]
     assert own["area_sr"] == 0.0
     (pair,) = own["excluding"]
     assert "21/43 at most 30 deg" in pair
@@ -352,22 +352,22 @@ def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
 @pytest.mark.parametrize(
     "given, words",
     [
-        ({"apart": "21/43:60:40"}, "no range"),
+        ({"apart": "21/43:60:40"}, "not a range"),
         ({"apart": "43/51:160"}, "contradict each other"),
         ({"apart": "21/43:160"}, "contradict each other"),
         ({"apart": "21/21:10"}, "one axis twice"),
         ({"apart": "21/32:80"}, "both axes are on one link, always 75 deg"),
         ({"apart": "21-43:10"}, "not PAIR/PAIR"),
         ({"apart": "21/44:10"}, "no pair is named"),
-        ({"apart": "21/43:ten"}, "no number of degrees"),
-        ({"limits": "21:40:20"}, "no range"),
+        ({"apart": "21/43:ten"}, "not a number of degrees"),
+        ({"limits": "21:40:20"}, "not a range"),
         ({"limits": "21:40"}, "not PAIR:LOW:HIGH"),
         ({"limits": "21:0:20+21:30:50"}, "contradict each other"),
         ({"near": "95"}, "distance to a singularity"),
         ({"width": "0.1"}, "radius"),
         ({"width": "1", "radius": "0.2"}, "do not fit"),
-        ({"mode": "+"}, "none of"),
-        ({"mode": "9"}, "none of"),
+        ({"working_mode": "+"}, "none of"),
+        ({"working_mode": "9"}, "none of"),
         ({"output": "nose"}, "no output"),
         ({"pose": "1+2+3+4"}, "neither a direction"),
         ({"pose": "0+0+0"}, "0 throughout"),
@@ -395,7 +395,7 @@ def test_orientations_of_unlike_legs():
     samples = orientation_samples(20_000)
     rotations = from_quaternion(samples)
     inverse = InverseKinematics(mechanism)
-    found = inverse.solver.evaluate(Branch(0, signs), euler_zyz(rotations))
+    found = inverse.solver.evaluate(AssemblyMode(0, signs), euler_zyz(rotations))
     judged = judge(kinematics, bounds, signs, samples)
     assert np.array_equal(judged.inside, found.status == Status.OK)
     item, other = orientation_workspaces(kinematics, bounds, kinematics.modes[:2], 0.05)
@@ -414,9 +414,9 @@ def test_orientations_of_unlike_legs():
 
 def test_orientations_are_tabled():
     result, findings = found_in(
-        sk.load("agile_eye"), tolerance=0.2, mode="0", pose="0+0+0+1"
+        sk.load("agile_eye"), tolerance=0.2, working_mode="0", pose="0+0+0+1"
     )
-    (own,) = findings["modes"].values()
+    (own,) = findings["working_modes"].values()
     assert 0.0 < own["volume"] <= 8.0 * np.pi**2 + own["error"]
     table = result.frame("workspace")
     assert len(table) == 4000
@@ -439,7 +439,7 @@ class Watcher:
 
 def test_pages_show_map_border_and_areas(five_bar):
     watcher = Watcher()
-    request = "workspace:near=15,mode=++"
+    request = "workspace:near=15,working_mode=++"
     sk.run(five_bar, [request], samples=2, recorder=watcher)
     assert {"Workspace", "Singularity"} <= set(watcher.pages)
     for title, most in (("Workspace", 90.0), ("Singularity", 90.0)):

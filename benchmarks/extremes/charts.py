@@ -85,9 +85,11 @@ def poles_across_the_edge(counts: Sequence[float]) -> Iterator[Row]:
         field = evaluate(motion, request(made, "21", [(0, 2), (1, 3)], [(0, 2), (1, 3)]))
         jumps, edges = 0, 0
         for directions in field.direction.values():
-            for branch in directions.reshape(len(motion.branches), motion.samples, 3):
-                beside = np.sum(branch[1:] * branch[:-1], axis=1)
+            for assembly_mode in directions.reshape(
+                len(motion.assembly_modes), motion.samples, 3
+            ):
+                beside = np.sum(assembly_mode[1:] * assembly_mode[:-1], axis=1)
                 jumps += int(np.sum(beside < 0.0))
-                edges += int(np.sum(branch[1:, 2] * branch[:-1, 2] < 0.0))
+                edges += int(np.sum(assembly_mode[1:, 2] * assembly_mode[:-1, 2] < 0.0))
         assert edges > 0
         yield Row(count, "signs", 1.0, float(jumps))

@@ -49,10 +49,10 @@ def judged(
     search: bool = True,
     route: Route = "best",
 ) -> Iterator[Row]:
-    """Yield what spherekit makes of points of one branch, the surest point first.
+    """Yield what spherekit makes of points of one assembly mode, the surest point first.
 
-    The branch is the one that is nearest to the first point; at the others it is taken
-    by its number, so a flip of modes shows as an error. `poles`, `derivatives`,
+    The assembly mode is the one that is nearest to the first point; at the others it is
+    taken by its number, so a flip of modes shows as an error. `poles`, `derivatives`,
     `search` and `route` say what is asked for.
     """
     path = np.array([np.asarray(point.inputs, dtype=float) for point in points])
@@ -156,7 +156,7 @@ def _poles(field: PoleField, row: int, parameter: float, known: Truth) -> Iterat
         unit, condition, size = known.pole(i, j)
         status = Status(field.pole_status[i, j][row])
         if status == Status.OK:
-            rate = abs(float(field.rate[i, j][row]))
+            rate = abs(float(field.velocity_coefficient[i, j][row]))
             off = float(abs(exact(rate) - mp.mpf(size)) / largest)
             given.append(Row(parameter, "coefficients", known.condition["rates"], off))
             if size == 0.0:

@@ -47,7 +47,7 @@ def forces(powers: Sequence[float]) -> Iterator[Row]:
     """Yield the torque that holds a load of so many powers of ten against 90 digits."""
     for power in powers:
         made = loaded(f"{10.0**power!r}*sin(theta_41)")
-        found = inverse_dynamics(made, Polynomial((0.7,)), [0.0], branch=0)
+        found = inverse_dynamics(made, Polynomial((0.7,)), [0.0], assembly_mode=0)
         reference = Reference(made)
         with mp.workdps(DIGITS):
             start = exact(found.values[0])

@@ -66,7 +66,7 @@ def cam(
 def point_of(
     mechanism: Mechanism, parameter: float, q: float, search: bool = True
 ) -> tuple[Reference, Point]:
-    """Return the exact mechanism and its first branch at an input, as spherekit has it.
+    """Return the exact mechanism and its first mode at an input, as spherekit has it.
 
     Where a mechanism has two modes, the start that Newton's method in 90 digits is given
     says which one is meant, and no more.

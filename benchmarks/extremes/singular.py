@@ -51,7 +51,7 @@ def beside(
 def standstill(mechanism: Mechanism, stands: str, others: Sequence[float] = ()) -> Exact:
     """Return a configuration (variables,) in which one pair stands still, as doubles.
 
-    The first on the curve of the first input through the first branch that has one;
+    The first on the curve of the first input through the first assembly mode that has one;
     `others` are the values of the inputs that stand still.
     """
     reference = Reference(mechanism)
@@ -60,8 +60,8 @@ def standstill(mechanism: Mechanism, stands: str, others: Sequence[float] = ()) 
     tracer = Tracer(mechanism, path=path)
     motion = tracer.motion()
     (number,) = mechanism.variables_of(mechanism.pair_number[stands])
-    for branch in range(len(motion.branches)):
-        rows = slice(branch * motion.samples, (branch + 1) * motion.samples)
+    for assembly_mode in range(len(motion.assembly_modes)):
+        rows = slice(assembly_mode * motion.samples, (assembly_mode + 1) * motion.samples)
         known = motion.values[rows][~motion.failed[rows]]
         if not len(known):
             continue

@@ -13,15 +13,27 @@ NOTHING = ("no ", "not ", "none", "empty", "nothing", "never")
 """Words of which one says why a table has no rows."""
 FINITE = {
     "motion": (),
-    "poles": ("ux", "uy", "uz", "rate", "rate_dq", "error_bound"),
+    "poles": (
+        "ux",
+        "uy",
+        "uz",
+        "velocity_coefficient",
+        "acceleration_coefficient",
+        "error_bound",
+    ),
     "eksergian": ("B", "dB_dq", "Q", "tau"),
     "eksergian_inertia": ("B", "dB_dq"),
     "eksergian_loads": ("Q", "power"),
-    "singularities_relation": ("output_rate", "input_rate", "sigma", "flatness"),
+    "singularities_relation": (
+        "output_rate",
+        "input_rate",
+        "sigma",
+        "reciprocal_condition",
+    ),
 }
 """Columns of tables that hold a number in every row that is OK."""
 EMPTY = {
-    "poles": ("rate_dq",),
+    "poles": ("acceleration_coefficient",),
     "eksergian": ("B", "dB_dq", "Q", "tau"),
     "eksergian_inertia": ("B", "dB_dq"),
     "eksergian_loads": ("Q", "power"),
@@ -138,13 +150,16 @@ def judge_counts(ran: Ran, notes: Notes) -> None:
     """Note numbers in the summary that the tables do not have."""
     motion = ran.tables.get("motion")
     if motion is not None:
-        for branch in ran.summary["branches"]:
-            rows = motion["status"][motion["branch"] == branch["number"]].astype(str)
+        for assembly_mode in ran.summary["assembly_modes"]:
+            rows = motion["status"][
+                motion["assembly_mode"] == assembly_mode["number"]
+            ].astype(str)
             counted = rows.value_counts().to_dict()
-            told = {k: v for k, v in branch["status"].items() if v}
+            told = {k: v for k, v in assembly_mode["status"].items() if v}
             notes.contradiction(
                 counted != told,
-                f"branch {branch['number']}: the summary counts {told}, the table "
+                f"assembly mode {assembly_mode['number']}: the summary counts {told}, "
+                f"the table "
                 f"{counted}",
             )
     found = ran.tables.get("singularities")

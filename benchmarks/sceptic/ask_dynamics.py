@@ -31,7 +31,7 @@ ALIKE = 1e3
 
 
 def _started(evidence: Evidence) -> tuple[Start, int, str] | None:
-    """Return a start at a sample well clear of singularities, its branch, and a torque."""
+    """Return a start at a sample well clear of singularities, its mode, and a torque."""
     if not evidence.single or not evidence.mechanism.masses:
         return None
     motion = evidence.motion
@@ -43,20 +43,20 @@ def _started(evidence: Evidence) -> tuple[Start, int, str] | None:
         sum(np.trace(np.array(m.tensor)) for m in evidence.mechanism.masses)
     )
     start = Start(float(motion.q[row]), SPEED)
-    return start, int(motion.branch[row]), TORQUE.format(size=f"{1e3 * size:.6g}")
+    return start, int(motion.assembly_mode[row]), TORQUE.format(size=f"{1e3 * size:.6g}")
 
 
 def _simulated(evidence: Evidence, engine: str) -> Simulation | None:
     started = _started(evidence)
     if started is None:
         return None
-    start, branch, torque = started
+    start, assembly_mode, torque = started
     return simulate(
         evidence.mechanism,
         start,
         UNTIL,
         torque=torque,
-        branch=branch,
+        assembly_mode=assembly_mode,
         tolerance=TOLERANCE,
         engine=engine,  # type: ignore[arg-type]
     )

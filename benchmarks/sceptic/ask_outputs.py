@@ -11,8 +11,8 @@ from benchmarks.sceptic.check import check
 from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.conventions import Status
-from spherekit.motion.branches import wrap
-from spherekit.output.solutions import Solutions
+from spherekit.motion.assembly_modes import wrap
+from spherekit.output.solutions import PoseSolutions
 from spherekit.sphere.rotation import Floats, from_quaternion
 from spherekit.workspace.inverse import output_kinematics
 from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
@@ -51,11 +51,11 @@ class Outputs:
         return np.asarray(low + share * (high - low))
 
     @cached_property
-    def forward(self) -> Solutions:
+    def forward(self) -> PoseSolutions:
         """Every pose found at the inputs."""
         return self.solver.forward(self.inputs)
 
-    def poses(self, found: Solutions) -> Floats:
+    def poses(self, found: PoseSolutions) -> Floats:
         """Return solutions in the terms of poses: directions, or rotations."""
         if not self.solver.points:
             return found.rotations
@@ -217,7 +217,7 @@ def workspace_and_inverse(evidence: Evidence, notes: Notes) -> None:
         return
     frame, areas = ran.tables["workspace"], ran.tables["workspace_areas"]
     names = ["x", "y", "z"] if made.solver.points else ["x", "y", "z", "w"]
-    for mode, rows in frame.groupby("mode", observed=True):
+    for mode, rows in frame.groupby("working_mode", observed=True):
         chosen = evidence.random.permutation(len(rows))[:150]
         some = rows.iloc[chosen]
         places = some[names].to_numpy()
@@ -244,7 +244,9 @@ def workspace_and_inverse(evidence: Evidence, notes: Notes) -> None:
             )
         if not made.solver.points:
             continue
-        own = areas[(areas["mode"] == mode) & (areas["part"].astype(str) == "whole")]
+        own = areas[
+            (areas["working_mode"] == mode) & (areas["part"].astype(str) == "whole")
+        ]
         _area(made, str(mode), own["size"].item(), own["error"].item(), notes)
 
 

@@ -9,7 +9,7 @@ from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.analysis.result import RunResult
 from spherekit.errors import SolveError
-from spherekit.motion.branches import wrap
+from spherekit.motion.assembly_modes import wrap
 from spherekit.sphere.rotation import Floats
 
 STEP = 1e-3
@@ -57,12 +57,12 @@ def poles_and_pairs(evidence: Evidence, notes: Notes) -> None:
     """Compare the rate of each R pair's pole with the slope of the pair's variable."""
     for moved, run in around(evidence, "poles"):
         motion, poles = run.frame("motion"), run.frame("poles")
-        poles = poles[poles["moved"].astype(str) == moved]
-        for branch in motion["branch"].unique():
-            rows = motion[motion["branch"] == branch]
+        poles = poles[poles["moving"].astype(str) == moved]
+        for assembly_mode in motion["assembly_mode"].unique():
+            rows = motion[motion["assembly_mode"] == assembly_mode]
             if not (rows["status"] == "OK").all() or len(rows) != 9:
                 continue
-            own = poles[(poles["branch"] == branch) & (poles["sample"] == 4)]
+            own = poles[(poles["assembly_mode"] == assembly_mode) & (poles["sample"] == 4)]
             for pair in evidence.mechanism.pairs:
                 if pair.type != "R":
                     continue
@@ -74,39 +74,44 @@ def poles_and_pairs(evidence: Evidence, notes: Notes) -> None:
                 ]
                 if len(at) != 1 or str(at["status"].iloc[0]) not in ("OK", "NO_POLE"):
                     continue
-                rate = abs(float(at["rate"].iloc[0]))
+                rate = abs(float(at["velocity_coefficient"].iloc[0]))
                 off = abs(rate - abs(float(slope)))
                 notes.contradiction(
                     not off <= LEAST * max(1.0, rate) + SPREAD * float(doubt),
-                    f"{moved} moves, branch {branch}, q = {rows.iloc[4, 2]:.9f} rad: "
+                    f"{moved} moves, assembly mode {assembly_mode}, q = "
+                    f"{rows.iloc[4, 2]:.9f} rad: "
                     f"the rate of "
                     f"{pair.name} is {rate:.9g}, its variable changes by "
                     f"{abs(float(slope)):.9g}",
                 )
 
 
-@check("rates and derivatives", "rate_dq is the derivative of rate along the pole")
+@check(
+    "rates and derivatives",
+    "acceleration_coefficient is the derivative of rate along the pole",
+)
 def rates_and_derivatives(evidence: Evidence, notes: Notes) -> None:
-    """Compare rate_dq with the slope of rate * u along u."""
+    """Compare acceleration_coefficient with the slope of rate * u along u."""
     for moved, run in around(evidence, "poles"):
         poles = run.frame("poles")
-        poles = poles[poles["moved"].astype(str) == moved]
-        for (branch, link, base), rows in poles.groupby(
-            ["branch", "link", "relative_to"], observed=True
+        poles = poles[poles["moving"].astype(str) == moved]
+        for (assembly_mode, link, base), rows in poles.groupby(
+            ["assembly_mode", "link", "relative_to"], observed=True
         ):
             if len(rows) != 9 or not (rows["status"] == "OK").all():
                 continue
             w = _vectors(rows)
             change, doubt = slopes(w)
             u = rows[["ux", "uy", "uz"]].to_numpy()[4]
-            given = float(rows["rate_dq"].iloc[4])
+            given = float(rows["acceleration_coefficient"].iloc[4])
             slope = float(change @ u)
             scale = max(1.0, float(np.max(np.abs(w))) ** 2, float(np.max(np.abs(change))))
             off = abs(given - slope)
             notes.contradiction(
                 not off <= LEAST * scale + SPREAD * float(np.max(doubt)),
-                f"{moved} moves, branch {branch}, q = {rows['q'].iloc[4]:.9f} rad: "
-                f"rate_dq of "
+                f"{moved} moves, assembly mode {assembly_mode}, q = "
+                f"{rows['q'].iloc[4]:.9f} rad: "
+                f"acceleration_coefficient of "
                 f"{link} to {base} is {given:.9g}, rate changes by {slope:.9g}",
             )
 
@@ -114,7 +119,7 @@ def rates_and_derivatives(evidence: Evidence, notes: Notes) -> None:
 def _vectors(rows: pd.DataFrame) -> Floats:
     """Return rate * u (n, 3)."""
     u = rows[["ux", "uy", "uz"]].to_numpy()
-    return np.asarray(u * rows["rate"].to_numpy()[:, None])
+    return np.asarray(u * rows["velocity_coefficient"].to_numpy()[:, None])
 
 
 @check("inertia and derivative", "dB_dq is the derivative of the equivalent inertia B")
@@ -124,7 +129,7 @@ def inertia_and_derivative(evidence: Evidence, notes: Notes) -> None:
         return
     for _, run in around(evidence, "eksergian"):
         frame = run.frame("eksergian")
-        for branch, rows in frame.groupby("branch"):
+        for assembly_mode, rows in frame.groupby("assembly_mode"):
             if len(rows) != 9 or not (rows["status"] == "OK").all():
                 continue
             slope, doubt = slopes(rows["B"].to_numpy())
@@ -132,7 +137,7 @@ def inertia_and_derivative(evidence: Evidence, notes: Notes) -> None:
             scale = max(float(rows["B"].abs().max()), abs(given), 1e-12)
             notes.contradiction(
                 not abs(given - slope) <= LEAST * scale + SPREAD * float(doubt),
-                f"branch {branch}, q = {rows['q'].iloc[4]:.9f} rad: dB_dq is "
+                f"assembly mode {assembly_mode}, q = {rows['q'].iloc[4]:.9f} rad: dB_dq is "
                 f"{given:.9g}, B "
                 f"changes by {float(slope):.9g}",
             )
@@ -155,6 +160,6 @@ def verify(evidence: Evidence, notes: Notes) -> None:
         notes.found(
             f"a direction is off by {directions['error_rad']:.2e} rad, "
             f"{directions['over_bound']:.3g} times its bound, at sample "
-            f"{directions['sample']}, branch {directions['branch']}, "
+            f"{directions['sample']}, assembly mode {directions['assembly_mode']}, "
             f"{directions['subject']}"
         )

@@ -101,9 +101,12 @@ def _at_inputs(evidence: Evidence, points: pd.DataFrame, notes: Notes) -> None:
         )
 
 
-@check("branches end at places", "where a branch goes out of reach a type II is listed")
-def branches_end_at_places(evidence: Evidence, notes: Notes) -> None:
-    """Compare samples between which a branch ends with the places listed."""
+@check(
+    "assembly modes end at places",
+    "where an assembly mode goes out of reach a type II is listed",
+)
+def assembly_modes_end_at_places(evidence: Evidence, notes: Notes) -> None:
+    """Compare samples between which an assembly mode ends with the places listed."""
     tables = listed(evidence, notes) if evidence.single else None
     if tables is None:
         return
@@ -112,7 +115,7 @@ def branches_end_at_places(evidence: Evidence, notes: Notes) -> None:
     sampled = evidence.configurations.guarantee is Guarantee.SAMPLED
     whole = points["s"].isna() & points["q"].isna()
     ends = kinds.isin(("II", "III"))
-    for branch, rows in motion.groupby("branch"):
+    for assembly_mode, rows in motion.groupby("assembly_mode"):
         q, status = rows["q"].to_numpy(), rows["status"].astype(str).to_numpy()
         held = status == "OK"
         lost = status == "OUT_OF_REACH"
@@ -121,14 +124,17 @@ def branches_end_at_places(evidence: Evidence, notes: Notes) -> None:
                 continue
             low, high = sorted((q[k], q[k + 1]))
             own = (
-                points["branch"].map(lambda text, b=branch: _among(b, text)).to_numpy(bool)
+                points["assembly_mode"]
+                .map(lambda text, b=assembly_mode: _among(b, text))
+                .to_numpy(bool)
             )
             at = both_ends(evidence, points.loc[ends & own, "q"].to_numpy(dtype=float))
             inside = (at >= low - AGREE) & (at <= high + AGREE)
             notes.judged()
             if not (inside.any() or (ends & own & whole).any()):
                 notes.found(
-                    f"branch {branch} ends between q = {np.degrees(low):.6f} and "
+                    f"assembly mode {assembly_mode} ends between q = "
+                    f"{np.degrees(low):.6f} and "
                     f"{np.degrees(high):.6f} deg, and no type II or III of it is listed",
                     Kind.SHORT if sampled else Kind.CONTRADICTION,
                 )
@@ -148,8 +154,8 @@ def both_ends(evidence: Evidence, at: Floats) -> Floats:
     return more[(more >= low - LEADS) & (more <= high + LEADS)]
 
 
-def _among(branch: int, text: object) -> bool:
-    return str(branch) in str(text).replace(",", " ").replace("+", " ").split()
+def _among(assembly_mode: int, text: object) -> bool:
+    return str(assembly_mode) in str(text).replace(",", " ").replace("+", " ").split()
 
 
 @check("singular rows are listed", "where rows are AT_SINGULARITY a place is listed")
@@ -189,8 +195,8 @@ def relation_and_poles(evidence: Evidence, notes: Notes) -> None:
         return
     relation = tables["singularities_relation"]
     frame = poles.tables["poles"]
-    keys = ["sample", "branch", "moved"]
-    relation = relation.assign(moved=relation["moved"].astype(str))
+    keys = ["sample", "assembly_mode", "moving"]
+    relation = relation.assign(moving=relation["moving"].astype(str))
     frame = frame[frame["status"].astype(str).isin(("OK", "NO_POLE"))]
     for output in relation["output"].astype(str).unique():
         link, base = output.split("/")
@@ -198,24 +204,27 @@ def relation_and_poles(evidence: Evidence, notes: Notes) -> None:
             (relation["output"].astype(str) == output)
             & (relation["status"].astype(str) == "OK")
             & (relation["sigma"] > CLEAR)
-            & np.isfinite(relation["rate"].to_numpy(dtype=float))
+            & np.isfinite(relation["velocity_coefficient"].to_numpy(dtype=float))
         ]
         ends = frame["link"].astype(str) + "/" + frame["relative_to"].astype(str)
         there = frame[ends.isin((output, f"{base}/{link}"))]
         both = own.merge(
-            there.assign(moved=there["moved"].astype(str)), on=keys, suffixes=("", "_pole")
+            there.assign(moving=there["moving"].astype(str)),
+            on=keys,
+            suffixes=("", "_pole"),
         )
         if not len(both):
             continue
-        one = both["rate"].abs().to_numpy()
-        other = both["rate_pole"].abs().to_numpy()
+        one = both["velocity_coefficient"].abs().to_numpy()
+        other = both["velocity_coefficient_pole"].abs().to_numpy()
         off = np.abs(one - other) / np.maximum(1.0, other)
         notes.judged(len(both))
         if np.nanmax(off) > AGREE:
             k = int(np.nanargmax(off))
             row = both.iloc[k]
             notes.found(
-                f"sample {row['sample']}, branch {row['branch']}, {row['moved']} moves: "
+                f"sample {row['sample']}, assembly mode {row['assembly_mode']}, "
+                f"{row['moving']} moves: "
                 f"the relation of {output} (form {row['form']}) has the rate {one[k]:.9g}, "
                 f"the pole {other[k]:.9g}; {int(np.sum(off > AGREE))} such rows"
             )
@@ -238,26 +247,31 @@ def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
         there = frame[ends.isin((output, f"{base}/{link}"))]
         own = points[points["output"].astype(str).isin((output, "", "nan"))]
         turning = own["turns"].astype(str).str.contains("output").to_numpy(bool)
-        branch: Any
-        for branch, rows in there.groupby("branch"):
-            on_branch = (
-                own["branch"].map(lambda text, b=branch: _among(b, text)).to_numpy(bool)
+        assembly_mode: Any
+        for assembly_mode, rows in there.groupby("assembly_mode"):
+            on_assembly_mode = (
+                own["assembly_mode"]
+                .map(lambda text, b=assembly_mode: _among(b, text))
+                .to_numpy(bool)
             )
-            at = np.sort(own.loc[turning & on_branch, "q"].to_numpy())
-            _parities(evidence, output, branch, rows, at, sampled, notes)
+            at = np.sort(own.loc[turning & on_assembly_mode, "q"].to_numpy())
+            _parities(evidence, output, assembly_mode, rows, at, sampled, notes)
 
 
 def _parities(
     evidence: Evidence,
     output: str,
-    branch: int,
+    assembly_mode: int,
     rows: pd.DataFrame,
     at: Floats,
     sampled: bool,
     notes: Notes,
 ) -> None:
     q = rows["q"].to_numpy()
-    w = rows[["ux", "uy", "uz"]].to_numpy() * rows["rate"].to_numpy()[:, None]
+    w = (
+        rows[["ux", "uy", "uz"]].to_numpy()
+        * rows["velocity_coefficient"].to_numpy()[:, None]
+    )
     known = rows["status"].astype(str).to_numpy() == "OK"
     doubtful = 0
     for k in range(len(q) - 1):
@@ -274,11 +288,12 @@ def _parities(
         if turned == count % 2 or doubtful > 3:
             continue
         doubtful += 1
-        fine = _reversals(evidence, output, branch, q[k], q[k + 1])
+        fine = _reversals(evidence, output, assembly_mode, q[k], q[k + 1])
         if fine is None or fine % 2 == count % 2:
             continue
         notes.found(
-            f"branch {branch}, q = {np.degrees(q[k]):.6f} to {np.degrees(q[k + 1]):.6f} "
+            f"assembly mode {assembly_mode}, q = {np.degrees(q[k]):.6f} to "
+            f"{np.degrees(q[k + 1]):.6f} "
             f"deg: "
             f"the rate of {output} reverses {fine} times, {count} reversals are listed",
             Kind.SHORT if sampled else Kind.CONTRADICTION,
@@ -286,7 +301,7 @@ def _parities(
 
 
 def _reversals(
-    evidence: Evidence, output: str, branch: int, first: float, last: float
+    evidence: Evidence, output: str, assembly_mode: int, first: float, last: float
 ) -> int | None:
     """Return how often the angular velocity of an output reverses between inputs.
 
@@ -295,7 +310,7 @@ def _reversals(
     q = np.linspace(first, last, FINER + 1)
     link, base = output.split("/")
     motion = evidence.tracer.at(q[:, None])
-    rows = motion.values[motion.branch == branch]
+    rows = motion.values[motion.assembly_mode == assembly_mode]
     if not np.all(np.isfinite(rows)):
         return None
     run = sk.run(evidence.mechanism, f"poles:only={link}/{base}", path=q[:, None])
@@ -310,10 +325,13 @@ def _reversals(
     )
     if not len(gap) or not np.nanmin(gap) < 1e-6:
         return None
-    number = middle["branch"].to_numpy()[int(np.nanargmin(gap))]
+    number = middle["assembly_mode"].to_numpy()[int(np.nanargmin(gap))]
     found = run.frame("poles")
-    found = found[found["branch"] == number]
-    w = found[["ux", "uy", "uz"]].to_numpy() * found["rate"].to_numpy()[:, None]
+    found = found[found["assembly_mode"] == number]
+    w = (
+        found[["ux", "uy", "uz"]].to_numpy()
+        * found["velocity_coefficient"].to_numpy()[:, None]
+    )
     size = np.linalg.norm(w, axis=1)
     cosine = np.sum(w[1:] * w[:-1], axis=1) / (size[1:] * size[:-1])
     if not (np.all(np.abs(cosine) > 0.7) and np.all(size > STILL)):
@@ -355,7 +373,8 @@ def distances_lead_to_places(evidence: Evidence, notes: Notes) -> None:
         if np.max(gap) > LEADS:
             row = relation.iloc[rows[int(np.argmax(gap))]]
             notes.found(
-                f"sample {row['sample']}, branch {row['branch']}: to_{kind} = "
+                f"sample {row['sample']}, assembly mode {row['assembly_mode']}: "
+                f"to_{kind} = "
                 f"{row[f'to_{kind}']:.9g} of {row['output']} leads from q = "
                 f"{row['q']:.9g} rad "
                 f"to no place of type {kind} or III (the nearest {np.max(gap):.2e} rad "

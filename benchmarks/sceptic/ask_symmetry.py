@@ -123,7 +123,10 @@ def same_rates(evidence: Evidence, notes: Notes) -> None:
             alike = np.max(np.abs(others - cosines[row]), axis=1) < SAME
             if not np.any(alike):
                 continue
-            for what, mine, yours in (("rate", rates, theirs), ("rate_dq", dq, their_dq)):
+            for what, mine, yours in (
+                ("velocity_coefficient", rates, theirs),
+                ("acceleration_coefficient", dq, their_dq),
+            ):
                 size = max(1.0, float(np.nanmax(mine[row], initial=0.0))) ** 2
                 off = np.abs(mine[row] - yours[alike]) / size
                 if not np.any(np.isfinite(off)):
@@ -138,7 +141,7 @@ def same_rates(evidence: Evidence, notes: Notes) -> None:
 
 
 def _rates(made: Mechanism) -> dict[tuple[int, str], tuple[Floats, Floats, Floats]]:
-    """Return by sample and moved input what rows are, and |rate|, |rate_dq| of R pairs."""
+    """Return by sample and moved input what rows are, and both coefficients of R pairs."""
     tracer = Tracer(made, samples=SAMPLES)
     motion = tracer.motion()
     run = sk.run(made, "poles", samples=SAMPLES)
@@ -155,8 +158,8 @@ def _rates(made: Mechanism) -> dict[tuple[int, str], tuple[Floats, Floats, Float
     poles = poles.assign(both=pd.Series(together, index=poles.index))
     for name in names:
         rows = poles[poles["both"] == frozenset(ends[name])]
-        columns[name] = rows.set_index(["sample", "branch", "moved"])[
-            ["rate", "rate_dq", "status"]
+        columns[name] = rows.set_index(["sample", "assembly_mode", "moving"])[
+            ["velocity_coefficient", "acceleration_coefficient", "status"]
         ]
     found: dict[tuple[int, str], tuple[Floats, Floats, Floats]] = {}
     for sample in range(1, SAMPLES - 1):
@@ -165,8 +168,11 @@ def _rates(made: Mechanism) -> dict[tuple[int, str], tuple[Floats, Floats, Float
         cosines = _angles(motion, sample)
         for item in made.inputs:
             rates = [
-                [_at(columns[name], (sample, int(branch), item.pair)) for name in names]
-                for branch in motion.branch[fine]
+                [
+                    _at(columns[name], (sample, int(assembly_mode), item.pair))
+                    for name in names
+                ]
+                for assembly_mode in motion.assembly_mode[fine]
             ]
             both = np.array(rates, dtype=float).reshape(-1, len(names), 2)
             found[sample, item.pair] = cosines, both[..., 0], both[..., 1]
@@ -179,7 +185,10 @@ def _at(rows, key: tuple[int, int, str]) -> tuple[float, float]:  # type: ignore
     row = rows.loc[key]
     if str(row["status"]) != "OK":
         return np.nan, np.nan
-    # A pole's axis has a sense of its own: its rate has a size, and rate * rate_dq a
-    # value, that do not depend on it.
-    rate, change = float(row["rate"]), float(row["rate_dq"])
+    # A pole's axis has a sense of its own: its rate has a size, and rate *
+    # acceleration_coefficient a value, that do not depend on it.
+    rate, change = (
+        float(row["velocity_coefficient"]),
+        float(row["acceleration_coefficient"]),
+    )
     return abs(rate), change * np.sign(rate) if abs(rate) > STILL else abs(change)

@@ -95,7 +95,7 @@ class Evidence:
 
     @cached_property
     def tracer(self) -> Tracer:
-        """Its branches at the samples of its runs."""
+        """Its assembly modes at the samples of its runs."""
         return Tracer(self.mechanism, samples=self.samples)
 
     @cached_property

@@ -141,7 +141,7 @@ def _check_all(
 
 
 def checked(evidence: Evidence, name: str) -> Notes:
-    """Return what one check notes; errors that are no refusal are findings."""
+    """Return what one check notes; errors that are not refusal are findings."""
     notes = Notes(name)
     evidence.begin(name)
     started = time.process_time()

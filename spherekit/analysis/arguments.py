@@ -74,7 +74,7 @@ def given_in(
         if key not in allowed or not equals:
             hint = nearest(key, allowed) or "."
             raise AnalysisError(
-                f'{name}: "{part}" is no parameter{hint} Allowed: '
+                f'{name}: "{part}" is not a parameter{hint} Allowed: '
                 + (listing(f"{k}={shown}" for k, (shown, _) in allowed.items()) or "none")
             )
         given[field[key]] = _convert(name, key, value, hints[field[key]])

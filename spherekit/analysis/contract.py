@@ -111,9 +111,9 @@ class Findings:
 @final
 @dataclass(frozen=True)
 class Batch:
-    """Read-only view of a block of samples of all branches, limited to declared needs.
+    """Read-only view of a block of samples of all modes, limited to declared needs.
 
-    Rows run branch after branch, in each the samples in order; failed rows hold NaN.
+    Rows run mode after mode, in each the samples in order; failed rows hold NaN.
     `plans` has one plan for each input, which moves alone with the others locked; where
     a method takes `moved`, it is the position of that input, the first by default.
     `timed` says that the samples are times, by a law or from a start; without it an
@@ -143,14 +143,14 @@ class Batch:
         return self._motion.sample
 
     @property
-    def moved_pairs(self) -> tuple[str, ...]:
+    def moving_inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs, in the order that `moved` counts."""
         return tuple(item.pair for item in self.mechanism.inputs)
 
     @property
-    def branch(self) -> NDArray[np.int64]:
-        """(n,) branch numbers."""
-        return self._motion.branch
+    def assembly_mode(self) -> NDArray[np.int64]:
+        """(n,) assembly mode numbers."""
+        return self._motion.assembly_mode
 
     @property
     def q(self) -> Floats:
@@ -218,7 +218,7 @@ class Batch:
 
     @property
     def tracer(self) -> Tracer:
-        """The tracer of the run: its solver, its branches, all configuration curves."""
+        """The tracer of the run: its solver, its modes, all configuration curves."""
         if not self.needs.tracer or self._tracer is None:
             raise UndeclaredNeed("the tracer was read; declare Needs(tracer=True)")
         return self._tracer
@@ -237,12 +237,12 @@ class Batch:
         made: Made = self._made[key]
         return made
 
-    def branch_rows(self) -> Mapping[int, slice]:
-        """Return the rows of each branch, by its number."""
+    def assembly_mode_rows(self) -> Mapping[int, slice]:
+        """Return the rows of each assembly mode, by its number."""
         k = self._motion.samples
         return {
             item.number: slice(n * k, (n + 1) * k)
-            for n, item in enumerate(self._motion.branches)
+            for n, item in enumerate(self._motion.assembly_modes)
         }
 
     def direction(self, i: int, j: int, moved: int = 0) -> Floats:
@@ -264,27 +264,31 @@ class Batch:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
         return self._pole(i, j, "directions", self._found(moved).pole_status)
 
-    def rate(self, i: int, j: int, moved: int = 0) -> Floats:
+    def velocity_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the coefficient of link max(i, j) relative to the other."""
-        return self._pole(i, j, "rates", self._found(moved).rate)
+        return self._pole(i, j, "rates", self._found(moved).velocity_coefficient)
 
-    def rate_dq(self, i: int, j: int, moved: int = 0) -> Floats:
+    def acceleration_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the derivative of the coefficient by the input, 1/rad."""
         if not self.needs.derivatives:
-            raise UndeclaredNeed("rate_dq was read; declare Needs(derivatives=True)")
-        return self._pole(i, j, "rates", self._found(moved).rate_dq)
+            raise UndeclaredNeed(
+                "acceleration_coefficient was read; declare Needs(derivatives=True)"
+            )
+        return self._pole(i, j, "rates", self._found(moved).acceleration_coefficient)
 
-    def rate_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+    def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `rate`."""
-        return self._pole(i, j, "rates", self._found(moved).rate_error)
+        return self._pole(i, j, "rates", self._found(moved).velocity_coefficient_error)
 
-    def rate_dq_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) a bound of the error of `rate_dq`, 1/rad."""
+    def acceleration_coefficient_error_bound(
+        self, i: int, j: int, moved: int = 0
+    ) -> Floats:
+        """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
         if not self.needs.derivatives:
             raise UndeclaredNeed(
                 "rate_dq_error_bound was read; declare Needs(derivatives=True)"
             )
-        return self._pole(i, j, "rates", self._found(moved).rate_dq_error)
+        return self._pole(i, j, "rates", self._found(moved).acceleration_coefficient_error)
 
     def rates_loss(self, moved: int = 0) -> Floats:
         """Return (n,) the part of the angular velocities or their derivatives in doubt.
@@ -310,8 +314,8 @@ class Batch:
         """Return (n,) the variable of a pair, rad, as it goes on over all turns.
 
         That of a driven pair is the input as it was given; of the others the first sample
-        of each branch is in (-pi, pi], and no angle moves by half a turn or more from one
-        sample to the next.
+        of each assembly mode is in (-pi, pi], and no angle moves by half a turn or more
+        from one sample to the next.
         """
         if name not in self.needs.continued_values:
             raise UndeclaredNeed(

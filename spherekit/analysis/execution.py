@@ -38,13 +38,13 @@ class Execution:
     engine
         What solves a simulation, see `spherekit.dynamics.forward.simulate`.
     only_needed
-        Whether to leave out the groups of links that no analysis needs. Branches are then
-        modes of the part that is left, and only that part has to close.
+        Whether to leave out the groups of links that no analysis needs. Assembly modes are
+        then modes of the part that is left, and only that part has to close.
     recorder
         Receives the scenes block by block while the run goes on.
     log_every
         Of how many successive samples one goes to the recorder; by default so many that
-        no branch has more than `MOST_LOGGED`.
+        no assembly mode has more than `MOST_LOGGED`.
     progress
         Called with samples done and samples in all after each block.
     block

@@ -51,7 +51,7 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
     Raises
     ------
     FileError
-        If it cannot be read, or a cell is no finite number, with line or row.
+        If it cannot be read, or a cell is not a finite number, with line or row.
     """
     values: list[list[float]] = []
     places: list[str] = []
@@ -105,13 +105,13 @@ def _number(cell: Any) -> float:
 
 def _shown(cell: Any) -> str:
     text = str(cell).strip()
-    return "empty" if text in ("nan", "") else f'"{text[:40]}" is no finite number'
+    return "empty" if text in ("nan", "") else f'"{text[:40]}" is not a finite number'
 
 
 def _header(path: Path, rows: Iterator[list[str]]) -> list[str]:
     header = [name.strip() for name in next(rows, [])]
     if not any(header):
-        raise FileError(f"{path}: is no CSV file with a header: its first line is empty")
+        raise FileError(f"{path}: is not a CSV file with a header: its first line is empty")
     return header
 
 
@@ -124,7 +124,7 @@ def _rows(path: Path) -> "Iterator[Any]":
     except OSError as problem:
         raise FileError(f"{path}: cannot be read: {problem.strerror or problem}") from None
     except (csv.Error, UnicodeDecodeError) as problem:
-        raise FileError(f"{path}: is no CSV file: {problem}") from None
+        raise FileError(f"{path}: is not a CSV file: {problem}") from None
 
 
 def _parquet(path: Path) -> "pd.DataFrame":
@@ -134,5 +134,5 @@ def _parquet(path: Path) -> "pd.DataFrame":
         return read_parquet(path)
     except OSError as problem:
         raise FileError(f"{path}: cannot be read: {problem.strerror or problem}") from None
-    except ValueError as problem:  # of pyarrow, for what is no Parquet file
-        raise FileError(f"{path}: is no Parquet file: {problem}") from None
+    except ValueError as problem:  # of pyarrow, for what is not a Parquet file
+        raise FileError(f"{path}: is not a Parquet file: {problem}") from None

@@ -44,7 +44,7 @@ def study_of(
     Raises
     ------
     AnalysisError
-        For a name that is no option, with the nearest that is; for a wrong type.
+        For a name that is not an option, with the nearest that is; for a wrong type.
     FileError
         If there is no such file, or it is faulty.
     PlanError, ModelError

@@ -6,7 +6,7 @@ from typing import Any
 
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
-from spherekit.analysis.folder.room import need_disk
+from spherekit.analysis.folder.resource_check import need_disk
 from spherekit.analysis.folder.store import OnDisk
 from spherekit.analysis.folder.unfinished import (
     engine_of,
@@ -19,11 +19,11 @@ from spherekit.analysis.options import Subject, study_of, takes
 from spherekit.analysis.registry import create
 from spherekit.analysis.result import RunResult, result_of
 from spherekit.analysis.running.block import evaluate_block
-from spherekit.analysis.running.cost import RECORDING, Ledger
-from spherekit.analysis.running.course import course_of
-from spherekit.analysis.running.job import job_of
+from spherekit.analysis.running.cost import RECORDING, Timer
 from spherekit.analysis.running.needed import left_out, needed_part
-from spherekit.analysis.running.recording import Stage, thinning_of
+from spherekit.analysis.running.recording import RecordingSession, thinning_of
+from spherekit.analysis.running.run_plan import job_of
+from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import ORDINARY
 from spherekit.analysis.running.summary import actual_cost, summary_of
 from spherekit.analysis.running.verify import Verifier, faults
@@ -53,15 +53,15 @@ def run(
     analyses
         Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects; by
         default those of the study, or ``"poles"``. No motion is traced where none reads
-        samples, unless a `branch`, a `recorder`, times or what is to be verified ask for
-        one.
+        samples, unless a `assembly_mode`, a `recorder`, times or what is to be verified ask
+        for one.
     options
         `input_pair`, names of the driven pairs, and fields of
         `spherekit.model.study.Study` (what the run goes through: samples, grid, path,
-        branch, search, laws, duration, start, torque, tolerance, verify, degrees) and of
-        `spherekit.analysis.execution.Execution` (how it is done: folder, unfinished,
-        formats, tables, engine, only_needed, recorder, log_every, progress, block,
-        setting, accuracy). Those that are given replace what a study says.
+        assembly mode, search, laws, duration, start, torque, tolerance, verify, degrees)
+        and of `spherekit.analysis.execution.Execution` (how it is done: folder, unfinished,
+        formats, tables, engine, only_needed, recorder, log_every, progress, block, setting,
+        accuracy). Those that are given replace what a study says.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def executed(
     """Return what a run of a study finds; see `run`."""
     if study.start is None and execution.engine != "auto":
         raise AnalysisError("run: engine does nothing without a simulation: give start")
-    ledger, whole = Ledger(), study.mechanism
+    ledger, whole = Timer(), study.mechanism
     if execution.only_needed:
         study = replace(study, mechanism=needed_part(study, analyses))
     recorder = execution.recorder
@@ -109,7 +109,7 @@ def executed(
         stage = None
         if recorder is not None:
             with ledger.stage(RECORDING):
-                stage = Stage(
+                stage = RecordingSession(
                     course,
                     job.plans,
                     [analysis.name for analysis in analyses],
@@ -155,7 +155,7 @@ def traced(
     return (
         execution.recorder is not None
         or study.verify is not None
-        or study.branch is not None
+        or study.assembly_mode is not None
         or execution.accuracy is not None
         or execution.setting != ORDINARY
         or any(analysis.reads_samples for analysis in analyses)

@@ -1,7 +1,7 @@
 """What is to be seen, in words of no viewer: the view module turns it into entities.
 
 All arrays that follow the motion have the leading axis n = samples of one block of one
-branch; directions and positions are in ground axes on the unit sphere. NaN rows are
+assembly mode; directions and positions are in ground axes on the unit sphere. NaN rows are
 samples that failed: nothing is drawn there.
 """
 
@@ -205,13 +205,13 @@ Primitive = (
 )
 
 Page = int | str | None
-"""The number of a branch, the title of a page of its own, or None for every page."""
+"""The number of a mode, the title of a page of its own, or None for every page."""
 
 
 @final
 @dataclass(frozen=True)
 class Scene:
-    """Primitives of one page: of a branch, of a page of its own, or of every page.
+    """Primitives of one page: of an assembly mode, of a page of its own, or of every page.
 
     `rows` is their number if they are not the samples of the run: they are then numbered
     from 0 and spread evenly over its inputs or times.

@@ -53,7 +53,7 @@ class Column:
 
     `scale` says how errors of its numbers are measured: ``"absolute"``, over the
     ``"largest"`` number of the run, or ``"none"`` for what describes the computation and
-    is no result. By the ``"unit"``: absolute for rad, within one turn, else the largest.
+    is not a result. By the ``"unit"``: absolute for rad, within one turn, else the largest.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Column:
 @final
 @dataclass(frozen=True)
 class Table:
-    """A tidy table: one row per (sample, branch, subject)."""
+    """A tidy table: one row per (sample, assembly mode, subject)."""
 
     name: str
     meaning: str
@@ -125,9 +125,9 @@ class Table:
         }
 
     @property
-    def in_branches(self) -> bool:
-        """Whether rows belong to samples of branches."""
-        return {SAMPLE.name, BRANCH.name} <= {column.name for column in self.columns}
+    def in_assembly_modes(self) -> bool:
+        """Whether rows belong to samples of assembly modes."""
+        return {SAMPLE.name, ASSEMBLY_MODE.name} <= {column.name for column in self.columns}
 
 
 TableData = Mapping[str, NDArray[Any]]
@@ -140,7 +140,7 @@ def input_columns(mechanism: Mechanism, inputs: NDArray[np.float64]) -> dict[str
 
 
 SAMPLE = Column("sample", "", "number of the input value, from 0", "integer")
-BRANCH = Column("branch", "", "number of the assembly mode", "integer")
+ASSEMBLY_MODE = Column("assembly_mode", "", "number of the assembly mode", "integer")
 INPUT = Column("q", "rad", "variable of the driven pair")
 INPUTS = Column("q", "rad", "variable of the driven pair", per_input=True)
 TIME = Column("t", "s", "time")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.run import megabytes
 from spherekit.cli.study import add_study_arguments, study_from
+from spherekit.conventions import counted
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
-    from spherekit.analysis.folder.room import memory_at_once, size_text
+    from spherekit.analysis.folder.resource_check import memory_at_once, size_text
     from spherekit.analysis.registry import create
     from spherekit.analysis.requests import needs_of, requests_for
     from spherekit.analysis.running.cost import counts_of
@@ -75,7 +76,7 @@ def execute(options: argparse.Namespace) -> int:
         ],
         "plans": [
             {
-                "moved": pairs[wanted.plan.input].name,
+                "moving": pairs[wanted.plan.input].name,
                 "locked": [pairs[pair].name for pair in wanted.plan.locked],
                 "counts": asdict(counts_of(wanted)),
                 "links_with_rates": [wanted.plan.name(body) for body in wanted.bodies],
@@ -91,7 +92,7 @@ def execute(options: argparse.Namespace) -> int:
     }
     at_once = [analysis.name for analysis in analyses if analysis.at_once]
     facts["at_once"] = {"analyses": at_once, "bytes_a_row": memory_at_once(mechanism, 1)}
-    if options.recording and facts["predicted"].get("branches"):
+    if options.recording and facts["predicted"].get("assembly_modes"):
         facts["predicted"]["recording"] = _recording(study, analyses)
     if options.json:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
@@ -112,7 +113,7 @@ def execute(options: argparse.Namespace) -> int:
         print(
             f"all samples at once, so that a run that is stopped keeps nothing: "
             f"{', '.join(at_once)}; about {size_text(memory_at_once(mechanism, 1))} of "
-            "memory for each sample of each branch"
+            "memory for each sample of each assembly mode"
         )
     if facts["asked"]:
         _print_plans(facts, every)
@@ -126,7 +127,7 @@ def _print_plans(facts: dict[str, Any], every: int) -> None:
     print(f"asked: {len(facts['asked'])} of {every} poles: {', '.join(facts['asked'])}")
     for each in facts["plans"]:
         if each["locked"]:
-            print(f"while {each['moved']} moves, {', '.join(each['locked'])} locked:")
+            print(f"while {each['moving']} moves, {', '.join(each['locked'])} locked:")
         counts = each["counts"]
         secondary = counts["secondary"] + counts["irreducible"]
         print(
@@ -143,16 +144,21 @@ def _predicted(found: dict[str, Any], recording: bool) -> list[str]:
     """Return the sizes in lines for people; perhaps those of a `recording` were asked."""
     if "reason" in found:
         return [f"sizes: not predicted; {found['reason']}"]
-    branches = found["branches"]
-    who = "for each branch" if branches is None else f"{branches} branches"
-    lines = [f"predicted, {who}: {found['configurations']} configurations"]
+    assembly_modes = found["assembly_modes"]
+    who = (
+        "for each assembly mode"
+        if assembly_modes is None
+        else f"{counted(assembly_modes, 'assembly mode')}"
+    )
+    lines = [f"predicted, {who}: {counted(found['configurations'], 'configuration')}"]
     solves = found["velocity_equation_solves"]
-    if solves and branches is not None:
+    if solves and assembly_modes is not None:
         lines.append(
             f"  velocity equations solved about {solves} times, once for each input"
         )
     lines += [
-        f"  table {name}: {table['rows']} rows of {table['columns']} columns, "
+        f"  table {name}: {counted(table['rows'], 'row')} of "
+        f"{counted(table['columns'], 'column')}, "
         f"{megabytes(table['csv_bytes'])} as CSV, "
         f"{megabytes(table['parquet_bytes'])} as Parquet"
         for name, table in found["tables"].items()
@@ -160,12 +166,12 @@ def _predicted(found: dict[str, Any], recording: bool) -> list[str]:
     if "recording" in found:
         own = found["recording"]
         lines.append(
-            f"  recording: {own['entities']} entities, {own['rows']} rows, "
+            f"  recording: {own['entities']} entities, {counted(own['rows'], 'row')}, "
             f"{megabytes(own['bytes'])}"
         )
     missing = [f"analysis {name}" for name in found["not_predicted"]]
-    if branches is None:
-        missing.insert(0, "the number of branches")
+    if assembly_modes is None:
+        missing.insert(0, "the number of assembly modes")
         missing += ["the recording"] if recording else []
     if missing:
         lines.append(f"  not predicted: {', '.join(missing)}")
@@ -178,11 +184,11 @@ def _recording(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, 
     from pathlib import Path
 
     from spherekit.analysis.running.expected import extrapolated_recording
-    from spherekit.view.rerun_view import Recorder
+    from spherekit.view.rerun_view import RerunRecorder
 
     with tempfile.TemporaryDirectory() as folder:
 
-        def made(number: int) -> Recorder:
-            return Recorder(study.name, path=Path(folder) / f"{number}.rrd")
+        def made(number: int) -> RerunRecorder:
+            return RerunRecorder(study.name, path=Path(folder) / f"{number}.rrd")
 
         return extrapolated_recording(study, analyses, made)

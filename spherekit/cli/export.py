@@ -21,7 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--input", metavar="PAIR", help="the driven pair")
     parser.add_argument(
-        "--branch", type=int, default=0, metavar="N", help="assembly mode (default: 0)"
+        "--assembly-mode",
+        type=int,
+        default=0,
+        metavar="N",
+        help="assembly mode (default: 0)",
     )
     parser.add_argument(
         "--poles",
@@ -71,7 +75,7 @@ def execute(options: argparse.Namespace) -> int:
         mechanism,
         options.output or str(Path(mechanism.name).with_suffix(suffix)),
         input_pair=options.input,
-        branch=options.branch,
+        assembly_mode=options.assembly_mode,
         poles=options.poles,
         tolerance=options.tol,
         at=None if given is None else to_radians(given, angle_unit_of(options.file)),

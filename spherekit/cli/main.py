@@ -19,7 +19,7 @@ BAD_INPUT, USAGE, FAILED_SAMPLES, FAILED_ANALYSIS = 1, 2, 3, 4
 COMMANDS = {
     "validate": "check mechanism and study files and say what they hold",
     "plan": "print the Table and the steps that give every pole axis",
-    "explain": "say what an analysis will compute, before any number is",
+    "explain": "say what an analysis will compute, before anything is computed",
     "run": "run analyses over the motion; write tables and a recording",
     "trade": "measure speed against accuracy, and find the cheapest setting",
     "export": "write a mechanism for other programs: stored functions, MuJoCo model",
@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="show the Python trace of an error",
     )
-    common.add_argument("-q", "--quiet", action="store_true", help="no talk on stderr")
+    common.add_argument("-q", "--quiet", action="store_true", help="no messages on stderr")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(

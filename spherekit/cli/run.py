@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 from spherekit.cli.study import add_study_arguments, study_from
+from spherekit.conventions import counted
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -50,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format",
         choices=FORMATS,
         default="both",
-        help="which files, default both; CSV takes four times the room of Parquet",
+        help="which files, default both; CSV takes four times the space of Parquet",
     )
     stopped = parser.add_mutually_exclusive_group()
     stopped.add_argument(
@@ -96,7 +97,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--only-needed",
         action="store_true",
-        help="leave out links and pairs that no analysis needs; branches are then those "
+        help="leave out links and pairs that no analysis needs; assembly modes are then "
+        "those "
         "of the part that is left",
     )
     parser.add_argument(
@@ -203,7 +205,8 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
     if study.folder is not None and not options.quiet:
         angles = "deg" if study.degrees else "rad"
         print(
-            f"{len(result.files)} files in {study.folder}, angles in {angles}; the unit of "
+            f"{counted(len(result.files), 'file')} in {study.folder}, angles in "
+            f"{angles}; the unit of "
             f"every column is in {COLUMNS}",
             file=sys.stderr,
         )
@@ -224,7 +227,8 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
     logged = summary.get("recording", {"one_of": 1, "from_sample": 0})
     if logged["one_of"] > 1 or logged["from_sample"] > 0:
         print(
-            f"the recording has one of {logged['one_of']} samples of each branch, from "
+            f"the recording has one of {counted(logged['one_of'], 'sample')} of each "
+            f"assembly mode, from "
             f"sample {logged['from_sample']} on (--log-every K for another number)",
             file=sys.stderr,
         )
@@ -383,14 +387,14 @@ def report(summary: Any) -> str:
     """Return the summary in a few lines for people."""
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
-    count = len(summary["branches"])
+    count = len(summary["assembly_modes"])
     names = f"{'inputs' if len(summary['inputs']) > 1 else 'input'} " + ", ".join(
         summary["inputs"]
     )
     if count:
         first = (
-            f"{summary['sampling']} samples of {names}, {count} "
-            f"branch{'' if count == 1 else 'es'}; mobility {mobility['graph']} by the "
+            f"{counted(summary['sampling'], 'sample')} of {names}, "
+            f"{counted(count, 'assembly mode')}; mobility {mobility['graph']} by the "
             f"graph, {mobility['rank']} by rank"
         )
     else:
@@ -405,10 +409,12 @@ def report(summary: Any) -> str:
             f"  {repeated['count']} redundant constraints among pairs "
             f"{', '.join(repeated['pairs'])}"
         )
-    for branch in summary["branches"]:
-        counts = ", ".join(f"{n} {name}" for name, n in branch["status"].items())
-        lines.append(f"  branch {branch['number']} ({branch['mode']}): {counts}")
-    if summary["branches"]:
+    for assembly_mode in summary["assembly_modes"]:
+        counts = ", ".join(f"{n} {name}" for name, n in assembly_mode["status"].items())
+        lines.append(
+            f"  assembly mode {assembly_mode['number']} ({assembly_mode['mode']}): {counts}"
+        )
+    if summary["assembly_modes"]:
         lines.append(f"assembly modes: {summary['search']}")
     lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
     if lacking:
@@ -439,10 +445,16 @@ def report(summary: Any) -> str:
             "largest error bound of a pole direction "
             f"{errors['largest_direction_error_bound_rad']:.1e} rad"
         )
-        if errors["largest_rate_error_bound"] is not None:
-            line += f", of a rate {errors['largest_rate_error_bound']:.1e}"
-        if errors["largest_rate_dq_error_bound"] is not None:
-            line += f", of its derivative {errors['largest_rate_dq_error_bound']:.1e} 1/rad"
+        if errors["largest_velocity_coefficient_error_bound"] is not None:
+            line += (
+                ", of a velocity coefficient "
+                f"{errors['largest_velocity_coefficient_error_bound']:.1e}"
+            )
+        if errors["largest_acceleration_coefficient_error_bound"] is not None:
+            line += (
+                ", of an acceleration coefficient "
+                f"{errors['largest_acceleration_coefficient_error_bound']:.1e} 1/rad"
+            )
         lines.append(line)
     if "verified" in summary:
         from spherekit.analysis.running.verify import told
@@ -464,13 +476,14 @@ def spent(cost: Any) -> list[str]:
     shown = [(name, took) for name, took in seconds.items() if took > 0.005 * whole]
     stages = ", ".join(f"{name} {duration(took)}" for name, took in shown)
     lines = [
-        f"cost: {cost['configurations']} configurations, {cost['poles']} pole axes, "
+        f"cost: {counted(cost['configurations'], 'configuration')}, {cost['poles']} "
+        f"pole axes, "
         f"{cost['axis_derivatives']} derivatives, {cost['link_rates']} link rates; "
         f"{duration(whole)} s ({stages})"
     ]
     tables = cost["tables"]
     rows = sum(table["rows"] for table in tables.values())
-    line = f"  {rows} rows in {len(tables)} tables"
+    line = f"  {counted(rows, 'row')} in {counted(len(tables), 'table')}"
     for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
         if all(kind in table for table in tables.values()):
             line += f", {megabytes(sum(table[kind] for table in tables.values()))} {name}"
@@ -512,9 +525,9 @@ def accuracy_line(found: Any) -> str:
 def _recorder(options: argparse.Namespace, study: "Study") -> Any:
     if study.recording is None and options.serve is None and not options.connect:
         return nullcontext(None)
-    from spherekit.view.rerun_view import Recorder
+    from spherekit.view.rerun_view import RerunRecorder
 
-    return Recorder(
+    return RerunRecorder(
         study.mechanism.name,
         path=study.recording,
         port=options.serve,
@@ -556,7 +569,7 @@ class Bar:
         if now - self._started < 0.5 and done < total:
             return
         filled = BAR * done // total
-        text = f"[{'#' * filled + '.' * (BAR - filled)}] {done}/{total} samples"
+        text = f"[{'#' * filled + '.' * (BAR - filled)}] {done}/{counted(total, 'sample')}"
         if before < done < total:
             rest = (now - since) * (total - done) / (done - before)
             text += f", {duration(rest)} s left"

@@ -14,7 +14,7 @@ LAW_WORDS = {"start": "from", "stop": "to"}
 
 
 def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> None:
-    """Declare what is run: a file, samples, inputs; if `timed`, laws and branches too."""
+    """Declare what is run: a file, samples, inputs; if `timed`, laws and modes too."""
     parser.add_argument(
         "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
     )
@@ -57,7 +57,9 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         help="time in s that the samples divide, for --law and --start; with neither "
         "the input turns at 1 rad/s",
     )
-    parser.add_argument("--branch", type=int, metavar="N", help="only this branch")
+    parser.add_argument(
+        "--assembly-mode", type=int, metavar="N", help="only this assembly mode"
+    )
     parser.add_argument(
         "--no-search",
         action="store_true",
@@ -91,7 +93,7 @@ def study_from(options: argparse.Namespace) -> "Study":
 
 
 def _timed(study: "Study", options: argparse.Namespace) -> "Study":
-    """Return a study with the laws, the start and the branch of flags."""
+    """Return a study with the laws, the start and the assembly mode of flags."""
     if options.law is not None:
         laws = laws_of(options.law, study)
         study = replace(study, laws=laws, start=None, torque=None)
@@ -101,7 +103,7 @@ def _timed(study: "Study", options: argparse.Namespace) -> "Study":
     given = {
         "torque": options.torque,
         "duration": options.duration,
-        "branch": options.branch,
+        "assembly_mode": options.assembly_mode,
         "search": False if options.no_search else None,
     }
     return replace(study, **{k: v for k, v in given.items() if v is not None})

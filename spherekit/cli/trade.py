@@ -109,9 +109,9 @@ def _record(found: Any, options: argparse.Namespace) -> None:
     import numpy as np
 
     from spherekit.trade.chart import scene
-    from spherekit.view.rerun_view import Recorder
+    from spherekit.view.rerun_view import RerunRecorder
 
-    with Recorder(found.mechanism, path=Path(options.save)) as recorder:
+    with RerunRecorder(found.mechanism, path=Path(options.save)) as recorder:
         recorder.start([], None)
         recorder.log(scene(found, options.tol), np.arange(1))
     if not options.quiet:

@@ -46,7 +46,7 @@ def check(name: str) -> dict[str, Any]:
     """Return what a mechanism or study file holds, having planned and assembled it."""
     import numpy as np
 
-    from spherekit.analysis.running.course import check_time
+    from spherekit.analysis.running.sampling import check_time
     from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
     from spherekit.motion.loops import rank_mobility
@@ -76,7 +76,7 @@ def check(name: str) -> dict[str, Any]:
         tree = tracer.solver.closure.tree
         facts["rank_mobility"] = int(np.min(rank_mobility(tree, held.vectors)))
     facts["groups"] = [group.kind for group in tracer.assembly.groups]
-    facts["branches"] = len(tracer.branches)
+    facts["assembly_modes"] = len(tracer.assembly_modes)
     return facts
 
 
@@ -100,7 +100,7 @@ def line(facts: dict[str, Any]) -> str:
     )
     if "groups" in facts:
         groups = ", ".join(facts["groups"]) or "none"
-        text += f", groups: {groups}, branches: {facts['branches']}"
+        text += f", groups: {groups}, assembly modes: {facts['assembly_modes']}"
     if "study" in facts:
         text += f", analyses: {', '.join(facts['analyses'])}"
     return text

@@ -75,5 +75,5 @@ def find_recording(name: str) -> Path:
     except OSError as error:
         raise OutputError(f"{name}: cannot be read: {error.strerror}") from None
     if start != MARK:
-        raise OutputError(f"{name}: is no recording; make one: run FILE --save X.rrd")
+        raise OutputError(f"{name}: is not a recording; make one: run FILE --save X.rrd")
     return path

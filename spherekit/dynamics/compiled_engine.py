@@ -8,17 +8,17 @@ import numpy as np
 
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.dynamics.inertia import equivalent_inertia
-from spherekit.dynamics.kinematics import flatness
+from spherekit.dynamics.kinematics import reciprocal_condition
 from spherekit.dynamics.path import Traced
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
     NO_SERIES,
-    End,
     EngineReport,
     Event,
     Forecast,
     Simulation,
+    SimulationEnd,
     cannot_leave,
     given_up,
     stop_end,
@@ -32,7 +32,7 @@ from spherekit.errors import EngineError
 from spherekit.sphere.rotation import Floats
 
 NO_CROSSING = 1e-3
-"""Flatter equations of all loops belong to a crossing of curves, see `flatness`."""
+"""Less belongs to a crossing of curves, see `reciprocal_condition`."""
 STICKS = (
     "a load that is not smooth would turn back at once, as dry friction does at rest; "
     "sticking is not modelled: smooth the load, or end here"
@@ -117,7 +117,7 @@ def by_taylor_series(
         problem.equation.closed,
     )
     seconds = time.perf_counter() - started
-    if not run.stretches:
+    if not run.monotone_segments:
         state = problem.equation.state(problem.values, problem.speed, problem.tangent)
         if _has_value(problem, 0.0, state, problem.tangent, problem.whole):
             raise EngineError(f"{mechanism.name}: at the start {NO_SERIES}")
@@ -145,7 +145,7 @@ def _need_crossing(problem: Problem, path: TaylorPath) -> None:
     """
     state = path.at(np.array([path.run.time])).states[0]
     equation = problem.equation
-    if flatness(equation.closure, state[: equation.variables]) > NO_CROSSING:
+    if reciprocal_condition(equation.closure, state[: equation.variables]) > NO_CROSSING:
         raise EngineError(
             f"{equation.mechanism.name}: of its redundant equations those that were chosen "
             f"depend on each other at t = {path.run.time:.6g} s; use NumPy's "
@@ -177,10 +177,10 @@ def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
     )
 
 
-def _end(problem: Problem, path: TaylorPath) -> End:
+def _end(problem: Problem, path: TaylorPath) -> SimulationEnd:
     run = path.run
     if run.end == "time":
-        return End("time", problem.until, "the time asked for is over")
+        return SimulationEnd("time", problem.until, "the time asked for is over")
     if run.end == "stop":
         place = run.passages[-1].variable
         mechanism = problem.equation.mechanism
@@ -189,17 +189,17 @@ def _end(problem: Problem, path: TaylorPath) -> End:
         name = mechanism.pairs[mechanism.variable_owners[place]].name
         return stop_end(run.time, name, float(value))
     if run.end == "singularity":
-        return End("singularity", run.time, CROSSING)
+        return SimulationEnd("singularity", run.time, CROSSING)
     if run.end == "sticking":
-        return End("sticking", run.time, STICKS)
+        return SimulationEnd("sticking", run.time, STICKS)
     if run.end == "too_many":
-        return End("too_fast", run.time, too_many(MOST_STEPS))
+        return SimulationEnd("too_fast", run.time, too_many(MOST_STEPS))
     traced = path.at(np.array([run.time]))
     whole = FULL_TURN * traced.turns[0]
     if run.end == "not_finite" and _has_value(
         problem, run.time, traced.states[0], traced.along[0], whole
     ):
-        return End("too_fast", run.time, NO_SERIES)
+        return SimulationEnd("too_fast", run.time, NO_SERIES)
     why = f"no step is short enough; {JUMPS}"
     return given_up(problem.equation, path, run.time, why)
 

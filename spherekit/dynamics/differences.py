@@ -14,7 +14,12 @@ from spherekit.dynamics.collocation import Step
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_arc_length, continued
 from spherekit.dynamics.path import CollocationPath, Travelled
-from spherekit.dynamics.simulation import End, EngineReport, Simulation, cannot_leave
+from spherekit.dynamics.simulation import (
+    EngineReport,
+    Simulation,
+    SimulationEnd,
+    cannot_leave,
+)
 from spherekit.dynamics.start import STANDSTILL, Problem
 from spherekit.errors import SolveError
 from spherekit.sphere.rotation import Floats
@@ -40,7 +45,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     variables = problem.equation.variables
     values, tangent = problem.values, problem.tangent
     before = values[driven] - problem.speed * tangent[driven] * step
-    end = End("time", problem.until, "the time asked for is over")
+    end = SimulationEnd("time", problem.until, "the time asked for is over")
     states: list[Floats] = []
     tangents: list[Floats] = []
     work = np.zeros(len(problem.equation.loads.names))
@@ -76,7 +81,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
             closure.solve(guess[None], [driven]) if np.all(np.isfinite(guess)) else None
         )
         if closed is None or not closed.residual[0] < 1e-12 or abs(along) < STANDSTILL:
-            end = End(
+            end = SimulationEnd(
                 "singularity", t, "the input is at a dead centre, where q' is endless"
             )
             break

@@ -37,7 +37,7 @@ def simulate(
     *,
     torque: Torque | None = None,
     input_pair: str | None = None,
-    branch: int = 0,
+    assembly_mode: int = 0,
     tolerance: float = 1e-9,
     switches: Iterable[float] = (),
     check: bool = False,
@@ -53,14 +53,14 @@ def simulate(
     mechanism
         A mechanism with masses; its loads act, its stops end the simulation.
     start
-        Input variable and rate at t = 0 on a branch, or a whole configuration.
+        Input variable and rate at t = 0 on an assembly mode, or a whole configuration.
     until
         Time (s) at which to end.
     torque
         The driving torque (N m) at the input, if there is one: a number, an expression
         such as ``"10*sin(2*t) - dtheta_21"``, or a function f(t, q, dq) of the time and of
         the input's variable and rate, which the NumPy engine calls.
-    input_pair, branch
+    input_pair, assembly mode
         The driven R pair, by default the first input; the assembly mode at the start.
     tolerance
         Error of the pair variables (rad) aimed at. Steps are made for it; motions that
@@ -105,7 +105,7 @@ def simulate(
     (3,)
     """
     mechanism = mechanism_of(mechanism)
-    problem = prepare(mechanism, start, until, torque, input_pair, branch, switches)
+    problem = prepare(mechanism, start, until, torque, input_pair, assembly_mode, switches)
     if engine not in ENGINES:
         raise SolveError(
             f'{mechanism.name}: engine "{engine}" is not known; it is {listing(ENGINES)}'

@@ -42,9 +42,9 @@ def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
 @final
 @dataclass(frozen=True)
 class InverseSolution:
-    """The driving torque, row after row: branch after branch, in each the times.
+    """The driving torque, row after row: mode after mode, in each the times.
 
-    `sample`, `branch`, `status` (n,); `t` s; `q`, `dq`, `ddq` the law of the input;
+    `sample`, `assembly_mode`, `status` (n,); `t` s; `q`, `dq`, `ddq` the law of the input;
     `B_parts`, `dB_parts` (n, masses) kg m2 by the input; `Q_parts` (n, loads) N m;
     `tau` (n,) N m at the input; `values` (n, variables) rad; `pair_rates` (n, variables)
     rates of the pair variables per unit rate of the input; `residual` (n,) rad.
@@ -53,7 +53,7 @@ class InverseSolution:
 
     mechanism: Mechanism
     sample: NDArray[np.int64]
-    branch: NDArray[np.int64]
+    assembly_mode: NDArray[np.int64]
     t: Floats
     q: Floats
     dq: Floats
@@ -71,7 +71,7 @@ class InverseSolution:
         failed = int(np.count_nonzero(self.status))
         return (
             f"<InverseSolution of {self.mechanism.name}: {len(self.t)} rows in "
-            f"{len(set(self.branch.tolist()))} branches, {failed} failed>"
+            f"{len(set(self.assembly_mode.tolist()))} assembly modes, {failed} failed>"
         )
 
     @property
@@ -116,7 +116,7 @@ def inverse_dynamics(
     times: ArrayLike,
     *,
     input_pair: str | None = None,
-    branch: int | None = None,
+    assembly_mode: int | None = None,
     search: bool = True,
 ) -> InverseSolution:
     """Return the torque that moves the input by a law against inertia and loads.
@@ -129,7 +129,7 @@ def inverse_dynamics(
         Variable, rate and acceleration of the input by time.
     times
         (k,) increasing times, s.
-    input_pair, branch, search
+    input_pair, assembly mode, search
         See `spherekit.trace`.
 
     Raises
@@ -146,9 +146,11 @@ def inverse_dynamics(
     need_terms(mechanism)
     loads = Loads(mechanism)
     q, dq, ddq = law.at(t)
-    tracer = reaching(Tracer(mechanism, input_pair, branch, search), q, branch, search)
+    tracer = reaching(
+        Tracer(mechanism, input_pair, assembly_mode, search), q, assembly_mode, search
+    )
     motion = tracer.at(into_range(tracer, q))
-    count = len(tracer.branches)
+    count = len(tracer.assembly_modes)
     values = motion.values.copy()
     pairs, owners = tracer.mechanism.pairs, tracer.mechanism.variable_owners
     names = {number: pairs[owners[number]].name for number in tracer.solver.angles}
@@ -166,8 +168,9 @@ def inverse_dynamics(
     status = motion.status.copy()
     flat = ~(np.abs(arc.rates[:, tracer.solver.single]) >= DEAD_CENTRE)
     held = ~motion.failed
-    # Where branches nearly cross, rounding of the configuration decides the derivatives.
-    kept = driven_rates(motion, held, tracer.assembly.input).flatness
+    # Where assembly modes nearly cross, rounding of the configuration decides the
+    # derivatives.
+    kept = driven_rates(motion, held, tracer.assembly.input).reciprocal_condition
     flat[held] |= ~(kept >= SINGULAR_RATIO)
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     status[(status == Status.OK) & ~np.isfinite(tau)] = Status.OVERFLOW
@@ -178,7 +181,7 @@ def inverse_dynamics(
     return InverseSolution(
         tracer.mechanism,
         motion.sample,
-        motion.branch,
+        motion.assembly_mode,
         t,
         q,
         dq,

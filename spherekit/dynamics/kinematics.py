@@ -109,7 +109,7 @@ def by_arc_length(
     )
 
 
-def flatness(closure: Closure, values: Floats) -> float:
+def reciprocal_condition(closure: Closure, values: Floats) -> float:
     """Return how surely one motion alone closes the loops at a configuration (variables,).
 
     The least singular value of the closure equations that a single freedom leaves, over

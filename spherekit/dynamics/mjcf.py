@@ -55,7 +55,7 @@ class Hinge:
 
 @final
 @dataclass(frozen=True)
-class Cut:
+class LoopCut:
     """A pair that closes a loop: links `first` and `second` share `point` (3,)."""
 
     pair: str
@@ -66,7 +66,7 @@ class Cut:
 
 @final
 @dataclass(frozen=True)
-class Body:
+class BodyInertia:
     """Mass (kg), centre of mass (3,) and tensor (3, 3) about it, in m and kg m2.
 
     `known` says whether the mass is the link's own. Otherwise it is one that has the right
@@ -91,8 +91,8 @@ class RigidBodies:
 
     mechanism: Mechanism
     hinges: tuple[Hinge, ...]
-    cuts: tuple[Cut, ...]
-    bodies: tuple[Body, ...]
+    cuts: tuple[LoopCut, ...]
+    bodies: tuple[BodyInertia, ...]
 
 
 def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
@@ -137,10 +137,10 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
             axes[pair] if ends[pair][0] == parent else -axes[pair],
             float(values[mechanism.variables_of(pair)[0]]),
         )
-        for pair, parent, child in _depth_first(closure.tree.branches, 0)
+        for pair, parent, child in _depth_first(closure.tree.assembly_modes, 0)
     )
     cuts = tuple(
-        Cut(pairs[k].name, links[ends[k][0]], links[ends[k][1]], axes[k])
+        LoopCut(pairs[k].name, links[ends[k][0]], links[ends[k][1]], axes[k])
         for k in closure.tree.chords
     )
     bodies = tuple(
@@ -151,23 +151,25 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
 
 
 def _depth_first(
-    branches: Sequence[tuple[int, int, int]], root: int
+    assembly_modes: Sequence[tuple[int, int, int]], root: int
 ) -> list[tuple[int, int, int]]:
     found: list[tuple[int, int, int]] = []
-    for branch in branches:
-        if branch[1] == root:
-            found += [branch, *_depth_first(branches, branch[2])]
+    for assembly_mode in assembly_modes:
+        if assembly_mode[1] == root:
+            found += [assembly_mode, *_depth_first(assembly_modes, assembly_mode[2])]
     return found
 
 
-def _body(mechanism: Mechanism, link: str, turn: Floats) -> Body:
+def _body(mechanism: Mechanism, link: str, turn: Floats) -> BodyInertia:
     masses = {mass.link: mass for mass in mechanism.masses}
     if link in masses:
         given = masses[link]
         about_O = turn @ np.array(given.tensor) @ turn.T
         if given.mass is not None and given.centre is not None:
             centre = turn @ np.array(given.centre)
-            return Body(link, given.mass, centre, _moved(about_O, given.mass, centre), True)
+            return BodyInertia(
+                link, given.mass, centre, _moved(about_O, given.mass, centre), True
+            )
     else:
         most = max(float(np.trace(np.array(m.tensor))) for m in mechanism.masses)
         about_O = SMALL * most * np.diag([1.0, 1.0, 1.0])
@@ -177,7 +179,7 @@ def _body(mechanism: Mechanism, link: str, turn: Floats) -> Body:
     spread, directions = np.linalg.eigh(moments)
     mass = float(np.trace(moments))
     centre = 0.5 * np.sqrt(spread[-1] / mass) * directions[:, -1]
-    return Body(link, mass, centre, _moved(about_O, mass, centre), False)
+    return BodyInertia(link, mass, centre, _moved(about_O, mass, centre), False)
 
 
 def _moved(about_O: Floats, mass: float, centre: Floats) -> Floats:

@@ -18,17 +18,17 @@ from spherekit.dynamics.collocation import (
     next_length,
 )
 from spherekit.dynamics.events import StepEvents
-from spherekit.dynamics.kinematics import flatness
+from spherekit.dynamics.kinematics import reciprocal_condition
 from spherekit.dynamics.path import CollocationPath, Travelled
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
-    End,
     EndKind,
     EngineReport,
     Event,
     Forecast,
     Simulation,
+    SimulationEnd,
     cannot_leave,
     given_up,
     stop_end,
@@ -80,7 +80,7 @@ class Collocation:
         self.orientation = 0.0
         self.drift = 0.0
         self.last: Dynamics | None = None
-        self.end: End | None = None
+        self.end: SimulationEnd | None = None
         self._steps = self._integrate()
         self._reached: list[tuple[float, float]] = [(0.0, 0.0)]
 
@@ -134,7 +134,7 @@ class Collocation:
             tolerance=self.tolerance,
         )
 
-    def _integrate(self) -> Generator[float, None, End]:
+    def _integrate(self) -> Generator[float, None, SimulationEnd]:
         """Yield the time after each step; return the end."""
         problem = self.problem
         t, state = 0.0, self.equation.state(problem.values, problem.speed, problem.tangent)
@@ -153,7 +153,7 @@ class Collocation:
                         return self._stuck(t, state, tried)
                     continue
                 if len(self.path) >= MOST_STEPS:
-                    return End("too_fast", t, too_many(MOST_STEPS))
+                    return SimulationEnd("too_fast", t, too_many(MOST_STEPS))
                 if tried_length == length or tried_length < left:
                     length = next_length(tried)
                 stopped = self._accept(tried.step)
@@ -166,7 +166,7 @@ class Collocation:
             if t < problem.until:
                 self._note("switch", t, self._input(state), "")
                 before = None
-        return End("time", problem.until, "the time asked for is over")
+        return SimulationEnd("time", problem.until, "the time asked for is over")
 
     def _attempt(
         self, t: float, length: float, state: Floats, before: Step | None
@@ -214,7 +214,7 @@ class Collocation:
         self.drift = max(self.drift, gap)
         return closed
 
-    def _accept(self, step: Step) -> End | None:
+    def _accept(self, step: Step) -> SimulationEnd | None:
         """Keep a step and note its events; return the end if there is one within it."""
         assert self.last is not None
         mechanism, driven = self.equation.mechanism, self.problem.driven
@@ -232,7 +232,7 @@ class Collocation:
         self.tangent = tangents[-1]
         return end
 
-    def _end(self, within: StepEvents) -> End | None:
+    def _end(self, within: StepEvents) -> SimulationEnd | None:
         """Return the end that lies within a step: a stop, or a crossing of curves."""
         reached = within.stop(self.equation.mechanism)
         orientation = within.orientation(self.equation.closure)
@@ -242,7 +242,7 @@ class Collocation:
         least = max(CROSSED, float(np.sqrt(self.tolerance)))
         crossing = within.crossing(orientation, self.orientation, least)
         if crossing is not None and (reached is None or crossing < reached[0]):
-            return End("singularity", crossing, CROSSING)
+            return SimulationEnd("singularity", crossing, CROSSING)
         if reached is None:
             return None
         t, stop = reached
@@ -259,7 +259,7 @@ class Collocation:
     def _note(self, kind: str, t: float, q: float, pair: str) -> None:
         self.events.append(Event(kind, t, q, pair))  # type: ignore[arg-type]
 
-    def _stuck(self, t: float, state: Floats, tried: Attempt) -> End:
+    def _stuck(self, t: float, state: Floats, tried: Attempt) -> SimulationEnd:
         """Return why no step however short can be taken from here."""
         assert self.last is not None
         codes = self.last.motion.status
@@ -269,13 +269,13 @@ class Collocation:
         }
         for code, kind in kinds.items():
             if np.any(codes == code):
-                return End(kind, t, STATUS_MEANING[code])
+                return SimulationEnd(kind, t, STATUS_MEANING[code])
         values = state[: self.equation.variables]
-        if flatness(self.equation.closure, values) < 1e-5:
-            return End("singularity", t, CROSSING)
+        if reciprocal_condition(self.equation.closure, values) < 1e-5:
+            return SimulationEnd("singularity", t, CROSSING)
         why = f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}"
         if not self.path:
-            return End("too_fast", t, why)
+            return SimulationEnd("too_fast", t, why)
         return given_up(self.equation, self._travelled(), t, why)
 
     def _travelled(self) -> CollocationPath:

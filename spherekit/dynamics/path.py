@@ -25,7 +25,7 @@ class Traced:
     turns: Floats
 
 
-class Path(Protocol):
+class StatePath(Protocol):
     """The states of a simulation over time."""
 
     @property

@@ -26,14 +26,14 @@ def reference_simulation(
     *,
     torque: str | None = None,
     input_pair: str | None = None,
-    branch: int = 0,
+    assembly_mode: int = 0,
     arithmetic: Arithmetic | None = None,
 ) -> ExactSimulation:
     """Return the motion of a single-DOF mechanism under its loads in wide numbers.
 
     Parameters
     ----------
-    mechanism, start, until, torque, input_pair, branch
+    mechanism, start, until, torque, input_pair, assembly mode
         See `spherekit.dynamics.forward.simulate`.
     arithmetic
         By default the quickest that is wider than float64; `Digits(n)` for n digits.
@@ -52,7 +52,7 @@ def reference_simulation(
         until,
         torque=torque,
         input_pair=input_pair,
-        branch=branch,
+        assembly_mode=assembly_mode,
         tolerance=LEAST["numpy"],
     )
     return refined(found, start, until, arithmetic)

@@ -9,7 +9,7 @@ import numpy as np
 
 from spherekit.dynamics.inertia import equivalent_inertia, inertia
 from spherekit.dynamics.kinematics import by_arc_length
-from spherekit.dynamics.path import Path, Traced
+from spherekit.dynamics.path import StatePath, Traced
 from spherekit.dynamics.start import Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
 from spherekit.engine.loads import FULL_TURN
@@ -74,7 +74,7 @@ class Event:
 
 @final
 @dataclass(frozen=True)
-class End:
+class SimulationEnd:
     """Why a simulation ended, and when (s); `time` is the end that was asked for."""
 
     kind: EndKind
@@ -82,9 +82,9 @@ class End:
     message: str
 
 
-def stop_end(t: float, pair: str, value: float) -> End:
+def stop_end(t: float, pair: str, value: float) -> SimulationEnd:
     """Return the end at a stop of a pair whose variable is `value` (rad)."""
-    return End("stop", t, f"pair {pair} reached its stop at {value:.6g} rad")
+    return SimulationEnd("stop", t, f"pair {pair} reached its stop at {value:.6g} rad")
 
 
 def too_many(steps: int) -> str:
@@ -95,15 +95,17 @@ def too_many(steps: int) -> str:
     )
 
 
-def given_up(equation: EquationOfMotion, path: Path, t: float, why: str) -> End:
+def given_up(
+    equation: EquationOfMotion, path: StatePath, t: float, why: str
+) -> SimulationEnd:
     """Return the end where no step is short enough: `why`, or the inertia has vanished."""
     chosen = np.linspace(0, len(path.starts) - 1, min(CHECKED, len(path.starts)))
     traced = path.at(np.append(path.starts[chosen.astype(int)], t))
     motion = equation.motion(traced.states[:, : equation.variables], traced.along)
     B = equivalent_inertia(equation.mechanism, motion)
     if B[-1] < VANISHED * np.max(B):
-        return End("no_inertia", t, NO_INERTIA)
-    return End("too_fast", t, why)
+        return SimulationEnd("no_inertia", t, NO_INERTIA)
+    return SimulationEnd("too_fast", t, why)
 
 
 def cannot_leave(problem: Problem, why: str) -> SolveError:
@@ -208,9 +210,9 @@ class Simulation:
 
     equation: EquationOfMotion
     driven: int
-    path: Path
+    path: StatePath
     events: tuple[Event, ...]
-    end: End
+    end: SimulationEnd
     engine: EngineReport
     error: float | None = None
     tolerance: float | None = None

@@ -36,7 +36,7 @@ Torque = float | str | TorqueFunction
 """A driving torque (N m): a number, an expression, or a function f(t, q, dq)."""
 
 KEPT = 8
-"""Geometries whose branches are kept, for further simulations of the same."""
+"""Geometries whose assembly modes are kept, for further simulations of the same."""
 
 _TRACERS = Cache(most=KEPT)
 
@@ -87,7 +87,7 @@ def prepare(
     until: float,
     torque: Torque | None = None,
     input_pair: str | None = None,
-    branch: int = 0,
+    assembly_mode: int = 0,
     switches: Iterable[float] = (),
 ) -> Problem:
     """Return the problem behind the arguments of `simulate`, or raise what is wrong."""
@@ -122,7 +122,7 @@ def prepare(
         tracer = traced(mechanism)
         if np.isfinite(start.q) and abs(start.q) <= FARTHEST:
             tracer = reaching(tracer, np.array([start.q]))
-        values, turns = _configuration(tracer, start.q, branch)
+        values, turns = _configuration(tracer, start.q, assembly_mode)
     vectors = closure.at(values[None]).vectors
     if rank_mobility(closure.tree, vectors)[0] != 1:
         raise SolveError(
@@ -189,29 +189,30 @@ def _need_digits(name: str, values: Floats) -> None:
 
 
 def traced(mechanism: Mechanism) -> Tracer:
-    """Return the branches of a mechanism, found once for the last few geometries."""
+    """Return the assembly modes of a mechanism, found once for the last few geometries."""
     bare = replace(mechanism, masses=(), loads=(), stops=())
-    return _TRACERS.get(bare, "branches", lambda: Tracer(bare))
+    return _TRACERS.get(bare, "assembly_modes", lambda: Tracer(bare))
 
 
-def _configuration(tracer: Tracer, q: float, branch: int) -> tuple[Floats, Floats]:
+def _configuration(tracer: Tracer, q: float, assembly_mode: int) -> tuple[Floats, Floats]:
     """Return the configuration at an input, and the whole turns that it is less."""
     name = tracer.mechanism.name
-    numbers = [item.number for item in tracer.branches]
-    if branch not in numbers:
+    numbers = [item.number for item in tracer.assembly_modes]
+    if assembly_mode not in numbers:
         raise SolveError(
-            f"{name}: there is no branch {branch}; the branches found are "
+            f"{name}: there is no assembly mode {assembly_mode}; the assembly modes "
+            f"found are "
             f"{listing(numbers)}"
         )
     if not np.isfinite(q):
         raise SolveError(f"{name}: the input at the start is {q}, give a finite number")
     _need_digits(name, np.array([q]))
-    wanted = tracer.branches[numbers.index(branch)]
+    wanted = tracer.assembly_modes[numbers.index(assembly_mode)]
     found = tracer.solver.evaluate(wanted, into_range(tracer, np.array([[q]])))
     status = Status(int(found.status[0]))
     if status not in (Status.OK, Status.AT_SINGULARITY):
         raise SolveError(
-            f"{name}: no configuration of branch {branch} at q = {q:.6g} rad "
+            f"{name}: no configuration of assembly mode {assembly_mode} at q = {q:.6g} rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
     values: Floats = found.values[0].copy()
@@ -247,7 +248,7 @@ def into_range(tracer: Tracer, q: Floats) -> Floats:
 
 
 def reaching(
-    tracer: Tracer, q: Floats, branch: int | None = None, search: bool = True
+    tracer: Tracer, q: Floats, assembly_mode: int | None = None, search: bool = True
 ) -> Tracer:
     """Return a tracer over a range that holds inputs q (n,) where wheels count the turns.
 
@@ -258,7 +259,7 @@ def reaching(
     if tracer.solver.meshes is None or np.all((moved >= low) & (moved <= high)):
         return tracer
     path = np.array([min(low, np.min(moved)), max(high, np.max(moved))])
-    return Tracer(tracer.mechanism, None, branch, search, path=path)
+    return Tracer(tracer.mechanism, None, assembly_mode, search, path=path)
 
 
 def _check_stops(mechanism: Mechanism, values: Floats) -> None:

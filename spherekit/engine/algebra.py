@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.terms import Expr, function
+from spherekit.engine.expression_graph import Expr, function
 from spherekit.sphere.rotation import Floats
 
 Exprs = NDArray[np.object_]
@@ -23,7 +23,7 @@ SNAP = 1e-15
 
 @final
 @dataclass(frozen=True)
-class Series:
+class SeriesExpressions:
     """A value along the motion: `coefficients[k]` is its k-th derivative over k!.
 
     Numbers are constant series. Results go as far as both operands.
@@ -33,50 +33,52 @@ class Series:
 
     def _with(self, other: Any) -> list[tuple[Expr, Expr]]:
         """Return the coefficients of this and another series in pairs."""
-        if isinstance(other, Series):
+        if isinstance(other, SeriesExpressions):
             return list(zip(self.coefficients, other.coefficients, strict=False))
         return [(one, 0.0 if k else other) for k, one in enumerate(self.coefficients)]
 
-    def __add__(self, other: Any) -> "Series":
-        return Series(tuple(a + b for a, b in self._with(other)))
+    def __add__(self, other: Any) -> "SeriesExpressions":
+        return SeriesExpressions(tuple(a + b for a, b in self._with(other)))
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> "Series":
-        return Series(tuple(a - b for a, b in self._with(other)))
+    def __sub__(self, other: Any) -> "SeriesExpressions":
+        return SeriesExpressions(tuple(a - b for a, b in self._with(other)))
 
-    def __rsub__(self, other: Any) -> "Series":
-        return Series(tuple(b - a for a, b in self._with(other)))
+    def __rsub__(self, other: Any) -> "SeriesExpressions":
+        return SeriesExpressions(tuple(b - a for a, b in self._with(other)))
 
-    def __neg__(self) -> "Series":
+    def __neg__(self) -> "SeriesExpressions":
         return self * -1.0
 
-    def __mul__(self, other: Any) -> "Series":
-        if not isinstance(other, Series):
-            return Series(tuple(each * other for each in self.coefficients))
+    def __mul__(self, other: Any) -> "SeriesExpressions":
+        if not isinstance(other, SeriesExpressions):
+            return SeriesExpressions(tuple(each * other for each in self.coefficients))
         pairs = self._with(other)
         made = [
             _total([pairs[k - i][0] * pairs[i][1] for i in range(k + 1)])
             for k in range(len(pairs))
         ]
-        return Series(tuple(made))
+        return SeriesExpressions(tuple(made))
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> "Series":
+    def __truediv__(self, other: Any) -> "SeriesExpressions":
         pairs = self._with(other)
         made: list[Expr] = []
         for k, (a, _) in enumerate(pairs):
             known = [made[k - i] * pairs[i][1] for i in range(1, k + 1)]
             made.append((a - _total(known)) / pairs[0][1])
-        return Series(tuple(made))
+        return SeriesExpressions(tuple(made))
 
-    def __rtruediv__(self, other: Any) -> "Series":
-        return Series((other, *(0.0 for _ in self.coefficients[1:]))) / self
+    def __rtruediv__(self, other: Any) -> "SeriesExpressions":
+        return SeriesExpressions((other, *(0.0 for _ in self.coefficients[1:]))) / self
 
-    def derivative(self) -> "Series":
+    def derivative(self) -> "SeriesExpressions":
         """Return the derivative along the motion, one coefficient shorter."""
-        return Series(tuple(float(k) * c for k, c in enumerate(self.coefficients) if k > 0))
+        return SeriesExpressions(
+            tuple(float(k) * c for k, c in enumerate(self.coefficients) if k > 0)
+        )
 
 
 def _total(items: Sequence[Expr]) -> Expr:
@@ -95,7 +97,7 @@ def vector(items: Sequence[Expr]) -> Exprs:
 
 def series(orders: Sequence[Exprs]) -> Exprs:
     """Return the vector of series from the vectors of their coefficients by order."""
-    return vector([Series(tuple(each)) for each in zip(*orders, strict=True)])
+    return vector([SeriesExpressions(tuple(each)) for each in zip(*orders, strict=True)])
 
 
 def constants(matrix: Floats) -> Exprs:
@@ -124,7 +126,7 @@ def dot(a: Exprs, b: Exprs) -> Expr:
     return _total([x * y for x, y in zip(a, b, strict=True)])
 
 
-def length(orders: Sequence[Exprs]) -> tuple[Exprs, Series]:
+def length(orders: Sequence[Exprs]) -> tuple[Exprs, SeriesExpressions]:
     """Return a vector's direction and its length, from its coefficients by order.
 
     From the coefficients of |w|^2 = w . w, solved for those of |w|.
@@ -138,7 +140,7 @@ def length(orders: Sequence[Exprs]) -> tuple[Exprs, Series]:
             [dot(orders[i], orders[k - i]) - sizes[i] * sizes[k - i] for i in range(1, k)]
         )
         sizes.append(dot(unit, orders[k]) + 0.5 * (middle * share))
-    return unit, Series(tuple(sizes))
+    return unit, SeriesExpressions(tuple(sizes))
 
 
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:

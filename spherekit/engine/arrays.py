@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.terms import Expr, Term, in_order
+from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order
 
 BLOCK = 8192
 """Columns evaluated together: enough that calls cost little, few enough for the cache."""
@@ -73,16 +73,18 @@ class ArrayFunction:
 
 
 def array_function(
-    outputs: Sequence[Expr], inputs: Sequence[Term], number: type[Any] = float
+    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], number: type[Any] = float
 ) -> ArrayFunction:
     """Return expressions as a function of arrays; `number` is the type computed with."""
     started = time.perf_counter()
     order = [term for term in in_order(outputs) if term.operation != "variable"]
     used = [item for term in order for item in term.arguments] + list(outputs)
-    numbers = tuple(dict.fromkeys(float(x) for x in used if not isinstance(x, Term)))
+    numbers = tuple(
+        dict.fromkeys(float(x) for x in used if not isinstance(x, ExpressionNode))
+    )
     places: dict[Any, int] = {term: k for k, term in enumerate(inputs)}
     for k, item in enumerate(outputs):
-        if isinstance(item, Term):
+        if isinstance(item, ExpressionNode):
             places.setdefault(item, len(inputs) + k)
     first = len(inputs) + len(outputs)
     places |= {x: first + k for k, x in enumerate(numbers)}
@@ -97,7 +99,7 @@ def array_function(
 
 
 def _steps(
-    order: Sequence[Term], places: dict[Any, int], first: int
+    order: Sequence[ExpressionNode], places: dict[Any, int], first: int
 ) -> tuple[list[_Step], int]:
     """Return the steps that form terms, and how many rows from `first` on they need.
 

@@ -12,7 +12,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.terms import Expr, Term, rewrite
+from spherekit.engine.expression_graph import Expr, ExpressionNode, rewrite
 from spherekit.errors import EngineMissing
 from spherekit.sphere.rotation import Floats
 
@@ -54,11 +54,11 @@ _OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def _lowered(items: Sequence[Expr], variables: Mapping[Term, Any]) -> list[Any]:
+def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> list[Any]:
     """Return heyoka's expressions; `variables` are those of terms that stand alone."""
     module = heyoka()
 
-    def apply(term: Term, arguments: list[Any]) -> Any:
+    def apply(term: ExpressionNode, arguments: list[Any]) -> Any:
         if term.operation == "variable":
             return variables[term]
         if term.operation in _OPERATORS:
@@ -68,14 +68,14 @@ def _lowered(items: Sequence[Expr], variables: Mapping[Term, Any]) -> list[Any]:
     return rewrite(items, module.expression, apply)
 
 
-def _plain(terms: Sequence[Term]) -> dict[Term, Any]:
+def _plain(terms: Sequence[ExpressionNode]) -> dict[ExpressionNode, Any]:
     """Return heyoka's variable for each variable."""
     return {term: heyoka().expression(term.arguments[0]) for term in terms}
 
 
 @final
 @dataclass(frozen=True)
-class Function:
+class CompiledFunction:
     """A compiled function of arrays (inputs, n) with values (outputs, n).
 
     `seconds` is what compiling took.
@@ -91,10 +91,10 @@ class Function:
 
 def compile_function(
     outputs: Sequence[Expr],
-    inputs: Sequence[Term],
+    inputs: Sequence[ExpressionNode],
     compact: bool = False,
     number: type[Any] = float,
-) -> Function:
+) -> CompiledFunction:
     """Compile expressions; `number` is the type computed with (float, real128)."""
     module = heyoka()
     started = time.perf_counter()
@@ -105,14 +105,14 @@ def compile_function(
         compact_mode=compact,
         fp_type=number,
     )
-    return Function(made, time.perf_counter() - started)
+    return CompiledFunction(made, time.perf_counter() - started)
 
 
 def compile_with_rates(
     outputs: Sequence[Expr],
-    flow: Sequence[tuple[Term, Expr]],
-    constants: Sequence[Term],
-) -> Function:
+    flow: Sequence[tuple[ExpressionNode, Expr]],
+    constants: Sequence[ExpressionNode],
+) -> CompiledFunction:
     """Compile expressions and their rates in a flow: variables, each with its rate.
 
     The inputs are these variables, then the constants; the outputs are the expressions,
@@ -135,12 +135,12 @@ def compile_with_rates(
         for value in values
     ]
     made = module.cfunc([*values, *changes], list(known.values()), compact_mode=True)
-    return Function(made, time.perf_counter() - started)
+    return CompiledFunction(made, time.perf_counter() - started)
 
 
 @final
 @dataclass(frozen=True)
-class Event:
+class EventFunction:
     """A zero of an expression during an integration.
 
     With `switch`, a parameter's number, that parameter becomes the expression's new
@@ -167,7 +167,7 @@ class Noted:
     sense: int
 
 
-class End(Enum):
+class StepEnd(Enum):
     """Why a step of an integrator ended where it did."""
 
     STEP = "it was as long as the tolerance allows"
@@ -189,9 +189,9 @@ class Integrator:
 
     adaptive: Any
     number: type[Any]
-    events: tuple[Event, ...]
+    events: tuple[EventFunction, ...]
     terminal: tuple[int, ...]
-    outcomes: Mapping[int, End]
+    outcomes: Mapping[int, StepEnd]
     seen: list[Noted]
     seconds: float
 
@@ -226,7 +226,7 @@ class Integrator:
         """The parameters up to the last one used; they may be changed between runs."""
         return self.adaptive.pars
 
-    def step(self, longest: float) -> tuple[End, float]:
+    def step(self, longest: float) -> tuple[StepEnd, float]:
         """Take a step, at most this long; return why it ended and its length.
 
         The event that ends an integration is the last one seen.
@@ -238,11 +238,11 @@ class Integrator:
         if code in self.outcomes:
             return self.outcomes[code], float(length)
         if code >= 0:
-            return End.SWITCH, float(length)
+            return StepEnd.SWITCH, float(length)
         which = self.terminal[-code - 1]
         if self.events[which].switch is None:
             self.seen.append(Noted(which, self.time, 0))
-        return End.EVENT, float(length)
+        return StepEnd.EVENT, float(length)
 
     @property
     def coefficients(self) -> Floats:
@@ -251,12 +251,12 @@ class Integrator:
 
 
 def compile_integrator(
-    equations: Sequence[tuple[Term, Expr]],
-    moment: Term,
-    constants: Sequence[Term],
+    equations: Sequence[tuple[ExpressionNode, Expr]],
+    moment: ExpressionNode,
+    constants: Sequence[ExpressionNode],
     tolerance: float,
     compact: bool,
-    events: Sequence[Event] = (),
+    events: Sequence[EventFunction] = (),
     number: type[Any] = float,
 ) -> Integrator:
     """Compile the equations (variable, its rate by time) for one tolerance.
@@ -276,7 +276,7 @@ def compile_integrator(
     def note(which: int) -> Callable[[Any, Any, int], None]:
         return lambda _, when, sense: seen.append(Noted(which, float(when), sense))
 
-    def flip(event: Event, which: int) -> Callable[[Any, int], bool]:
+    def flip(event: EventFunction, which: int) -> Callable[[Any, int], bool]:
         def turn(running: Any, sense: int) -> bool:
             now = float(running.time)
             seen.append(Noted(which, now, sense))
@@ -318,9 +318,9 @@ def compile_integrator(
         tuple(events),
         tuple(terminal),
         {
-            int(ends.success): End.STEP,
-            int(ends.time_limit): End.LIMIT,
-            int(ends.err_nf_state): End.NOT_FINITE,
+            int(ends.success): StepEnd.STEP,
+            int(ends.time_limit): StepEnd.LIMIT,
+            int(ends.err_nf_state): StepEnd.NOT_FINITE,
         },
         seen,
         time.perf_counter() - started,

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, cross, dot
+from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.kinematics import Structure
-from spherekit.engine.pose import Angles, Placement, ground_placement, placed_by
-from spherekit.engine.terms import Expr, function
+from spherekit.engine.pose import Angles, LinkOrientation, ground_placement, placed_by
 from spherekit.errors import EngineError
 from spherekit.model.joints import revolute
 from spherekit.planning.assembly import Group
@@ -19,17 +19,19 @@ from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
 from spherekit.sphere.rotation import Floats
 
 
-def place_by_input(structure: Structure, q: Expr, signs: Sequence[Expr]) -> list[Placement]:
+def place_by_input(
+    structure: Structure, q: Expr, signs: Sequence[Expr]
+) -> list[LinkOrientation]:
     """Return the placements of all links for the input's angle q.
 
     `signs` are those of the dyads in solving order, as in
-    `spherekit.motion.branches.Branch`: +1 or -1, the sign of u_1 . (u_2 x u_3) with the
-    axes of the dyad's pairs in file order.
+    `spherekit.motion.assembly_modes.Branch`: +1 or -1, the sign of u_1 . (u_2 x u_3) with
+    the axes of the dyad's pairs in file order.
 
     Raises
     ------
     EngineError
-        If a group is no dyad.
+        If a group is not a dyad.
     """
     mechanism = structure.mechanism
     if not structure.assembly.has_closed_form:
@@ -54,13 +56,15 @@ def place_by_input(structure: Structure, q: Expr, signs: Sequence[Expr]) -> list
     return within
 
 
-def _turned(basis: Exprs, placed: Placement) -> Placement:
-    return Placement(
+def _turned(basis: Exprs, placed: LinkOrientation) -> LinkOrientation:
+    return LinkOrientation(
         np.asarray(basis @ placed.basis), placed.within, placed.metric, placed.depth + 1
     )
 
 
-def _close(structure: Structure, group: Group, sign: Expr, within: list[Placement]) -> None:
+def _close(
+    structure: Structure, group: Group, sign: Expr, within: list[LinkOrientation]
+) -> None:
     """Place the two free bodies of a dyad in the first one."""
     mechanism = structure.mechanism
 
@@ -98,7 +102,7 @@ def _close(structure: Structure, group: Group, sign: Expr, within: list[Placemen
         onto = basis @ _inverse(*ends)
         for link in links:
             old = within[link]
-            within[link] = Placement(
+            within[link] = LinkOrientation(
                 np.asarray(onto @ old.basis), old.within, old.metric, depth
             )
 
@@ -111,12 +115,12 @@ def _frame(a: Exprs, b: Exprs) -> Exprs:
     return np.stack([a + b, a - b, cross(a, b)], axis=1)
 
 
-def _single(basis: Exprs, outer: Floats, middle: Floats, depth: int) -> Placement:
+def _single(basis: Exprs, outer: Floats, middle: Floats, depth: int) -> LinkOrientation:
     """Return the placement of one link by the frame of two of its axes."""
     own = np.stack([outer + middle, outer - middle, np.cross(outer, middle)], axis=1)
     sizes = np.linalg.norm(own, axis=0)
     within = np.linalg.inv(own / sizes) / sizes[:, None]
-    return Placement(basis, within, own.T @ own, depth)
+    return LinkOrientation(basis, within, own.T @ own, depth)
 
 
 def _inverse(a: Exprs, b: Exprs) -> Exprs:
@@ -133,7 +137,7 @@ def _inverse(a: Exprs, b: Exprs) -> Exprs:
 
 
 def _side(
-    within: Sequence[Placement], one: tuple[int, Floats], other: tuple[int, Floats]
+    within: Sequence[LinkOrientation], one: tuple[int, Floats], other: tuple[int, Floats]
 ) -> HalfArc:
     """Return the arc between two axes (link, direction) of a body."""
     if one[0] == other[0]:

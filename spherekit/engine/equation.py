@@ -20,8 +20,8 @@ import numpy as np
 from spherekit.engine.algebra import dot, vector
 from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import (
-    Event,
-    Function,
+    CompiledFunction,
+    EventFunction,
     Integrator,
     available,
     compile_function,
@@ -29,17 +29,17 @@ from spherekit.engine.compiler import (
     compile_with_rates,
     heyoka,
 )
+from spherekit.engine.expression_graph import Expr, ExpressionNode, power, symbols, varies
 from spherekit.engine.inertia import inertia, tensors
-from spherekit.engine.kinematics import Flow, Structure
+from spherekit.engine.kinematics import RateExpressions, Structure
 from spherekit.engine.loads import (
     FULL_TURN,
-    Moving,
+    LoadState,
     Switches,
     generalised_force,
     steep_arguments,
 )
 from spherekit.engine.pose import place_by_variables
-from spherekit.engine.terms import Expr, Term, power, symbols, varies
 from spherekit.engine.turns import turning_pairs
 from spherekit.model.dynamics import (
     Stop,
@@ -62,7 +62,7 @@ EventKind = Literal["rest", "dead_centre", "singularity", "stop", "switch"]
 
 @final
 @dataclass(frozen=True)
-class Layout:
+class ParameterLayout:
     """Where what is set for each run stands among the integrator's parameters.
 
     In this order: whole turns of each variable; the unit of momentum and its reciprocal;
@@ -117,12 +117,12 @@ class CompiledEquation:
     """
 
     structure: Structure
-    layout: Layout
+    layout: ParameterLayout
     integrator: Integrator
     events: tuple[tuple[EventKind, int], ...]
-    tau: Function
-    conditions: Function | None
-    steep: Function | None
+    tau: CompiledFunction
+    conditions: CompiledFunction | None
+    steep: CompiledFunction | None
     tolerance: float
     lock: Lock = field(default_factory=Lock, repr=False, compare=False)
 
@@ -224,7 +224,7 @@ def _compile(
     mechanism: Mechanism, tolerance: float, compact: bool, number: type[Any]
 ) -> CompiledEquation:
     names = mechanism.variable_names
-    layout = Layout(
+    layout = ParameterLayout(
         len(names),
         len(mechanism.stops),
         tuple(load.name for load in mechanism.loads if isinstance(load, TorqueTable)),
@@ -233,11 +233,13 @@ def _compile(
     variables = symbols(names)
     works = symbols([f"work_{k}" for k in range(len(mechanism.loads))])
     (momentum,) = symbols(["momentum"])
-    flow = Flow(structure, place_by_variables(mechanism, structure.pairs, variables))
+    flow = RateExpressions(
+        structure, place_by_variables(mechanism, structure.pairs, variables)
+    )
     share = power(inertia(flow, tensors(mechanism)).coefficients[0], -0.5)
     speed = _constant(layout.unit) * momentum * share
     switches = Switches(lambda k: _constant(layout.side + k))
-    moving = Moving(
+    moving = LoadState(
         flow,
         variables,
         [_constant(k) for k in range(layout.variables)],
@@ -266,7 +268,7 @@ def _compile(
     for which, condition in enumerate(switches.conditions):
         assert conditions is not None
         stuck = _sticking(conditions, which, layout)
-        events.append(Event(condition, switch=layout.side + which, sticks=stuck))
+        events.append(EventFunction(condition, switch=layout.side + which, sticks=stuck))
         kinds.append(("switch", -1))
     steep = None
     if arguments and number is float:
@@ -289,32 +291,35 @@ def _compile(
     )
 
 
-def _constant(number: int) -> Term:
+def _constant(number: int) -> ExpressionNode:
     """Return the variable that stands for one of the integrator's parameters."""
     (made,) = symbols([f"constant_{number}"])
     return made
 
 
-def _table(layout: Layout, name: str) -> Expr:
+def _table(layout: ParameterLayout, name: str) -> Expr:
     place = layout.table + 1 + 2 * layout.tables.index(name)
     since = _MOMENT - _constant(layout.table)
     return _constant(place) + _constant(place + 1) * since
 
 
 def _events(
-    flow: Flow, variables: Sequence[Expr], momentum: Expr, layout: Layout
-) -> tuple[list[Event], list[tuple[EventKind, int]]]:
+    flow: RateExpressions,
+    variables: Sequence[Expr],
+    momentum: Expr,
+    layout: ParameterLayout,
+) -> tuple[list[EventFunction], list[tuple[EventKind, int]]]:
     mechanism, driven = flow.structure.mechanism, flow.structure.driven
     tau = vector(flow.tau[0])
     square = dot(tau, tau)
-    events = [Event(momentum)]
+    events = [EventFunction(momentum)]
     kinds: list[tuple[EventKind, int]] = [("rest", -1)]
     if varies(tau[driven]):
-        events.append(Event(tau[driven]))
+        events.append(EventFunction(tau[driven]))
         kinds.append(("dead_centre", driven))
     if varies(square):
         crossed = square - _constant(layout.least)
-        events.append(Event(crossed, stops=True, sense=-1))
+        events.append(EventFunction(crossed, stops=True, sense=-1))
         kinds.append(("singularity", -1))
     for number, stop in enumerate(mechanism.stops):
         (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
@@ -322,13 +327,13 @@ def _events(
         limits: tuple[tuple[int, Literal[-1, 1]], ...] = ((0, -1), (1, 1))
         for side, sense in limits:
             level = _constant(layout.stop + 2 * number + side)
-            events.append(Event(value - level, stops=True, sense=sense))
+            events.append(EventFunction(value - level, stops=True, sense=sense))
             kinds.append(("stop", place))
     return events, kinds
 
 
 def _sticking(
-    conditions: Function, which: int, layout: Layout
+    conditions: CompiledFunction, which: int, layout: ParameterLayout
 ) -> Callable[[Floats, float, Floats], bool]:
     """Return whether a condition, now of its new sign, goes back at once."""
 

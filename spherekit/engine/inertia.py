@@ -7,9 +7,9 @@ rate of the coordinate and I_j its tensor about the centre of the sphere (Di Gre
 
 import numpy as np
 
-from spherekit.engine.algebra import Exprs, Series
-from spherekit.engine.kinematics import Flow
-from spherekit.engine.terms import Expr
+from spherekit.engine.algebra import Exprs, SeriesExpressions
+from spherekit.engine.expression_graph import Expr
+from spherekit.engine.kinematics import RateExpressions
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -22,7 +22,7 @@ def tensors(mechanism: Mechanism) -> dict[int, Floats]:
     }
 
 
-def inertia(flow: Flow, by_link: dict[int, Floats]) -> Series:
+def inertia(flow: RateExpressions, by_link: dict[int, Floats]) -> SeriesExpressions:
     """Return the generalised inertia of a flow; `by_link` are the links' tensors."""
     # Entries near 0 are made exact zeros, so they need a size near one.
     unit = max((float(np.max(np.abs(each))) for each in by_link.values()), default=0.0)
@@ -36,7 +36,7 @@ def inertia(flow: Flow, by_link: dict[int, Floats]) -> Series:
             for i in range(k // 2 + 1):
                 part = _form(y[i], here, y[k - i])
                 total[k] = total[k] + (part if 2 * i == k else 2.0 * part)
-    return Series(tuple(unit * each for each in total))
+    return SeriesExpressions(tuple(unit * each for each in total))
 
 
 def _form(a: Exprs, matrix: Exprs, b: Exprs) -> Expr:

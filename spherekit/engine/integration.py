@@ -14,7 +14,7 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.compiler import MOST_SWITCHES, End, Integrator
+from spherekit.engine.compiler import MOST_SWITCHES, Integrator, StepEnd
 from spherekit.engine.equation import CompiledEquation, EventKind
 from spherekit.engine.loads import FULL_TURN
 from spherekit.engine.probes import good_until
@@ -97,7 +97,7 @@ class Run:
     """
 
     equation: CompiledEquation
-    stretches: tuple[Stretch, ...]
+    monotone_segments: tuple[Stretch, ...]
     passages: tuple[Passage, ...]
     end: RunEnd
     time: float
@@ -106,16 +106,16 @@ class Run:
     @cached_property
     def starts(self) -> Floats:
         """(steps,) times at which steps start (s)."""
-        return np.concatenate([each.starts for each in self.stretches])
+        return np.concatenate([each.starts for each in self.monotone_segments])
 
     @cached_property
     def lengths(self) -> Floats:
         """(steps,) their lengths (s)."""
-        return np.concatenate([each.lengths for each in self.stretches])
+        return np.concatenate([each.lengths for each in self.monotone_segments])
 
     @cached_property
     def _firsts(self) -> Floats:
-        return np.array([each.starts[0] for each in self.stretches])
+        return np.array([each.starts[0] for each in self.monotone_segments])
 
     def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Return states, their rates (n, states) and whole turns (n, variables).
@@ -124,12 +124,12 @@ class Run:
         and the work of each load, in units of the SI.
         """
         layout = self.equation.layout
-        width = self.stretches[0].series.shape[1]
+        width = self.monotone_segments[0].series.shape[1]
         states, rates = np.empty((len(t), width)), np.empty((len(t), width))
         turns = np.empty((len(t), layout.variables))
         owner = np.searchsorted(self._firsts, t, side="right") - 1
         for number in np.unique(np.maximum(owner, 0)):
-            stretch = self.stretches[number]
+            stretch = self.monotone_segments[number]
             every = np.flatnonzero(np.maximum(owner, 0) == number)
             turns[every] = stretch.turns
             for rows in np.split(every, range(BLOCK, len(every), BLOCK)):
@@ -227,7 +227,7 @@ class _Integration:
         self.stops = [v for stop in mechanism.stops for v in (stop.low, stop.high)]
         self.sides = np.zeros(equation.switches)
         self.first = np.array([*values, momentum / self.unit, *self.work])
-        self.stretches: list[Stretch] = []
+        self.monotone_segments: list[Stretch] = []
         self.time = 0.0
         self.longest = np.inf
         """Longest step that is tried, where longer ones missed what a load does."""
@@ -252,7 +252,7 @@ class _Integration:
                 break
         return Run(
             self.equation,
-            tuple(self.stretches),
+            tuple(self.monotone_segments),
             self._passages(),
             end,
             self.time,
@@ -279,20 +279,20 @@ class _Integration:
                 mark = len(integrator.seen), self._sides(integrator)
                 longest = min(longest, self.longest)
             outcome, length = integrator.step(longest)
-            if outcome is End.NOT_FINITE:
+            if outcome is StepEnd.NOT_FINITE:
                 end = "not_finite"
-            elif length > 0.0 or outcome is End.EVENT:
+            elif length > 0.0 or outcome is StepEnd.EVENT:
                 self.time = integrator.time
                 starts.append(start)
                 lengths.append(length)
                 series.append(integrator.coefficients)
                 if looks:
                     marks.append(mark)
-            if outcome is End.LIMIT and not limited:
+            if outcome is StepEnd.LIMIT and not limited:
                 end = "time"
-            elif outcome is End.EVENT:
+            elif outcome is StepEnd.EVENT:
                 end = self._event(integrator)
-            elif length < shortest and outcome in (End.STEP, End.LIMIT):
+            elif length < shortest and outcome in (StepEnd.STEP, StepEnd.LIMIT):
                 end = "too_fast"
             if not looks or not (limited or end is not None or len(starts) == STRETCH):
                 continue
@@ -304,11 +304,11 @@ class _Integration:
                 self._go_back(integrator, starts[right], series[right], marks[right])
                 for each in (starts, lengths, series, marks):
                     del each[right:]  # type: ignore[attr-defined]
-            elif limited and outcome is End.LIMIT:
+            elif limited and outcome is StepEnd.LIMIT:
                 self.longest = GROWN * length
         if starts:
             kept = np.array(starts), np.array(lengths), np.array(series)
-            self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
+            self.monotone_segments.append(Stretch(*kept, self.turns, self.unit, self.work))
             first = np.ascontiguousarray(kept[2][:, : self.count, 0].T)
             tau = np.asarray(self.equation.tau(first))
             largest = float(np.max(np.sum(tau**2, axis=0)))
@@ -382,7 +382,7 @@ class _Integration:
         turns = np.round(values.astype(float) / FULL_TURN) * self.period
         values -= turns * FULL_TURN
         values -= turns * _FULL_TURN_REST
-        if self.stretches and len(self.stretches) % CLOSED == 0:
+        if self.monotone_segments and len(self.monotone_segments) % CLOSED == 0:
             values[:], gap = self.close(values.astype(float))
             self.drift = max(self.drift, gap)
         self.turns = self.turns + turns

@@ -9,15 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.engine.algebra import Exprs, Series, length, vector
+from spherekit.engine.algebra import Exprs, SeriesExpressions, length, vector
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.cache import COMPILED
-from spherekit.engine.compiler import Function, available, compile_function
+from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.dyads import place_by_input
+from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.inertia import inertia, tensors
-from spherekit.engine.kinematics import Flow, Structure
-from spherekit.engine.pose import Placement, place_by_variables
-from spherekit.engine.terms import Expr, Term, symbols
+from spherekit.engine.kinematics import RateExpressions, Structure
+from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, pole_of
@@ -35,19 +35,20 @@ MOST_DERIVATIVES = 2
 
 @final
 @dataclass(frozen=True)
-class Values:
+class KernelValues:
     """What a kernel found at n configurations; see `Kernel`.
 
-    `direction[pole]` (n, 3); `rate[pole]`, its derivatives `rate_dq[pole]` and
-    `rate_dq2[pole]`, `inertia`, its derivatives `inertia_dq` and `inertia_dq2` (n,);
-    `tangent` (n, variables); `w[link]` and its first derivative `dw[link]` (n, 3). What was
-    not asked for is missing or None. Rates and derivatives are by the kernel's coordinate.
+    `direction[pole]` (n, 3); `rate[pole]`, its derivatives `acceleration_coefficient[pole]`
+    and `acceleration_coefficient_dq[pole]`, `inertia`, its derivatives `inertia_dq` and
+    `inertia_dq2` (n,); `tangent` (n, variables); `w[link]` and its first derivative
+    `dw[link]` (n, 3). What was not asked for is missing or None. Rates and derivatives are
+    by the kernel's coordinate.
     """
 
     direction: Mapping[Pole, Floats]
-    rate: Mapping[Pole, Floats]
-    rate_dq: Mapping[Pole, Floats]
-    rate_dq2: Mapping[Pole, Floats]
+    velocity_coefficient: Mapping[Pole, Floats]
+    acceleration_coefficient: Mapping[Pole, Floats]
+    acceleration_coefficient_dq: Mapping[Pole, Floats]
     inertia: Floats | None
     inertia_dq: Floats | None
     inertia_dq2: Floats | None
@@ -81,7 +82,7 @@ class Kernel:
     with_inertia: bool
     with_tangent: bool
     engine: Literal["numpy", "compiled"]
-    function: Function | ArrayFunction
+    function: CompiledFunction | ArrayFunction
 
     def __call__(self, inputs: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return the output (columns, n), written to `out` where that is given.
@@ -101,7 +102,7 @@ class Kernel:
                 )
         return np.asarray(self.function(rows, out))
 
-    def values(self, inputs: ArrayLike) -> Values:
+    def values(self, inputs: ArrayLike) -> KernelValues:
         """Return the output by pole."""
         rows = self(inputs)
         width = 4 + self.derivatives
@@ -130,7 +131,7 @@ class Kernel:
                 for k, link in enumerate(self.links)
             }
 
-        return Values(
+        return KernelValues(
             {pole: rows[k : k + 3].T for pole, k in at.items()},
             rate(0),
             rate(1),
@@ -227,7 +228,7 @@ def kernel(
     def make() -> Kernel:
         structure = Structure.of(mechanism, input_pair)
         inputs, placed = _placed(structure, source)
-        flow = Flow(structure, placed, int(derivatives))
+        flow = RateExpressions(structure, placed, int(derivatives))
         scale = _scale(flow, coordinate)
         columns, outputs = _outputs(flow, scale, chosen, with_inertia)
         if with_tangent:
@@ -268,7 +269,9 @@ def _engine(mechanism: Mechanism, engine: Engine) -> Literal["numpy", "compiled"
     return engine
 
 
-def _placed(structure: Structure, source: Source) -> tuple[list[Term], list[Placement]]:
+def _placed(
+    structure: Structure, source: Source
+) -> tuple[list[ExpressionNode], list[LinkOrientation]]:
     """Return the inputs, and the links placed by them."""
     mechanism = structure.mechanism
     if source == "variables":
@@ -282,7 +285,7 @@ def _placed(structure: Structure, source: Source) -> tuple[list[Term], list[Plac
     return inputs, place_by_input(structure, inputs[0], inputs[1:])
 
 
-def _scale(flow: Flow, coordinate: Coordinate) -> Series:
+def _scale(flow: RateExpressions, coordinate: Coordinate) -> SeriesExpressions:
     """Return dp by a coordinate."""
     if coordinate == "input":
         return 1.0 / _of_variable(flow, flow.structure.driven)
@@ -294,11 +297,11 @@ def _scale(flow: Flow, coordinate: Coordinate) -> Series:
     return 1.0 / length([vector(each) for each in flow.tau])[1]
 
 
-def _of_variable(flow: Flow, variable: int) -> Series:
-    return Series(tuple(each[variable] for each in flow.tau))
+def _of_variable(flow: RateExpressions, variable: int) -> SeriesExpressions:
+    return SeriesExpressions(tuple(each[variable] for each in flow.tau))
 
 
-def _by_coordinate(value: Series, scale: Series) -> list[Expr]:
+def _by_coordinate(value: SeriesExpressions, scale: SeriesExpressions) -> list[Expr]:
     """Return a value and its derivatives by the coordinate."""
     made = [value.coefficients[0]]
     while len(value.coefficients) > 1:
@@ -308,7 +311,10 @@ def _by_coordinate(value: Series, scale: Series) -> list[Expr]:
 
 
 def _outputs(
-    flow: Flow, scale: Series, poles: Sequence[Pole], with_inertia: bool
+    flow: RateExpressions,
+    scale: SeriesExpressions,
+    poles: Sequence[Pole],
+    with_inertia: bool,
 ) -> tuple[list[str], list[Expr]]:
     mechanism = flow.structure.mechanism
     columns: list[str] = []
@@ -316,7 +322,7 @@ def _outputs(
     for pole in poles:
         direction, rate = _pole(flow, pole)
         label = "_".join(mechanism.links[k] for k in pole)
-        parts = ["ux", "uy", "uz", *_DERIVATIVES["rate"][: flow.order + 1]]
+        parts = ["ux", "uy", "uz", *_DERIVATIVES["velocity_coefficient"][: flow.order + 1]]
         columns += [f"{part}_{label}" for part in parts]
         outputs += [*direction, *_by_coordinate(rate * scale, scale)]
     if with_inertia:
@@ -326,9 +332,9 @@ def _outputs(
     return columns, outputs
 
 
-def _turning(flow: Flow, link: int) -> list[Series]:
+def _turning(flow: RateExpressions, link: int) -> list[SeriesExpressions]:
     """Return the components of a link's angular velocity per unit of p."""
-    return [Series(tuple(each[link][k] for each in flow.w)) for k in range(3)]
+    return [SeriesExpressions(tuple(each[link][k] for each in flow.w)) for k in range(3)]
 
 
 _TURNING = (
@@ -337,12 +343,16 @@ _TURNING = (
     ("d2wx_dq2", "d2wy_dq2", "d2wz_dq2"),
 )
 _DERIVATIVES = {
-    "rate": ("rate", "rate_dq", "rate_dq2"),
+    "velocity_coefficient": (
+        "velocity_coefficient",
+        "acceleration_coefficient",
+        "acceleration_coefficient_dq",
+    ),
     "B": ("B", "dB_dq", "d2B_dq2"),
 }
 
 
-def _pole(flow: Flow, pole: Pole) -> tuple[Exprs, Series]:
+def _pole(flow: RateExpressions, pole: Pole) -> tuple[Exprs, SeriesExpressions]:
     """Return a unit vector and the rate along it per unit of p."""
     mechanism = flow.structure.mechanism
     variable = mechanism.angle_between(*pole)

@@ -14,15 +14,15 @@ import numpy as np
 
 from spherekit.engine.algebra import (
     Exprs,
-    Series,
+    SeriesExpressions,
     cross,
     series,
     vector,
 )
-from spherekit.engine.pose import Placement, spin_vectors
+from spherekit.engine.expression_graph import Expr
+from spherekit.engine.pose import LinkOrientation, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
-from spherekit.engine.terms import Expr
-from spherekit.engine.turns import Spin, TurningPairs, turning_pairs
+from spherekit.engine.turns import AxisTerm, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
@@ -49,7 +49,7 @@ class Structure:
         Raises
         ------
         EngineError
-            If a profile is no circle, or a group is too large.
+            If a profile is not a circle, or a group is too large.
         PlanError
             If the mechanism does not have exactly one freedom.
         """
@@ -86,7 +86,7 @@ class Structure:
             return float(np.sum(np.cross(held[0][link], held[1][link]) ** 2))
         return None
 
-    def single_spins(self, variable: int) -> list[Spin]:
+    def single_spins(self, variable: int) -> list[AxisTerm]:
         """Return a variable's vector as an axis of one link, for each link it suits."""
         spins = self.pairs.spins[variable]
         if len(spins) > 1:
@@ -96,7 +96,7 @@ class Structure:
 
 
 @final
-class Flow:
+class RateExpressions:
     """Rates in the homogeneous parameter p at given placements of the links.
 
     Everything is a Taylor coefficient by p, the k-th derivative over k!, up to `order`:
@@ -106,7 +106,7 @@ class Flow:
     """
 
     def __init__(
-        self, structure: Structure, placed: Sequence[Placement], order: int = 0
+        self, structure: Structure, placed: Sequence[LinkOrientation], order: int = 0
     ) -> None:
         self.structure = structure
         self.placed = placed
@@ -157,7 +157,11 @@ class Flow:
             solver.close(rows)
         found = [solver.rates[v] for v in range(len(moving))]
         return [
-            each.coefficients[k] if isinstance(each, Series) else 0.0 if k else each
+            each.coefficients[k]
+            if isinstance(each, SeriesExpressions)
+            else 0.0
+            if k
+            else each
             for each in found
         ]
 
@@ -195,7 +199,7 @@ class Flow:
             made.append(np.asarray(placed.seen(here) * (1.0 / factorial)))
         return made
 
-    def _along_basis(self, variable: int, placed: Placement, link: int) -> Exprs:
+    def _along_basis(self, variable: int, placed: LinkOrientation, link: int) -> Exprs:
         fixed = self._fixed(variable, link)
         return placed.seen(self.vectors[0][variable]) if fixed is None else fixed
 

@@ -12,8 +12,8 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
-from spherekit.engine.kinematics import Flow
-from spherekit.engine.terms import Expr, function, power
+from spherekit.engine.expression_graph import Expr, function, power
+from spherekit.engine.kinematics import RateExpressions
 from spherekit.model.dynamics import Called, Load, TorqueTable, Vector, expression_of
 from spherekit.model.expression import Expression, fold
 from spherekit.model.mechanism import Mechanism
@@ -23,7 +23,7 @@ FULL_TURN = 6.283185307179586
 
 @final
 @dataclass(frozen=True)
-class Moving:
+class LoadState:
     """A mechanism in motion, as loads see it.
 
     `flow` gives directions, placements and angular velocities per unit of p, `speed` is
@@ -32,7 +32,7 @@ class Moving:
     reduced by whole turns, the k-th by `turns[k]` of them.
     """
 
-    flow: Flow
+    flow: RateExpressions
     variables: Sequence[Expr]
     turns: Sequence[Expr]
     speed: Expr
@@ -86,7 +86,7 @@ class Switches:
         return self.factor(self.conditions.index(condition))
 
 
-def generalised_force(load: Load, moving: Moving) -> Expr:
+def generalised_force(load: Load, moving: LoadState) -> Expr:
     """Return the power of a load per unit rate of the homogeneous parameter."""
     total: Expr = 0.0
     on_links: dict[tuple[str, str, Vector | None], Exprs] = {}
@@ -106,7 +106,7 @@ def generalised_force(load: Load, moving: Moving) -> Expr:
     return total
 
 
-def steep_arguments(load: Load, moving: Moving) -> list[Expr]:
+def steep_arguments(load: Load, moving: LoadState) -> list[Expr]:
     """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
     laws = [part.magnitude for part in load.components(moving.mechanism)]
     return [
@@ -117,7 +117,9 @@ def steep_arguments(load: Load, moving: Moving) -> list[Expr]:
     ]
 
 
-def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) -> Exprs:
+def _moment(
+    flow: RateExpressions, link: int, axes: str, arm: Vector | None, along: Exprs
+) -> Exprs:
     """Return a moment (3,), or that of a force with an arm, in ground axes."""
     if axes == "ground":
         if arm is None:
@@ -129,13 +131,13 @@ def _moment(flow: Flow, link: int, axes: str, arm: Vector | None, along: Exprs) 
     return np.asarray(placed.basis @ (constants(placed.within) @ own))
 
 
-def _magnitude(law: Expression | Called | TorqueTable, moving: Moving) -> Expr:
+def _magnitude(law: Expression | Called | TorqueTable, moving: LoadState) -> Expr:
     if isinstance(law, TorqueTable):
         return moving.table(law.name)
     return expression_value(expression_of(law), moving)
 
 
-def expression_value(law: Expression, moving: Moving) -> Expr:
+def expression_value(law: Expression, moving: LoadState) -> Expr:
     """Return an expression's value.
 
     Beside each part stands one that differs from it by whole turns at most, formed of
@@ -186,7 +188,7 @@ _BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
 }
 
 
-def _larger(moving: Moving, *items: Expr) -> Expr:
+def _larger(moving: LoadState, *items: Expr) -> Expr:
     best = items[0]
     for item in items[1:]:
         gap = best - item
@@ -194,7 +196,7 @@ def _larger(moving: Moving, *items: Expr) -> Expr:
     return best
 
 
-def _smaller(moving: Moving, *items: Expr) -> Expr:
+def _smaller(moving: LoadState, *items: Expr) -> Expr:
     return -1.0 * _larger(moving, *(-1.0 * item for item in items))
 
 

@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, vector
-from spherekit.engine.terms import Expr, function
-from spherekit.engine.turns import Chain, Turn, TurningPairs
+from spherekit.engine.expression_graph import Expr, function
+from spherekit.engine.turns import AxisRotation, Chain, TurningPairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.sphere.rotation import Floats
@@ -16,7 +16,7 @@ from spherekit.sphere.rotation import Floats
 
 @final
 @dataclass(frozen=True)
-class Placement:
+class LinkOrientation:
     """The orientation of a link: R = basis @ within, from link axes to ground axes.
 
     `basis` (3, 3) holds expressions, `within` (3, 3) numbers; the basis need not be
@@ -46,9 +46,9 @@ class Placement:
         return constants(self.within @ inertia @ self.within.T)
 
 
-def ground_placement() -> Placement:
+def ground_placement() -> LinkOrientation:
     """Return the placement of the ground in its own axes."""
-    return Placement(constants(np.eye(3)), np.eye(3), np.eye(3), 0)
+    return LinkOrientation(constants(np.eye(3)), np.eye(3), np.eye(3), 0)
 
 
 @final
@@ -58,7 +58,7 @@ class Angles:
 
     variables: Sequence[Expr]
 
-    def of(self, turn: Turn) -> tuple[Expr, Expr]:
+    def of(self, turn: AxisRotation) -> tuple[Expr, Expr]:
         """Return the cosine and the sine of a turn."""
         angle = self.variables[turn.variable]
         sense = 1.0 if turn.scale > 0.0 else -1.0
@@ -70,7 +70,7 @@ class Angles:
         return function("cos", angle), sense * function("sin", angle)
 
 
-def placed_by(chain: Chain, start: Placement, angles: Angles) -> Placement:
+def placed_by(chain: Chain, start: LinkOrientation, angles: Angles) -> LinkOrientation:
     """Return the placement of a link that a chain of turns joins to a placed one."""
     basis, within = start.basis, start.within
     for constant, turn in zip(chain.constants, chain.turns, strict=False):
@@ -85,17 +85,17 @@ def placed_by(chain: Chain, start: Placement, angles: Angles) -> Placement:
             axis=1,
         )
         within = np.eye(3)
-    return Placement(basis, chain.constants[-1], np.eye(3), start.depth + 1)
+    return LinkOrientation(basis, chain.constants[-1], np.eye(3), start.depth + 1)
 
 
 def place_by_variables(
     mechanism: Mechanism, pairs: TurningPairs, variables: Sequence[Expr]
-) -> list[Placement]:
+) -> list[LinkOrientation]:
     """Return the placements of all links along the shortest ways from the ground."""
     tree = LoopTree.of(mechanism)
     angles = Angles(variables)
     placed = [ground_placement()] * len(mechanism.links)
-    for pair, parent, child in tree.branches:
+    for pair, parent, child in tree.assembly_modes:
         chain = pairs.chains[pair]
         ahead = tree.ends[pair][0] == parent
         placed[child] = placed_by(
@@ -105,7 +105,7 @@ def place_by_variables(
 
 
 def spin_vectors(
-    pairs: TurningPairs, placed: Sequence[Placement], variable: int
+    pairs: TurningPairs, placed: Sequence[LinkOrientation], variable: int
 ) -> tuple[tuple[float, int, Exprs], ...]:
     """Return the parts of a variable's vector: size, the link that carries it, axis."""
     spins = pairs.spins[variable]

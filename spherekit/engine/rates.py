@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.engine.algebra import Exprs, cross, determinant, dot, vector
 from spherekit.engine.elimination import Elimination, Loop, eliminate
-from spherekit.engine.terms import Expr
+from spherekit.engine.expression_graph import Expr
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.assembly import Assembly, Group

@@ -23,7 +23,7 @@ ROUND = ("circle", "great_circle")
 
 @final
 @dataclass(frozen=True)
-class Turn:
+class AxisRotation:
     """A turn about z by scale * variable + offset (rad)."""
 
     variable: int
@@ -37,11 +37,11 @@ class Chain:
     """R_second = R_first C_0 Z_1 C_1 ... Z_k C_k: constant rotations between turns."""
 
     constants: tuple[Floats, ...]
-    turns: tuple[Turn, ...]
+    turns: tuple[AxisRotation, ...]
 
     def reversed(self) -> "Chain":
         """Return the chain from the second link to the first."""
-        back = [Turn(t.variable, -t.scale, -t.offset) for t in self.turns]
+        back = [AxisRotation(t.variable, -t.scale, -t.offset) for t in self.turns]
         return Chain(
             tuple(transpose(each) for each in reversed(self.constants)),
             tuple(reversed(back)),
@@ -50,7 +50,7 @@ class Chain:
 
 @final
 @dataclass(frozen=True)
-class Spin:
+class AxisTerm:
     """A part of a variable's vector: `size` times an axis (3,) fixed in a link."""
 
     size: float
@@ -70,8 +70,8 @@ class TurningPairs:
 
     joints: tuple[Joint, ...]
     chains: tuple[Chain, ...]
-    spins: tuple[tuple[Spin, ...], ...]
-    twin: dict[int, Spin]
+    spins: tuple[tuple[AxisTerm, ...], ...]
+    twin: dict[int, AxisTerm]
 
 
 def turning_pairs(mechanism: Mechanism) -> TurningPairs:
@@ -84,8 +84,8 @@ def turning_pairs(mechanism: Mechanism) -> TurningPairs:
     """
     joints = geometry_of(mechanism).joints
     chains: list[Chain] = []
-    spins: list[tuple[Spin, ...]] = [()] * len(mechanism.variable_owners)
-    twin: dict[int, Spin] = {}
+    spins: list[tuple[AxisTerm, ...]] = [()] * len(mechanism.variable_owners)
+    twin: dict[int, AxisTerm] = {}
     tracks = dict(contact_tracks(joints))
     for number, at, joint in numbered(joints):
         a, b = mechanism.ends[number]
@@ -94,12 +94,12 @@ def turning_pairs(mechanism: Mechanism) -> TurningPairs:
             chain = _along(*tracks[number])
         else:
             hinge = revolute(joint)
-            chain = Chain((hinge.first, transpose(hinge.second)), (Turn(at),))
-            twin[at] = Spin(1.0, b, hinge.second[:, 2])
+            chain = Chain((hinge.first, transpose(hinge.second)), (AxisRotation(at),))
+            twin[at] = AxisTerm(1.0, b, hinge.second[:, 2])
         chains.append(chain)
         axes = (a, chain.constants[0][:, 2]), (b, chain.constants[-1][2])
         for turn, (link, axis) in zip(chain.turns, axes, strict=False):
-            spins[turn.variable] += (Spin(turn.scale, link, axis),)
+            spins[turn.variable] += (AxisTerm(turn.scale, link, axis),)
     return TurningPairs(joints, tuple(chains), tuple(spins), twin)
 
 
@@ -108,8 +108,8 @@ def _along(one: Track, other: Track) -> Chain:
     (first, pace), (second, far_pace) = _circle(one.curve), _circle(other.curve)
     middle = transpose(_about(one.curve)) @ _about(other.curve)
     turns = (
-        Turn(one.variable, pace, pace * one.start),
-        Turn(other.variable, -far_pace, -far_pace * other.start),
+        AxisRotation(one.variable, pace, pace * one.start),
+        AxisRotation(other.variable, -far_pace, -far_pace * other.start),
     )
     return Chain((first, middle, transpose(second)), turns)
 

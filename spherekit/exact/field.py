@@ -101,12 +101,16 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     made = replace(
         field,
         direction={},
-        rate={},
-        rate_dq={},
+        velocity_coefficient={},
+        acceleration_coefficient={},
         angle={pole: np.full_like(x, np.nan) for pole, x in field.angle.items()},
         error={pole: np.full_like(x, np.nan) for pole, x in field.error.items()},
-        rate_error={pole: np.full_like(x, np.nan) for pole, x in field.rate.items()},
-        rate_dq_error={pole: np.full_like(x, np.nan) for pole, x in field.rate.items()},
+        velocity_coefficient_error={
+            pole: np.full_like(x, np.nan) for pole, x in field.velocity_coefficient.items()
+        },
+        acceleration_coefficient_error={
+            pole: np.full_like(x, np.nan) for pole, x in field.velocity_coefficient.items()
+        },
         planes={pole: np.full_like(x, np.nan) for pole, x in field.planes.items()},
         w={},
         dw={},
@@ -118,13 +122,19 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         given = field.direction[pole]
         unit = exact_direction(exact, pole, given)
         v, dv = exact.w[:, j] - exact.w[:, i], exact.dw[:, j] - exact.dw[:, i]
-        rate, rate_dq = (floats(np.sum(x * unit, axis=1)) for x in (v, dv))
+        rate, acceleration_coefficient = (floats(np.sum(x * unit, axis=1)) for x in (v, dv))
         blind = ~np.all(np.isfinite(floats(unit)), axis=1)
         rate = np.where(blind, floats(_length(exact, v)), rate)
-        rate_dq = np.where(blind, floats(_length(exact, dv)), rate_dq)
+        acceleration_coefficient = np.where(
+            blind, floats(_length(exact, dv)), acceleration_coefficient
+        )
         made.direction[pole] = floats(unit)
-        made.rate[pole] = np.where(np.isnan(field.rate[pole]), np.nan, rate)
-        made.rate_dq[pole] = np.where(np.isnan(field.rate_dq[pole]), np.nan, rate_dq)
+        made.velocity_coefficient[pole] = np.where(
+            np.isnan(field.velocity_coefficient[pole]), np.nan, rate
+        )
+        made.acceleration_coefficient[pole] = np.where(
+            np.isnan(field.acceleration_coefficient[pole]), np.nan, acceleration_coefficient
+        )
         codes = field.pole_status[pole]
         made.pole_status[pole] = np.where(none, exact.status, codes).astype(np.int8)
     for given_w, own, result in (
@@ -150,7 +160,7 @@ def field_rows(field: PoleField, rows: NDArray[Any]) -> PoleField:
 def _above(
     exact: ExactRows, vectors: Numbers, parts: Numbers, floor: Floats
 ) -> NDArray[np.bool_]:
-    """Return (n, 1) whether differences (n, 3) of parts (n, 2, 3) are no rounding."""
+    """Return (n, 1) whether differences (n, 3) of parts (n, 2, 3) are not rounding."""
     floats = exact.arithmetic.floats
     size = np.max(np.abs(floats(parts)), axis=(1, 2))
     largest = np.max(np.abs(floats(vectors)), axis=1)

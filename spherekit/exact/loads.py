@@ -24,7 +24,7 @@ Sides = NDArray[np.float64] | None
 
 @final
 @dataclass(frozen=True)
-class Moving:
+class ExactLoadState:
     """A mechanism in motion at n rows, by a coordinate of its own.
 
     `values` (n, variables) rad, whole turns included; `rates` (n, variables) and `w`
@@ -87,7 +87,7 @@ class ExactLoads:
         return sorted(set(inside))
 
     def force(
-        self, moving: Moving, sides: Sides, inside: float
+        self, moving: ExactLoadState, sides: Sides, inside: float
     ) -> tuple[Numbers, list[Numbers]]:
         """Return the generalised force of all loads (n,), and the switches' conditions.
 
@@ -120,7 +120,7 @@ class ExactLoads:
         since = t - turn * period - times[after - 1]
         return np.asarray(torques[after - 1] + slope * since)
 
-    def _power(self, moment: LinkMoment, moving: Moving) -> Numbers:
+    def _power(self, moment: LinkMoment, moving: ExactLoadState) -> Numbers:
         """Return the power (n,) of a moment per unit rate of the coordinate."""
         link = self.mechanism.link_number[moment.link]
         w, turn = moving.w[:, link], moving.rotations[:, link]
@@ -132,7 +132,7 @@ class ExactLoads:
             direction = (turn @ direction[:, None])[..., 0]
         return np.asarray(np.sum(w * direction, axis=-1))
 
-    def _value(self, law: Expression, moving: Moving, switches: _Switches) -> Any:
+    def _value(self, law: Expression, moving: ExactLoadState, switches: _Switches) -> Any:
         def named(name: str) -> Any:
             if name == "t":
                 return moving.t

@@ -57,7 +57,7 @@ class ExactRows:
     the inputs, in Frobenius norms: an error e of the geometry moves the configuration by
     up to about `condition` times e, and it grows without bound towards singularities of
     type II. `status` (n,): that of a row which failed already; NOT_CONVERGED;
-    BRANCH_LOST where the solution is farther than 1e-6 rad and than the row may be off by
+    MODE_LOST where the solution is farther than 1e-6 rad and than the row may be off by
     its open loops, or others are as near;
     AT_SINGULARITY where the Jacobian has no full rank in these numbers; NOT_CLOSED.
     """
@@ -111,7 +111,7 @@ def exact_rows(
     Raises
     ------
     SolveError
-        If the pair is no input, or the order is not 1, 2 or 3.
+        If the pair is not an input, or the order is not 1, 2 or 3.
     """
     (found,) = exact_rows_by_input(motion, rows, (driven,), arithmetic, order, inputs)
     return found
@@ -134,7 +134,7 @@ def exact_rows_by_input(
         if pair not in motion.assembly.inputs:
             names = listing(mechanism.pairs[p].name for p in motion.assembly.inputs)
             raise SolveError(
-                f"{mechanism.name}: pair number {pair} is no input; inputs: {names}"
+                f"{mechanism.name}: pair number {pair} is not an input; inputs: {names}"
             )
     if order not in (1, 2, 3):
         raise SolveError(f"order {order} was asked for; give 1, 2 or 3")
@@ -295,7 +295,7 @@ class _Solver:
         status[closed & (residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
         off = self.motion.configuration_error[rows]
         near = np.maximum(np.where(np.isfinite(off), 2.0 * off, 0.0), RADIUS)
-        status[closed & (wild | (distance > near))] = Status.BRANCH_LOST
+        status[closed & (wild | (distance > near))] = Status.MODE_LOST
         return _Closed(values, inverse, distance, residual, condition, status)
 
 

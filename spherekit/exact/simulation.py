@@ -24,7 +24,7 @@ from spherekit.exact.chain import ExactChain
 from spherekit.exact.inertia import link_inertia
 from spherekit.exact.legendre import LegendreSeries
 from spherekit.exact.linear import left_inverse
-from spherekit.exact.loads import ExactLoads, Moving, Sides
+from spherekit.exact.loads import ExactLoads, ExactLoadState, Sides
 from spherekit.exact.rows import motion_series, turning_rates
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
@@ -48,7 +48,7 @@ SURE = 10
 """from this turn on; before, the iteration may not yet converge."""
 
 SHORTEST = 1e-10
-"""A step shorter than this part of the whole time is no use."""
+"""A step shorter than this part of the whole time is not an use."""
 
 PREFERRED = 1.5
 """Another variable becomes the coordinate where it moves this many times as fast."""
@@ -128,7 +128,7 @@ class _Root:
 @final
 @dataclass(frozen=True)
 class _Place:
-    """A configuration by the coordinate: what `Moving` needs, B, and how open it was."""
+    """A configuration by the coordinate: for `ExactLoadState`, B, and how open it was."""
 
     values: Numbers
     rates: Numbers
@@ -230,7 +230,7 @@ class ExactSimulation:
         w, dw = turning_rates(placed)
         B, dB = link_inertia(self.arithmetic, self.mechanism, placed[0], w, dw)
         speed = p / self.arithmetic.root(B)
-        moving = Moving(values, series[1], w, placed[0], speed, t)
+        moving = ExactLoadState(values, series[1], w, placed[0], speed, t)
         force, _ = self._loads.force(moving, step.sides, self._middle(step))
         change = (force - dB * speed * speed / 2) / B
         rates = series[1] * speed[:, None]
@@ -391,7 +391,7 @@ class ExactSimulation:
             if push is None:
                 push = size * speed
             speed = push / size
-            state = Moving(values, place.rates, place.w, place.rotations, speed, t)
+            state = ExactLoadState(values, place.rates, place.w, place.rotations, speed, t)
             if sides is None:
                 _, seen = self._loads.force(state, None, inside)
                 signs = [

@@ -4,7 +4,7 @@ import math
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 
 from spherekit.conventions import EPS
-from spherekit.files.document import Document, Written
+from spherekit.files.document import Document, LiteralNumber
 from spherekit.files.locate import KeyPath
 from spherekit.model.changes import AngleUnit
 
@@ -32,7 +32,7 @@ def to_radians(number: float, unit: AngleUnit) -> float:
     """
     if unit == "rad":
         return float(number)
-    written = Decimal(number.text if isinstance(number, Written) else repr(number))
+    written = Decimal(number.text if isinstance(number, LiteralNumber) else repr(number))
     if len(_EXACT.normalize(written).as_tuple().digits) <= _FLOAT_DIGITS:
         return math.radians(number)
     return float(_EXACT.multiply(written, _DEGREE))
@@ -62,7 +62,7 @@ def to_text(angle: float, unit: AngleUnit) -> str:
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
     for digits in range(1, 40):
         text = _decimal_text(Context(prec=digits).plus(degrees))
-        if to_radians(Written(text), "deg") == angle:
+        if to_radians(LiteralNumber(text), "deg") == angle:
             return text
     raise AssertionError("40 digits tell any two floats apart")
 

@@ -8,7 +8,7 @@ from typing import final
 from spherekit.conventions import nearest
 from spherekit.errors import ModelError
 from spherekit.files.locate import KeyPath
-from spherekit.files.values import Table, Values
+from spherekit.files.values import DocumentValues, Table
 from spherekit.model.gears import gear_axes, pitch_angles, touching_angles
 from spherekit.model.geometry import given_axis
 from spherekit.model.mechanism import Pair, PoseGeometry, Profile, SizeGeometry
@@ -16,7 +16,7 @@ from spherekit.model.mechanism import Pair, PoseGeometry, Profile, SizeGeometry
 
 @final
 @dataclass(frozen=True)
-class Contacts(Values):
+class Contacts(DocumentValues):
     """The contact pairs of a document; `joined` has the two links of every R pair."""
 
     geometry: SizeGeometry | PoseGeometry

@@ -37,13 +37,13 @@ _KEY = re.compile(r"""[ \t]*([\w.\-"' ]+?)[ \t]*=""")
 
 
 @final
-class Written(float):
+class LiteralNumber(float):
     """A float that remembers how it was written, so that units convert exactly."""
 
     __slots__ = ("text",)
     text: str
 
-    def __new__(cls, text: str) -> "Written":
+    def __new__(cls, text: str) -> "LiteralNumber":
         """Read a decimal number."""
         number = super().__new__(cls, text)
         number.text = text
@@ -53,7 +53,7 @@ class Written(float):
 @final
 @dataclass(frozen=True)
 class Document:
-    """A parsed TOML file; its floats are `Written`.
+    """A parsed TOML file; its floats are `LiteralNumber`.
 
     Data that a program has made come without a text, and their faults without a line.
     """
@@ -115,7 +115,7 @@ def read_text(path: Path) -> str:
     Raises
     ------
     FileError
-        If it cannot be opened, is no regular file, is too large, or is not UTF-8.
+        If it cannot be opened, is not a regular file, is too large, or is not UTF-8.
     """
     try:
         # A pipe would block here for ever; it is refused just below.
@@ -167,7 +167,7 @@ def parse(text: str, name: str) -> Document:
     if values > MAX_VALUES:
         raise FileError(f"{name}: has {values} values, at most {MAX_VALUES} are read")
     try:
-        data = tomllib.loads(text, parse_float=Written)
+        data = tomllib.loads(text, parse_float=LiteralNumber)
     except tomllib.TOMLDecodeError as error:
         raise FileError(_syntax_fault(text, name, str(error))) from None
     except RecursionError:

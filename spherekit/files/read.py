@@ -15,7 +15,7 @@ from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
 from spherekit.files.read_dynamics import DynamicsReader
-from spherekit.files.values import Table, Values
+from spherekit.files.values import DocumentValues, Table
 from spherekit.model.changes import AngleUnit
 from spherekit.model.geometry import arc_pole, given_axis
 from spherekit.model.mechanism import (
@@ -118,7 +118,7 @@ def read(document: Document) -> Mechanism:
 
 @final
 @dataclass(frozen=True)
-class _Reader(Values):
+class _Reader(DocumentValues):
     """Builds a mechanism without masses and loads from data that fits the schema."""
 
     def mechanism(self) -> Mechanism:

@@ -44,7 +44,7 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
         mechanism=mechanism,
         samples=_samples(document, mechanism),
         path=_input_path(document, mechanism),
-        branch=int(data["branch"]) if "branch" in data else None,
+        assembly_mode=int(data["assembly_mode"]) if "assembly_mode" in data else None,
         search=data.get("search", True),
         analyses=data.get("analyses", {}),
         folder=_path(document, output, "folder"),

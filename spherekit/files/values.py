@@ -13,7 +13,7 @@ Table = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Values:
+class DocumentValues:
     """A document whose data fits the schema, and the unit of its angles.
 
     Every method takes the key path at which the given number, row or table stands, and

@@ -41,7 +41,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     Raises
     ------
     OutputError
-        If the format cannot express the mechanism: an axis that is no unit vector, a
+        If the format cannot express the mechanism: an axis that is not a unit vector, a
         profile with values its kind does not have, user data that TOML lacks.
     """
     if angle_unit not in ("deg", "rad"):

@@ -11,7 +11,7 @@ from spherekit.analysis.contract import Batch, Needs
 from spherekit.analysis.frames import to_frame
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.tables import (
-    BRANCH,
+    ASSEMBLY_MODE,
     INPUTS,
     RESIDUAL,
     SAMPLE,
@@ -34,10 +34,10 @@ from spherekit.sphere.rotation import Floats
 
 TABLE = Table(
     "poles",
-    "one row per sample, branch, moving input and pole",
+    "one row per sample, assembly mode, moving input and pole",
     (
         SAMPLE,
-        BRANCH,
+        ASSEMBLY_MODE,
         INPUTS,
         Column("link", "", "the link that moves", "text"),
         Column("relative_to", "", "the link it is seen from", "text"),
@@ -56,14 +56,14 @@ TABLE = Table(
 @final
 @dataclass(frozen=True)
 class Kinematics:
-    """A mechanism at given inputs, in rows: branch after branch, in each the inputs.
+    """A mechanism at given inputs, in rows: mode after mode, in each the inputs.
 
     Poles are named by two links, ``"3/1"``; coefficients are those of the link that comes
     later in the mechanism against the other, per unit rate of the input `moving` while
     the others are locked. `moving` may be left out where there is one input. The sense of
     a pole axis, and with it the sign of its coefficient, goes on along the rows of a
-    branch; in the first it is the side that the mechanism's axes are on. Angles are in
-    rad, vectors in ground axes; rows that failed hold NaN and say why in `status`.
+    assembly mode; in the first it is the side that the mechanism's axes are on. Angles are
+    in rad, vectors in ground axes; rows that failed hold NaN and say why in `status`.
     """
 
     mechanism: Mechanism
@@ -75,18 +75,18 @@ class Kinematics:
         return len(self._batch)
 
     def __repr__(self) -> str:
-        branches = len(set(self.branch.tolist()))
+        assembly_modes = len(set(self.assembly_mode.tolist()))
         failed = int(np.sum(self._motion.failed))
         return (
-            f"<Kinematics of {self.mechanism.name}: {len(self)} rows in {branches} "
-            f"branches, {failed} failed; {len(self.poles)} poles while "
+            f"<Kinematics of {self.mechanism.name}: {len(self)} rows in {assembly_modes} "
+            f"assembly modes, {failed} failed; {len(self.poles)} poles while "
             f"{' or '.join(self.input_pairs)} moves>"
         )
 
     @property
     def input_pairs(self) -> tuple[str, ...]:
         """Names of the driven pairs, in the order of the columns of `inputs`."""
-        return self._batch.moved_pairs
+        return self._batch.moving_inputs
 
     @property
     def q(self) -> Floats:
@@ -104,9 +104,9 @@ class Kinematics:
         return self._batch.sample
 
     @property
-    def branch(self) -> NDArray[np.int64]:
+    def assembly_mode(self) -> NDArray[np.int64]:
         """(n,) numbers of the assembly modes."""
-        return self._batch.branch
+        return self._batch.assembly_mode
 
     @property
     def status(self) -> NDArray[np.int8]:
@@ -171,12 +171,12 @@ class Kinematics:
 
         Times `direction` it is their relative angular velocity per unit rate of the input.
         """
-        return self._batch.rate(*self._pole(pole), self._moving(moving))
+        return self._batch.velocity_coefficient(*self._pole(pole), self._moving(moving))
 
     @checked(SolveError)
     def acceleration_coefficient(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n,) the derivative of the velocity coefficient by the input, 1/rad."""
-        return self._batch.rate_dq(*self._pole(pole), self._moving(moving))
+        return self._batch.acceleration_coefficient(*self._pole(pole), self._moving(moving))
 
     @checked(SolveError)
     def frame(self, degrees: bool = False) -> Any:
@@ -197,7 +197,7 @@ class Kinematics:
         names = [pole.split("/") for pole, _ in asked]
         data: dict[str, Any] = {
             "sample": spread(self.sample),
-            "branch": spread(self.branch),
+            "assembly_mode": spread(self.assembly_mode),
         }
         inputs = input_columns(self.mechanism, self.inputs)
         data |= {key: spread(column) for key, column in inputs.items()}
@@ -268,7 +268,7 @@ def evaluate(
     *,
     poles: Sequence[str] | None = None,
     input_pair: str | Sequence[str] | None = None,
-    branch: int | None = None,
+    assembly_mode: int | None = None,
 ) -> Kinematics:
     """Return a mechanism's configurations, pole axes and coefficients at given inputs.
 
@@ -282,7 +282,7 @@ def evaluate(
         The poles wanted, such as ``["3/1", "4/1"]``; by default all.
     input_pair
         The driven pairs, if not those of the mechanism.
-    branch
+    assembly mode
         The only assembly mode wanted, by the number that `run` gives it; by default all.
 
     Raises
@@ -295,10 +295,10 @@ def evaluate(
     --------
     >>> import numpy as np
     >>> import spherekit as sk
-    >>> here = sk.evaluate("four_bar", 0.7, poles=["4/1"], branch=0)
+    >>> here = sk.evaluate("four_bar", 0.7, poles=["4/1"], assembly_mode=0)
     >>> here.velocity_coefficient("4/1").shape
     (1,)
-    >>> turn = sk.evaluate("four_bar", np.linspace(0.0, 2.0 * np.pi, 50), branch=0)
+    >>> turn = sk.evaluate("four_bar", np.linspace(0.0, 2.0 * np.pi, 50), assembly_mode=0)
     >>> turn.q.shape, turn.direction("3/1").shape, len(turn.frame()) == 50 * 6
     ((50,), (50, 3), True)
 
@@ -324,14 +324,15 @@ def evaluate(
     else:
         tracer = Tracer(mechanism, path=q)
         motion = tracer.motion()
-    if branch is not None:
-        numbers = [item.number for item in tracer.branches]
-        if branch not in numbers:
+    if assembly_mode is not None:
+        numbers = [item.number for item in tracer.assembly_modes]
+        if assembly_mode not in numbers:
             raise SolveError(
-                f"{mechanism.name}: there is no branch {branch}; the branches found are "
+                f"{mechanism.name}: there is no assembly mode {assembly_mode}; the "
+                f"assembly modes found are "
                 f"{listing(numbers)}"
             )
-        motion = motion.rows(motion.branch == branch)
+        motion = motion.rows(motion.assembly_mode == assembly_mode)
     needs = Needs(
         directions=frozenset(wanted),
         rates=frozenset(wanted),

@@ -11,7 +11,7 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.mjcf import left_out, mjcf, rigid_bodies
-from spherekit.dynamics.offline import online_model
+from spherekit.dynamics.tabulate import online_model
 from spherekit.errors import OutputError, SolveError
 from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -38,7 +38,7 @@ def export(
     path: str | os.PathLike[str],
     *,
     input_pair: str | None = None,
-    branch: int = 0,
+    assembly_mode: int = 0,
     poles: Sequence[str] | None = None,
     tolerance: float | None = None,
     at: float | None = None,
@@ -52,7 +52,7 @@ def export(
     path
         ``*.npz``: its functions, for use without it (see `load_reduced`); ``*.xml``: a
         MuJoCo model; ``*.toml``: its file.
-    input_pair, branch
+    input_pair, assembly mode
         The driven pair, by default the first input, and the assembly mode.
     poles, tolerance
         Of functions: only these poles (all by default), and their error relative to the
@@ -65,7 +65,7 @@ def export(
     OutputError
         If the ending is unknown, an argument does nothing there, or nothing can be written.
     SolveError, PlanError, EngineError
-        If the mechanism cannot be exported so, or has no such branch.
+        If the mechanism cannot be exported so, or has no such assembly mode.
 
     Examples
     --------
@@ -88,9 +88,9 @@ def export(
             raise OutputError(f"export: {name} does nothing but for *{suffix}")
     mechanism = mechanism_of(mechanism)
     if target.suffix == ".npz":
-        return _functions(mechanism, target, input_pair, branch, poles, tolerance)
+        return _functions(mechanism, target, input_pair, assembly_mode, poles, tolerance)
     if target.suffix == ".xml":
-        return _mujoco(mechanism, target, input_pair, branch, at)
+        return _mujoco(mechanism, target, input_pair, assembly_mode, at)
     dump(mechanism if input_pair is None else mechanism.with_inputs(input_pair), target)
     return Exported(target, "a mechanism file")
 
@@ -99,13 +99,17 @@ def _functions(
     mechanism: Mechanism,
     target: Path,
     input_pair: str | None,
-    branch: int,
+    assembly_mode: int,
     poles: Sequence[str] | None,
     tolerance: float | None,
 ) -> Exported:
     accuracy = {} if tolerance is None else {"tolerance": tolerance}
     model = online_model(
-        mechanism, input_pair=input_pair, branch=branch, poles=poles, **accuracy
+        mechanism,
+        input_pair=input_pair,
+        assembly_mode=assembly_mode,
+        poles=poles,
+        **accuracy,
     )
     model.save(target)
     heading = model.heading
@@ -127,10 +131,10 @@ def _mujoco(
     mechanism: Mechanism,
     target: Path,
     input_pair: str | None,
-    branch: int,
+    assembly_mode: int,
     at: float | None,
 ) -> Exported:
-    tracer = Tracer(mechanism, input_pair, branch)
+    tracer = Tracer(mechanism, input_pair, assembly_mode)
     q = tracer.range[0] if at is None else at
     if not np.isfinite(q):
         raise SolveError(f"export: at is {q}, it has to be a finite number of rad")
@@ -138,7 +142,8 @@ def _mujoco(
     motion = tracer.at(np.array([q]))
     if motion.failed[0]:
         raise SolveError(
-            f"{mechanism.name}: branch {branch} has no configuration at {where}; give "
+            f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
+            f"{where}; give "
             "another input to be at"
         )
     made = tracer.mechanism

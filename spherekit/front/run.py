@@ -24,9 +24,9 @@ def _recordable(function: Callable[P, RunResult]) -> Callable[P, RunResult]:
         again: dict[str, Any] = {k: v for k, v in kwargs.items() if k not in ONCE}
 
         def record(path: Path) -> None:
-            from spherekit.view.rerun_view import Recorder
+            from spherekit.view.rerun_view import RerunRecorder
 
-            with Recorder(found.summary["mechanism"], path=path) as recorder:
+            with RerunRecorder(found.summary["mechanism"], path=path) as recorder:
                 again.update(recorder=recorder, tables=False)
                 function(*args, **again)  # type: ignore[call-arg]
 

@@ -1,8 +1,8 @@
 """Rotations of the output link about a fixed axis, for any mechanism.
 
-`spherekit.guidance.march` follows the configuration nearest to the turned orientation.
-Samples are predicted from the nodes of that way and corrected, so that they do not depend
-on each other.
+`spherekit.guidance.continuation` follows the configuration nearest to the turned
+orientation. Samples are predicted from the nodes of that way and corrected, so that they do
+not depend on each other.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.guidance.march import (
+from spherekit.guidance.continuation import (
     STATIONARY,
     UNFIXED,
     VERIFIED,
@@ -24,7 +24,7 @@ from spherekit.guidance.march import (
     Node,
     corrected,
 )
-from spherekit.guidance.nearest import Nearness, Target
+from spherekit.guidance.nearest import Optimality, Target
 from spherekit.guidance.rotation import (
     RotationSamples,
     chosen_output,
@@ -57,7 +57,7 @@ class FollowedRotation:
     ----------
     end
         Status of what lies beyond: OUT_OF_REACH where the output link cannot turn further,
-        AT_SINGULARITY where the loops stop fixing the links, BRANCH_LOST otherwise.
+        AT_SINGULARITY where the loops stop fixing the links, MODE_LOST otherwise.
     crossings
         Angles (rad) of singular configurations on the way, where the inputs do not hold
         the mechanism.
@@ -119,7 +119,7 @@ class FollowedRotation:
         beyond = theta > self.reached
         hold = _conditions(near.system)
         if not self.exact:
-            hold = np.minimum(near.firmness, near.looseness)
+            hold = np.minimum(near.least_eigenvalue, near.loop_conditioning)
         unfixed = (status == Status.OK) & ~(hold > UNFIXED)
         if np.any(unfixed):
             values = np.where(unfixed[:, None], predicted, near.values)
@@ -128,7 +128,7 @@ class FollowedRotation:
         off = np.max(np.abs(near.values - predicted), axis=1)
         followed = status == Status.OK
         status[followed & ~(near.miss(self.exact) < STATIONARY)] = Status.NOT_CONVERGED
-        status[(status == Status.OK) & ~(off <= allowed)] = Status.BRANCH_LOST
+        status[(status == Status.OK) & ~(off <= allowed)] = Status.MODE_LOST
         off_profile = (status == Status.OK) & ~np.all(near.at.states.inside, axis=1)
         status[off_profile] = Status.OFF_PROFILE
         held = self.transmission.of_values(self.target.closure, near.values)
@@ -156,7 +156,7 @@ class FollowedRotation:
             status=status,
         )
 
-    def _rates(self, theta: Floats, near: Nearness) -> tuple[Floats, Floats]:
+    def _rates(self, theta: Floats, near: Optimality) -> tuple[Floats, Floats]:
         """Return first and second derivatives (n, variables) by theta.
 
         Near a configuration that was stepped over, where rounding grows without bound,
@@ -313,12 +313,12 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
     near, _, _ = corrected(target, values[None], near.reached, False)
     sizes = np.linalg.svd(near.at.jacobian[0], compute_uv=False)
     held = np.any(sizes[count - target.freedoms :] > UNFIXED * np.max(sizes, initial=0.0))
-    if held or not near.looseness[0] > UNFIXED:
+    if held or not near.loop_conditioning[0] > UNFIXED:
         raise SolveError(
             f"{name}: the configuration to start from is singular, or the mechanism has "
             f"other freedoms than its {target.freedoms} inputs; start from another one"
         )
-    if not near.grasp[0] > UNFIXED:
+    if not near.output_singular_value[0] > UNFIXED:
         raise SolveError(
             f"{name}: at the start the output link cannot turn in as many ways as there "
             f"are inputs ({target.freedoms}): it is at the limit of its reach, or does "

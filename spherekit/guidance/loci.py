@@ -1,4 +1,4 @@
-"""Singular mid-planes: the loci of a mechanism in its mid-plane form, mode by mode.
+"""Singular mid-planes: the loci of a mechanism in its mid-plane architecture, mode by mode.
 
 The unit normal n of the mid-plane is the whole pose, and a mode says the rest. The output
 rests while an input moves where a driven leg is at the limit of its reach, |n . b| = sin a
@@ -21,14 +21,14 @@ from spherekit.budget import Budget
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.errors import ModelError
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.guidance.form import MidPlaneForm
+from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Mechanism
 from spherekit.region.mesh import edges_of, hemisphere
 from spherekit.singular.curves import SingularCurves
 from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
-from spherekit.singular.rest import output_of
 from spherekit.singular.slices import solver_of
+from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import Floats, cross, perpendicular
 
 SIDE = float(np.radians(4.0))
@@ -71,7 +71,7 @@ def mid_plane_loci(
     output: str | None = None,
     budget: Budget | None = None,
 ) -> SingularCurves | None:
-    """Return the singular curves of a type, of the mid-plane form of a mechanism.
+    """Return the singular curves of a type, of the mid-plane architecture of a mechanism.
 
     None if it has none. Mid-planes are taken once, n_z >= 0 in mirror axes, and carriers
     on one side: those turned over have the same inputs and poses.
@@ -84,7 +84,7 @@ def mid_plane_loci(
     modes = _Modes(form, mechanism, kind, output)
     found = list(modes.borders() if kind == "I" else modes.contours(budget))
     none = np.zeros((0, len(mechanism.variable_owners)))
-    beyond = "configurations in which the output is no mirror image of the base"
+    beyond = "configurations in which the output is not a mirror image of the base"
     if kind == "I":
         words = f"borders of the reach of driven legs in closed form, without {beyond}"
         claim = Claim(Guarantee.COMPONENT, words)
@@ -101,7 +101,11 @@ class _Modes:
     """Puts the mechanism at mid-planes, mode by mode."""
 
     def __init__(
-        self, form: MidPlaneForm, mechanism: Mechanism, kind: TypeName, output: str | None
+        self,
+        form: MidPlaneArchitecture,
+        mechanism: Mechanism,
+        kind: TypeName,
+        output: str | None,
     ) -> None:
         self.form = form
         solver = solver_of(mechanism)

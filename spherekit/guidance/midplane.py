@@ -1,4 +1,4 @@
-"""The mid-plane form: a base and an end effector that mirror each other in one plane.
+"""The mid-plane architecture: base and end effector mirror each other in one plane.
 
 Three or more legs of two links with equal arcs lead from the base to the end effector,
 and their middle axes, the elbows, lie in one plane. The unit normal n of this mid-plane

@@ -38,17 +38,17 @@ class Target:
         """(variables,) sense in which the way to the output link uses each variable."""
         return np.asarray(self.closure.tree.paths[self.link])
 
-    def at(self, values: Floats, wanted: Floats) -> "Nearness":
+    def at(self, values: Floats, wanted: Floats) -> "Optimality":
         """Return n configurations (n, variables) beside orientations (n, 3, 3)."""
         at = self.closure.at(values)
         left = rotation_vector(wanted @ transpose(at.placed[:, self.link]))
         turning = self.reach[None, None, :] * np.swapaxes(at.vectors, 1, 2)
-        return Nearness(self, at, turning, left)
+        return Optimality(self, at, turning, left)
 
 
 @final
 @dataclass(frozen=True)
-class Nearness:
+class Optimality:
     """n configurations, and how far they are from being the nearest ones.
 
     `turning` G (n, 3, variables); `left` d (n, 3) rad.
@@ -89,7 +89,7 @@ class Nearness:
         return self._split[1]
 
     @property
-    def looseness(self) -> Floats:
+    def loop_conditioning(self) -> Floats:
         """(n,) relative size of the weakest loop equation; 0 where a motion comes free."""
         return self._split[2]
 
@@ -99,7 +99,7 @@ class Nearness:
         return self.turning @ self.free
 
     @cached_property
-    def grasp(self) -> Floats:
+    def output_singular_value(self) -> Floats:
         """(n,) least size of an angular velocity by a free motion of unit length."""
         sizes = np.linalg.svd(self.swing, compute_uv=False)
         return np.asarray(sizes[:, self.target.freedoms - 1])
@@ -167,7 +167,7 @@ class Nearness:
         )
 
     @cached_property
-    def firmness(self) -> Floats:
+    def least_eigenvalue(self) -> Floats:
         """(n,) least second derivative of a^2 / 2 along configurations; -1 if unknown."""
         stiffness = 0.5 * (self.stiffness + np.swapaxes(self.stiffness, 1, 2))
         finite = np.all(np.isfinite(stiffness), axis=(1, 2))
@@ -189,7 +189,7 @@ class Nearness:
             force = np.einsum("nvk,nvk->nv", self._turned(closing), self._pulls)
             pull += np.einsum("nvj,nv->nj", free, force)
         plain = np.swapaxes(self.swing, 1, 2) @ self.swing
-        convex = self.firmness > 1e-6 * self.grasp**2
+        convex = self.least_eigenvalue > 1e-6 * self.output_singular_value**2
         used = np.where(convex[:, None, None], self.stiffness, plain)
         along = np.einsum("nij,nj->ni", _inverse(used), pull)
         return np.asarray(np.einsum("nvj,nj->nv", free, along) + closing)

@@ -1,7 +1,7 @@
 """Poses of an output, said in any of its terms, and the configurations that have them.
 
-With a mid-plane form the configurations come from its closed forms; otherwise from the
-inverse kinematics of the output and the assembly modes of the mechanism.
+With a mid-plane symmetric architecture the configurations come from its closed forms;
+otherwise from the inverse kinematics of the output and the assembly modes of the mechanism.
 """
 
 from collections.abc import Sequence
@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
+from spherekit.guidance.continuation import UNFIXED
 from spherekit.guidance.follow import follow_rotation, follow_to
-from spherekit.guidance.form import MidPlaneForm, MidPlaneRotation
-from spherekit.guidance.march import UNFIXED
+from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, MidPlaneRotation
 from spherekit.guidance.nearest import Target
 from spherekit.guidance.rotation import FixedAxisRotation, unit
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, trace
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.solutions import pose_of
-from spherekit.output.wrist import with_wrist
+from spherekit.output.virtual_output import with_wrist
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.mirror import mirror_angles, normal_at, upward
 from spherekit.sphere.poses import turns_between
@@ -72,7 +72,7 @@ class AtDirection:
 @final
 @dataclass(frozen=True)
 class AtMirror:
-    """The pose of a mid-plane form with these angles (rad), see `MirrorAngles`."""
+    """The pose of a mid-plane architecture with these angles (rad), see `MirrorAngles`."""
 
     phi: float
     gamma: float
@@ -80,7 +80,7 @@ class AtMirror:
 
 @final
 @dataclass(frozen=True)
-class Turned:
+class AtRotation:
     """The start's pose turned about an axis (3,) by an angle (rad)."""
 
     axis: Floats
@@ -92,13 +92,14 @@ Pose = AtInputs | AtOrientation | AtDirection | AtMirror
 
 @final
 @dataclass(frozen=True)
-class Candidates:
+class PoseCandidates:
     """k configurations: `values` (k, variables), `inputs` (k, inputs) rad.
 
     `orientations` (k, 3, 3) are those of the output link seen from its other link,
-    `labels` the signs of modes: of the legs of a mid-plane form, else of dyads, with ~
-    for other groups. Those come last where the inputs do not hold the mechanism, or do not
-    turn the output link in as many ways as there are inputs: `singular` (k,).
+    `labels` the signs of modes: of the legs of a mid-plane symmetric architecture, else of
+    dyads, with ~ for other groups. Those come last where the inputs do not hold the
+    mechanism, or do not turn the output link in as many ways as there are inputs:
+    `singular` (k,).
     """
 
     values: Floats
@@ -110,18 +111,18 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.values)
 
-    def nearest_first(self, orientation: Floats) -> "Candidates":
+    def nearest_first(self, orientation: Floats) -> "PoseCandidates":
         """Return them ordered by the angle from an orientation, singular ones last."""
         given = np.broadcast_to(orientation, self.orientations.shape)
         angles = turns_between(given, self.orientations).angle
         return self._ordered(np.lexsort((np.round(angles, 9), self.singular)))
 
-    def singular_last(self) -> "Candidates":
+    def singular_last(self) -> "PoseCandidates":
         """Return them with the singular ones last."""
         return self._ordered(np.argsort(self.singular, kind="stable"))
 
-    def _ordered(self, order: NDArray[np.intp]) -> "Candidates":
-        return Candidates(
+    def _ordered(self, order: NDArray[np.intp]) -> "PoseCandidates":
+        return PoseCandidates(
             self.values[order],
             self.inputs[order],
             self.orientations[order],
@@ -152,14 +153,14 @@ class Candidates:
 class PoseFinder:
     """Finds the configurations of a mechanism at poses of an output.
 
-    `form` is its mid-plane form for this output, None if it has none; `known` are
-    configurations of which the nearest is offered for a pose out of reach: `OFFERED`
-    samples of the motion if that is empty, traced when they are needed.
+    `form` is its mid-plane symmetric architecture for this output, None if it has none;
+    `known` are configurations of which the nearest is offered for a pose out of reach:
+    `OFFERED` samples of the motion if that is empty, traced when they are needed.
     """
 
     solver: Solver
     output: Output
-    form: MidPlaneForm | None
+    form: MidPlaneArchitecture | None
     known: Motion | None = None
 
     @property
@@ -167,7 +168,7 @@ class PoseFinder:
         """The mechanism with its inputs."""
         return self.solver.mechanism
 
-    def candidates(self, pose: Pose) -> Candidates:
+    def candidates(self, pose: Pose) -> PoseCandidates:
         """Return every configuration found at a pose.
 
         Raises
@@ -187,7 +188,8 @@ class PoseFinder:
             case AtMirror():
                 raise SolveError(
                     f"{self.mechanism.name}: phi and gamma name a mid-plane, and the "
-                    "mechanism has no mid-plane form; give inputs, a direction or an "
+                    "mechanism has no mid-plane symmetric architecture; give inputs, a "
+                    "direction or an "
                     "orientation"
                 )
 
@@ -195,7 +197,7 @@ class PoseFinder:
     def _kinematics(self) -> InverseKinematics:
         return InverseKinematics(self.mechanism, self.output.name)
 
-    def _assembled(self, inputs: Floats) -> Candidates:
+    def _assembled(self, inputs: Floats) -> PoseCandidates:
         modes = assemblies(self.solver, inputs).modes
         if not modes:
             raise SolveError(
@@ -205,10 +207,10 @@ class PoseFinder:
         labels = [_signs(signs) for signs, _ in modes]
         return self._of_values(np.stack([values for _, values in modes]), labels)
 
-    def _of_values(self, values: Floats, labels: Sequence[str]) -> Candidates:
+    def _of_values(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
         placed = self.solver.closure.at(values).placed
         driven = list(self.solver.driven)
-        found = Candidates(
+        found = PoseCandidates(
             values,
             self.solver.reduced(values[:, driven]),
             pose_of(self.mechanism, self.output, placed),
@@ -225,12 +227,12 @@ class PoseFinder:
 
     def _singular(self, values: Floats) -> NDArray[np.bool_]:
         near = self._target.at(values, np.broadcast_to(np.eye(3), (len(values), 3, 3)))
-        free = np.minimum(near.grasp, near.looseness) > UNFIXED
+        free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
         own = Transmission.of(self.mechanism, self.output)
         held = own.of_values(self.solver.closure, values) > SINGULAR
         return np.asarray(~(free & held))
 
-    def _inverse(self, pose: Floats, points: bool) -> Candidates:
+    def _inverse(self, pose: Floats, points: bool) -> PoseCandidates:
         """Return the configurations at an orientation (3, 3) or direction (3,)."""
         kinematics = self._kinematics
         if kinematics.wrist.points != points:
@@ -295,7 +297,7 @@ class PoseFinder:
             f"{self._shown(good.inputs[best])}"
         )
 
-    def _normals(self, form: MidPlaneForm, pose: Pose) -> tuple[Floats, str]:
+    def _normals(self, form: MidPlaneArchitecture, pose: Pose) -> tuple[Floats, str]:
         """Return normals (k, 3) of mid-planes, and signs of the driven legs or none."""
         match pose:
             case AtMirror(phi, gamma):
@@ -312,7 +314,8 @@ class PoseFinder:
                 normals, departure = form.normals(orientation[None])
                 if not departure[0] < IN_PLANE:
                     raise SolveError(
-                        f"{form.mechanism.name}: the orientation is no pose of its output "
+                        f"{form.mechanism.name}: the orientation is not a pose of its "
+                        f"output "
                         f"link: it is {np.degrees(departure[0]):.3g} deg from "
                         f"{_named(normals[0])}"
                     )
@@ -329,7 +332,9 @@ class PoseFinder:
                     )
                 return upward(normals), ""
 
-    def _of_mirrors(self, form: MidPlaneForm, wanted: tuple[Floats, str]) -> Candidates:
+    def _of_mirrors(
+        self, form: MidPlaneArchitecture, wanted: tuple[Floats, str]
+    ) -> PoseCandidates:
         normals, driven_signs = wanted
         values, labels = [], []
         for normal in normals:
@@ -361,11 +366,12 @@ class PoseFinder:
             )
 
     def rotation(
-        self, start: Candidates, number: int, end: Pose | Turned, mode: str
+        self, start: PoseCandidates, number: int, end: Pose | AtRotation, mode: str
     ) -> FixedAxisRotation:
         """Return the rotation from a configuration to a pose.
 
-        In closed form where the mid-plane form has it, else followed on the graph.
+        In closed form where the mid-plane symmetric architecture has it, else followed on
+        the graph.
 
         Parameters
         ----------
@@ -383,7 +389,7 @@ class PoseFinder:
         """
         values, first = start.values[number], start.orientations[number]
         named = self.output.name
-        if isinstance(end, Turned):
+        if isinstance(end, AtRotation):
             if self.form is not None:
                 (normal,), _ = self.form.normals(first[None])
                 about = unit(end.axis)
@@ -416,7 +422,7 @@ def _modes_of(label: str) -> Floats:
     return np.array([1.0 if sign == "+" else -1.0 for sign in label])
 
 
-def _modes(form: MidPlaneForm) -> list[Floats]:
+def _modes(form: MidPlaneArchitecture) -> list[Floats]:
     """Return all signs of the legs: first those of the driven ones as in `solutions`."""
     count = len(form.legs)
     others = [k for k in range(count) if k not in form.plane.driven]

@@ -1,4 +1,4 @@
-"""Finding, and proving, that a mechanism has a mid-plane form.
+"""Finding, and proving, that a mechanism has a mid-plane symmetric architecture.
 
 Found from the graph and the sizes alone: legs of three R pairs with equal arcs from the
 base to the output link, whose axes there are the mirror image of those at the base; and
@@ -17,7 +17,12 @@ from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.guidance.form import Carrier, Leg, MidPlaneForm, axis_in
+from spherekit.guidance.mid_plane_architecture import (
+    Carrier,
+    Leg,
+    MidPlaneArchitecture,
+    axis_in,
+)
 from spherekit.guidance.midplane import MidPlane
 from spherekit.guidance.rotation import chosen_output
 from spherekit.model.geometry import geometry_of
@@ -32,8 +37,10 @@ CLOSED = 1e-12
 
 
 @checked(ModelError)
-def mid_plane_form(mechanism: AnyMechanism, output: str | None = None) -> MidPlaneForm:
-    """Return the mid-plane form of a mechanism.
+def mid_plane_form(
+    mechanism: AnyMechanism, output: str | None = None
+) -> MidPlaneArchitecture:
+    """Return the mid-plane symmetric architecture of a mechanism.
 
     Parameters
     ----------
@@ -92,7 +99,7 @@ def mid_plane_form(mechanism: AnyMechanism, output: str | None = None) -> MidPla
 
 
 def _refusal(mechanism: Mechanism, why: str) -> ModelError:
-    return ModelError(f"{mechanism.name} has no mid-plane form: {why}")
+    return ModelError(f"{mechanism.name} has no mid-plane symmetric architecture: {why}")
 
 
 def _legs(mechanism: Mechanism, joints: Sequence[Joint], effector: int) -> tuple[Leg, ...]:
@@ -184,7 +191,7 @@ def _assembled(
     legs: tuple[Leg, ...],
     carriers: tuple[Carrier, ...],
     driven: tuple[int, int],
-) -> MidPlaneForm:
+) -> MidPlaneArchitecture:
     effector = mechanism.link_number[output.link]
     bases = np.stack([axis_in(mechanism, joints, leg.base, 0) for leg in legs])
     tips = np.stack([axis_in(mechanism, joints, leg.tip, effector) for leg in legs])
@@ -200,7 +207,7 @@ def _assembled(
     if np.max(np.abs(tips @ image.T - axes)) > SAME:
         raise _refusal(
             mechanism,
-            "the axes on the end effector are no mirror image of those on the base",
+            "the axes on the end effector are not mirror image of those on the base",
         )
     dials, phases, senses, arcs = [], [], [], []
     for leg in legs:
@@ -221,6 +228,6 @@ def _assembled(
         np.array(phases),
         np.array(senses),
     )
-    return MidPlaneForm(
+    return MidPlaneArchitecture(
         mechanism, joints, plane, effector, frame, image, legs, carriers, output
     )

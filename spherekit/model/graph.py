@@ -44,14 +44,14 @@ def pieces(mechanism: Mechanism) -> list[list[str]]:
 
 @final
 @dataclass(frozen=True)
-class Layout:
+class GraphLayout:
     """Positions in the unit square of links and pairs, for drawing."""
 
     links: tuple[tuple[float, float], ...]
     pairs: tuple[tuple[float, float], ...]
 
 
-def layout(mechanism: Mechanism) -> Layout:
+def layout(mechanism: Mechanism) -> GraphLayout:
     """Return positions for drawing the link/pair graph: few crossings, same every time."""
     import networkx as nx
 
@@ -75,7 +75,7 @@ def layout(mechanism: Mechanism) -> Layout:
 
     nodes = [*links, *(("pair", pair.name) for pair in mechanism.pairs)]
     places = _apart([unit(node) for node in nodes])
-    return Layout(tuple(places[: len(links)]), tuple(places[len(links) :]))
+    return GraphLayout(tuple(places[: len(links)]), tuple(places[len(links) :]))
 
 
 NODE_GAP = 0.12

@@ -212,7 +212,7 @@ def time_fault(
     for pair in laws:
         law = ("inputs", pair, "law")
         if pair not in inputs:
-            return law, f"pair {pair} is no input; inputs: {names}"
+            return law, f"pair {pair} is not an input; inputs: {names}"
         if start is not None:
             return law, (
                 "excluded by the start: there the motion follows from the loads; give a "

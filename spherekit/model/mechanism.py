@@ -251,7 +251,7 @@ class Mechanism:
 
     @property
     def has_contacts(self) -> bool:
-        """Whether some pairs are no R pairs."""
+        """Whether some pairs are not R pairs."""
         return len(self.angles) < len(self.pairs)
 
     @cached_property
@@ -317,7 +317,7 @@ class Mechanism:
     ) -> "Mechanism":
         """Return the same mechanism driven at these pairs.
 
-        Pairs that are no input yet get a range of one turn, unless `ranges` has the first
+        Pairs that are not input yet get a range of one turn, unless `ranges` has the first
         and the last value of their variable, in `angle_unit`. Without `pairs` the inputs
         stay, and only ranges change.
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def need_angle(key: str, pair: str, mechanism: "Mechanism") -> None:
-    """Refuse a pair whose variable is no angle, at a key."""
+    """Refuse a pair whose variable is not an angle, at a key."""
     if pair in mechanism.angles:
         return
     raise ModelError(
@@ -25,7 +25,7 @@ def need_angle(key: str, pair: str, mechanism: "Mechanism") -> None:
 
 
 def need_expression(key: str, text: Any, mechanism: "Mechanism") -> None:
-    """Refuse a text that is no expression in the variables of R pairs and the time."""
+    """Refuse a text that is not an expression in the variables of R pairs and the time."""
     if not isinstance(text, str):
         raise ModelError(
             f'{key}: found {text!r}, needs an expression in quotes, such as "0.5*sin(t)"'

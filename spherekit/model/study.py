@@ -39,8 +39,8 @@ class Study:
         Whether all combinations of the inputs are sampled, so many of each.
     path
         (n, inputs) rad, the inputs at every sample, in place of their ranges.
-    branch
-        Number of the only branch that is wanted; all by default.
+    assembly mode
+        Number of the only assembly mode that is wanted; all by default.
     search
         Whether assembly modes are looked for beside that of a given reference pose.
     analyses
@@ -51,7 +51,7 @@ class Study:
     start, torque, tolerance
         State of the only input at t = 0: the motion over `duration` then follows from the
         loads and the `torque` (N m, an expression) at the input, each step within the
-        tolerance (rad), from the `branch` (default 0) among all that there are.
+        tolerance (rad), from the `assembly_mode` (default 0) among all that there are.
     verify
         How many rows are computed once more in 50 digits.
     degrees
@@ -68,7 +68,7 @@ class Study:
     samples: int | Sequence[int] = DEFAULT_SAMPLES
     grid: bool = False
     path: Floats | None = None
-    branch: int | None = None
+    assembly_mode: int | None = None
     search: bool = True
     analyses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     laws: Mapping[str, Law] = field(default_factory=dict)

@@ -52,7 +52,7 @@ class ArcCurve:
     ends
         Why the curve goes no further at s = 0 and at s = `length`: OK if it is closed, or
         a stop or the greatest length was reached; else OFF_PROFILE, CURVATURE,
-        AT_SINGULARITY where two curves cross, BRANCH_LOST.
+        AT_SINGULARITY where two curves cross, MODE_LOST.
     start
         Number of the node that was given.
     """

@@ -75,8 +75,8 @@ class _Node:
         return np.asarray(self.point.bends[0])
 
     @property
-    def flatness(self) -> float:
-        return float(self.equations.flatness[0])
+    def reciprocal_condition(self) -> float:
+        return float(self.equations.reciprocal_condition[0])
 
     def margin(self, limit: Limit) -> tuple[float, Floats]:
         """Return how far the limit is, and the gradient (variables,) of that."""
@@ -167,7 +167,7 @@ def _started(closure: Closure, values: Floats) -> _Node:
     values = correct(closure, values[None], border[None], target).values
     point, equations = curve_points(closure, values, border[None])
     node = _Node(point, equations.rebordered(0, point.tangents[0]))
-    if not node.flatness > SINGULAR:
+    if not node.reciprocal_condition > SINGULAR:
         raise SolveError(SINGULAR_START)
     return node
 
@@ -207,7 +207,7 @@ class _ArcPath(CurvePath[_Node]):
 
     def exhausted(self) -> Status | None:
         """Return AT_SINGULARITY at a crossing of curves."""
-        return Status.AT_SINGULARITY if self.at.flatness < SINGULAR else None
+        return Status.AT_SINGULARITY if self.at.reciprocal_condition < SINGULAR else None
 
     def allowed(self, rows: Rows, step: Floats) -> Floats:
         """Return the step that the curvature allows."""
@@ -236,7 +236,7 @@ class _ArcPath(CurvePath[_Node]):
         along = (found.values[0] - at.values) @ chord.directions[0] / chord.chords
         middle = chord.predict(np.zeros(1, dtype=np.intp), along)[0]
         miss = float(np.max(np.abs(middle - found.values[0])))
-        if not tests.predicted(miss, way, 8.0 * EPS / at.flatness):
+        if not tests.predicted(miss, way, 8.0 * EPS / at.reciprocal_condition):
             return None
         node = _Node(last, equations.rebordered(1, last.tangents[0]))
         return node, float(np.max(moved))
@@ -308,7 +308,11 @@ class _ArcPath(CurvePath[_Node]):
             margin, _ = at.margin(limit)
             if margin < NEARLY_THERE:
                 return limit.status
-        return Status.AT_SINGULARITY if at.flatness < NEARLY_FLAT else Status.BRANCH_LOST
+        return (
+            Status.AT_SINGULARITY
+            if at.reciprocal_condition < NEARLY_FLAT
+            else Status.MODE_LOST
+        )
 
 
 def _first_root(a: float, b: float, c: float) -> float:

@@ -9,7 +9,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.groups import (
     State,
     group_closure,
@@ -21,8 +21,8 @@ from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solu
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 
-MOST_BRANCHES = 64
-"""Branches of one run; a mechanism of many dyads has 2 to their number."""
+MOST_ASSEMBLY_MODES = 64
+"""Assembly modes of one run; a mechanism of many dyads has 2 to their number."""
 
 
 @final
@@ -45,7 +45,7 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
     methods: list[Method | None] = [None] * len(groups)
 
     def extend(state: State, signs: tuple[int, ...]) -> None:
-        if len(found) >= 4 * MOST_BRANCHES:
+        if len(found) >= 4 * MOST_ASSEMBLY_MODES:
             return
         number = len(signs)
         if number == len(groups):

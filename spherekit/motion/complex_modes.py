@@ -13,8 +13,8 @@ from typing import Protocol, final
 import numpy as np
 
 from spherekit.model.joints import revolute
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.bars import bars_of
-from spherekit.motion.branches import Solver
 from spherekit.motion.elimination import all_solutions, count_orders
 from spherekit.motion.groups import group_closure
 from spherekit.planning.assembly import Group
@@ -58,7 +58,7 @@ def _platform(group: Group) -> tuple[int, int] | None:
     return bars[0].bodies
 
 
-class Meetings(Protocol):
+class ModeCoalescence(Protocol):
     """The real analytic functions of an input whose sign changes where modes meet.
 
     There is one for each group.
@@ -82,7 +82,7 @@ class Meetings(Protocol):
         """
 
 
-def meetings_of(solver: Solver, most_cost: float = np.inf) -> Meetings | None:
+def meetings_of(solver: Solver, most_cost: float = np.inf) -> ModeCoalescence | None:
     """Return the functions of a mechanism with one input, None if they are not known.
 
     They are for chains of dyads and triads, and for a single group of seven bodies.

@@ -1,6 +1,6 @@
-"""All configuration curves of a mechanism, and the branches that lie on each.
+"""All configuration curves of a mechanism, and the assembly modes that lie on each.
 
-A branch is one assembly mode over the range of an input; it ends where the input has a
+An assembly mode is followed over the range of an input; it ends where the input has a
 dead centre, and there another one begins. Followed in arc length they are one curve.
 
 The curves do not depend on which pair is called the input. So they are looked for with
@@ -20,17 +20,17 @@ from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.curve_search import CurveSearch
-from spherekit.motion.dead_inputs import dead_inputs
-from spherekit.motion.drive import easiest_drive
-from spherekit.motion.stretches import Stretches
+from spherekit.motion.driving_pair import easiest_drive
+from spherekit.motion.input_turning_points import input_turning_points
+from spherekit.motion.monotone_segments import MonotoneSegments
 from spherekit.sphere.rotation import Floats
 
 PROBED = 181
 """Inputs over the range from which curves are followed where none is known yet."""
 SAME_CONFIGURATION = 1e-6
-"""A branch and a curve whose variables differ by less (rad) agree."""
+"""An assembly mode and a curve whose variables differ by less (rad) agree."""
 STEP = np.radians(2.0)
 """Distance (rad) of inputs with all modes where those at which they meet are not known."""
 
@@ -38,17 +38,17 @@ STEP = np.radians(2.0)
 @final
 @dataclass(frozen=True)
 class Piece:
-    """The part of a curve from `start` to `stop` (s in rad) that is one branch.
+    """The part of a curve from `start` to `stop` (s in rad) that is one assembly mode.
 
-    The input only rises or only falls in it and lies in its range. `branch` is None for
-    what the curve reaches and none of the branches given holds: a mode that the search for
-    them missed, or wheels in mesh a turn later. `stop` may be
-    beyond the length of a closed curve: the piece holds the point s = 0. `shift` (rad) is
-    by how much the input is greater than on the curve: in a range of several turns the same
-    part of a curve is as many pieces.
+    The input only rises or only falls in it and lies in its range. `assembly_mode` is None
+    for what the curve reaches and none of the assembly modes given holds: a mode that the
+    search for them missed, or wheels in mesh a turn later. `stop` may be beyond the length
+    of a closed curve: the piece holds the point s = 0. `shift` (rad) is by how much the
+    input is greater than on the curve: in a range of several turns the same part of a curve
+    is as many pieces.
     """
 
-    branch: int | None
+    assembly_mode: int | None
     start: float
     stop: float
     shift: float
@@ -106,7 +106,7 @@ class Configurations:
 @checked(SolveError)
 def configuration_curves(
     solver: Solver,
-    branches: Sequence[Branch],
+    assembly_modes: Sequence[AssemblyMode],
     low: float,
     high: float,
     longest: float = 200.0,
@@ -116,8 +116,8 @@ def configuration_curves(
 
     Parameters
     ----------
-    solver, branches
-        The mechanism, and its branches over inputs from `low` to `high` (rad).
+    solver, assembly modes
+        The mechanism, and its assembly modes over inputs from `low` to `high` (rad).
     longest
         Length (rad) after which a curve that does not close is ended.
     step
@@ -126,21 +126,23 @@ def configuration_curves(
     """
     found = CurveSearch(solver, low, high, longest)
     inputs = np.linspace(low, high, PROBED)
-    for branch in branches:
-        there = solver.evaluate(branch, inputs[:, None])
+    for assembly_mode in assembly_modes:
+        there = solver.evaluate(assembly_mode, inputs[:, None])
         found.add(there.values[there.status == Status.OK])
     drive = easiest_drive(solver)
-    dead = dead_inputs(drive, *((low, high) if drive is solver else (-np.pi, np.pi)))
+    dead = input_turning_points(
+        drive, *((low, high) if drive is solver else (-np.pi, np.pi))
+    )
     claim = found.sweep(drive, dead, step)
     complete = claim.guarantee is not Guarantee.SAMPLED
     if not complete:
         claim = found.search()
     found.cross()
-    stretches = [
-        Stretches.of(each, solver.single, low, high, *solver.periods)
+    monotone_segments = [
+        MonotoneSegments.of(each, solver.single, low, high, *solver.periods)
         for each in found.curves
     ]
-    found.count(stretches, complete)
+    found.count(monotone_segments, complete)
     if complete:
         found.compare(drive, dead)
     if found.problems:
@@ -149,8 +151,8 @@ def configuration_curves(
     inputs, counts = np.array(found.counted).reshape(-1, 2).T
     return Configurations(
         tuple(
-            ConfigurationCurve(curve, _pieces(solver, branches, curve, parts))
-            for curve, parts in zip(found.curves, stretches, strict=True)
+            ConfigurationCurve(curve, _pieces(solver, assembly_modes, curve, parts))
+            for curve, parts in zip(found.curves, monotone_segments, strict=True)
             if len(parts.starts)
         ),
         claim,
@@ -162,26 +164,39 @@ def configuration_curves(
 
 
 def _pieces(
-    solver: Solver, branches: Sequence[Branch], curve: ArcCurve, stretches: Stretches
+    solver: Solver,
+    assembly_modes: Sequence[AssemblyMode],
+    curve: ArcCurve,
+    monotone_segments: MonotoneSegments,
 ) -> tuple[Piece, ...]:
-    """Return the parts of a curve within the input range, each with its branch."""
-    q = stretches.middles[:, solver.single]
-    numbers = _branches_at(solver, branches, curve, stretches.middles, q)
+    """Return the parts of a curve within the input range, each with its assembly mode."""
+    q = monotone_segments.middles[:, solver.single]
+    numbers = _assembly_modes_at(
+        solver, assembly_modes, curve, monotone_segments.middles, q
+    )
     return tuple(
         Piece(number, float(start), float(stop), float(shift))
         for number, start, stop, shift in zip(
-            numbers, stretches.starts, stretches.stops, stretches.shifts, strict=True
+            numbers,
+            monotone_segments.starts,
+            monotone_segments.stops,
+            monotone_segments.shifts,
+            strict=True,
         )
     )
 
 
-def _branches_at(
-    solver: Solver, branches: Sequence[Branch], curve: ArcCurve, values: Floats, q: Floats
+def _assembly_modes_at(
+    solver: Solver,
+    assembly_modes: Sequence[AssemblyMode],
+    curve: ArcCurve,
+    values: Floats,
+    q: Floats,
 ) -> list[int | None]:
-    """Return the branch that has each configuration (n, variables) at its input (n,)."""
+    """Return the mode that has each configuration (n, variables) at its input (n,)."""
     numbers: NDArray[np.object_] = np.full(len(q), None, dtype=object)
-    for branch in branches:
-        there = solver.evaluate(branch, q[:, None]).values
+    for assembly_mode in assembly_modes:
+        there = solver.evaluate(assembly_mode, q[:, None]).values
         gap = np.max(np.abs(curve.wrapped(there - values)), axis=1)
-        numbers[gap < SAME_CONFIGURATION] = branch.number
+        numbers[gap < SAME_CONFIGURATION] = assembly_mode.number
     return list(numbers)

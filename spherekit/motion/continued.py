@@ -18,8 +18,8 @@ TURN = 2.0 * np.pi
 class AngleMemory:
     """What earlier blocks of a motion found, so that angles continue.
 
-    For each branch and variable the last angle in (-pi, pi], and the turns made since the
-    first sample; whole turns, so that nothing adds up however many there are.
+    For each assembly mode and variable the last angle in (-pi, pi], and the turns made
+    since the first sample; whole turns, so that nothing adds up however many there are.
     """
 
     def __init__(self) -> None:
@@ -33,16 +33,16 @@ class AngleMemory:
     def restored(cls, state: Iterable[Any]) -> Self:
         """Return the memory that `state` gave."""
         memory = cls()
-        for branch, variable, angle, turns in state:
-            memory._last[branch, variable] = float(angle), int(turns)
+        for assembly_mode, variable, angle, turns in state:
+            memory._last[assembly_mode, variable] = float(angle), int(turns)
         return memory
 
     def continued(self, motion: Motion, names: Iterable[str]) -> Mapping[str, Floats]:
         """Return the variables (n,) of pairs, by name, at the next block of a motion.
 
-        From the first sample of each branch on an angle moves by less than half a turn
-        from one sample to the next; NaN stays, and is passed over. That of a driven pair
-        is the input as it was given. Arc lengths, and angles over a grid, are those of
+        From the first sample of each assembly mode on an angle moves by less than half a
+        turn from one sample to the next; NaN stays, and is passed over. That of a driven
+        pair is the input as it was given. Arc lengths, and angles over a grid, are those of
         the motion.
         """
         return {name: self._of(motion, name) for name in names}
@@ -55,13 +55,13 @@ class AngleMemory:
         found = motion.values[:, variable].copy()
         if not motion.is_path or name not in motion.mechanism.angles:
             return found
-        for position, branch in enumerate(motion.branches):
+        for position, assembly_mode in enumerate(motion.assembly_modes):
             own = found[position * motion.samples : (position + 1) * motion.samples]
             known = np.flatnonzero(np.isfinite(own))
             if not len(known):
                 continue
             angle = own[known]
-            key = branch.number, variable
+            key = assembly_mode.number, variable
             last, turns = self._last.get(key, (float(angle[0]), 0))
             steps = np.round(np.diff(angle, prepend=last) / TURN).astype(np.int64)
             made = turns - np.cumsum(steps)

@@ -25,7 +25,7 @@ MOST_STEPS = 20
 FAR = 0.05
 """The crossing lies within this (rad) of where a curve ended before it."""
 MISSED = 1e-9
-"""Configurations that miss closing and rank loss by more (rad) are no crossings."""
+"""Configurations that miss closing and rank loss by more (rad) are not crossings."""
 DEGENERATE = 1e-7
 """Second-order terms below this, relative, do not decide how many curves cross."""
 RADIUS = 0.02
@@ -50,8 +50,8 @@ class Crossing:
     rank, freedoms
         Of the velocity equations: their rank, and the variables less that.
     tangents
-        (branches, variables) unit directions of the real curves through it, one sense of
-        each.
+        (assembly modes, variables) unit directions of the real curves through it, one sense
+        of each.
     resolved
         Whether second-order terms say how many there are. If not, `tangents` is empty.
     miss
@@ -71,7 +71,7 @@ class Crossing:
 
     @property
     def angle(self) -> float:
-        """The sine of the angle between the two branches, 0 where there are not two."""
+        """The sine of the angle between the two modes, 0 where there are not two."""
         if len(self.tangents) != 2:
             return 0.0
         cosine = float(self.tangents[0] @ self.tangents[1])
@@ -220,7 +220,7 @@ def _second_order(closure: Closure, x: Floats, left: Floats, null: Floats) -> Fl
 
 
 def _directions(forms: Floats) -> Floats | None:
-    """Return unit vectors (branches, k) on which all forms vanish, None if undecided.
+    """Return unit vectors (assembly modes, k) on which all forms vanish, None if undecided.
 
     Equations that repeat others give forms that vanish or repeat others.
     """

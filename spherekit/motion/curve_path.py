@@ -121,7 +121,7 @@ class CurvePath(ABC, Generic[Node]):
             if self.way >= self.longest:
                 self.end = Status.OK
             elif len(self.nodes) >= self.most_nodes:
-                self.end = Status.BRANCH_LOST
+                self.end = Status.MODE_LOST
             else:
                 self.end = self.exhausted()
         return np.arange(1 if self.end is None else 0)

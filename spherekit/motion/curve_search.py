@@ -10,12 +10,12 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.crossing import ways_out
-from spherekit.motion.dead_inputs import DeadInputs
+from spherekit.motion.input_turning_points import InputTurningPoints
+from spherekit.motion.monotone_segments import MonotoneSegments, turning_inputs
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import SEED, STARTS, Census
-from spherekit.motion.stretches import Stretches, turning_inputs
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
@@ -26,7 +26,7 @@ MOST_CURVES = 64
 NEAR_DEAD = 1e-6
 """Inputs (rad) nearer to a dead point than this are not counted at."""
 NEAR_CROSSING = 1e-3
-"""Configurations (rad) nearer to a crossing of curves than this are no start of one."""
+"""Configurations (rad) nearer to a crossing of curves than this are not start of one."""
 SAME_INPUT = 1e-5
 """Dead points (rad) found in two ways may differ by this."""
 
@@ -77,7 +77,7 @@ class CurveSearch:
                 if why == Status.AT_SINGULARITY:
                     self.add(ways_out(self.solver.closure, end))
 
-    def sweep(self, drive: Solver, dead: DeadInputs, step: float) -> Claim:
+    def sweep(self, drive: Solver, dead: InputTurningPoints, step: float) -> Claim:
         """Follow the curves of all modes of `drive` between its dead inputs."""
         for q in dead.probes(step):
             values, complete = _modes(drive, float(q))
@@ -92,11 +92,13 @@ class CurveSearch:
     def search(self) -> Claim:
         """Follow the curves that random starts over the range lead to.
 
-        The starts are others than those by which a run finds its branches, so that how
-        often they met the curves known before says what both may have missed.
+        The starts are others than those by which a run finds its assembly modes, so that
+        how often they met the curves known before says what both may have missed.
         """
         if self.solver.meshes is not None and not self.solver.meshes.all_known:
-            return Claim(Guarantee.COMPONENT, "wheels in mesh as in the branches given")
+            return Claim(
+                Guarantee.COMPONENT, "wheels in mesh as in the assembly modes given"
+            )
         low, high = np.array([self.low]), np.array([self.high])
         starts = RangeSearch(self.solver, low, high, seed=SEED + 1)
         census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
@@ -111,7 +113,7 @@ class CurveSearch:
             working.tell(lambda: census.words("curves"))
         return Claim(Guarantee.SAMPLED, census.words("curves"))
 
-    def count(self, stretches: list[Stretches], complete: bool) -> None:
+    def count(self, monotone_segments: list[MonotoneSegments], complete: bool) -> None:
         """Compare the number of modes with that of the curves' crossings.
 
         Where the modes at an input are complete, at inputs spread over the range too.
@@ -123,17 +125,19 @@ class CurveSearch:
                 if all_found:
                     self.counted.append((float(q), len(values)))
         for q, modes in self.counted:
-            ends = [end for part in stretches for end in (*part.lowest, *part.highest)]
+            ends = [
+                end for part in monotone_segments for end in (*part.lowest, *part.highest)
+            ]
             if np.min(np.abs(np.array(ends) - q), initial=np.inf) < NEAR_DEAD:
                 continue
-            crossings = sum(part.count(q) for part in stretches)
+            crossings = sum(part.count(q) for part in monotone_segments)
             if crossings < modes or (complete and crossings != modes):
                 self.problems.append(
                     f"at the input {np.degrees(q):.6g} deg there are {modes} modes, but "
                     f"the curves have {crossings}"
                 )
 
-    def compare(self, drive: Solver, dead: DeadInputs) -> None:
+    def compare(self, drive: Solver, dead: InputTurningPoints) -> None:
         """Check that curves turn back only where modes of `drive` meet."""
         name = drive.mechanism.pairs[drive.assembly.input].name
         for curve in self.curves:

@@ -45,7 +45,7 @@ MOST_ORDERS = 8
 
 @final
 @dataclass(frozen=True)
-class Candidates:
+class ModeCandidates:
     """Nearly closed configurations of a group of R pairs.
 
     `values` (k, pairs) rad: the angles. `real` (k,): whether they are real as far as
@@ -60,7 +60,7 @@ class Candidates:
     problem: str = ""
 
 
-def candidates(group: Group, closure: Closure) -> Candidates | None:
+def candidates(group: Group, closure: Closure) -> ModeCandidates | None:
     """Return all solutions of a group at one sample, None if there is no elimination.
 
     `closure` is the group's own, with a single sample.
@@ -76,7 +76,7 @@ def has_elimination(group: Group) -> bool:
     return group.revolute and len(group.bodies) in (5, 7)
 
 
-def _triad(group: Group, frames: Frames) -> Candidates | None:
+def _triad(group: Group, frames: Frames) -> ModeCandidates | None:
     """Return the solutions of two bodies joined by three bars."""
     bars = bars_of(group)
     if len(bars) != 3 or len({frozenset(bar.bodies) for bar in bars}) != 1:
@@ -100,20 +100,20 @@ def _triad(group: Group, frames: Frames) -> Candidates | None:
     return _placed_bodies(frames, placed, imaginary[tried] < REAL, COMMON_POINTS, "")
 
 
-def _none(group: Group, roots: int, problem: str) -> Candidates:
+def _none(group: Group, roots: int, problem: str) -> ModeCandidates:
     nothing = np.empty((0, len(group.pairs)))
-    return Candidates(nothing, np.empty(0, dtype=bool), roots, problem)
+    return ModeCandidates(nothing, np.empty(0, dtype=bool), roots, problem)
 
 
 def _placed_bodies(
     frames: Frames, placed: Floats, real: Bools, roots: int, problem: str
-) -> Candidates:
+) -> ModeCandidates:
     """Return the candidates of bodies placed (n, bodies, 3, 3), where they could be."""
     angles = frames.angles(placed)
     finite = np.all(np.isfinite(angles), axis=1)
     if not np.all(finite):
         problem = problem or "the neighbours of a link have axes on one line"
-    return Candidates(angles[finite], real[finite], roots, problem)
+    return ModeCandidates(angles[finite], real[finite], roots, problem)
 
 
 @final
@@ -178,7 +178,7 @@ def _way(group: Group, pairs: Sequence[int], start: int, goal: int) -> tuple[int
     return ways.get(goal, ())
 
 
-def _tree(group: Group, frames: Frames) -> Candidates | None:
+def _tree(group: Group, frames: Frames) -> ModeCandidates | None:
     """Return the solutions of four bodies in a tree joined by three bars."""
     orders = _orders(group)
     if not orders:
@@ -205,7 +205,7 @@ def _tree(group: Group, frames: Frames) -> Candidates | None:
             return parts[-1]
     values = np.concatenate([part.values for part in parts])
     real = np.concatenate([part.real for part in parts])
-    return Candidates(values, real, parts[-1].roots, parts[-1].problem)
+    return ModeCandidates(values, real, parts[-1].roots, parts[-1].problem)
 
 
 def count_orders(group: Group) -> int:

@@ -23,8 +23,8 @@ NEAR_DEAD_CENTRE = 1e-4
 
 @final
 @dataclass(frozen=True)
-class Curve:
-    """Nodes of one branch in rising input order, with exact slopes.
+class ModeCurve:
+    """Nodes of one assembly mode in rising input order, with exact slopes.
 
     `inputs` (k,), `values` and `slopes` (k, variables) in rad and rad/rad. `ends` say why
     the curve goes no further at both ends: OK where the range ends, else the status of
@@ -53,10 +53,10 @@ class Curve:
         )
         return out, np.max(np.abs(b - a), axis=1)
 
-    def to(self, values: Floats, driven: int) -> "Curve | None":
+    def to(self, values: Floats, driven: int) -> "ModeCurve | None":
         """Return the curve with a dead centre (variables,) for its end, None if it is not.
 
-        It is no end where it is farther than `NEAR_DEAD_CENTRE` from both of them.
+        It is not an end where it is farther than `NEAR_DEAD_CENTRE` from both of them.
         """
         for end in (0, -1):
             away = float(np.max(np.abs(self.values[end] - values)))
@@ -65,7 +65,7 @@ class Curve:
                 continue
             place = 0 if end == 0 else len(self.inputs)
             chord = (self.values[end] - values) / (self.inputs[end] - values[driven])
-            return Curve(
+            return ModeCurve(
                 np.insert(self.inputs, place, values[driven]),
                 np.insert(self.values, place, values, axis=0),
                 np.insert(self.slopes, place, chord, axis=0),
@@ -80,7 +80,9 @@ class Curve:
         return np.asarray(inside)
 
 
-def follow(closure: Closure, driven: int, values: Floats, low: float, high: float) -> Curve:
+def follow(
+    closure: Closure, driven: int, values: Floats, low: float, high: float
+) -> ModeCurve:
     """Return the curve through one closed configuration over an input range.
 
     Parameters
@@ -93,7 +95,7 @@ def follow(closure: Closure, driven: int, values: Floats, low: float, high: floa
         (variables,) a closed configuration with `values[driven]` in [low, high], rad.
     """
     start = nodes_at(closure, [driven], values[None], np.ones((1, 1)))
-    if start.flatness[0] > AT_DEAD_CENTRE and np.all(np.isfinite(start.slope)):
+    if start.reciprocal_condition[0] > AT_DEAD_CENTRE and np.all(np.isfinite(start.slope)):
         return _through(closure, driven, start, low, high)
     tried = 0
     for beside in _ways_on(closure, driven, values):
@@ -114,7 +116,9 @@ def _ways_on(closure: Closure, driven: int, values: Floats) -> list[Floats]:
     return sorted(moved, key=lambda each: tuple(np.round(values - each, 6)))
 
 
-def _through(closure: Closure, driven: int, start: Nodes, low: float, high: float) -> Curve:
+def _through(
+    closure: Closure, driven: int, start: Nodes, low: float, high: float
+) -> ModeCurve:
     """Return the curve through a node at which the input moves."""
     both = np.repeat(start.values, 2, axis=0)
     goals = np.array([[low], [high]])
@@ -122,7 +126,7 @@ def _through(closure: Closure, driven: int, start: Nodes, low: float, high: floa
     down, up = (_of_way(start, paths, row) for row in (0, 1))
     values, slopes = (np.concatenate([down[k][:0:-1], up[k]]) for k in (0, 1))
     ends = Status(paths.status[0]), Status(paths.status[1])
-    return Curve(values[:, driven].copy(), values, slopes, ends, paths.tried)
+    return ModeCurve(values[:, driven].copy(), values, slopes, ends, paths.tried)
 
 
 def _of_way(start: Nodes, paths: InputPaths, row: int) -> tuple[Floats, Floats]:

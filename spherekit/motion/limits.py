@@ -14,7 +14,7 @@ from spherekit.sphere.rotation import Floats
 
 @final
 @dataclass(frozen=True)
-class Bound:
+class VariableLimit:
     """A variable that may not pass a value, from above (`sense` 1) or from below (-1)."""
 
     variable: int
@@ -68,7 +68,7 @@ class EqualCurvatures:
         return float(first - second) - EQUAL_CURVATURE, gradient
 
 
-Limit = Bound | EqualCurvatures
+Limit = VariableLimit | EqualCurvatures
 
 
 def limits_of(
@@ -80,15 +80,15 @@ def limits_of(
     """
     limits: list[Limit] = []
     for variable, (low, high) in stops.items():
-        limits.append(Bound(variable, low, 1.0, Status.OK))
-        limits.append(Bound(variable, high, -1.0, Status.OK))
+        limits.append(VariableLimit(variable, low, 1.0, Status.OK))
+        limits.append(VariableLimit(variable, high, -1.0, Status.OK))
     for pair, (one, other) in contact_tracks(closure.joints):
         limits.append(EqualCurvatures(pair, (one.variable, other.variable)))
         for track in (one, other):
             if not track.curve.closed:
                 low, high = -track.start, track.curve.length - track.start
                 limits += [
-                    Bound(track.variable, low, 1.0, Status.OFF_PROFILE),
-                    Bound(track.variable, high, -1.0, Status.OFF_PROFILE),
+                    VariableLimit(track.variable, low, 1.0, Status.OFF_PROFILE),
+                    VariableLimit(track.variable, high, -1.0, Status.OFF_PROFILE),
                 ]
     return tuple(limits)

@@ -206,7 +206,7 @@ def _constant_rates(
             )
             slopes.append(nodes.slope)
     rates = np.stack(slopes, axis=-1)
-    good = np.all(np.isfinite(rates), axis=(1, 2)) & (nodes.flatness > FLAT)
+    good = np.all(np.isfinite(rates), axis=(1, 2)) & (nodes.reciprocal_condition > FLAT)
     apart = (
         np.ptp(every[good][:, list(driven)], axis=0) if np.any(good) else np.zeros(count)
     )
@@ -215,7 +215,7 @@ def _constant_rates(
     rates = rates[good]
     size = 1.0 + np.max(np.abs(rates[0]), axis=1)
     constant = np.max(np.ptp(rates, axis=0), axis=1) < CONSTANT * size
-    best = rates[np.argmax(nodes.flatness[good])]
+    best = rates[np.argmax(nodes.reciprocal_condition[good])]
     return np.where(constant[:, None], best, np.nan)
 
 

@@ -17,25 +17,25 @@ from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.assemblies import MOST_BRANCHES, assemblies, signs_at
-from spherekit.motion.branches import Branch, Solver, determinant_signs, wrap
-from spherekit.motion.dead_inputs import dead_inputs
+from spherekit.motion.assemblies import MOST_ASSEMBLY_MODES, assemblies, signs_at
+from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs, wrap
 from spherekit.motion.distinct import SAME_MODE
 from spherekit.motion.elimination import has_elimination
-from spherekit.motion.follow import Curve, follow
+from spherekit.motion.follow import ModeCurve, follow
 from spherekit.motion.groups import (
     State,
     group_variables,
     place_dyad,
     place_group,
 )
-from spherekit.motion.lattice import Lattice
+from spherekit.motion.input_grid import InputGrid
+from spherekit.motion.input_turning_points import input_turning_points
+from spherekit.motion.mode_over_grid import ModeOverGrid, spread
+from spherekit.motion.monotone_segments import MonotoneSegments
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import STARTS, Census
-from spherekit.motion.sheet import Sheet, spread
 from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete
 from spherekit.motion.steps import walk
-from spherekit.motion.stretches import Stretches
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
@@ -43,9 +43,9 @@ from spherekit.sphere.rotation import Floats
 Rows = NDArray[np.intp]
 
 MOST_FOLLOWED = 60000
-"""Nodes of all branches of irreducible groups, after which no further one is followed."""
+"""Nodes of all modes of irreducible groups, after which no further one is followed."""
 MOST_IN_VAIN = 12000
-"""The same for steps that led to none: a branch has some tens of nodes, and about three
+"""The same for steps that led to none: a mode has some tens of nodes, and about three
 such steps; thousands where a configuration is singular in higher order."""
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
@@ -58,7 +58,7 @@ MOST_COST = 3e-3
 MOST_TIME = 10.0
 """Rough time (s) that looking for the inputs at which modes meet may take here."""
 NEAR_GUIDE = 1e-3
-"""A branch is examined where its guide is nearer (rad) than this and its nodes' spread."""
+"""A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
 NEAREST = 8
 """Samples nearest to a reference pose that straight ways are tried to."""
 
@@ -67,25 +67,27 @@ REFERENCE_ONLY = Claim(Guarantee.COMPONENT, "the mode of the reference pose")
 
 @final
 @dataclass(frozen=True)
-class Found:
-    """The branches of a mechanism, and how they were found.
+class FoundModes:
+    """The assembly modes of a mechanism, and how they were found.
 
     `probes` is the number of inputs at which modes were looked for, 0 if a reference
     pose was enough; `methods[g]` the least complete way in which those of group g were
     found at any of them, None if at none. `claim` says what holds of their number.
     """
 
-    branches: tuple[Branch, ...]
+    assembly_modes: tuple[AssemblyMode, ...]
     probes: int
     methods: tuple[Method | None, ...]
     claim: Claim
 
 
-def find_branches(solver: Solver, lattice: Lattice, search: bool = True) -> Found:
-    """Return the branches that have at least one configuration at the inputs given.
+def find_assembly_modes(
+    solver: Solver, input_grid: InputGrid, search: bool = True
+) -> FoundModes:
+    """Return the assembly modes that have at least one configuration at the inputs given.
 
     The mode of a given reference pose comes first. For one input the range between the
-    first and the last sample is what counts; for several the samples of the lattice.
+    first and the last sample is what counts; for several the samples of the input grid.
 
     Raises
     ------
@@ -96,21 +98,21 @@ def find_branches(solver: Solver, lattice: Lattice, search: bool = True) -> Foun
         freedoms than there are inputs.
     """
     if solver.assembly.has_closed_form:
-        found = _dyad_branches(solver, lattice, search)
+        found = _dyad_assembly_modes(solver, input_grid, search)
     else:
-        found = _guided_branches(solver, lattice, search)
-    if not found.branches:
-        raise SolveError(_why_nothing_closes(solver, lattice))
+        found = _guided_assembly_modes(solver, input_grid, search)
+    if not found.assembly_modes:
+        raise SolveError(_why_nothing_closes(solver, input_grid))
     return found
 
 
-def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
+def _dyad_assembly_modes(solver: Solver, input_grid: InputGrid, search: bool) -> FoundModes:
     ends = solver.mechanism.ends
     groups = solver.assembly.groups
     found: list[tuple[int, ...]] = []
 
     def extend(state: State, signs: tuple[int, ...]) -> None:
-        if len(found) >= MOST_BRANCHES or np.all(state.lost):
+        if len(found) >= MOST_ASSEMBLY_MODES or np.all(state.lost):
             return
         if len(signs) == len(groups):
             found.append(signs)
@@ -127,68 +129,76 @@ def _dyad_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
     probes, methods = 0, tuple[Method | None, ...]([None] * len(groups))
     claim = REFERENCE_ONLY
     if search or own is None:
-        probed, claim = _probed(solver, lattice)
+        probed, claim = _probed(solver, input_grid)
         probes, methods = len(probed), (CLOSED_FORM,) * len(groups)
         with np.errstate(invalid="ignore", divide="ignore"):
             extend(solver.start(probed), ())
     if own is not None:
-        found = [own, *(signs for signs in found if signs != own)][:MOST_BRANCHES]
-    branches = tuple(Branch(number, signs) for number, signs in enumerate(found))
-    return Found(branches, probes, methods, _limited(claim, len(branches)))
+        found = [own, *(signs for signs in found if signs != own)][:MOST_ASSEMBLY_MODES]
+    assembly_modes = tuple(
+        AssemblyMode(number, signs) for number, signs in enumerate(found)
+    )
+    return FoundModes(assembly_modes, probes, methods, _limited(claim, len(assembly_modes)))
 
 
-def _probed(solver: Solver, lattice: Lattice) -> tuple[Floats, Claim]:
+def _probed(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Claim]:
     """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
-    if lattice.q.shape[1] > 1:
-        q = lattice.thinned(PROBED_INPUTS).q
+    if input_grid.q.shape[1] > 1:
+        q = input_grid.thinned(PROBED_INPUTS).q
         return q, Claim(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
-    low, high = _range(lattice)
-    dead = dead_inputs(solver, low, high, MOST_COST, MOST_TIME)
+    low, high = _range(input_grid)
+    dead = input_turning_points(solver, low, high, MOST_COST, MOST_TIME)
     step = (high - low) / (PROBED_INPUTS - 1)
     return dead.probes(step)[:, None], dead.claim(step)
 
 
 def _limited(claim: Claim, count: int) -> Claim:
-    """Return what is claimed of so many branches."""
-    if count < MOST_BRANCHES:
+    """Return what is claimed of so many assembly modes."""
+    if count < MOST_ASSEMBLY_MODES:
         return claim
-    return Claim(Guarantee.SAMPLED, f"stopped at {MOST_BRANCHES} modes; there may be more")
+    return Claim(
+        Guarantee.SAMPLED, f"stopped at {MOST_ASSEMBLY_MODES} modes; there may be more"
+    )
 
 
-def _range(lattice: Lattice) -> tuple[float, float]:
+def _range(input_grid: InputGrid) -> tuple[float, float]:
     """Return the least and the greatest value of a single input."""
-    return float(np.min(lattice.q)), float(np.max(lattice.q))
+    return float(np.min(input_grid.q)), float(np.max(input_grid.q))
 
 
-def _guided_branches(solver: Solver, lattice: Lattice, search: bool) -> Found:
-    gathering = _Gathering(solver, lattice)
+def _guided_assembly_modes(
+    solver: Solver, input_grid: InputGrid, search: bool
+) -> FoundModes:
+    gathering = _Gathering(solver, input_grid)
     gathering.add_reference()
     claim = REFERENCE_ONLY
-    if search or not gathering.branches:
+    if search or not gathering.assembly_modes:
         claim = gathering.all_modes()
-    branches, freedoms = gathering.branches, gathering.freedoms
-    if freedoms and not branches and min(freedoms) != len(solver.driven):
+    assembly_modes, freedoms = gathering.assembly_modes, gathering.freedoms
+    if freedoms and not assembly_modes and min(freedoms) != len(solver.driven):
         raise _other_rank(solver, min(freedoms))
-    claim = _limited(claim, len(branches))
+    claim = _limited(claim, len(assembly_modes))
     if gathering.is_spent:
         steps = gathering.nodes + gathering.in_vain
-        modes = "1 mode" if len(branches) == 1 else f"{len(branches)} modes"
+        modes = "1 mode" if len(assembly_modes) == 1 else f"{len(assembly_modes)} modes"
         words = f"stopped after {steps} steps along {modes}"
         claim = Claim(Guarantee.SAMPLED, f"{words}; there may be more")
-    return Found(tuple(branches), gathering.probes, tuple(gathering.methods), claim)
+    return FoundModes(
+        tuple(assembly_modes), gathering.probes, tuple(gathering.methods), claim
+    )
 
 
 @final
 class _Gathering:
-    """The branches of a mechanism with irreducible groups, found one after another.
+    """The assembly modes of a mechanism with irreducible groups, found one after another.
 
-    `families[k]` is the number of the component of branch k, as far as is known: those
-    that were come to on one configuration curve have the same.
+    `families[k]` is the number of the component of assembly mode k, as far as is known:
+    those that were come to on one configuration curve have the same.
     """
 
-    def __init__(self, solver: Solver, lattice: Lattice) -> None:
-        self.solver, self.lattice = solver, lattice
-        self.branches: list[Branch] = []
+    def __init__(self, solver: Solver, input_grid: InputGrid) -> None:
+        self.solver, self.input_grid = solver, input_grid
+        self.assembly_modes: list[AssemblyMode] = []
         self.families: list[int] = []
         self.freedoms: list[int] = []
         self.probes = self.nodes = self.in_vain = 0
@@ -200,38 +210,42 @@ class _Gathering:
 
     @property
     def is_full(self) -> bool:
-        """Whether no further branch is to be followed."""
-        return len(self.branches) >= MOST_BRANCHES or self.is_spent
+        """Whether no further assembly mode is to be followed."""
+        return len(self.assembly_modes) >= MOST_ASSEMBLY_MODES or self.is_spent
 
     @property
     def is_spent(self) -> bool:
-        """Whether as many steps were made as may be; there is at least one branch then."""
-        in_vain = bool(self.branches) and self.in_vain > MOST_IN_VAIN
+        """Whether as many steps were made as may be; there is at least one mode then."""
+        in_vain = bool(self.assembly_modes) and self.in_vain > MOST_IN_VAIN
         return self.nodes > MOST_FOLLOWED or in_vain
 
     def add(self, values: Floats, family: int | None = None) -> None:
-        """Add the branch through a configuration (variables,), if it is in the range."""
+        """Add the mode through a configuration (variables,), if it is in the range."""
         driven = list(self.solver.driven)
         values = self.solver.closure.solve(values[None], driven).values[0]
         if self._redundant:
             self.freedoms.append(self.solver.freedoms(values))
             if self.freedoms[-1] != len(driven):
                 return
-        guide, tried = _guide(self.solver, self.lattice, values)
+        guide, tried = _guide(self.solver, self.input_grid, values)
         self.in_vain += tried
         if guide is not None:
-            branch = Branch(len(self.branches), signs_at(self.solver, values), guide)
-            if isinstance(guide, Curve):  # where the pose itself may be a dead centre
+            assembly_mode = AssemblyMode(
+                len(self.assembly_modes), signs_at(self.solver, values), guide
+            )
+            if isinstance(guide, ModeCurve):  # where the pose itself may be a dead centre
                 values = guide.values[len(guide.values) // 2]
                 self.in_vain -= len(guide.values) - 1
-            self.branches.append(_with_determinants(self.solver, branch, values))
+            self.assembly_modes.append(
+                _with_determinants(self.solver, assembly_mode, values)
+            )
             self.nodes += len(guide.values)
-            self._working.tell(lambda: f"{len(self.branches)} followed")
+            self._working.tell(lambda: f"{len(self.assembly_modes)} followed")
             new = max(self.families, default=-1) + 1
             self.families.append(new if family is None else family)
 
     def add_reference(self) -> None:
-        """Add the branch of the reference pose, if there is one.
+        """Add the assembly mode of the reference pose, if there is one.
 
         Raises
         ------
@@ -241,7 +255,7 @@ class _Gathering:
         reference = self.solver.geometry.reference
         if reference is None:
             return
-        driven, q = list(self.solver.driven), self.lattice.q
+        driven, q = list(self.solver.driven), self.input_grid.q
         values = reference.copy()
         middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
         half = 0.5 * np.ptp(q, axis=0)
@@ -258,13 +272,13 @@ class _Gathering:
             raise _other_rank(self.solver, self.freedoms[0])
 
     def all_modes(self) -> Claim:
-        """Look for further branches in the whole range; return what is claimed then."""
-        solver, lattice = self.solver, self.lattice
-        if solver.meshes is not None and not self.branches:
-            self.probe(lattice.q[:1])
+        """Look for further modes in the whole range; return what is claimed then."""
+        solver, input_grid = self.solver, self.input_grid
+        if solver.meshes is not None and not self.assembly_modes:
+            self.probe(input_grid.q[:1])
         if solver.meshes is not None and not solver.meshes.all_known:
-            for q in _scattered(lattice):
-                if not self.branches:
+            for q in _scattered(input_grid):
+                if not self.assembly_modes:
                     self.probe(q[None])
             return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
         groups = solver.assembly.groups
@@ -277,20 +291,22 @@ class _Gathering:
             for group, method in zip(groups, self.methods, strict=True)
         ]
         census = self.search()
-        if not self.branches:
+        if not self.assembly_modes:
             # Random starts leave out what is next to a dead centre.
-            self.probe(lattice.q[len(lattice.q) // 2][None])
+            self.probe(input_grid.q[len(input_grid.q) // 2][None])
         things = "components" if len(solver.driven) == 1 else "modes"
         return Claim(Guarantee.SAMPLED, census.words(things))
 
     def _eliminated(self) -> Claim | None:
         """Find all modes at some inputs; return None if some may be missing there."""
         if len(self.solver.driven) > 1:
-            self.probe(_scattered(self.lattice))
+            self.probe(_scattered(self.input_grid))
             claim = Claim(Guarantee.SAMPLED, f"modes at {self.probes} of the samples")
             return claim if self._is_complete else None
-        dead = dead_inputs(self.solver, *_range(self.lattice), MOST_COST, MOST_TIME)
-        step = np.ptp(self.lattice.q) / PROBES
+        dead = input_turning_points(
+            self.solver, *_range(self.input_grid), MOST_COST, MOST_TIME
+        )
+        step = np.ptp(self.input_grid.q) / PROBES
         self.probe(dead.probes(step)[:, None])
         if self._is_complete and dead.gap(step):
             done = dead.probes(step)
@@ -312,7 +328,7 @@ class _Gathering:
         return all(method is None or method.is_complete for method in self.methods)
 
     def probe(self, inputs: Floats) -> None:
-        """Add the branches of all modes found at inputs (n, inputs)."""
+        """Add the assembly modes of all modes found at inputs (n, inputs)."""
         for q in inputs:
             if self.is_full:
                 break
@@ -324,23 +340,23 @@ class _Gathering:
             ]
             if here.modes:
                 values = np.array([values for _, values in here.modes])
-                row = self.lattice.nearest(q, 1)
+                row = self.input_grid.nearest(q, 1)
                 self.add_new(values, np.repeat(row, len(values)))
 
     def add_new(self, values: Floats, rows: Rows, family: int | None = None) -> Rows:
-        """Add branches of configurations (n, variables) that none of them has.
+        """Add assembly modes of configurations (n, variables) that none of them has.
 
-        `rows` (n,) are the samples they belong to, read if branches are known at samples
-        only. Returns the family (n,) of each, -1 if it is not in the range. With `family`
-        that of all new ones is known.
+        `rows` (n,) are the samples they belong to, read if assembly modes are known at
+        samples only. Returns the family (n,) of each, -1 if it is not in the range. With
+        `family` that of all new ones is known.
         """
         families = self._families_of(values, rows, 0)
         for number in np.flatnonzero(families < 0):
-            known = len(self.branches)
+            known = len(self.assembly_modes)
             if families[number] >= 0 or self.is_full:
                 continue
             self.add(values[number], family)
-            if len(self.branches) == known:
+            if len(self.assembly_modes) == known:
                 continue
             self.go_beyond()
             families[number] = self.families[known]
@@ -349,13 +365,13 @@ class _Gathering:
         return families
 
     def go_beyond(self) -> None:
-        """Follow the curves of branches that end within the range to further branches."""
+        """Follow the curves of modes that end within the range to further modes."""
         if len(self.solver.driven) > 1:
             return
-        for branch in self.branches[self._followed :]:
+        for assembly_mode in self.assembly_modes[self._followed :]:
             self._followed += 1
-            guide = branch.guide
-            if not isinstance(guide, Curve) or guide.ends == (Status.OK, Status.OK):
+            guide = assembly_mode.guide
+            if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
                 continue
             values = guide.values[len(guide.values) // 2]
             if any(np.isfinite(curve.find(values[None])[0]) for curve in self._curves):
@@ -365,15 +381,15 @@ class _Gathering:
             except SolveError:
                 continue
             (period,) = self.solver.periods
-            parts = Stretches.of(
-                self._curves[-1], self.solver.single, *_range(self.lattice), period
+            parts = MonotoneSegments.of(
+                self._curves[-1], self.solver.single, *_range(self.input_grid), period
             )
             rows = np.zeros(len(parts.middles), dtype=np.intp)
-            self.add_new(parts.middles, rows, self.families[branch.number])
+            self.add_new(parts.middles, rows, self.families[assembly_mode.number])
 
     def search(self) -> Census:
         """Add what random starts over the range meet, and return how often they did."""
-        q, several = self.lattice.q, len(self.solver.driven) > 1
+        q, several = self.input_grid.q, len(self.solver.driven) > 1
         low, high = np.min(q, axis=0), np.max(q, axis=0)
         starts = RangeSearch(self.solver, low, high, q if several else None)
         census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
@@ -386,24 +402,24 @@ class _Gathering:
         return census
 
     def _families_of(self, values: Floats, rows: Rows, first: int) -> Rows:
-        """Return the family (n,) of configurations on branches from `first` on, or -1."""
+        """Return the family (n,) of configurations on modes from `first` on, or -1."""
         solver, driven = self.solver, list(self.solver.driven)
         angles = [v for v in solver.angles if v not in driven]
         families = np.full(len(values), -1, dtype=np.intp)
         placed = solver.closure.at(values).placed
-        for branch, family in zip(
-            self.branches[first:], self.families[first:], strict=True
+        for assembly_mode, family in zip(
+            self.assembly_modes[first:], self.families[first:], strict=True
         ):
             (left,) = np.nonzero(families < 0)
-            if isinstance(branch.guide, Curve) and len(left):
+            if isinstance(assembly_mode.guide, ModeCurve) and len(left):
                 along = values[left, driven[0]]
-                predicted, spread = branch.guide.predict(along)
+                predicted, spread = assembly_mode.guide.predict(along)
                 away = np.abs(wrap(predicted - values[left])[:, angles])
                 near = np.max(away, axis=1, initial=0.0) < spread + NEAR_GUIDE
-                left = left[near & branch.guide.covers(along)]
+                left = left[near & assembly_mode.guide.covers(along)]
             if not len(left):
                 continue
-            there = solver.evaluate(branch, values[left][:, driven], rows[left])
+            there = solver.evaluate(assembly_mode, values[left][:, driven], rows[left])
             same = np.max(np.abs(there.rotations - placed[left]), axis=(1, 2, 3))
             closed = (there.status == Status.OK) | (there.status == Status.AT_SINGULARITY)
             families[left[closed & (same < SAME_MODE)]] = family
@@ -423,8 +439,8 @@ def _inputs(count: int) -> str:
 
 
 def _guide(
-    solver: Solver, lattice: Lattice, values: Floats
-) -> tuple[Curve | Sheet | None, int]:
+    solver: Solver, input_grid: InputGrid, values: Floats
+) -> tuple[ModeCurve | ModeOverGrid | None, int]:
     """Return the guide through a closed configuration, None if it is out of range.
 
     Also the steps tried along a curve.
@@ -432,38 +448,40 @@ def _guide(
     driven = list(solver.driven)
     here = values[driven]
     if len(driven) == 1:
-        low, high = _range(lattice)
+        low, high = _range(input_grid)
         q = float(here[0])
         curve = follow(solver.closure, driven[0], values, min(low, q), max(high, q))
         inside = curve.inputs[0] <= high and curve.inputs[-1] >= low
         return curve if inside else None, curve.tried
-    near = lattice.nearest(here, NEAREST)
+    near = input_grid.nearest(here, NEAREST)
     start = np.repeat(values[None], len(near), axis=0)
-    found, status = walk(solver.closure, driven, start, lattice.q[near])
+    found, status = walk(solver.closure, driven, start, input_grid.q[near])
     arrived = np.flatnonzero(status == Status.OK)
     if not len(arrived):
         return None, 0
     first = arrived[0]
-    return spread(solver.closure, driven, lattice, int(near[first]), found[first]), 0
+    return spread(solver.closure, driven, input_grid, int(near[first]), found[first]), 0
 
 
-def _scattered(lattice: Lattice) -> Floats:
-    """Return samples (k, inputs) spread over a lattice, its middle first."""
+def _scattered(input_grid: InputGrid) -> Floats:
+    """Return samples (k, inputs) spread over an input grid, its middle first."""
     parts = (np.arange(PROBES) + 0.5) / PROBES
     order = np.argsort(np.abs(parts - 0.5), kind="stable")
     rows = np.zeros(PROBES, dtype=np.intp)
-    for axis, count in enumerate(lattice.shape):
+    for axis, count in enumerate(input_grid.shape):
         step = np.roll(parts[order], axis * (PROBES // 2)) if axis else parts[order]
         place = np.minimum((step * count).astype(np.intp), count - 1)
         rows = rows * count + place
-    return lattice.q[np.unique(rows)]
+    return input_grid.q[np.unique(rows)]
 
 
-def _with_determinants(solver: Solver, branch: Branch, values: Floats) -> Branch:
-    """Give the branch the signs of its irreducible groups' determinants."""
+def _with_determinants(
+    solver: Solver, assembly_mode: AssemblyMode, values: Floats
+) -> AssemblyMode:
+    """Give the assembly mode the signs of its irreducible groups' determinants."""
     state = solver.start(values[None, list(solver.driven)])
     determinants = []
-    for group, sign in zip(solver.assembly.groups, branch.signs, strict=True):
+    for group, sign in zip(solver.assembly.groups, assembly_mode.signs, strict=True):
         if sign:
             place_dyad(state, group, solver.mechanism.ends, sign)
             determinants.append(float(sign))
@@ -472,18 +490,20 @@ def _with_determinants(solver: Solver, branch: Branch, values: Floats) -> Branch
             _, at = place_group(state, group, solver.mechanism.ends, start)
             determinant, _ = determinant_signs(at.jacobian)
             determinants.append(float(determinant[0]))
-    return Branch(branch.number, branch.signs, branch.guide, tuple(determinants))
+    return AssemblyMode(
+        assembly_mode.number, assembly_mode.signs, assembly_mode.guide, tuple(determinants)
+    )
 
 
-def _why_nothing_closes(solver: Solver, lattice: Lattice) -> str:
+def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
     name = solver.mechanism.name
     inputs = [solver.mechanism.pairs[pair].name for pair in solver.assembly.inputs]
-    lows, highs = np.degrees([np.min(lattice.q, axis=0), np.max(lattice.q, axis=0)])
+    lows, highs = np.degrees([np.min(input_grid.q, axis=0), np.max(input_grid.q, axis=0)])
     degrees = ", ".join(
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
-    state = solver.start(lattice.thinned(PROBED_INPUTS).q)
+    state = solver.start(input_grid.thinned(PROBED_INPUTS).q)
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
             pairs = ", ".join(solver.mechanism.pairs[p].name for p in group.pairs)

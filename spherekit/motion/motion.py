@@ -1,4 +1,4 @@
-"""The motion of a mechanism: every branch at every sample of its inputs."""
+"""The motion of a mechanism: every assembly mode at every sample of its inputs."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -15,14 +15,14 @@ from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion import lattice as lattices
-from spherekit.motion.branches import Branch, Solver
+from spherekit.motion import input_grid as lattices
+from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.configuration import Configurations, configuration_curves
-from spherekit.motion.lattice import Lattice, given_path
+from spherekit.motion.input_grid import InputGrid, given_path
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree, left_inverse
-from spherekit.motion.modes import find_branches
-from spherekit.motion.sheet import Sheet
+from spherekit.motion.mode_over_grid import ModeOverGrid
+from spherekit.motion.modes import find_assembly_modes
 from spherekit.motion.timing import Timing
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.inputs import driven_at, driven_pairs
@@ -36,25 +36,25 @@ enough for the caches; with half or twice as many a run takes the same time."""
 @final
 @dataclass(frozen=True)
 class Motion:
-    """Configurations in rows: branch after branch, in each the samples in order.
+    """Configurations in rows: mode after mode, in each the samples in order.
 
-    Row r belongs to branch `branches[r // samples]`. Shapes: `sample`, `branch`,
-    `status`, `residual` (n,); `inputs` (n, inputs) rad; `values` (n, variables) rad;
-    `rotations` (n, links, 3, 3), from link axes to ground axes. Rows with a status other
-    than OK or AT_SINGULARITY hold NaN, except for sample, branch, inputs and status.
-    `is_path` says that successive samples are neighbours. `timing` says when the rows
-    happen, if that is known. `sense` (n,) is given where rows follow a mechanism through
-    dead centres of its input: +1, or -1 where the input moves back while the mechanism
-    moves on.
+    Row r belongs to assembly mode `assembly_modes[r // samples]`. Shapes: `sample`,
+    `assembly_mode`, `status`, `residual` (n,); `inputs` (n, inputs) rad; `values` (n,
+    variables) rad; `rotations` (n, links, 3, 3), from link axes to ground axes. Rows with a
+    status other than OK or AT_SINGULARITY hold NaN, except for sample, assembly mode,
+    inputs and status. `is_path` says that successive samples are neighbours. `timing` says
+    when the rows happen, if that is known. `sense` (n,) is given where rows follow a
+    mechanism through dead centres of its input: +1, or -1 where the input moves back while
+    the mechanism moves on.
     """
 
     mechanism: Mechanism
     joints: tuple[Joint, ...]
     assembly: Assembly
-    branches: tuple[Branch, ...]
+    assembly_modes: tuple[AssemblyMode, ...]
     samples: int
     sample: NDArray[np.int64]
-    branch: NDArray[np.int64]
+    assembly_mode: NDArray[np.int64]
     inputs: Floats
     values: Floats
     rotations: Floats
@@ -69,16 +69,16 @@ class Motion:
         found = ", ".join(f"{count} {name}" for name, count in counts.items()) or "no rows"
         return (
             f"<Motion of {self.mechanism.name}: {self.samples} samples in "
-            f"{len(self.branches)} branches; {found}>"
+            f"{len(self.assembly_modes)} assembly modes; {found}>"
         )
 
     def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
-        """Return some rows only, as a motion of one nameless branch."""
+        """Return some rows only, as a motion of one nameless assembly mode."""
         return replace(
             self,
             samples=int(np.sum(chosen)),
             sample=self.sample[chosen],
-            branch=self.branch[chosen],
+            assembly_mode=self.assembly_mode[chosen],
             inputs=self.inputs[chosen],
             values=self.values[chosen],
             rotations=self.rotations[chosen],
@@ -146,7 +146,7 @@ class Motion:
 
     @cached_property
     def free(self) -> tuple[int, ...]:
-        """Numbers of the variables that are no inputs."""
+        """Numbers of the variables that are not inputs."""
         held = {self.mechanism.variables_of(pair)[0] for pair in self.assembly.inputs}
         return tuple(v for v in range(self.values.shape[1]) if v not in held)
 
@@ -240,13 +240,13 @@ class Motion:
         return np.asarray(~held)
 
 
-def samples_in_block(branches: int) -> int:
-    """Return the samples of which so many branches together have about `BLOCK` rows."""
-    return max(1, BLOCK // max(1, branches))
+def samples_in_block(assembly_modes: int) -> int:
+    """Return the samples of which so many modes together have about `BLOCK` rows."""
+    return max(1, BLOCK // max(1, assembly_modes))
 
 
 def motion_of(solver: Solver, values: Floats) -> Motion:
-    """Return closed configurations (n, V) as a motion of one nameless branch.
+    """Return closed configurations (n, V) as a motion of one nameless assembly mode.
 
     Singular ones are rows like others: their status is OK.
     """
@@ -256,10 +256,10 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
         mechanism=solver.mechanism,
         joints=solver.joints,
         assembly=solver.assembly,
-        branches=(),
+        assembly_modes=(),
         samples=n,
         sample=np.arange(n),
-        branch=np.zeros(n, dtype=np.int64),
+        assembly_mode=np.zeros(n, dtype=np.int64),
         inputs=values[:, list(solver.driven)],
         values=values,
         rotations=at.placed,
@@ -271,7 +271,7 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
 
 @final
 class Tracer:
-    """The branches of a mechanism over its inputs, evaluated as asked.
+    """The assembly modes of a mechanism over its inputs, evaluated as asked.
 
     Parameters
     ----------
@@ -279,8 +279,8 @@ class Tracer:
         A mechanism with a freedom for each of its inputs.
     input_pair
         Names of the driven pairs, if not those the mechanism declares.
-    branch
-        Number of the only branch wanted; all by default.
+    assembly mode
+        Number of the only assembly mode wanted; all by default.
     search
         Whether to look for assembly modes beside that of a given reference pose.
     samples
@@ -291,15 +291,15 @@ class Tracer:
     path
         (n, inputs) rad: the inputs wanted, instead of the ranges.
     follow
-        Whether branches are found and followed over the samples; without there are none,
-        and every motion is empty.
+        Whether assembly modes are found and followed over the samples; without there are
+        none, and every motion is empty.
 
     Raises
     ------
     PlanError
         If there is not one freedom for each input, or an input is a contact pair.
     SolveError
-        If it cannot be assembled anywhere, or the branch is unknown.
+        If it cannot be assembled anywhere, or the assembly mode is unknown.
     """
 
     @checked(SolveError)
@@ -307,7 +307,7 @@ class Tracer:
         self,
         mechanism: Mechanism,
         input_pair: str | Sequence[str] | None = None,
-        branch: int | None = None,
+        assembly_mode: int | None = None,
         search: bool = True,
         samples: int | Sequence[int] = DEFAULT_SAMPLES,
         grid: bool = False,
@@ -318,36 +318,39 @@ class Tracer:
         mechanism = driven_at(mechanism, input_pair)
         names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
         self.mechanism = mechanism.with_inputs(*names)
-        self.lattice = _lattice(self.mechanism, samples, grid, path)
+        self.input_grid = _lattice(self.mechanism, samples, grid, path)
         self.by_rank = False
         try:
-            self.branches = self._assembled(search)
+            self.assembly_modes = self._assembled(search)
         except CountError as counted:
             self.by_rank = True
-            self.branches = self._assembled_against(counted, search)
-        if branch is not None:
-            chosen = [item for item in self.branches if item.number == branch]
+            self.assembly_modes = self._assembled_against(counted, search)
+        if assembly_mode is not None:
+            chosen = [item for item in self.assembly_modes if item.number == assembly_mode]
             if not chosen:
-                numbers = listing(item.number for item in self.branches)
+                numbers = listing(item.number for item in self.assembly_modes)
                 raise SolveError(
-                    f"{mechanism.name}: there is no branch {branch}; the branches found "
+                    f"{mechanism.name}: there is no assembly mode {assembly_mode}; the "
+                    f"assembly modes found "
                     f"are {numbers}"
                 )
-            self.branches = tuple(chosen)
+            self.assembly_modes = tuple(chosen)
 
-    def _assembled(self, search: bool) -> tuple[Branch, ...]:
-        """Return the branches; `PlanError` unless there is a freedom for each input."""
+    def _assembled(self, search: bool) -> tuple[AssemblyMode, ...]:
+        """Return the modes; `PlanError` unless there is a freedom for each input."""
         self.assembly = plan_assembly(self.mechanism, self.by_rank)
         self.solver = Solver(self.mechanism, self.assembly)
         if not self._follow:
             return ()
-        found = find_branches(self.solver, self.lattice, search)
+        found = find_assembly_modes(self.solver, self.input_grid, search)
         self.methods, self.claim = found.methods, found.claim
         self._probes = found.probes
-        return found.branches
+        return found.assembly_modes
 
-    def _assembled_against(self, counted: CountError, search: bool) -> tuple[Branch, ...]:
-        """Return the branches of a mechanism that by counting does not move."""
+    def _assembled_against(
+        self, counted: CountError, search: bool
+    ) -> tuple[AssemblyMode, ...]:
+        """Return the assembly modes of a mechanism that by counting does not move."""
         try:
             return self._assembled(search)
         except SpherekitError:
@@ -367,7 +370,7 @@ class Tracer:
         PlanError
             If there are several inputs.
         """
-        column = self.lattice.q[:, self.assembly.inputs.index(self.assembly.input)]
+        column = self.input_grid.q[:, self.assembly.inputs.index(self.assembly.input)]
         return float(np.min(column)), float(np.max(column))
 
     @property
@@ -387,10 +390,10 @@ class Tracer:
     @cached_property
     def configurations(self) -> Configurations:
         """All configuration curves that meet the input's range; `PlanError` as `range`."""
-        return configuration_curves(self.solver, self.branches, *self.range)
+        return configuration_curves(self.solver, self.assembly_modes, *self.range)
 
     def at(self, q: Floats, first_sample: int = 0) -> Motion:
-        """Return all branches at inputs q (k,) or (k, inputs) rad, any order.
+        """Return all assembly modes at inputs q (k,) or (k, inputs) rad, any order.
 
         Raises
         ------
@@ -399,7 +402,10 @@ class Tracer:
             given samples only: give them to the tracer as `path`.
         """
         wanted = given_path(q, len(self.inputs)).q
-        if any(isinstance(branch.guide, Sheet) for branch in self.branches):
+        if any(
+            isinstance(assembly_mode.guide, ModeOverGrid)
+            for assembly_mode in self.assembly_modes
+        ):
             raise SolveError(
                 f"{self.mechanism.name}: with several inputs and irreducible groups the "
                 "motion is known at the samples of the tracer only; give these inputs as "
@@ -412,56 +418,61 @@ class Tracer:
         return motion_of(self.solver, values)
 
     def _at(self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int) -> Motion:
-        if not self.branches:
+        if not self.assembly_modes:
             none = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(motion_of(self.solver, none), samples=len(q))
-        parts = [self.solver.evaluate(branch, q, rows) for branch in self.branches]
-        count, k = len(self.branches), len(q)
+        parts = [
+            self.solver.evaluate(assembly_mode, q, rows)
+            for assembly_mode in self.assembly_modes
+        ]
+        count, k = len(self.assembly_modes), len(q)
         return Motion(
             mechanism=self.mechanism,
             joints=self.solver.joints,
             assembly=self.assembly,
-            branches=self.branches,
+            assembly_modes=self.assembly_modes,
             samples=k,
             sample=np.tile(np.arange(first_sample, first_sample + k), count),
-            branch=np.repeat([branch.number for branch in self.branches], k),
+            assembly_mode=np.repeat(
+                [assembly_mode.number for assembly_mode in self.assembly_modes], k
+            ),
             inputs=np.tile(q, (count, 1)),
             values=np.concatenate([part.values for part in parts]),
             rotations=np.concatenate([part.rotations for part in parts]),
             status=np.concatenate([part.status for part in parts]),
             residual=np.concatenate([part.residual for part in parts]),
-            is_path=self.lattice.is_path,
+            is_path=self.input_grid.is_path,
         )
 
     def sparse(self, most: int) -> Motion:
         """Return the motion at about `most` of the samples, spread evenly."""
-        count = len(self.lattice)
+        count = len(self.input_grid)
         rows = np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
         return self.samples(rows)
 
     def samples(self, rows: NDArray[np.intp]) -> Motion:
         """Return the motion at some of the samples, by their numbers."""
-        return self._at(self.lattice.q[rows], rows, 0)
+        return self._at(self.input_grid.q[rows], rows, 0)
 
     @property
     def block(self) -> int:
-        """Samples in a block of about `BLOCK` rows of all branches together."""
-        return samples_in_block(len(self.branches))
+        """Samples in a block of about `BLOCK` rows of all assembly modes together."""
+        return samples_in_block(len(self.assembly_modes))
 
     def motion(self) -> Motion:
         """Return the motion at all samples."""
-        return next(self.blocks(len(self.lattice)))
+        return next(self.blocks(len(self.input_grid)))
 
     def blocks(self, size: int | None = None, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples.
 
-        So many samples that a block of all branches has about `BLOCK` rows, if no `size`
-        is given.
+        So many samples that a block of all assembly modes has about `BLOCK` rows, if no
+        `size` is given.
         """
         size = size or self.block
-        for start in range(first, len(self.lattice), size):
-            rows = np.arange(start, min(start + size, len(self.lattice)))
-            yield self._at(self.lattice.q[rows], rows, start)
+        for start in range(first, len(self.input_grid), size):
+            rows = np.arange(start, min(start + size, len(self.input_grid)))
+            yield self._at(self.input_grid.q[rows], rows, start)
 
 
 def _lattice(
@@ -469,7 +480,7 @@ def _lattice(
     samples: int | Sequence[int],
     wants_grid: bool,
     path: Floats | None,
-) -> Lattice:
+) -> InputGrid:
     inputs = mechanism.inputs
     if path is not None:
         return given_path(path, len(inputs))
@@ -496,7 +507,7 @@ def trace(
     mechanism: AnyMechanism,
     samples: int | Sequence[int] = DEFAULT_SAMPLES,
     input_pair: str | Sequence[str] | None = None,
-    branch: int | None = None,
+    assembly_mode: int | None = None,
     search: bool = True,
     grid: bool = False,
     path: Floats | None = None,
@@ -506,4 +517,6 @@ def trace(
     Parameters and errors are those of `Tracer`.
     """
     mechanism = mechanism_of(mechanism)
-    return Tracer(mechanism, input_pair, branch, search, samples, grid, path).motion()
+    return Tracer(
+        mechanism, input_pair, assembly_mode, search, samples, grid, path
+    ).motion()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.motion.branches import Solver, determinant_signs, wrap
+from spherekit.motion.assembly_modes import Solver, determinant_signs, wrap
 from spherekit.motion.pairs import penetrates
 from spherekit.motion.search import POLISHING_STEPS, SEED, STARTS, damped, starting_range
 from spherekit.sphere.rotation import Floats
@@ -77,8 +77,8 @@ class RangeSearch:
             values = result.values
             at = closure.at(values)
             free = [v for v in range(values.shape[1]) if v not in driven]
-            _, flatness = determinant_signs(at.jacobian[:, :, free])
-            good = (result.residual < CLOSURE_TOLERANCE) & (flatness > FLAT)
+            _, reciprocal_condition = determinant_signs(at.jacobian[:, :, free])
+            good = (result.residual < CLOSURE_TOLERANCE) & (reciprocal_condition > FLAT)
             good &= np.all(at.states.inside, axis=1)
             good &= ~penetrates(closure.joints, at.states)
         turning = [v for v in solver.angles if v not in driven]

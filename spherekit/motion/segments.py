@@ -92,7 +92,7 @@ class Bordered:
         return left_inverse(self.jacobian)
 
     @property
-    def flatness(self) -> Floats:
+    def reciprocal_condition(self) -> Floats:
         """(n,) reciprocal condition of the bordered equations; 0 where singular."""
         size = np.linalg.norm(self.jacobian, axis=(1, 2))
         inverse = np.linalg.norm(self.inverse, axis=(1, 2))
@@ -184,7 +184,9 @@ class Segments:
     def rounding(self) -> Floats:
         """Relative error (k - 1,) of a tangent between two nodes, from their condition."""
         _, equations = curve_points(self.closure, self.nodes.values, self.nodes.tangents)
-        flattest = np.minimum(equations.flatness[:-1], equations.flatness[1:])
+        flattest = np.minimum(
+            equations.reciprocal_condition[:-1], equations.reciprocal_condition[1:]
+        )
         return np.asarray(8.0 * EPS / flattest)
 
     def predict(self, which: NDArray[np.intp], along: Floats) -> Floats:

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.motion.branches import wrap
+from spherekit.motion.assembly_modes import wrap
 from spherekit.motion.closure import Closure
 from spherekit.motion.distinct import Distinct
 from spherekit.motion.elimination import candidates

@@ -45,8 +45,8 @@ class Nodes:
 
     `direction` (n, inputs); `values`, `slope`, `bend` (n, variables): the variables and
     their first and second derivatives by the way along the direction; `sign` (n,) of the
-    determinant of the closure Jacobian without the inputs; `flatness` (n,) its relative
-    smallest singular value.
+    determinant of the closure Jacobian without the inputs; `reciprocal_condition` (n,) its
+    relative smallest singular value.
     """
 
     direction: Floats
@@ -54,7 +54,7 @@ class Nodes:
     slope: Floats
     bend: Floats
     sign: Floats
-    flatness: Floats
+    reciprocal_condition: Floats
 
     def take(self, rows: NDArray[np.intp]) -> "Nodes":
         """Return some of the nodes."""
@@ -64,14 +64,14 @@ class Nodes:
             self.slope[rows],
             self.bend[rows],
             self.sign[rows],
-            self.flatness[rows],
+            self.reciprocal_condition[rows],
         )
 
     def put(self, rows: NDArray[np.intp], new: "Nodes") -> None:
         """Replace some of the nodes."""
         self.values[rows], self.slope[rows] = new.values, new.slope
         self.bend[rows], self.sign[rows] = new.bend, new.sign
-        self.flatness[rows] = new.flatness
+        self.reciprocal_condition[rows] = new.reciprocal_condition
 
 
 def nodes_at(
@@ -87,11 +87,11 @@ def nodes_at(
     free = [v for v in range(values.shape[1]) if v not in driven]
     square = jacobian[:, :, free]
     finite = np.all(np.isfinite(square), axis=(1, 2))
-    flatness = np.ones(len(values))
+    reciprocal_condition = np.ones(len(values))
     if free:
         known = np.where(finite[:, None, None], square, 1.0)
         sizes = np.linalg.svd(known, compute_uv=False)
-        flatness = np.where(finite, sizes[:, -1] / sizes[:, 0], 0.0)
+        reciprocal_condition = np.where(finite, sizes[:, -1] / sizes[:, 0], 0.0)
     slope, bend = np.zeros_like(values), np.zeros_like(values)
     inverse = left_inverse(square)
     slope[:, held] = direction
@@ -104,7 +104,7 @@ def nodes_at(
         slope,
         bend,
         determinant_sign(square),
-        flatness,
+        reciprocal_condition,
     )
 
 
@@ -159,7 +159,11 @@ def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
             s = values[track.variable] + track.start
             if not track.curve.closed and min(s, track.curve.length - s) < NEARLY_ENDED:
                 return Status.OFF_PROFILE
-    return Status.OUT_OF_REACH if at.flatness[row] < NEARLY_FLAT else Status.BRANCH_LOST
+    return (
+        Status.OUT_OF_REACH
+        if at.reciprocal_condition[row] < NEARLY_FLAT
+        else Status.MODE_LOST
+    )
 
 
 @final
@@ -218,7 +222,7 @@ class InputPaths:
             self.trail.append((moved, new))
         self._left[moved] -= 1
         tired = rows[(self._left[rows] == 0) & ~(holds & last)]
-        self.status[tired] = Status.BRANCH_LOST
+        self.status[tired] = Status.MODE_LOST
         ended = np.concatenate([rows[holds & last], tired])
         self.going = np.setdiff1d(self.going, ended, assume_unique=True)
         return np.where(holds, 2.0, 0.0)

@@ -55,7 +55,7 @@ def turns_in_range(
 
 
 def whole_periods(low: float, high: float, period: float) -> int:
-    """Return how many whole periods a range has, 0 if it is no whole number of them."""
+    """Return how many whole periods a range has, 0 if it is not a whole number of them."""
     if not np.isfinite(period):
         return 0
     count = round((high - low) / period)

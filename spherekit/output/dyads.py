@@ -19,7 +19,7 @@ from spherekit.conventions import REACH_SLACK
 from spherekit.model.geometry import COLLINEAR
 from spherekit.model.joints import Revolute
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.branches import FLAT_DYAD
+from spherekit.motion.assembly_modes import FLAT_DYAD
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.rates.vectors import cross, dot
 from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
@@ -30,7 +30,7 @@ Signs = tuple[int, ...]
 
 @final
 @dataclass(frozen=True)
-class Cones:
+class DyadArcs:
     """The arcs (rad) of a dyad's two bodies, and what follows from them.
 
     `near` is the arc of the body at the first axis, `far` that at the second.
@@ -58,7 +58,7 @@ class Cones:
 
 @final
 @dataclass(frozen=True)
-class Stand:
+class DyadPlacement:
     """A dyad on the growing body: pairs, the links they join, and its sign.
 
     `near`, `middle`, `far` are its pairs; the bodies are the links `first` (near and
@@ -74,7 +74,7 @@ class Stand:
     second: int
     hold: int
     parity: int
-    cones: Cones
+    cones: DyadArcs
 
     @property
     def flat(self) -> float:
@@ -84,7 +84,7 @@ class Stand:
 
 @final
 @dataclass(frozen=True)
-class Spread:
+class AxisCoefficients:
     """How a link's axis follows from two others of it: a p + b q + c (p x q)."""
 
     outer: int
@@ -131,7 +131,7 @@ class Dyads:
         self.joints = joints
         self.base = base
         self.given = tuple(given)
-        self.spreads: dict[tuple[str, int, int], Spread] = {}
+        self.spreads: dict[tuple[str, int, int], AxisCoefficients] = {}
         self._coaxial: dict[tuple[int, int, int], bool] = {}
         self._sources: dict[tuple[int, int], tuple[int, int, float]] = {}
         self.stands = tuple(self._stand(group) for group in assembly.groups)
@@ -161,7 +161,7 @@ class Dyads:
             for group in assembly.groups
         )
 
-    def _stand(self, group: Group) -> Stand:
+    def _stand(self, group: Group) -> DyadPlacement:
         def joint(a: int, b: int) -> int:
             return next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
 
@@ -169,7 +169,7 @@ class Dyads:
         near, middle, far = (group.pairs[place] for place in places)
         first, second = group.bodies[1][0], group.bodies[2][0]
         even = (places[1], places[0], places[2]) in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-        return Stand(
+        return DyadPlacement(
             near,
             middle,
             far,
@@ -178,7 +178,7 @@ class Dyads:
             second,
             sum(self.ends[far]) - second,
             1 if even else -1,
-            Cones(self._arc(first, near, middle), self._arc(second, far, middle)),
+            DyadArcs(self._arc(first, near, middle), self._arc(second, far, middle)),
         )
 
     def needs_of(self, link: int) -> frozenset[int]:
@@ -220,14 +220,14 @@ class Dyads:
         a, b = self.axis_in(one, link), self.axis_in(other, link)
         return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
-    def spread_of(self, vector: Floats, link: int) -> Spread:
+    def spread_of(self, vector: Floats, link: int) -> AxisCoefficients:
         """Return how a vector (3,) of a placed link follows from its dyad's axes."""
         stand = self.stands[self.placed_by[link]]
         outer = stand.near if link == stand.first else stand.far
         p, q = self.axis_in(outer, link), self.axis_in(stand.middle, link)
         frame = np.stack([p, q, np.cross(p, q)], axis=1)
         a, b, c = np.linalg.lstsq(frame, vector, rcond=None)[0]  # no error for a point
-        return Spread(outer, stand.middle, (float(a), float(b), float(c)))
+        return AxisCoefficients(outer, stand.middle, (float(a), float(b), float(c)))
 
     def moves_with(self, pair: int) -> frozenset[int]:
         """Return groups that the rate of a dyad's pair depends on, at most."""

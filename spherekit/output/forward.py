@@ -17,11 +17,11 @@ from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Output
-from spherekit.motion.branches import Branch, Evaluated, Solver, wrap
-from spherekit.motion.lattice import given_path
+from spherekit.motion.assembly_modes import AssemblyMode, Evaluated, Solver, wrap
+from spherekit.motion.input_grid import given_path
 from spherekit.motion.motion import Motion
-from spherekit.output.solutions import Solutions, pose_of, solved
-from spherekit.output.wrist import chosen_output
+from spherekit.output.solutions import PoseSolutions, pose_of, solved
+from spherekit.output.virtual_output import chosen_output
 from spherekit.planning.assembly import plan_assembly
 from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats, transpose
@@ -82,7 +82,7 @@ class ForwardKinematics:
             modes = _signs(len(self.solver.assembly.groups))
         rotations, status = [], []
         for number, signs in enumerate(modes):
-            found = self.solver.evaluate(Branch(number, tuple(signs)), q)
+            found = self.solver.evaluate(AssemblyMode(number, tuple(signs)), q)
             rotations.append(pose_of(self.mechanism, self.output, found.rotations))
             status.append(found.status)
         turned = np.stack(rotations)
@@ -95,7 +95,7 @@ class ForwardKinematics:
         )
 
     @checked(SolveError)
-    def solutions(self, inputs: ArrayLike) -> Solutions:
+    def solutions(self, inputs: ArrayLike) -> PoseSolutions:
         """Return every configuration found at inputs (n, inputs) rad, row by row.
 
         Raises
@@ -109,16 +109,16 @@ class ForwardKinematics:
         count = len(self.mechanism.variable_owners)
         return solved(self.solver, self.output, q, self.solver.driven, count)
 
-    def _dyads(self, q: Floats) -> Solutions:
+    def _dyads(self, q: Floats) -> PoseSolutions:
         modes = _signs(len(self.solver.assembly.groups))
-        found = [self.solver.evaluate(Branch(0, signs), q) for signs in modes]
+        found = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
         held = np.stack([_closed(each) for each in found], axis=1)
         row, mode = np.nonzero(held)
         values = np.stack([each.values for each in found], axis=1)[row, mode]
         rotations = np.stack([each.rotations for each in found], axis=1)[row, mode]
         turned = pose_of(self.mechanism, self.output, rotations)
         direction = self.output.direction
-        return Solutions(
+        return PoseSolutions(
             row,
             wrap(values[:, list(self.solver.driven)]),
             values,

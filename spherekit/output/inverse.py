@@ -23,14 +23,14 @@ from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import revolutes
-from spherekit.motion.branches import FLAT_DYAD, Solver
+from spherekit.motion.assembly_modes import FLAT_DYAD, Solver
 from spherekit.motion.pairs import turns_of
-from spherekit.output.bar import Turned, turned
-from spherekit.output.dyads import Dyads, Placed, Signs, Stand
+from spherekit.output.closing_link import DyadsWithClosingLink, turned
+from spherekit.output.dyads import DyadPlacement, Dyads, Placed, Signs
 from spherekit.output.measures import reciprocal
-from spherekit.output.posed import Posed, reach_of
-from spherekit.output.solutions import Solutions, solved
-from spherekit.output.wrist import Wrist, with_wrist
+from spherekit.output.posed_mode import PosedMode, reach_of
+from spherekit.output.solutions import PoseSolutions, solved
+from spherekit.output.virtual_output import VirtualOutputChain, with_wrist
 from spherekit.planning.assembly import plan_assembly
 from spherekit.rates.transmission import Transmission
 from spherekit.rates.vectors import cross, dot
@@ -150,7 +150,7 @@ class InverseKinematics:
     @checked(SolveError)
     def __init__(self, mechanism: AnyMechanism, name: str | None = None) -> None:
         self.own = mechanism = mechanism_of(mechanism)
-        self.wrist: Wrist = with_wrist(mechanism, name)
+        self.wrist: VirtualOutputChain = with_wrist(mechanism, name)
         self.mechanism = self.wrist.mechanism
         output = self.wrist.output
         try:
@@ -167,7 +167,7 @@ class InverseKinematics:
             number for pair in self.wrist.driven for number in mechanism.variables_of(pair)
         ]
         self._dyads: Dyads | None = None
-        self._turned: Turned | None = None
+        self._turned: DyadsWithClosingLink | None = None
         self._assembly = self.solver.assembly
         joints = revolutes(self.solver.joints)
         every = len(joints) == len(self.solver.joints)
@@ -244,8 +244,8 @@ class InverseKinematics:
         Raises
         ------
         SolveError
-            If the poses are no rotations or directions, a mode does not exist, `near` is
-            missing, or the groups are no dyads; then ask for `solutions`.
+            If the poses are not rotations or directions, a mode does not exist, `near` is
+            missing, or the groups are not dyads; then ask for `solutions`.
         """
         if self._dyads is None and self._turned is None:
             raise self.no_closed_form(
@@ -296,7 +296,7 @@ class InverseKinematics:
 
     def _views(
         self, given: Floats, starts: Floats, modes: Sequence[Signs]
-    ) -> Iterator[Posed]:
+    ) -> Iterator[PosedMode]:
         """Yield each mode at poses; what modes share is computed once."""
         block = np.ascontiguousarray(given.T)
         placed = self._placed(block) if self._turned is None else None
@@ -306,7 +306,7 @@ class InverseKinematics:
                 yield _closed(self._turned, block, starts, signs, own)
             else:
                 assert placed is not None
-                yield Posed(placed, signs, reach_of(placed, signs), *own)
+                yield PosedMode(placed, signs, reach_of(placed, signs), *own)
 
     def _type_2(self, given: Floats, starts: Floats, modes: Sequence[Signs]) -> Floats:
         """Return the measure (m, n) of type II of modes at poses."""
@@ -318,11 +318,11 @@ class InverseKinematics:
                     found[k, rows] = view.type_2
         return found
 
-    def _own(self, poses: Floats) -> tuple[tuple[int, ...], Callable[[Posed], Floats]]:
+    def _own(self, poses: Floats) -> tuple[tuple[int, ...], Callable[[PosedMode], Floats]]:
         """Return the driven pairs, and what measures type II at poses."""
         directions, count = poses if self.wrist.points else None, len(self.own.pairs)
 
-        def measure(view: Posed) -> Floats:
+        def measure(view: PosedMode) -> Floats:
             return self._transmission.at(view.axes(count), directions)
 
         return self.wrist.driven, measure
@@ -339,13 +339,13 @@ class InverseKinematics:
     def _transmission(self) -> Transmission:
         return Transmission.of(self.own, self.wrist.output)
 
-    def posed(self, poses: ArrayLike, signs: Signs) -> Posed:
+    def posed(self, poses: ArrayLike, signs: Signs) -> PosedMode:
         """Return a mode at poses as for `at`, to be asked for angles one by one.
 
         Raises
         ------
         SolveError
-            If the poses are no rotations or directions, the mode does not exist, or
+            If the poses are not rotations or directions, the mode does not exist, or
             `has_closed_form` is false.
         """
         if self._dyads is None:
@@ -356,15 +356,15 @@ class InverseKinematics:
         self._check(block, 0)
         placed = self._placed(block)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return Posed(placed, chosen, reach_of(placed, chosen), *self._own(given))
+            return PosedMode(placed, chosen, reach_of(placed, chosen), *self._own(given))
 
     @property
-    def stands(self) -> tuple[Stand, ...]:
+    def stands(self) -> tuple[DyadPlacement, ...]:
         """The dyads in solving order, none where there is no closed form."""
         return () if self._dyads is None else self._dyads.stands
 
     @checked(SolveError)
-    def solutions(self, poses: ArrayLike) -> Solutions:
+    def solutions(self, poses: ArrayLike) -> PoseSolutions:
         """Return every configuration found at poses, of any mechanism, row by row.
 
         Poses are those of `at`. Dyads are solved in closed form, other groups by
@@ -373,7 +373,7 @@ class InverseKinematics:
         Raises
         ------
         SolveError
-            If the poses are no rotations or directions.
+            If the poses are not rotations or directions.
         """
         given = self._checked(poses)
         if self._turned is not None:
@@ -383,7 +383,7 @@ class InverseKinematics:
         count = len(self.own.variable_owners)
         return solved(self.solver, self.wrist.output, coordinates, self.driven, count)
 
-    def _every_turn(self, turned: Turned, given: Floats) -> Solutions:
+    def _every_turn(self, turned: DyadsWithClosingLink, given: Floats) -> PoseSolutions:
         """Return the solutions of all modes at directions (n, 3), in order of rows."""
         self._check(given.T, 0)
         rows, rotations, signs = [], [], []
@@ -406,7 +406,7 @@ class InverseKinematics:
         every = np.concatenate([np.empty((0, len(self.own.variable_owners))), *values])
         every = every[order]
         turned_links = np.concatenate([np.empty((0, 3, 3)), *rotations])[order]
-        return Solutions(
+        return PoseSolutions(
             row[order],
             every[:, self.driven],
             every,
@@ -464,7 +464,7 @@ class InverseKinematics:
         if np.any(wrong):
             raise SolveError(
                 f"{self.own.name}: outputs.{self.wrist.output.name}: row "
-                f"{start + int(np.argmax(wrong))} is no "
+                f"{start + int(np.argmax(wrong))} is not a "
                 + ("unit vector" if self.wrist.points else "rotation matrix")
             )
 
@@ -475,29 +475,30 @@ class InverseKinematics:
         for signs in chosen:
             if signs not in self.modes:
                 raise SolveError(
-                    f"{self.own.name}: {signs} is no working mode; a mode is a sign, 1 or "
+                    f"{self.own.name}: {signs} is not a working mode; a mode is a sign, "
+                    f"1 or "
                     f"-1, for each of: {'; '.join(self.legs)}"
                 )
         return chosen
 
 
 def _closed(
-    turned: Turned,
+    turned: DyadsWithClosingLink,
     directions: Floats,
     near: Floats,
     signs: Signs,
-    own: tuple[tuple[int, ...], Callable[[Posed], Floats]],
-) -> Posed:
+    own: tuple[tuple[int, ...], Callable[[PosedMode], Floats]],
+) -> PosedMode:
     """Return one mode with the output turned so that the bar closes, next to `near`."""
     mode, wanted = signs[:-1], signs[-1]
     start = turned.turn_of(directions, near)
     turn, converged = turned.close(directions, start, mode)
     placed = turned.place(directions, turn)
     reach = reach_of(placed, mode)
-    view = Posed(placed, mode, reach, *own, (turned.rate(placed, mode), directions))
+    view = PosedMode(placed, mode, reach, *own, (turned.rate(placed, mode), directions))
     status = reach.status.copy()
     within = status != Status.OUT_OF_REACH
     status[within & (np.abs(view.slope) < FLAT_DYAD)] = Status.AT_SINGULARITY
-    status[within & (view.slope * wanted <= 0.0)] = Status.BRANCH_LOST
+    status[within & (view.slope * wanted <= 0.0)] = Status.MODE_LOST
     status[within & ~converged] = Status.NOT_CONVERGED
     return replace(view, reach=replace(reach, key=("closed", reach.key), status=status))

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.branches import Solver, wrap
+from spherekit.motion.assembly_modes import Solver, wrap
 from spherekit.sphere.rotation import Floats, transpose
 
 
 @final
 @dataclass(frozen=True)
-class Solutions:
+class PoseSolutions:
     """Every configuration found at some poses or inputs, a row for each.
 
     `row` (k,) is the number of the pose or of the inputs given; `inputs` (k, inputs) rad;
@@ -44,7 +44,7 @@ def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
 
 def solved(
     solver: Solver, output: Output, inputs: Floats, told: Sequence[int], count: int
-) -> Solutions:
+) -> PoseSolutions:
     """Return every configuration of a mechanism at inputs (n, inputs), row by row.
 
     `told` are the variables whose values are the solutions' inputs, in (-pi, pi] unless
@@ -64,7 +64,7 @@ def solved(
     every = np.array(values).reshape(-1, len(solver.mechanism.variable_owners))
     turned = pose_of(solver.mechanism, output, solver.closure.at(every).placed)
     inputs = every[:, list(told)]
-    return Solutions(
+    return PoseSolutions(
         np.array(row, dtype=np.intp),
         solver.reduced(inputs) if tuple(told) == solver.driven else wrap(inputs),
         every[:, :count],

@@ -197,7 +197,7 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     every = [
         f"{mechanism.links[j]}/{mechanism.links[i]}" for i, j in all_poles(len(number))
     ]
-    why = "could be several poles" if found else "is no pole"
+    why = "could be several poles" if found else "is not a pole"
     hint = nearest(text, every) or "."
     raise PlanError(
         f'{mechanism.name}: "{text}" {why}{hint} Write LINK/LINK with two of the links '

@@ -155,7 +155,7 @@ def counted_freedom(
         Naming the links that are loose.
     CountError
         Naming the links that are rigid or over-constrained, the mobility, or the inputs
-        that are no independent freedoms.
+        that are not independent freedoms.
     """
     _check_connected(mechanism)
     try:
@@ -250,7 +250,7 @@ def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) 
         names = [mechanism.pairs[pair].name for pair in driven]
         others = listing(mechanism.pairs[pair].name for pair in locked)
         raise CountError(
-            f"{mechanism.name}: the inputs {listing(names)} are no independent freedoms: "
+            f"{mechanism.name}: the inputs {listing(names)} are not independent freedoms: "
             f"with {others} locked, {listing(mechanism.pairs[k].name for k in moved)} "
             "cannot move; choose other inputs"
         )

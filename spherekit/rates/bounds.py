@@ -23,7 +23,7 @@ class Bounds:
 
     direction: dict[Pole, Floats]
     rate: dict[Pole, Floats]
-    rate_dq: dict[Pole, Floats]
+    acceleration_coefficient: dict[Pole, Floats]
 
 
 def mended_and_bounded(
@@ -91,7 +91,10 @@ def mended_and_bounded(
                 all_dw += norm(dv) + errors.numbers * (size + swing)
                 change[bad] = all_dw[bad]
             found.direction[pole][rows] = direction
-            found.rate[pole][rows], found.rate_dq[pole][rows] = rate, change
+            found.rate[pole][rows], found.acceleration_coefficient[pole][rows] = (
+                rate,
+                change,
+            )
     return found
 
 

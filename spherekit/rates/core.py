@@ -39,13 +39,13 @@ class LinkRates:
     """First and second derivatives by the motion's parameter of a set of bodies.
 
     `w`, `dw`: (n, bodies, 3) angular velocity relative to body 0 and its derivative;
-    `flatness`: (n,) reciprocal condition of the equations, 0 where what loops stay open by
-    leaves nothing of the rates or of their derivatives.
+    `reciprocal_condition`: (n,) reciprocal condition of the equations, 0 where what loops
+    stay open by leaves nothing of the rates or of their derivatives.
     """
 
     w: Floats
     dw: Floats
-    flatness: Floats
+    reciprocal_condition: Floats
 
 
 @final
@@ -55,8 +55,8 @@ class Equations:
 
     `rates`, `change` (n, variables): first and second derivatives of all variables by the
     input; `inverse` (n, free variables, equations) of the closure Jacobian; `w`, `dw`
-    (n, links, 3) those of the links; `flatness` (n,) the reciprocal condition, 0 where
-    redundant equations contradict each other.
+    (n, links, 3) those of the links; `reciprocal_condition` (n,) the reciprocal condition,
+    0 where redundant equations contradict each other.
     """
 
     motion: Motion
@@ -65,7 +65,7 @@ class Equations:
     inverse: Floats
     w: Floats
     dw: Floats
-    flatness: Floats
+    reciprocal_condition: Floats
 
     @cached_property
     def errors(self) -> RateErrors:
@@ -79,7 +79,7 @@ class Equations:
 
         Elsewhere the loops hold the links so well that neither can be lost.
         """
-        near = ~(self.flatness >= NEARLY_FLAT)
+        near = ~(self.reciprocal_condition >= NEARLY_FLAT)
         off = np.zeros((2, len(near)))
         if np.any(near):
             whole = len(near) <= PIECE
@@ -101,7 +101,7 @@ class Equations:
                 off[0] / np.maximum(_longest(self.w), 1.0),
                 off[1] / np.maximum(_longest(self.dw), 1.0),
             )
-        held = (parts <= TRUSTED_CHANGE) & (self.flatness >= SINGULAR_RATIO)
+        held = (parts <= TRUSTED_CHANGE) & (self.reciprocal_condition >= SINGULAR_RATIO)
         return np.where(held | ~near, parts, np.inf)
 
     @cached_property
@@ -122,7 +122,7 @@ class Equations:
         if not self.motion.mechanism.has_contacts:
             with np.errstate(invalid="ignore", over="ignore"):
                 rough = rough_errors(self.motion, self.inverse, self.rates, self.change)
-                left = ~((rough.widest < GOOD) & (self.flatness >= NEARLY_FLAT))
+                left = ~((rough.widest < GOOD) & (self.reciprocal_condition >= NEARLY_FLAT))
             rows = np.flatnonzero(~left)
             yield (
                 rows,
@@ -139,7 +139,14 @@ class Equations:
 
     def take(self, rows: NDArray[np.bool_]) -> "Equations":
         """Return some of the rows."""
-        of_rows = (self.rates, self.change, self.inverse, self.w, self.dw, self.flatness)
+        of_rows = (
+            self.rates,
+            self.change,
+            self.inverse,
+            self.w,
+            self.dw,
+            self.reciprocal_condition,
+        )
         return Equations(self.motion.rows(rows), *(part[rows] for part in of_rows))
 
 
@@ -150,12 +157,12 @@ def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRa
     input pair that moves; the other inputs stand still.
     """
     found = equations(motion.rows(rows), driven)
-    near = ~(found.flatness >= NEARLY_FLAT)
-    flatness = found.flatness.copy()
+    near = ~(found.reciprocal_condition >= NEARLY_FLAT)
+    reciprocal_condition = found.reciprocal_condition.copy()
     if np.any(near):
         lost = np.isinf(found.take(near).loss)
-        flatness[near] = np.where(lost, 0.0, flatness[near])
-    return LinkRates(found.w, found.dw, flatness)
+        reciprocal_condition[near] = np.where(lost, 0.0, reciprocal_condition[near])
+    return LinkRates(found.w, found.dw, reciprocal_condition)
 
 
 def _longest(vectors: Floats) -> Floats:
@@ -179,13 +186,13 @@ def equations(motion: Motion, driven: int) -> Equations:
     change[:, free], bent = _solved(matrix, inverse, -bias)
     dw = at.body_rates(change) + tree.body_rates(turned, rates)
     # An open chain whose pairs are all driven has no equations, and nothing to lose.
-    flatness = np.ones(len(w))
+    reciprocal_condition = np.ones(len(w))
     if free:
         size = np.linalg.norm(matrix, axis=(1, 2))
-        flatness = 1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)
+        reciprocal_condition = 1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)
     # Redundant constraints may admit a velocity, but no motion that goes on with it.
-    flatness[~(np.maximum(over, bent) < INCONSISTENT)] = 0.0
-    return Equations(motion, rates, change, inverse, w, dw, flatness)
+    reciprocal_condition[~(np.maximum(over, bent) < INCONSISTENT)] = 0.0
+    return Equations(motion, rates, change, inverse, w, dw, reciprocal_condition)
 
 
 def _solved(matrix: Floats, inverse: Floats, right: Floats) -> tuple[Floats, Floats]:

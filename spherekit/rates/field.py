@@ -54,31 +54,30 @@ class PoleField:
 
     NaN where the motion failed. Derivatives are by that input, the others held.
 
-    `direction[pole]` (n, 3) unit vector in ground axes, continuous along each branch and
-    at its first sample on the side of the mechanism's axes (of a pair: its axis);
-    `rate[pole]` (n,): rate * direction is the angular velocity of the pole's second
-    link relative to its first per unit rate of the input; `rate_dq[pole]` (n,) its
-    derivative by the input (1/rad); `angle[pole]` (n,) sine of the angle between the
+    `direction[pole]` (n, 3) unit vector in ground axes, continuous along each assembly mode
+    and at its first sample on the side of the mechanism's axes (of a pair: its axis);
+    `rate[pole]` (n,): rate * direction is the angular velocity of the pole's second link
+    relative to its first per unit rate of the input; `acceleration_coefficient[pole]` (n,)
+    its derivative by the input (1/rad); `angle[pole]` (n,) sine of the angle between the
     two planes used, 0 where they coincide. `error[pole]` (n,) bound of the direction's
-    error (rad), `rate_error[pole]` and `rate_dq_error[pole]` (n,) those of the two
-    coefficients: of rounding, and of what the configuration is off by.
-    `planes[pole]` (n, 2, 3) unit normals of those planes, for the poles asked for.
-    `w[link]`, `dw[link]` (n, 3): rates of links relative to the ground, per unit rate of
-    the input, and their derivatives. `loss` (n,): the part of the largest of them, or of 1,
-    that may be wrong.
-    `status` (n,): the motion's, with AT_SINGULARITY where the rates are not finite.
-    `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED where only this
-    pole cannot be given.
-    `by_equations` (n,): samples solved from the velocity equations instead.
+    error (rad), `velocity_coefficient_error[pole]` and
+    `acceleration_coefficient_error[pole]` (n,) those of the two coefficients: of rounding,
+    and of what the configuration is off by. `planes[pole]` (n, 2, 3) unit normals of those
+    planes, for the poles asked for. `w[link]`, `dw[link]` (n, 3): rates of links relative
+    to the ground, per unit rate of the input, and their derivatives. `loss` (n,): the part
+    of the largest of them, or of 1, that may be wrong. `status` (n,): the motion's, with
+    AT_SINGULARITY where the rates are not finite. `pole_status[pole]` (n,): the same, with
+    NO_POLE or ILL_CONDITIONED where only this pole cannot be given. `by_equations` (n,):
+    samples solved from the velocity equations instead.
     """
 
     direction: dict[Pole, Floats]
-    rate: dict[Pole, Floats]
-    rate_dq: dict[Pole, Floats]
+    velocity_coefficient: dict[Pole, Floats]
+    acceleration_coefficient: dict[Pole, Floats]
     angle: dict[Pole, Floats]
     error: dict[Pole, Floats]
-    rate_error: dict[Pole, Floats]
-    rate_dq_error: dict[Pole, Floats]
+    velocity_coefficient_error: dict[Pole, Floats]
+    acceleration_coefficient_error: dict[Pole, Floats]
     planes: dict[Pole, Floats]
     w: dict[int, Floats]
     dw: dict[int, Floats]
@@ -114,10 +113,12 @@ class SignMemory:
     def state(self) -> dict[str, Any]:
         """Return what is remembered, ready for JSON, bit for bit."""
         return {
-            "home": [[branch, side.tolist()] for branch, side in self.home.items()],
+            "home": [
+                [assembly_mode, side.tolist()] for assembly_mode, side in self.home.items()
+            ],
             "last": [
-                [branch, *pole, *(np.ravel(part).tolist() for part in astuple(last))]
-                for (branch, pole), last in self.last.items()
+                [assembly_mode, *pole, *(np.ravel(part).tolist() for part in astuple(last))]
+                for (assembly_mode, pole), last in self.last.items()
             ],
         }
 
@@ -125,9 +126,11 @@ class SignMemory:
     def restored(cls, state: Mapping[str, Any]) -> "SignMemory":
         """Return the memory that `state` gave."""
         memory = cls()
-        memory.home = {branch: np.array(side) for branch, side in state["home"]}
-        for branch, low, high, way, sense, w, dw, sign in state["last"]:
-            memory.last[branch, (low, high)] = _Last(
+        memory.home = {
+            assembly_mode: np.array(side) for assembly_mode, side in state["home"]
+        }
+        for assembly_mode, low, high, way, sense, w, dw, sign in state["last"]:
+            memory.last[assembly_mode, (low, high)] = _Last(
                 np.array(way),
                 np.array(sense),
                 np.array(w)[:, None],
@@ -193,13 +196,13 @@ def field_of_rates(
             if pole not in lines.unit:
                 lines.unit[pole] = np.full_like(w[pole[0]], np.nan)
                 lines.error[pole] = np.ones(len(motion))
-                lines.angle[pole] = found.flatness
+                lines.angle[pole] = found.reciprocal_condition
         for pole in wanted.planes:
             own = wanted.plan.pole(*pole)
             if own is not None:
                 planes_through(wanted.plan, own, lines)
         solved = equations(motion, wanted.plan.input)
-        flat = ~(found.flatness >= SINGULAR_RATIO) | np.isinf(solved.loss)
+        flat = ~(found.reciprocal_condition >= SINGULAR_RATIO) | np.isinf(solved.loss)
         status = motion.status.copy()
         status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
         return _field(motion, wanted, lines, (w, dw), status, everywhere, solved, memory)
@@ -380,11 +383,15 @@ def _add_pole(
     known = i in w and j in w
     nothing = np.full(unit.shape[1], np.nan)
     rate = dot(w[j] - w[i], unit) if known else nothing
-    rate_dq = dot(dw[j] - dw[i], unit) if known else nothing.copy()
+    acceleration_coefficient = dot(dw[j] - dw[i], unit) if known else nothing.copy()
     if own not in _pairs(wanted):
         v, dv = (w[j] - w[i], dw[j] - dw[i]) if known else (None, None)
         signs = _continuous_signs(motion, unit, rate, v, dv, pole, memory)
-        unit, rate, rate_dq = unit * signs, rate * signs, rate_dq * signs
+        unit, rate, acceleration_coefficient = (
+            unit * signs,
+            rate * signs,
+            acceleration_coefficient * signs,
+        )
     codes = field.status.copy()
     unknown = bad & (codes == Status.OK)
     codes[unknown] = Status.ILL_CONDITIONED
@@ -392,13 +399,20 @@ def _add_pole(
         still = unknown & (norm(w[j] - w[i]) < NO_MOTION * np.maximum(1.0, norm(w[j])))
         codes[still] = Status.NO_POLE
         rate[still] = 0.0
-        rate_dq[still & (norm(dw[j] - dw[i]) < NO_MOTION)] = 0.0
+        acceleration_coefficient[still & (norm(dw[j] - dw[i]) < NO_MOTION)] = 0.0
     field.pole_status[pole] = codes
     field.direction[pole] = unit.T
-    field.rate[pole], field.rate_dq[pole] = rate, rate_dq
+    field.velocity_coefficient[pole], field.acceleration_coefficient[pole] = (
+        rate,
+        acceleration_coefficient,
+    )
     field.error[pole] = np.where(bad, np.nan, error)
-    field.rate_error[pole] = np.where(np.isnan(rate), np.nan, bounds.rate[own])
-    field.rate_dq_error[pole] = np.where(np.isnan(rate_dq), np.nan, bounds.rate_dq[own])
+    field.velocity_coefficient_error[pole] = np.where(
+        np.isnan(rate), np.nan, bounds.rate[own]
+    )
+    field.acceleration_coefficient_error[pole] = np.where(
+        np.isnan(acceleration_coefficient), np.nan, bounds.acceleration_coefficient[own]
+    )
     field.angle[pole] = np.where(bad, np.nan, np.nan_to_num(lines.angle[own]))
 
 
@@ -407,12 +421,12 @@ def _add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
     n = len(motion)
     good = field.status == Status.OK
     field.direction[pole] = np.full((n, 3), np.nan)
-    field.rate[pole] = np.where(good, 0.0, np.nan)
-    field.rate_dq[pole] = field.rate[pole].copy()
+    field.velocity_coefficient[pole] = np.where(good, 0.0, np.nan)
+    field.acceleration_coefficient[pole] = field.velocity_coefficient[pole].copy()
     field.angle[pole] = np.full(n, np.nan)
     field.error[pole] = np.full(n, np.nan)
-    field.rate_error[pole] = field.rate[pole].copy()
-    field.rate_dq_error[pole] = field.rate[pole].copy()
+    field.velocity_coefficient_error[pole] = field.velocity_coefficient[pole].copy()
+    field.acceleration_coefficient_error[pole] = field.velocity_coefficient[pole].copy()
     field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
 
 
@@ -447,7 +461,7 @@ def _continuous_signs(
     pole: Pole,
     memory: SignMemory,
 ) -> Floats:
-    """Return the signs that make a direction continuous along each branch.
+    """Return the signs that make a direction continuous along each assembly mode.
 
     `w` (3, n) is the relative angular velocity along it, if known, and `dw` its
     derivative. The direction follows w, so its coefficient keeps its sign until w passes
@@ -463,7 +477,7 @@ def _continuous_signs(
     way = motion.q if single else motion.sample.astype(float)
     sense = np.ones(unit.shape[1]) if motion.sense is None else motion.sense
     signs = np.ones(unit.shape[1])
-    for number, branch in enumerate(motion.branches):
+    for number, assembly_mode in enumerate(motion.assembly_modes):
         rows = slice(number * motion.samples, (number + 1) * motion.samples)
         known = np.all(np.isfinite(unit[:, rows]), axis=0)
         moved = known if w is None else known & np.all(np.isfinite(w[:, rows]), axis=0)
@@ -482,12 +496,13 @@ def _continuous_signs(
         if not single:
             dv = np.zeros_like(u)  # by the way of all inputs together it is not known
         home = memory.home.setdefault(
-            branch.number, np.sum(motion.frames[rows.start + good[0], :, :, 2], axis=0)
+            assembly_mode.number,
+            np.sum(motion.frames[rows.start + good[0], :, :, 2], axis=0),
         )
         if not motion.is_path:
             signs[rows.start + good] = np.where(home @ u < 0.0, -1.0, 1.0)
             continue
-        key = (branch.number, pole)
+        key = (assembly_mode.number, pole)
         if key in memory.last:
             last = memory.last[key]
             flips = _flips(

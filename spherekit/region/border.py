@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.conventions import EPS
 from spherekit.numeric.brackets import bracketed_zeros
-from spherekit.region.margins import Evaluator, chosen
+from spherekit.region.constraint_functions import Evaluator, chosen
 from spherekit.region.mesh import Bools, Indices
 from spherekit.sphere.rotation import Floats, arc, cross
 
@@ -106,7 +106,7 @@ def between(order: int, u: Floats) -> Floats:
 
 @final
 @dataclass
-class Pieces:
+class BoundarySegments:
     """Pieces (n,) of the border over chords: what bounds them and their heights.
 
     `margin` is the number of the margin that is 0 on each, `height` (n, 17) are the
@@ -126,7 +126,7 @@ class Pieces:
     @staticmethod
     def over(
         evaluate: Evaluator, start: Floats, end: Floats, margin: Indices, sought: Bools
-    ) -> "Pieces":
+    ) -> "BoundarySegments":
         """Return the pieces of the second order between points (n, 3) of the border.
 
         Those not `sought` (n,) are their chords, and not sound.
@@ -134,7 +134,7 @@ class Pieces:
         n = len(start)
         empty = np.zeros((n, ORDERS[-1] + 1))
         blank = np.zeros(n)
-        pieces = Pieces(
+        pieces = BoundarySegments(
             Chords.between(start, end),
             margin,
             np.full(n, ORDERS[0], dtype=np.intp),
@@ -209,9 +209,9 @@ class Pieces:
             dips = np.any(np.minimum(lowest, b) < -evaluate.floor, axis=1)
         self.sound[which] &= ~np.any(dips, axis=1)
 
-    def take(self, which: Indices | Bools) -> "Pieces":
+    def take(self, which: Indices | Bools) -> "BoundarySegments":
         """Return copies of some of the pieces."""
-        return Pieces(
+        return BoundarySegments(
             self.chords.take(which),
             self.margin[which],
             self.order[which],
@@ -221,9 +221,9 @@ class Pieces:
             self.sound[which],
         )
 
-    def with_more(self, more: "Pieces") -> "Pieces":
+    def with_more(self, more: "BoundarySegments") -> "BoundarySegments":
         """Return these pieces followed by others."""
-        return Pieces(
+        return BoundarySegments(
             self.chords.with_more(more.chords),
             np.concatenate([self.margin, more.margin]),
             np.concatenate([self.order, more.order]),

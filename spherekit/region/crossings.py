@@ -4,7 +4,7 @@ import numpy as np
 
 from spherekit.conventions import EPS
 from spherekit.numeric.brackets import bracketed_zeros
-from spherekit.region.margins import Evaluator, active, chosen, least
+from spherekit.region.constraint_functions import Evaluator, active, chosen, least
 from spherekit.region.mesh import Bools, Indices, unit
 from spherekit.sphere.rotation import Floats, arc, cross
 

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from spherekit.numeric.brackets import bracketed_zeros
-from spherekit.region.border import ORDERS, Pieces, nodes
-from spherekit.region.margins import Evaluator, least
+from spherekit.region.border import ORDERS, BoundarySegments, nodes
+from spherekit.region.constraint_functions import Evaluator, least
 from spherekit.region.mesh import Indices
 from spherekit.sphere.rotation import Floats, arc
 
@@ -15,7 +15,7 @@ STEPS = 32
 """Steps along a piece between which its distance has one least value at most."""
 
 
-def nearest_on(border: Pieces, evaluate: Evaluator, place: Floats) -> Floats:
+def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> Floats:
     """Return the point (3,) of pieces of a border nearest to a direction (3,).
 
     The pieces that can hold it are found anew at the highest order; there the distance's
@@ -31,7 +31,9 @@ def nearest_on(border: Pieces, evaluate: Evaluator, place: Floats) -> Floats:
     near = np.flatnonzero(far - chords.length <= np.min(far))
     ends = border.chord_ends(near)
     sought = np.ones(len(near), dtype=bool)
-    pieces = Pieces.over(evaluate, ends[:, 0], ends[:, 1], border.margin[near], sought)
+    pieces = BoundarySegments.over(
+        evaluate, ends[:, 0], ends[:, 1], border.margin[near], sought
+    )
     while np.any(rough := pieces.sound & (pieces.order < ORDERS[-1])):
         pieces.raise_order(evaluate, np.flatnonzero(rough))
     series = chebyshev.chebfit(nodes(ORDERS[-1]), pieces.height.T, ORDERS[-1])

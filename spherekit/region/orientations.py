@@ -12,8 +12,8 @@ from typing import final
 import numpy as np
 
 from spherekit.errors import RegionError
-from spherekit.region.judge import VALUE_SLACK
-from spherekit.region.margins import Evaluator, Margins, least
+from spherekit.region.classify import VALUE_SLACK
+from spherekit.region.constraint_functions import Evaluator, Margins, least
 from spherekit.region.mesh import Bools, Indices
 from spherekit.sphere.rotation import Floats
 

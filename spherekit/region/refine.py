@@ -3,10 +3,10 @@
 import numpy as np
 
 from spherekit.conventions import EPS
-from spherekit.region.border import ORDERS, Pieces
+from spherekit.region.border import ORDERS, BoundarySegments
+from spherekit.region.classify import TriangleClass, judge, samples
+from spherekit.region.constraint_functions import Evaluator, least
 from spherekit.region.crossings import corners, crossings
-from spherekit.region.judge import Verdict, judge, samples
-from spherekit.region.margins import Evaluator, least
 from spherekit.region.mesh import (
     Bools,
     Indices,
@@ -41,7 +41,7 @@ class Refinement:
         self.contested = np.zeros(count, dtype=bool)
         self.looked = np.zeros(count, dtype=bool)
         nothing = np.zeros(0, dtype=np.intp)
-        self.pieces = Pieces.over(
+        self.pieces = BoundarySegments.over(
             evaluate, np.zeros((0, 3)), np.zeros((0, 3)), nothing, self.looked[:0]
         )
         self.owner = nothing
@@ -59,11 +59,11 @@ class Refinement:
         """
         while True:
             self._judge()
-            cut = (self.verdict == Verdict.BROKEN) & (self.size > BROKEN_SIZE)
-            cut |= (self.verdict == Verdict.OPEN) & (self.size > feature)
+            cut = (self.verdict == TriangleClass.BROKEN) & (self.size > BROKEN_SIZE)
+            cut |= (self.verdict == TriangleClass.OPEN) & (self.size > feature)
             if not cut.any():
                 self._bound()
-                cut = (self.verdict == Verdict.OPEN) & (self.size > feature)
+                cut = (self.verdict == TriangleClass.OPEN) & (self.size > feature)
             if not cut.any():
                 cut = self._improve(tolerance)
             cost = COST_OF_CUT * np.count_nonzero(cut)
@@ -85,7 +85,7 @@ class Refinement:
 
     def open_area(self) -> float:
         """Return the area (sr) of the triangles of which too little is known."""
-        return float(np.sum(self.areas[self.verdict == Verdict.OPEN]))
+        return float(np.sum(self.areas[self.verdict == TriangleClass.OPEN]))
 
     def area_inside(self) -> Floats:
         """Return the area (T,) of the region that each triangle accounts for.
@@ -184,13 +184,13 @@ class Refinement:
         """Find the border in the mixed triangles where it is not known yet."""
         held = self.inside[self.triangles].sum(axis=1)
         mixed = (held == 1) | (held == 2)
-        self.verdict[(self.verdict == Verdict.BROKEN) & ~mixed] = Verdict.OPEN
+        self.verdict[(self.verdict == TriangleClass.BROKEN) & ~mixed] = TriangleClass.OPEN
         fresh = np.flatnonzero(mixed & ~self.looked)
         if not len(fresh):
             return
         self.looked[fresh] = True
-        smooth = np.isin(self.verdict[fresh], (Verdict.SIMPLE, Verdict.BROKEN))
-        self.verdict[fresh[~smooth]] = Verdict.OPEN
+        smooth = np.isin(self.verdict[fresh], (TriangleClass.SIMPLE, TriangleClass.BROKEN))
+        self.verdict[fresh[~smooth]] = TriangleClass.OPEN
         odd, second, third = self._turned(fresh)
         single = held[fresh] == 1
         one = np.where(
@@ -210,17 +210,17 @@ class Refinement:
             self.points[odd[turning]],
             np.stack([first[turning], last[turning]], axis=1),
         )
-        self.verdict[fresh[turning[~found]]] = Verdict.OPEN
+        self.verdict[fresh[turning[~found]]] = TriangleClass.OPEN
         middle = b.copy()
         middle[turning[found]] = corner[found]
         more = turning[found]
         owner = np.concatenate([fresh, fresh[more]])
-        pieces = Pieces.over(
+        pieces = BoundarySegments.over(
             self.evaluate,
             np.concatenate([a, middle[more]]),
             np.concatenate([middle, b[more]]),
             np.concatenate([first, last[more]]),
-            self.verdict[owner] != Verdict.OPEN,
+            self.verdict[owner] != TriangleClass.OPEN,
         )
         pieces.audit(self.evaluate, np.flatnonzero(self.contested[owner] & pieces.sound))
         self._doubt(owner, pieces)
@@ -232,8 +232,8 @@ class Refinement:
             [self.leading, np.ones(len(fresh), bool), np.zeros(len(more), bool)]
         )
 
-    def _doubt(self, owner: Indices, pieces: Pieces) -> None:
-        self.verdict[owner[~pieces.sound]] = Verdict.OPEN
+    def _doubt(self, owner: Indices, pieces: BoundarySegments) -> None:
+        self.verdict[owner[~pieces.sound]] = TriangleClass.OPEN
 
     def _cross(self, pairs: Indices) -> Indices:
         """Return the numbers of the crossings of edges (n, 2), inner vertex first."""
@@ -255,7 +255,7 @@ class Refinement:
         share = 0.5 * tolerance
         while True:
             pieces = self.pieces
-            counted = pieces.sound & (self.verdict[self.owner] != Verdict.OPEN)
+            counted = pieces.sound & (self.verdict[self.owner] != TriangleClass.OPEN)
             error = np.where(counted, pieces.error, 0.0)
             error[error <= ROUNDED * EPS * pieces.chords.length] = 0.0
             if error.sum() <= share:
@@ -267,7 +267,7 @@ class Refinement:
                 break
             pieces.raise_order(self.evaluate, np.flatnonzero(rough))
             self._doubt(self.owner, pieces)
-        vague = self.verdict == Verdict.OPEN
+        vague = self.verdict == TriangleClass.OPEN
         area = np.where(vague, self.areas, 0.0)
         if area.sum() > share:
             cut |= vague & (area > 0.1 * area.max())

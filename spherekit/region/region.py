@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 
 from spherekit.errors import RegionError
-from spherekit.region.border import Pieces
-from spherekit.region.judge import Verdict
-from spherekit.region.margins import Evaluator, Margins, least
+from spherekit.region.border import BoundarySegments
+from spherekit.region.classify import TriangleClass
+from spherekit.region.constraint_functions import Evaluator, Margins, least
 from spherekit.region.mesh import Bools, Indices, labels
 from spherekit.region.nearest import nearest_on
 from spherekit.region.refine import Refinement
@@ -122,7 +122,7 @@ class Region:
     surface_triangles: Indices = field(repr=False)
     evaluations: int
     calls: int
-    border: Pieces = field(repr=False)
+    border: BoundarySegments = field(repr=False)
     margins: Margins = field(repr=False)
 
     @property
@@ -143,13 +143,13 @@ class Region:
         Raises
         ------
         RegionError
-            The region is empty, or the direction is no vector.
+            The region is empty, or the direction is not a vector.
         """
         place = np.asarray(point, dtype=float)
         length = np.linalg.norm(place)
         if place.shape != (3,) or not 0.0 < length < np.inf:
             raise RegionError(
-                f"{point!r} is no direction; give three finite numbers, not all 0"
+                f"{point!r} is not a direction; give three finite numbers, not all 0"
             )
         place = place / length
         evaluate = Evaluator(self.margins, self.values)
@@ -211,7 +211,7 @@ def find_region(
     search = Refinement(evaluate, spacing)
     search.run(tolerance, feature, most)
     open_area = search.open_area()
-    counted = search.verdict[search.owner] != Verdict.OPEN
+    counted = search.verdict[search.owner] != TriangleClass.OPEN
     error = float(np.sum(search.pieces.error[counted])) + open_area + ROUNDING
     areas = search.area_inside()
     components, gaps, boundaries = _parts(search, areas)
@@ -289,7 +289,7 @@ def _parts(
     return tuple(parts[0]), tuple(parts[1]), tuple(found)
 
 
-def _arcs(pieces: Pieces, loop: Indices) -> tuple[BorderArc, ...]:
+def _arcs(pieces: BoundarySegments, loop: Indices) -> tuple[BorderArc, ...]:
     """Return the smooth arcs of a closed chain of pieces."""
     margin = pieces.margin[loop]
     turns = np.flatnonzero(margin != np.roll(margin, 1))

@@ -174,8 +174,8 @@ class AlongCurve:
     ) -> tuple[dict[Pole, Axis], LinkRates]:
         """Return axes and rates at configurations with given motions (n, variables).
 
-        At a crossing of curves a branch is given by its tangent. Second derivatives and
-        derivatives of axes are not known there: NaN.
+        At a crossing of curves an assembly mode is given by its tangent. Second derivatives
+        and derivatives of axes are not known there: NaN.
         """
         motion = self._motion(values)
         w = motion.linearisation.body_rates(tangents)
@@ -251,8 +251,8 @@ class AlongCurve:
         turned = at.turned(w)
         dw = at.body_rates(points.bends)
         dw += at.tree.body_rates(turned.vectors, points.tangents)
-        flatness = Bordered(at, points.tangents).flatness
-        return Moving(points, motion, turned, LinkRates(w, dw, flatness))
+        reciprocal_condition = Bordered(at, points.tangents).reciprocal_condition
+        return Moving(points, motion, turned, LinkRates(w, dw, reciprocal_condition))
 
     def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:
         """Return the plan for some poles; None where counting freedoms gives none."""
@@ -352,7 +352,7 @@ class AlongCurve:
         return out
 
     def _motion(self, values: Floats) -> Motion:
-        """Return configurations (n, variables) as a motion of one nameless branch."""
+        """Return configurations (n, variables) as a motion of one nameless mode."""
         placed = self.closure.at(values).placed
         n = len(values)
         nothing = np.zeros(n, dtype=np.int64)
@@ -360,10 +360,10 @@ class AlongCurve:
             mechanism=self.tracer.mechanism,
             joints=self.tracer.solver.joints,
             assembly=self.tracer.assembly,
-            branches=self.tracer.branches,
+            assembly_modes=self.tracer.assembly_modes,
             samples=n,
             sample=nothing,
-            branch=nothing,
+            assembly_mode=nothing,
             inputs=values[:, [self.tracer.solver.single]],
             values=values,
             rotations=placed,
@@ -379,7 +379,7 @@ def rounding_of(rates: LinkRates) -> Floats:
     and what follows from it to EPS / flatness^2.
     """
     size = np.maximum(np.max(np.linalg.norm(rates.w, axis=2), axis=1), 1.0)
-    flat = np.maximum(rates.flatness, EPS)
+    flat = np.maximum(rates.reciprocal_condition, EPS)
     return np.asarray(EPS * size * (8.0 / flat + 0.25 / flat**2))
 
 

@@ -1,6 +1,6 @@
 """Aspects: parts of the configuration manifold that no singular configuration divides.
 
-Configurations over a lattice of the inputs are joined where verified steps lead from one
+Configurations over an input grid are joined where verified steps lead from one
 to its neighbour: those never pass a configuration of type II. Joined configurations are
 one aspect; the sign of a determinant tells others apart.
 """
@@ -16,15 +16,15 @@ from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion import lattice as lattices
+from spherekit.motion import input_grid as lattices
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.branches import Solver
-from spherekit.motion.lattice import Lattice
+from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import walk
 from spherekit.singular.locus import Locus, Measure
 from spherekit.singular.points import TypeName
-from spherekit.singular.rest import InputsRest, OutputRest, output_of
 from spherekit.singular.slices import configurations, solver_of
+from spherekit.singular.stationarity import InputsLocked, OutputStationary, output_of
 from spherekit.sphere.rotation import Floats
 
 SINGULAR = 1e-8
@@ -39,11 +39,11 @@ MOST_CONFIGURATIONS = 200_000
 @final
 @dataclass(frozen=True)
 class Aspects:
-    """n configurations over a lattice of the inputs, and the aspect of each.
+    """n configurations over an input grid, and the aspect of each.
 
     Attributes
     ----------
-    lattice, row
+    input grid, row
         The samples, and the sample (n,) of each configuration.
     values, inputs
         The variables (n, V) and inputs (n, g), rad.
@@ -66,7 +66,7 @@ class Aspects:
         What was not done as time was spent, or nothing.
     """
 
-    lattice: Lattice
+    input_grid: InputGrid
     row: NDArray[np.int64]
     values: Floats
     inputs: Floats
@@ -110,7 +110,7 @@ def aspects(
     free_of
         Which types divide aspects: type II always does, type I if it is named.
     output, pointing
-        Which output type I is about; see `spherekit.singular.rest.output_of`.
+        Which output type I is about; see `spherekit.singular.stationarity.output_of`.
     whole_turn
         Whether every input runs through one turn, its ends joined, and not through its
         declared range.
@@ -139,11 +139,11 @@ def aspects(
             "always move while it rests: no aspect is free of type I; leave that out"
         )
     each = list(samples) if isinstance(samples, Sequence) else [samples] * count
-    lattice, beside = _lattice(mechanism, each, whole_turn)
+    input_grid, beside = _lattice(mechanism, each, whole_turn)
     budget = budget or Budget()
-    spread = _Spread(solver, lattice, beside, rest if "I" in free_of else None, budget)
-    going = budget.goes_on("modes at samples of the lattice")
-    starts = _starts(solver, lattice) if going else []
+    spread = _Spread(solver, input_grid, beside, rest if "I" in free_of else None, budget)
+    going = budget.goes_on("modes at samples of the input grid")
+    starts = _starts(solver, input_grid) if going else []
     values = np.array([own for own, _ in starts]).reshape(len(starts), len(spread.periods))
     for k in np.flatnonzero(spread.regular(values)):
         spread.add(*starts[k])
@@ -154,14 +154,14 @@ def aspects(
 
 def _lattice(
     mechanism: Mechanism, samples: list[int], whole_turn: bool
-) -> tuple[Lattice, NDArray[np.intp]]:
-    """Return the lattice and its neighbours (2 axes, n), over the ends of whole turns."""
+) -> tuple[InputGrid, NDArray[np.intp]]:
+    """Return the input grid and its neighbours (2 axes, n), over whole turns."""
     if not whole_turn:
         made = lattices.grid(mechanism.inputs, samples)
         return made, made.neighbours()
     axes = [-np.pi + 2.0 * np.pi * np.arange(count) / count for count in samples]
     mesh = np.meshgrid(*axes, indexing="ij")
-    made = Lattice(np.stack([axis.ravel() for axis in mesh], axis=1), tuple(samples))
+    made = InputGrid(np.stack([axis.ravel() for axis in mesh], axis=1), tuple(samples))
     number = np.arange(len(made)).reshape(made.shape)
     rolled = [
         np.roll(number, shift, axis).ravel()
@@ -171,34 +171,34 @@ def _lattice(
     return made, np.stack(rolled)
 
 
-def _starts(solver: Solver, lattice: Lattice) -> list[tuple[Floats, int]]:
+def _starts(solver: Solver, input_grid: InputGrid) -> list[tuple[Floats, int]]:
     """Return configurations (V,) and their samples: all of dyads, of groups some."""
     if solver.assembly.has_closed_form:
-        rows = np.arange(len(lattice))
+        rows = np.arange(len(input_grid))
     else:
         places = [
             np.unique(np.linspace(0, count - 1, min(PROBES, count)).astype(int))
-            for count in lattice.shape
+            for count in input_grid.shape
         ]
         mesh = np.meshgrid(*places, indexing="ij")
-        rows = np.ravel_multi_index([axis.ravel() for axis in mesh], lattice.shape)
-    values, which = configurations(solver, lattice.q[rows])
+        rows = np.ravel_multi_index([axis.ravel() for axis in mesh], input_grid.shape)
+    values, which = configurations(solver, input_grid.q[rows])
     return [(own, int(rows[k])) for own, k in zip(values, which, strict=True)]
 
 
 class _Spread:
-    """Configurations at the samples of a lattice, and which are joined."""
+    """Configurations at the samples of an input grid, and which are joined."""
 
     def __init__(
         self,
         solver: Solver,
-        lattice: Lattice,
+        input_grid: InputGrid,
         beside: NDArray[np.intp],
-        output: OutputRest | None,
+        output: OutputStationary | None,
         budget: Budget,
     ) -> None:
         self.budget = budget
-        self.solver, self.lattice, self.beside = solver, lattice, beside
+        self.solver, self.input_grid, self.beside = solver, input_grid, beside
         self.periods = periods_of(solver.closure)
         self.output = output
         self.values: list[Floats] = []
@@ -207,7 +207,7 @@ class _Spread:
         self.at: dict[int, list[int]] = {}
         self.walked = self.singular = 0
 
-    def locus(self, rest: InputsRest | OutputRest) -> Locus:
+    def locus(self, rest: InputsLocked | OutputStationary) -> Locus:
         """Return the singular configurations with something at rest."""
         return Locus(self.solver.closure, len(self.solver.driven), rest)
 
@@ -246,7 +246,7 @@ class _Spread:
             stop = self.beside[:, np.array(self.rows)[new]].T.ravel()
             start, stop = start[stop >= 0], stop[stop >= 0]
             values = np.array([self.values[node] for node in start])
-            goal = self.lattice.q[stop]
+            goal = self.input_grid.q[stop]
             turns = np.round((values[:, driven] - goal) / (2.0 * np.pi))
             goal = goal + 2.0 * np.pi * turns
             arrived, status = walk(self.solver.closure, driven, values, goal)
@@ -264,9 +264,9 @@ class _Spread:
         """Return which configurations (n, V) are singular of no type that divides."""
         if not len(values):
             return np.zeros(0, dtype=bool)
-        inputs = self.locus(InputsRest(self.solver.driven))
+        inputs = self.locus(InputsLocked(self.solver.driven))
         space = inputs.space(values)
-        least = [space.flatness, inputs.measure(space).smallest]
+        least = [space.reciprocal_condition, inputs.measure(space).smallest]
         if self.output is not None:
             least.append(self.locus(self.output).measure(space).smallest)
         return np.asarray(np.min(least, axis=0) > SINGULAR)
@@ -293,7 +293,7 @@ class _Spread:
 
 
 def _labelled(
-    spread: _Spread, rest: OutputRest | None, free_of: tuple[TypeName, ...]
+    spread: _Spread, rest: OutputStationary | None, free_of: tuple[TypeName, ...]
 ) -> Aspects:
     n = len(spread.values)
     values = np.array(spread.values).reshape(n, len(spread.periods))
@@ -305,7 +305,7 @@ def _labelled(
     label, sizes = rank[label], sizes[order]
     row = np.array(spread.rows, dtype=np.int64)
     signs = []
-    for each in (InputsRest(spread.solver.driven), rest):
+    for each in (InputsLocked(spread.solver.driven), rest):
         sign = np.zeros(len(unique), dtype=np.int8)
         if each is not None and n:
             locus = spread.locus(each)
@@ -315,7 +315,7 @@ def _labelled(
     pairs, often = np.unique(np.stack([label, row]), axis=1, return_counts=True)
     np.maximum.at(modes, pairs[0], often)
     return Aspects(
-        spread.lattice,
+        spread.input_grid,
         row,
         values,
         values[:, list(spread.solver.driven)],

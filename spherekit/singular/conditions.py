@@ -12,7 +12,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.singular.relation import Form, FourLinks, Kind, Relation, SixPoles
+from spherekit.singular.relation import Form, FourLinks, LinkCount, Relation, SixPoles
 from spherekit.sphere.rotation import Floats, cross
 
 TOLERANCE = 1e-9
@@ -168,9 +168,9 @@ def _conditions_of(
     Three axes in a plane leave one condition for each type. With r = s or o = i it is one
     of the lecture's; the others are called by the type alone.
     """
-    if relation.kind == Kind.FOUR_LINKS:
+    if relation.kind == LinkCount.FOUR_LINKS:
         return FOUR_LINKS[relation.form, kind]
-    if relation.kind == Kind.SAME_POLE or not kind:
+    if relation.kind == LinkCount.SAME_POLE or not kind:
         return ()
     if relation.form == Form.II:
         out, third, number = "or_", "os" if links.s == links.i else "io", ""

@@ -45,7 +45,7 @@ class SingularCurve:
     ends
         Why it goes no further at its start and at its end: OK if it is closed or the
         greatest length was reached, AT_SINGULARITY where curves cross, OFF_PROFILE,
-        BRANCH_LOST.
+        MODE_LOST.
     """
 
     locus: Locus

@@ -25,9 +25,9 @@ from spherekit.singular.points import (
     View,
     loci_of,
 )
-from spherekit.singular.rest import output_of
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import Seeding
+from spherekit.singular.stationarity import output_of
 from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curve
 from spherekit.sphere.rotation import Floats
 
@@ -77,7 +77,7 @@ class SingularCurves:
     configurations that no curve could be followed from: the locus crosses itself there, or
     fills a part of the configurations. `branching` (n, V) are
     configurations next to those in which slices end, as the motions of the mechanism
-    branch there: its closure equations lose rank, and no type is defined.
+    assembly mode there: its closure equations lose rank, and no type is defined.
     """
 
     kind: TypeName
@@ -112,7 +112,7 @@ def singular_curves(
         "II", inputs at rest in a motion, or "I", the output at rest.
     output, pointing
         Which output, and which direction of it if not the link's orientation; see
-        `spherekit.singular.rest.output_of`.
+        `spherekit.singular.stationarity.output_of`.
     slices_of_each
         Values at which each input is locked, evenly spread over its declared range. With 0
         the locus is looked for from random closed configurations instead: much quicker,
@@ -135,7 +135,7 @@ def singular_curves(
 
     Curves are found where slices or starts meet them, and are followed wherever they lead,
     also out of the declared ranges. Type I of an orientation is generally met at points
-    only, which are no curves; where the output has two freedoms it is met along curves.
+    only, which are not curves; where the output has two freedoms it is met along curves.
     """
     rest = output_of(mechanism, output, pointing)
     solver = solver_of(mechanism)
@@ -156,12 +156,12 @@ def singular_curves(
     stray, branching = [none], [none]
     if made is not None:
         ends = np.concatenate([none, *(each.crossings for each in made.slices)])
-        branching.append(ends[locus.space(ends).flatness < NEARLY_FLAT])
+        branching.append(ends[locus.space(ends).reciprocal_condition < NEARLY_FLAT])
     for points in source.batches():
         left = np.ones(len(points), dtype=bool)
         if made is None and not whole_turn:
             left = view.points(locus, points).inside
-        irregular = left & (points.flatness < NEARLY_FLAT)
+        irregular = left & (points.reciprocal_condition < NEARLY_FLAT)
         stray.append(points.values[irregular])
         left &= ~irregular
         for curve in traced:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import REDUNDANT
-from spherekit.singular.rest import Rest
+from spherekit.singular.stationarity import StationarityConstraint
 from spherekit.singular.tangent_space import TangentSpace, tangent_space
 from spherekit.sphere.rotation import Floats
 
@@ -77,7 +77,7 @@ class LocusPoints:
     tangents: Floats
     turns: Floats
     residual: Floats
-    flatness: Floats
+    reciprocal_condition: Floats
     first_step: Floats
     ratio: Floats
     equations: Floats
@@ -113,7 +113,7 @@ class Locus:
 
     closure: Closure
     freedoms: int
-    rest: Rest
+    rest: StationarityConstraint
 
     def space(self, values: Floats, like: Floats | None = None) -> TangentSpace:
         """Return the tangent spaces at configurations (n, V)."""
@@ -199,7 +199,7 @@ class Locus:
                 ratio = size / np.maximum(first, 1e-300)
             last = size
         equations = equations[:, : self.rest.count + 1]
-        tangents, turns, flatness = self._tangents(space, motions, equations)
+        tangents, turns, reciprocal_condition = self._tangents(space, motions, equations)
         bad = ~(residual < ON_LOCUS)
         for array in (values, motions, tangents, turns, residual):
             array[bad] = np.nan
@@ -209,7 +209,7 @@ class Locus:
             tangents,
             turns,
             residual,
-            flatness,
+            reciprocal_condition,
             first,
             ratio,
             equations,
@@ -252,8 +252,8 @@ class Locus:
         left, lengths, mixing = np.linalg.svd(ways, full_matrices=False)
         scale = 1.0 / np.maximum(lengths, REDUNDANT)[:, None]
         turns = turned @ np.swapaxes(mixing, 1, 2) * scale
-        flatness = sizes[:, g] * lengths[:, -1] / np.maximum(sizes[:, 0], TINY)
-        return space.basis @ left, turns, np.where(finite, flatness, 0.0)
+        reciprocal_condition = sizes[:, g] * lengths[:, -1] / np.maximum(sizes[:, 0], TINY)
+        return space.basis @ left, turns, np.where(finite, reciprocal_condition, 0.0)
 
 
 def _inverse(matrices: Floats) -> Floats:

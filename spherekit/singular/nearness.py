@@ -10,13 +10,13 @@ from typing import final
 import numpy as np
 
 from spherekit.singular.conditions import residuals
-from spherekit.singular.relation import FourLinks, Kind, Relation, SixPoles
+from spherekit.singular.relation import FourLinks, LinkCount, Relation, SixPoles
 from spherekit.sphere.rotation import Floats, cross
 
 
 @final
 @dataclass(frozen=True)
-class Nearness:
+class SingularityAngles:
     """Angles (n,) in rad between what would coincide at a singularity.
 
     Attributes
@@ -34,7 +34,7 @@ class Nearness:
     transmission: Floats
 
 
-def nearness(relation: Relation, links: FourLinks, poles: SixPoles) -> Nearness:
+def nearness(relation: Relation, links: FourLinks, poles: SixPoles) -> SingularityAngles:
     """Return the angles by which n configurations miss the singularities of a relation."""
     n = len(relation.c)
 
@@ -44,14 +44,14 @@ def nearness(relation: Relation, links: FourLinks, poles: SixPoles) -> Nearness:
         return np.asarray(np.arcsin(np.minimum(least, 1.0)))
 
     first, second = angle("I"), angle("II")
-    if relation.kind is not Kind.FOUR_LINKS:
-        return Nearness(first, second, np.full(n, np.nan))
+    if relation.kind is not LinkCount.FOUR_LINKS:
+        return SingularityAngles(first, second, np.full(n, np.nan))
     with np.errstate(invalid="ignore"):
         one = _normal(cross(poles.os, poles.or_), cross(poles.os, poles.rs))
         other = _normal(cross(poles.os, poles.io), cross(poles.os, poles.is_))
         sine = np.linalg.norm(cross(one, other), axis=1)
         cosine = np.abs(np.sum(one * other, axis=1))
-    return Nearness(first, second, np.arctan2(sine, cosine))
+    return SingularityAngles(first, second, np.arctan2(sine, cosine))
 
 
 def _normal(one: Floats, other: Floats) -> Floats:

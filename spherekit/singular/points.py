@@ -6,10 +6,10 @@ from typing import Literal, Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.turns import in_range, into_range
 from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.rest import InputsRest, OutputRest
+from spherekit.singular.stationarity import InputsLocked, OutputStationary
 from spherekit.sphere.rotation import Floats
 
 TypeName = Literal["I", "II"]
@@ -98,7 +98,7 @@ class View:
     """What of singular configurations is reported, by their type."""
 
     solver: Solver
-    output: OutputRest
+    output: OutputStationary
     kind: TypeName
 
     def points(self, locus: Locus, nodes: LocusPoints) -> SingularPoints:
@@ -135,9 +135,11 @@ class View:
         )
 
 
-def loci_of(solver: Solver, output: OutputRest, kind: TypeName) -> tuple[Locus, Locus]:
+def loci_of(
+    solver: Solver, output: OutputStationary, kind: TypeName
+) -> tuple[Locus, Locus]:
     """Return the locus of a type, and that of the other type."""
     count = len(solver.driven)
     first = Locus(solver.closure, count, output)
-    second = Locus(solver.closure, count, InputsRest(solver.driven))
+    second = Locus(solver.closure, count, InputsLocked(solver.driven))
     return (first, second) if kind == "I" else (second, first)

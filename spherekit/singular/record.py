@@ -6,7 +6,7 @@ from typing import final
 
 from spherekit.motion.crossing import Crossing
 from spherekit.singular.conditions import Holding
-from spherekit.singular.relation import Form, FourLinks, Kind, Relation, SixPoles
+from spherekit.singular.relation import Form, FourLinks, LinkCount, Relation, SixPoles
 from spherekit.sphere.rotation import Floats
 
 
@@ -49,7 +49,7 @@ class RelationAt:
     """
 
     form: Form
-    kind: Kind
+    kind: LinkCount
     links: FourLinks
     output: tuple[int, int]
     c: float
@@ -119,7 +119,7 @@ class CrossingPoint:
     Attributes
     ----------
     crossing
-        Rank, freedoms and the directions of the branches; None if it was not located.
+        Rank, freedoms and the directions of the assembly modes; None if it was not located.
     ends
         The curves that end there: number of the curve, and whether at its start.
     values
@@ -129,7 +129,7 @@ class CrossingPoint:
     note
         What is not certain, with numbers, or an empty string.
     relations
-        For each output the relations on each branch.
+        For each output the relations on each assembly mode.
     """
 
     crossing: Crossing | None

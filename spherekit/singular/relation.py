@@ -25,7 +25,7 @@ class Form(StrEnum):
     II = "ii"
 
 
-class Kind(StrEnum):
+class LinkCount(StrEnum):
     """From how many different links a relation is made."""
 
     FOUR_LINKS = "four links"
@@ -111,7 +111,7 @@ class Relation:
     """
 
     form: Form
-    kind: Kind
+    kind: LinkCount
     output: tuple[int, int]
     c: Floats
     d: Floats
@@ -145,12 +145,12 @@ def form_i(links: FourLinks, poles: SixPoles, rates: SixPoles | None = None) -> 
     if not links.three:
         make = _four_links(poles.rs, poles.os, poles.ir, poles.io)
         if rates is None:
-            return _relation(Form.I, Kind.FOUR_LINKS, output, make)
+            return _relation(Form.I, LinkCount.FOUR_LINKS, output, make)
         change = _four_links_rate(
             (poles.rs, poles.os, poles.ir, poles.io),
             (rates.rs, rates.os, rates.ir, rates.io),
         )
-        return _relation(Form.I, Kind.FOUR_LINKS, output, make, change)
+        return _relation(Form.I, LinkCount.FOUR_LINKS, output, make, change)
     if {i, r} == {o, s}:
         return _same_pole(Form.I, output, poles.ir, 1.0 if o == i else -1.0)
     third, sign = {
@@ -183,13 +183,13 @@ def form_ii(
     normal = cross(poles.os, poles.is_)
     make = _dot(poles.or_, normal), _dot(poles.ir, normal)
     if rates is None:
-        return _relation(Form.II, Kind.FOUR_LINKS, output, make)
+        return _relation(Form.II, LinkCount.FOUR_LINKS, output, make)
     turned = cross(rates.os, poles.is_) + cross(poles.os, rates.is_)
     change = (
         _dot(rates.or_, normal) + _dot(poles.or_, turned),
         _dot(rates.ir, normal) + _dot(poles.ir, turned),
     )
-    return _relation(Form.II, Kind.FOUR_LINKS, output, make, change)
+    return _relation(Form.II, LinkCount.FOUR_LINKS, output, make, change)
 
 
 def best_fourth(candidates: Mapping[int, tuple[Floats, Floats]]) -> int | None:
@@ -214,7 +214,7 @@ def best_fourth(candidates: Mapping[int, tuple[Floats, Floats]]) -> int | None:
 
 def _relation(
     form: Form,
-    kind: Kind,
+    kind: LinkCount,
     output: tuple[int, int],
     make: tuple[Floats, Floats],
     change: tuple[Floats, Floats] | None = None,
@@ -228,7 +228,7 @@ def _relation(
 def _same_pole(form: Form, output: tuple[int, int], like: Floats, sign: float) -> Relation:
     one = np.ones(len(like))
     zero = np.zeros(len(like))
-    return Relation(form, Kind.SAME_POLE, output, one, sign * one, zero, zero)
+    return Relation(form, LinkCount.SAME_POLE, output, one, sign * one, zero, zero)
 
 
 def _four_links(a: Floats, out: Floats, into: Floats, b: Floats) -> tuple[Floats, Floats]:
@@ -266,13 +266,13 @@ def _three_links(
     normal = _plane_normal(y, q, p)
     make = _dot(normal, cross(y, p)), sign * _dot(normal, cross(q, p))
     if rates is None:
-        return _relation(form, Kind.THREE_LINKS, output, make)
+        return _relation(form, LinkCount.THREE_LINKS, output, make)
     dy, dq, dp = getattr(rates, out), rates.ir, getattr(rates, third)
     change = (
         _dot(normal, cross(dy, p) + cross(y, dp)),
         sign * _dot(normal, cross(dq, p) + cross(q, dp)),
     )
-    return _relation(form, Kind.THREE_LINKS, output, make, change)
+    return _relation(form, LinkCount.THREE_LINKS, output, make, change)
 
 
 def _plane_normal(a: Floats, b: Floats, c: Floats) -> Floats:

@@ -32,7 +32,7 @@ TOUCHES = 1e-6
 
 @final
 @dataclass(frozen=True)
-class Measures:
+class RelationMeasures:
     """The relation c y' = d q' of one output in one form at n rows; NaN where unknown.
 
     Attributes
@@ -72,8 +72,9 @@ class SampledSingularities:
         A mechanism with one freedom.
     outputs
         Relative motions (o, s), numbers of links.
-    values, branch
-        Configurations (n, variables) of the rows in rad, NaN for none, and their branch.
+    values, assembly mode
+        Configurations (n, variables) of the rows in rad, NaN for none, and their assembly
+        mode.
 
     Attributes
     ----------
@@ -83,7 +84,7 @@ class SampledSingularities:
         (n,) the number of the curve of each row, -1 without one, and the place on it.
     status
         (n,) OK on a curve, AT_SINGULARITY so near to a crossing of curves that none is
-        followed there, BRANCH_LOST elsewhere.
+        followed there, MODE_LOST elsewhere.
     crossed
         (n,) whether the row is such a crossing itself, where every rate may vanish.
     """
@@ -93,7 +94,7 @@ class SampledSingularities:
         tracer: Tracer,
         outputs: Sequence[tuple[int, int]],
         values: Floats,
-        branch: NDArray[np.int64],
+        assembly_mode: NDArray[np.int64],
     ) -> None:
         self.tracer = tracer
         self.configurations: Configurations = tracer.configurations
@@ -105,13 +106,17 @@ class SampledSingularities:
         known = np.all(np.isfinite(values), axis=1)
         for elsewhere in (False, True):
             for number, item in enumerate(self.configurations.curves):
-                own = [piece.branch for piece in item.pieces if piece.branch is not None]
-                expected = np.isin(branch, own) != elsewhere
+                own = [
+                    piece.assembly_mode
+                    for piece in item.pieces
+                    if piece.assembly_mode is not None
+                ]
+                expected = np.isin(assembly_mode, own) != elsewhere
                 (todo,) = np.nonzero(known & (self.curve < 0) & expected)
                 places = item.curve.find(values[todo])
                 on = np.isfinite(places)
                 self.curve[todo[on]], self.s[todo[on]] = number, places[on]
-        self.status = np.where(self.curve < 0, Status.BRANCH_LOST, Status.OK)
+        self.status = np.where(self.curve < 0, Status.MODE_LOST, Status.OK)
         self.crossed = np.zeros(len(values), dtype=bool)
         for crossing in self.report.crossings:
             (lost,) = np.nonzero(known & (self.curve < 0))
@@ -121,8 +126,8 @@ class SampledSingularities:
             if crossing.crossing is not None:
                 self.crossed[lost[far < AT_CROSSING]] = True
 
-    def branches_at(self, curve: int, s: float, q: float) -> tuple[int, ...]:
-        """Return the branches whose pieces of a curve hold or touch a place s at input q.
+    def assembly_modes_at(self, curve: int, s: float, q: float) -> tuple[int, ...]:
+        """Return the modes whose pieces of a curve hold or touch a place s at input q.
 
         Where the range is of whole periods its end is its start.
         """
@@ -136,11 +141,11 @@ class SampledSingularities:
             place, there_again = s + lap * own.length, there + lap * own.rise[driven]
             for piece in item.pieces:
                 touched = piece.start - TOUCHES <= place <= piece.stop + TOUCHES
-                if piece.branch is None or not touched:
+                if piece.assembly_mode is None or not touched:
                     continue
                 turns = round((there_again + piece.shift - q) / period)
                 if turns == 0 or (whole and turns % whole == 0):
-                    found.add(piece.branch)
+                    found.add(piece.assembly_mode)
         return tuple(sorted(found))
 
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
@@ -173,7 +178,7 @@ class SampledSingularities:
         """Return whether an input is in the range."""
         return bool(in_range(np.array(q), *self.tracer.range))
 
-    def measures(self) -> list[Measures]:
+    def measures(self) -> list[RelationMeasures]:
         """Return the measures of every output in each form."""
         n = len(self.s)
         found: dict[tuple[int, Form], dict[str, Floats]] = {}
@@ -204,7 +209,7 @@ class SampledSingularities:
                     }.items():
                         columns.setdefault(name, np.full(n, np.nan))[rows] = part
         return [
-            Measures(output, form, **columns)
+            RelationMeasures(output, form, **columns)
             for (output, form), columns in sorted(found.items())
         ]
 

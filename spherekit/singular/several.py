@@ -25,7 +25,7 @@ from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, adjugate
 from spherekit.singular.relation import FourLinks, SixPoles, form_i
-from spherekit.singular.rest import OutputRest
+from spherekit.singular.stationarity import OutputStationary
 from spherekit.singular.tangent_space import TangentSpace
 from spherekit.sphere.rotation import Floats
 
@@ -42,7 +42,7 @@ class RowType(IntEnum):
 
     At a LOOSE configuration inputs at rest allow a motion, but not of the output.
     BRANCHING: the mechanism has more freedoms there than inputs, so that several of its
-    motions branch. UNKNOWN: no configuration.
+    motions assembly mode. UNKNOWN: no configuration.
     """
 
     REGULAR = 0
@@ -111,12 +111,12 @@ class OutputCoefficients:
     determinant: Floats
     triples: Floats
     triplets: tuple[tuple[int, int, int], ...]
-    flatness: Floats
+    reciprocal_condition: Floats
     type: NDArray[np.int8]
     group: NDArray[np.int8]
 
 
-def needed_poles(motion: Motion, output: OutputRest) -> dict[str, tuple[Pole, ...]]:
+def needed_poles(motion: Motion, output: OutputStationary) -> dict[str, tuple[Pole, ...]]:
     """Return the poles of links that `coefficients` reads, by the name of the input."""
     found = {}
     for driven in motion.assembly.inputs:
@@ -127,7 +127,7 @@ def needed_poles(motion: Motion, output: OutputRest) -> dict[str, tuple[Pole, ..
 
 def coefficients(
     motion: Motion,
-    output: OutputRest,
+    output: OutputStationary,
     fields: Mapping[str, PoleField] | None = None,
     by_rank: bool = False,
     tolerance: float = SINGULAR,
@@ -139,7 +139,7 @@ def coefficients(
     motion
         Any motion of a mechanism with at least one input.
     output
-        Which link's rates count, from `spherekit.singular.rest.output_of`.
+        Which link's rates count, from `spherekit.singular.stationarity.output_of`.
     fields
         Poles and rates with one input moving, by its name, that hold `needed_poles`; they
         are evaluated if not given.
@@ -154,7 +154,7 @@ def coefficients(
 
 def _coefficients(
     motion: Motion,
-    output: OutputRest,
+    output: OutputStationary,
     fields: Mapping[str, PoleField] | None,
     by_rank: bool,
     tolerance: float,
@@ -190,7 +190,7 @@ def _coefficients(
 
 
 def _relation(
-    wanted: Request, field: PoleField, output: OutputRest
+    wanted: Request, field: PoleField, output: OutputStationary
 ) -> tuple[Floats, Floats, Floats]:
     """Return c, d (n,) and the output's pole (n, 3) with one input moving."""
     mechanism = wanted.plan.mechanism
@@ -212,7 +212,7 @@ def _relation(
 
 
 def _without_plan(
-    motion: Motion, output: OutputRest, c: Floats, d: Floats, u: Floats
+    motion: Motion, output: OutputStationary, c: Floats, d: Floats, u: Floats
 ) -> None:
     """Fill in c, d (n, g) and u (n, g, 3) of rows whose pole axes no plan gives usably.
 
@@ -249,7 +249,9 @@ def _without_plan(
             whole[rows, k] = np.where(missing, found, whole[rows, k])
 
 
-def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputCoefficients:
+def _by_motions(
+    motion: Motion, output: OutputStationary, tolerance: float
+) -> OutputCoefficients:
     """Return what the motions that close the loops say; poles are left empty."""
     held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     n, g = len(motion), len(held)
@@ -289,7 +291,7 @@ def _by_motions(motion: Motion, output: OutputRest, tolerance: float) -> OutputC
         determinant=determinant,
         triples=nothing,
         triplets=(),
-        flatness=np.where(motion.failed, np.nan, space.flatness),
+        reciprocal_condition=np.where(motion.failed, np.nan, space.reciprocal_condition),
         type=np.zeros(n, dtype=np.int8),
         group=np.zeros(n, dtype=np.int8),
     )
@@ -311,7 +313,7 @@ def _types(
     known = np.isfinite(found.type_two)
     second = found.type_two < tolerance
     first = found.type_one < tolerance
-    branching = space.flatness < tolerance
+    branching = space.reciprocal_condition < tolerance
     kind = np.select(
         [
             ~known,

@@ -24,14 +24,6 @@ from spherekit.planning.poles import Pole, parse_pole, pole_of
 from spherekit.rates.core import LinkRates
 from spherekit.singular.along import AlongCurve, Axis, rounding_of
 from spherekit.singular.conditions import TOLERANCE, conditions
-from spherekit.singular.places import (
-    Group,
-    Places,
-    groups_of,
-    located,
-    place_error,
-    poles_of,
-)
 from spherekit.singular.record import (
     AlongOutput,
     CrossingPoint,
@@ -43,12 +35,20 @@ from spherekit.singular.record import (
 )
 from spherekit.singular.relation import (
     FourLinks,
-    Kind,
+    LinkCount,
     Relation,
     SixPoles,
     best_fourth,
     form_i,
     form_ii,
+)
+from spherekit.singular.roots import (
+    CommonRoots,
+    Roots,
+    groups_of,
+    located,
+    place_error,
+    poles_of,
 )
 from spherekit.sphere.rotation import Floats, cross
 
@@ -62,8 +62,9 @@ DECIDED_MISS = 1e-14
 """A crossing that is missed by more (rad) may be none: rounding of sizes decides."""
 SAME_CROSSING = 1e-7
 """Crossings whose variables differ by less (rad) are one."""
-ONE_BRANCH = (
-    "c and d are those of this branch: its motion says where the third pole is, which the "
+ONE_ASSEMBLY_MODE = (
+    "c and d are those of this assembly mode: its motion says where the third pole is, "
+    "which the "
     "configuration leaves open"
 )
 ALWAYS = 1e-12
@@ -211,7 +212,7 @@ class SingleFreedom:
         every = [self._poles(output) for output in range(len(self.outputs))]
         along.follow([pole for poles in every for pole in poles])
         self._note_gaps(number, along, [pole for poles in every for pole in poles])
-        places: dict[Pole, Places] = {}
+        places: dict[Pole, Roots] = {}
         for pole in dict.fromkeys(pole for poles in every for pole in poles):
             places[pole] = located(along, pole)
         return [
@@ -231,17 +232,17 @@ class SingleFreedom:
                     f"followed from s = {low:.6g} to {high:.6g} rad; zeros of its rate "
                     "there may be missed or invented"
                 )
-        if Status.BRANCH_LOST in along.curve.ends:
+        if Status.MODE_LOST in along.curve.ends:
             self.notes.append(
                 f"curve {number} was not followed to its end; singularities beyond are "
                 "not known"
             )
 
     def _of_output(
-        self, number: int, along: AlongCurve, output: int, places: dict[Pole, Places]
+        self, number: int, along: AlongCurve, output: int, places: dict[Pole, Roots]
     ) -> list[SingularPoint]:
         driven, wanted = pole_of(*self.input), pole_of(*self.outputs[output])
-        own: list[tuple[Pole | None, Places]] = [
+        own: list[tuple[Pole | None, Roots]] = [
             (pole, places[pole]) for pole in self._poles(output)
         ]
         still, resting = places[driven].always, places[wanted].always
@@ -298,7 +299,7 @@ class SingleFreedom:
         axes: dict[Pole, Axis],
         along: AlongCurve,
         s: Floats,
-        groups: list[Group],
+        groups: list[CommonRoots],
     ) -> list[list[RelationAt]]:
         """Return for each form its relation at each group."""
         driven = pole_of(*self.input)
@@ -362,8 +363,8 @@ class SingleFreedom:
         number: int,
         along: AlongCurve,
         output: int,
-        known: Sequence[tuple[Pole | None, Places]],
-    ) -> list[Places]:
+        known: Sequence[tuple[Pole | None, Roots]],
+    ) -> list[Roots]:
         """Return where all six axes of four links lie in one plane, though all turn.
 
         The determinant of three of their angular velocities vanishes there, and wherever
@@ -400,7 +401,7 @@ class SingleFreedom:
             rates = along.rates(s)
             _, slope = _volume(rates, links)
             error = place_error(along.curve, rounding_of(rates), slope)
-            out.append(Places(s, found.double[fresh], error))
+            out.append(Roots(s, found.double[fresh], error))
         return out
 
     def _note_one_line(self, number: int, along: AlongCurve, output: int) -> None:
@@ -408,7 +409,7 @@ class SingleFreedom:
         names = self.tracer.mechanism.links
         axes = along.axes(along.curve.s, self._poles(output))
         for links, _, relation in self._relations(output, axes):
-            if relation.kind == Kind.THREE_LINKS and np.all(np.isnan(relation.c)):
+            if relation.kind == LinkCount.THREE_LINKS and np.all(np.isnan(relation.c)):
                 three = ", ".join(
                     names[k] for k in dict.fromkeys((links.i, links.r, links.o, links.s))
                 )
@@ -458,23 +459,23 @@ class SingleFreedom:
             )
         along = self.along[ends[0][0]]
         relations = tuple(
-            self._on_branches(along, crossing, output)
+            self._on_assembly_modes(along, crossing, output)
             for output in range(len(self.outputs))
         )
         return CrossingPoint(
             crossing, tuple(ends), values, not notes, "; ".join(notes), relations
         )
 
-    def _on_branches(
+    def _on_assembly_modes(
         self, along: AlongCurve, crossing: Crossing, output: int
     ) -> tuple[tuple[RelationAt, ...], ...]:
-        """Return the relations on each branch through a crossing, by its own motion."""
+        """Return the relations on each mode through a crossing, by its own motion."""
         count = len(crossing.tangents)
         if not count:
             return ()
         values = np.tile(crossing.values, (count, 1))
         axes, rates = along.leaving(values, crossing.tangents, self._poles(output))
-        branches: list[list[RelationAt]] = [[] for _ in range(count)]
+        assembly_modes: list[list[RelationAt]] = [[] for _ in range(count)]
         for links, six, relation in self._relations(output, axes):
             q, y = (
                 np.sum((rates.w[:, a] - rates.w[:, b]) * axes[pole_of(a, b)].unit, axis=1)
@@ -484,17 +485,17 @@ class SingleFreedom:
             judged = self._judged(
                 links, six, relation, q, y, errors, [Type.III] * count, [[]] * count
             )
-            for own, each in zip(branches, judged, strict=True):
-                if each.type is None and each.kind != Kind.SAME_POLE:
-                    each = replace(each, note=ONE_BRANCH)
+            for own, each in zip(assembly_modes, judged, strict=True):
+                if each.type is None and each.kind != LinkCount.SAME_POLE:
+                    each = replace(each, note=ONE_ASSEMBLY_MODE)
                 own.append(each)
-        return tuple(tuple(own) for own in branches)
+        return tuple(tuple(own) for own in assembly_modes)
 
     def _everywhere(self) -> int | None:
         """Return the freedoms of a mechanism that nowhere has just one, if it is one.
 
-        Asked for at configurations of its branches, and where all variables are zero if
-        the loops close there: the reference pose.
+        Asked for at configurations of its assembly modes, and where all variables are zero
+        if the loops close there: the reference pose.
         """
         if self.along:
             return None
@@ -564,7 +565,9 @@ def _volume(rates: LinkRates, links: FourLinks) -> tuple[Floats, Floats]:
     return np.asarray(np.sum(a * normal, axis=1)), slope
 
 
-def _doubts(groups: list[Group], driven: Pole, wanted: Pole, curve: ArcCurve) -> list[str]:
+def _doubts(
+    groups: list[CommonRoots], driven: Pole, wanted: Pole, curve: ArcCurve
+) -> list[str]:
     """Return for each group why its type is not certain, or an empty string."""
     notes = [""] * len(groups)
     for k, group in enumerate(groups):
@@ -595,7 +598,7 @@ def _disagreement(
     """Return why the coefficients say something else than the rates."""
     if kind == fact:
         return ""
-    if relation.kind == Kind.SAME_POLE:
+    if relation.kind == LinkCount.SAME_POLE:
         return "the output is the input, and c and d are constant"
     if kind == Type.III:
         own = pole_of(*relation.output)

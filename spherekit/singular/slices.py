@@ -19,7 +19,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.branches import Branch, Solver
+from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.locked import Locked, lock
 from spherekit.motion.segments import CurvePoints
 from spherekit.planning.assembly import plan_assembly
@@ -78,7 +78,7 @@ def configurations(solver: Solver, q: Floats) -> tuple[Floats, NDArray[np.intp]]
     found, rows = [np.zeros((0, variables))], [np.zeros(0, dtype=np.intp)]
     if solver.assembly.has_closed_form:
         for signs in product((1, -1), repeat=len(solver.assembly.groups)):
-            here = solver.evaluate(Branch(0, signs), q)
+            here = solver.evaluate(AssemblyMode(0, signs), q)
             closed = np.flatnonzero(here.status == Status.OK)
             found.append(here.values[closed])
             rows.append(closed)

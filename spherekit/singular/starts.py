@@ -8,7 +8,7 @@ import numpy as np
 from spherekit.budget import Budget
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.motion.branches import Solver
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.search import starting_range
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.slices import Cut, seeds

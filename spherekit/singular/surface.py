@@ -21,9 +21,9 @@ from spherekit.motion.arc_length import periods_of
 from spherekit.singular.curves import ranges_of
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
-from spherekit.singular.rest import output_of
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import Seeding
+from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import Floats
 
 HEIGHT = 0.5 * np.sqrt(3.0)
@@ -69,7 +69,7 @@ class SingularSurface:
         Number of configuration curves searched, of random starts instead, and of singular
         configurations met.
     irregular
-        How many of those within the ranges lie where the locus is no regular surface: it
+        How many of those within the ranges lie where the locus is not a regular surface: it
         crosses itself there, or fills a part of the configurations.
     full
         Whether the mesh ended at the greatest number of vertices.
@@ -118,7 +118,7 @@ def singular_surface(
     kind
         "II", inputs at rest in a motion, or "I", the output at rest.
     output, pointing
-        See `spherekit.singular.rest.output_of`. Type I is that of an orientation.
+        See `spherekit.singular.stationarity.output_of`. Type I is that of an orientation.
     side
         Length (rad, in the variables) of the triangles' edges.
     slices_of_each
@@ -167,7 +167,7 @@ def singular_surface(
         inside = np.ones(len(points), dtype=bool)
         if not whole_turn:
             inside = view.points(locus, points).inside
-        irregular += int(np.sum(inside & (points.flatness < FLAT)))
+        irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
         for row in np.flatnonzero(inside):
             source.met(front.grow(points.rows(slice(row, row + 1))))
     return SingularSurface(
@@ -225,7 +225,7 @@ class _Front:
 
     def grow(self, seed: LocusPoints) -> bool:
         """Mesh the surface through a seed, unless a mesh covers it; return whether."""
-        if len(self.values) >= self.most or seed.flatness[0] < FLAT:
+        if len(self.values) >= self.most or seed.reciprocal_condition[0] < FLAT:
             return False
         if len(self.near(seed.values[0], seed.motions[0], self.side)):
             return False
@@ -281,7 +281,7 @@ class _Front:
         borders = tangents.T[None]
         targets = guess @ tangents
         point = self.locus.correct(guess, turned, borders, targets)
-        if not point.good[0] or point.flatness[0] < FLAT:
+        if not point.good[0] or point.reciprocal_condition[0] < FLAT:
             return None
         aligned = np.linalg.svd(tangents.T @ point.tangents[0], compute_uv=False)[-1]
         moved = np.linalg.norm(point.values - guess)

@@ -51,7 +51,7 @@ class TangentSpace:
     closing: Floats
     turned: Floats
     bends: Floats
-    flatness: Floats
+    reciprocal_condition: Floats
     oriented: bool
 
     @property
@@ -104,9 +104,11 @@ def tangent_space(
     w = repeated.body_rates(np.swapaxes(ways, 1, 2).reshape(-1, count))
     turned = repeated.turned(w).vectors
     bends = -inverse[:, None] @ closure.tree.jacobian(turned).reshape(n, many, rows, count)
-    flatness = np.ones(n)
+    reciprocal_condition = np.ones(n)
     if rank:
-        flatness = sizes[:, rank - 1] / np.maximum(sizes[:, 0], np.finfo(float).tiny)
+        reciprocal_condition = sizes[:, rank - 1] / np.maximum(
+            sizes[:, 0], np.finfo(float).tiny
+        )
     return TangentSpace(
         at,
         basis,
@@ -114,6 +116,6 @@ def tangent_space(
         closing,
         turned.reshape(n, many, count, 3),
         bends,
-        flatness,
+        reciprocal_condition,
         rows == rank and like is None,
     )

@@ -44,12 +44,12 @@ def trace_curve(
         Length (rad) after which a curve that does not close is ended in each sense, and
         the longest step.
     budget
-        Time after which the curve is ended, BRANCH_LOST, unlimited by default.
+        Time after which the curve is ended, MODE_LOST, unlimited by default.
 
     None if Newton's method does not arrive, or only at a crossing of curves.
     """
     start = locus.onto(values[None])
-    if not start.good[0] or start.flatness[0] < NEARLY_FLAT:
+    if not start.good[0] or start.reciprocal_condition[0] < NEARLY_FLAT:
         return None
     start = locus.correct(
         start.values,
@@ -119,9 +119,9 @@ class _LocusPath(CurvePath[_Node]):
     budget: Budget
 
     def exhausted(self) -> Status | None:
-        """Return BRANCH_LOST where the time is over."""
+        """Return MODE_LOST where the time is over."""
         goes_on = self.budget.goes_on("the rest of a singular curve")
-        return None if goes_on else Status.BRANCH_LOST
+        return None if goes_on else Status.MODE_LOST
 
     def step_to(self, at: _Node, way: float) -> tuple[_Node, float] | None:
         """Return the node at this projection on the tangent if it passes all tests."""
@@ -190,5 +190,5 @@ class _LocusPath(CurvePath[_Node]):
 
     def beyond(self) -> Status:
         """Return AT_SINGULARITY beside a crossing of curves of the locus."""
-        flat = self.at.point.flatness[0] < NEARLY_FLAT
-        return Status.AT_SINGULARITY if flat else Status.BRANCH_LOST
+        flat = self.at.point.reciprocal_condition[0] < NEARLY_FLAT
+        return Status.AT_SINGULARITY if flat else Status.MODE_LOST

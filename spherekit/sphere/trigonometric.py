@@ -51,7 +51,7 @@ STILL = 1e-9
 
 @final
 @dataclass(frozen=True)
-class Solutions:
+class AngleSolutions:
     """What the elimination of two of three angles found.
 
     `angles` (k, 3) complex, rad: solutions whose first angle is near the real axis, or
@@ -82,7 +82,7 @@ def eliminated_degree(involves: Bools) -> int:
 
 def common_angles(
     equations: Floats, involves: Bools, farthest: float = POLISHED
-) -> Solutions:
+) -> AngleSolutions:
     """Return the solutions of three equations in three angles.
 
     Parameters
@@ -123,12 +123,12 @@ def common_angles(
         problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
     elif unmatched:
         problem = f"{unmatched} roots of the eliminant lost solutions"
-    return Solutions(angles, roots, excess, problem)
+    return AngleSolutions(angles, roots, excess, problem)
 
 
-def _nothing(problem: str) -> Solutions:
+def _nothing(problem: str) -> AngleSolutions:
     empty = np.empty((0, 3), dtype=complex)
-    return Solutions(empty, np.empty(0, dtype=complex), np.inf, problem)
+    return AngleSolutions(empty, np.empty(0, dtype=complex), np.inf, problem)
 
 
 def point(angle: Numbers) -> Numbers:
@@ -262,7 +262,7 @@ def followed(equations: Floats, angles: Complexes) -> Complexes:
 
 
 def _are_new(angles: Complexes) -> Bools:
-    """Return (n,) which of angles (n, 3) are no copies of earlier ones."""
+    """Return (n,) which of angles (n, 3) are not copies of earlier ones."""
     turns = np.exp(1j * angles)
     apart = np.abs(turns[:, None] / turns - 1.0)
     copies = np.tril(np.all(apart < SAME, axis=2), -1)

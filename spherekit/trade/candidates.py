@@ -5,7 +5,7 @@ from spherekit.dynamics.forward import LEAST
 from spherekit.rates.routes import ROUTES
 
 NODES = (32, 64, 128, 256, 512, 1024, 4096)
-"""Nodes of functions of the input, for each branch."""
+"""Nodes of functions of the input, for each assembly mode."""
 
 SPECTRAL_NODES = (32, 64, 128, 256, 512)
 

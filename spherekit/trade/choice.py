@@ -7,7 +7,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.running.course import course_of
+from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import Setting
 from spherekit.checked import checked
 from spherekit.conventions import listing
@@ -15,7 +15,7 @@ from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.trade.deviation import Deviation, worst
-from spherekit.trade.measure import Bench
+from spherekit.trade.measure import Benchmark
 from spherekit.trade.record import MARGIN, Trade, check_tolerance, recommended
 from spherekit.trade.stored import check_run, read_trade, run_of
 from spherekit.trade.trade import trade
@@ -98,7 +98,7 @@ def choose(
     Raises
     ------
     AnalysisError
-        If the tolerance is no positive number.
+        If the tolerance is not a positive number.
     PlanError, SolveError
         See `spherekit.run`.
     """
@@ -120,7 +120,7 @@ def choose(
     found: list[Deviation] = []
     rows = 0
     for each in analyses:
-        bench = Bench.of(course, each)
+        bench = Benchmark.of(course, each)
         if bench.reads_poles and not each.trades:
             own, rows = bench.checked(setting, CHECK_ROWS)
             found += own
@@ -142,7 +142,7 @@ def choose_simulation(mechanism: str, tolerance: float, stored: Sequence[Trade])
     Raises
     ------
     AnalysisError
-        If the tolerance is no positive number.
+        If the tolerance is not a positive number.
     """
     check_tolerance(mechanism, tolerance)
     samples = stored[0].samples

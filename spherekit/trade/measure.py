@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
 from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.requests import requests_for
-from spherekit.analysis.running.course import Course
 from spherekit.analysis.running.evaluation import Evaluation
+from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import TableData
 from spherekit.conventions import Status
@@ -38,7 +38,7 @@ Found = tuple[str, float, Tables, list[Measured]]
 """What the reference is in words, how well it is known, its tables, and the settings."""
 
 
-class Way(Protocol):
+class Runner(Protocol):
     """Something that can be run and timed: returns tables, and processor times (s).
 
     First the time before any sample, then that of everything.
@@ -65,17 +65,17 @@ class Reference:
 
 @final
 @dataclass(frozen=True)
-class Bench:
+class Benchmark:
     """An analysis over a course, to be run by any setting."""
 
-    course: Course
+    course: Sampling
     analysis: AbstractAnalysis
     needs: Needs
 
     @staticmethod
-    def of(course: Course, analysis: AbstractAnalysis) -> "Bench":
+    def of(course: Sampling, analysis: AbstractAnalysis) -> "Benchmark":
         """Return the bench of an analysis; `AnalysisError` for bad parameters."""
-        return Bench(course, analysis, analysis.needs(course.tracer.mechanism))
+        return Benchmark(course, analysis, analysis.needs(course.tracer.mechanism))
 
     @property
     def reads_poles(self) -> bool:
@@ -94,7 +94,7 @@ class Bench:
     def tables(
         self, setting: Setting, toward: Reference | None = None
     ) -> tuple[Tables, float, float]:
-        """Return the tables by a setting, see `Way`.
+        """Return the tables by a setting, see `Runner`.
 
         The signs of directions follow from the samples, not from a setting. To compare
         errors they are those of a reference, `toward` which they are turned.
@@ -114,7 +114,7 @@ class Bench:
             angles = evaluation.angles(motion, memory)
             if toward is not None:
                 rows = motion.sample + np.repeat(
-                    np.arange(len(motion.branches)) * len(course), motion.samples
+                    np.arange(len(motion.assembly_modes)) * len(course), motion.samples
                 )
                 found = tuple(
                     _turned(field, other, rows)
@@ -213,13 +213,17 @@ def _turned(field: PoleField, toward: PoleField, rows: NDArray[np.intp]) -> Pole
     return replace(
         field,
         direction={pole: u * signs[pole][:, None] for pole, u in field.direction.items()},
-        rate={pole: x * signs[pole] for pole, x in field.rate.items()},
-        rate_dq={pole: x * signs[pole] for pole, x in field.rate_dq.items()},
+        velocity_coefficient={
+            pole: x * signs[pole] for pole, x in field.velocity_coefficient.items()
+        },
+        acceleration_coefficient={
+            pole: x * signs[pole] for pole, x in field.acceleration_coefficient.items()
+        },
     )
 
 
-def race(
-    ways: Sequence[tuple[str, Setting | None, Way]],
+def timing_loop(
+    ways: Sequence[tuple[str, Setting | None, Runner]],
     judge: Callable[[Tables], Sequence[Deviation]],
     samples: int,
     effort: Effort,
@@ -239,7 +243,7 @@ def race(
     """
     began = time.monotonic()
     found: dict[str, Measured] = {}
-    alive: list[tuple[str, Way]] = []
+    alive: list[tuple[str, Runner]] = []
     times: dict[str, list[tuple[float, float]]] = {}
     for name, setting, way in ways:
         try:

@@ -25,7 +25,7 @@ class Measured:
     """One setting: what it took and how far its tables were off.
 
     `first` (s) is what comes before any sample, such as nodes; `each` and `each_median`
-    (s) the best and the median time of a sample of all branches; `compile` (s) what
+    (s) the best and the median time of a sample of all assembly modes; `compile` (s) what
     compiling took. `error` is the largest scaled deviation, of `column`; `estimate` the
     analysis's own. `missing` numbers were not given though they exist. `reason` says why
     the setting does not apply, then all else is NaN. `setting` is None for a parameter.
@@ -122,7 +122,7 @@ class Trade:
         Raises
         ------
         AnalysisError
-            If the tolerance is no positive number.
+            If the tolerance is not a positive number.
         """
         check_tolerance(self.mechanism, tolerance)
         within = {

@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.analysis.running.course import Course, simulated_course
+from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.running.setting import Integrator, Setting
 from spherekit.conventions import EPS
 from spherekit.dynamics.forward import LEAST, simulate
@@ -25,13 +25,13 @@ from spherekit.sphere.rotation import Floats
 from spherekit.trade.candidates import of_simulation
 from spherekit.trade.deviation import Deviation
 from spherekit.trade.effort import Effort
-from spherekit.trade.measure import Bench, Found, Reference, Tables, race
+from spherekit.trade.measure import Benchmark, Found, Reference, Tables, timing_loop
 
 OTHER_NODES = 24
 """Nodes of each step of the run that shows how well the reference is known."""
 
 
-def measured(bench: Bench, study: Study, effort: Effort) -> Found:
+def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
     """Return integrators and tolerances with their times and errors.
 
     `bench` has the course of the study's simulation. The reference is a simulation in
@@ -67,7 +67,7 @@ def measured(bench: Bench, study: Study, effort: Effort) -> Found:
         ]
 
     ways = [(str(each), each, partial(way, each)) for each in settings]
-    found = race(ways, judge, len(bench.course), effort)
+    found = timing_loop(ways, judge, len(bench.course), effort)
     found = [
         replace(each, compile=compiling)
         if each.setting and each.setting.integrator == "compiled" and not each.reason
@@ -82,7 +82,7 @@ def measured(bench: Bench, study: Study, effort: Effort) -> Found:
 class _Solver:
     """Runs one simulation by any setting, over the times of a bench's course."""
 
-    bench: Bench
+    bench: Benchmark
     start: Start
     torque: str | None
 
@@ -102,12 +102,12 @@ class _Solver:
             self.start,
             float(self.t[-1]),
             torque=self.torque,
-            branch=tracer.branches[0].number,
+            assembly_mode=tracer.assembly_modes[0].number,
             tolerance=setting.tolerance,
             engine=setting.integrator,
         )
 
-    def course(self, simulation: Simulation, setting: Setting) -> Course:
+    def course(self, simulation: Simulation, setting: Setting) -> Sampling:
         """Return a simulation as a course."""
         assert setting.tolerance is not None
         tracer = self.bench.course.tracer

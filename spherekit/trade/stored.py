@@ -42,7 +42,9 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
         "inputs": inputs,
         "samples": "x".join(map(str, study.shape)),
         "input_values": values,
-        "branch": study.branch if study.start is None else study.branch or 0,
+        "assembly_mode": study.assembly_mode
+        if study.start is None
+        else study.assembly_mode or 0,
         "search": study.search,
         "laws": {pair: repr(law) for pair, law in study.laws.items()},
         "duration": study.duration,
@@ -68,12 +70,12 @@ def read_trade(path: str | os.PathLike[str]) -> Trade:
     except FileNotFoundError:
         raise AnalysisError(f"{file}: there is no trade; {again}") from None
     except (OSError, ValueError) as problem:
-        raise AnalysisError(f"{file}: is no trade ({problem}); {again}") from None
+        raise AnalysisError(f"{file}: is not a trade ({problem}); {again}") from None
     try:
         return _trade(data)
     except (KeyError, TypeError, ValueError) as problem:
         raise AnalysisError(
-            f"{file}: is no trade that this version reads ({problem!r}); {again}"
+            f"{file}: is not a trade that this version reads ({problem!r}); {again}"
         ) from None
 
 

@@ -12,7 +12,7 @@ from spherekit.analysis.options import Subject, study_of, takes
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.run import run
-from spherekit.analysis.running.course import course_of
+from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import TableData
 from spherekit.checked import checked
@@ -23,10 +23,10 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.sphere.rotation import Floats
 from spherekit.trade.candidates import of_samples
+from spherekit.trade.check_samples import at_places, places
 from spherekit.trade.deviation import Deviation, scale_words
 from spherekit.trade.effort import Effort
-from spherekit.trade.measure import Bench, Found, Tables, race
-from spherekit.trade.places import at_places, places
+from spherekit.trade.measure import Benchmark, Found, Tables, timing_loop
 from spherekit.trade.record import Measured, Trade, gathered
 from spherekit.trade.simulated import measured
 from spherekit.trade.stored import run_of
@@ -35,7 +35,7 @@ CHECKED = 361
 """Most samples at which errors are measured, and"""
 
 CHECKED_ROWS = 1500
-"""most rows, samples of all branches, unless the samples would be too few."""
+"""most rows, samples of all assembly modes, unless the samples would be too few."""
 
 FEWEST = 31
 
@@ -76,7 +76,7 @@ def trade(
     few = study
     if study.start is not None:
         few = replace(study, samples=min(study.count, effort.checked or CHECKED))
-    bench = Bench.of(course_of(few), chosen)
+    bench = Benchmark.of(course_of(few), chosen)
     if not bench.reads_poles:
         raise AnalysisError(
             f"{chosen.name}: reads no poles, rates or positions of the samples and "
@@ -85,7 +85,9 @@ def trade(
         )
     if study.start is not None:
         return _trade(bench, study, measured(bench, study, effort))
-    most = effort.checked or max(FEWEST, CHECKED_ROWS // len(bench.course.tracer.branches))
+    most = effort.checked or max(
+        FEWEST, CHECKED_ROWS // len(bench.course.tracer.assembly_modes)
+    )
     bench = _at_fewer(bench, study, min(most, CHECKED))
     right = bench.reference()
     reference = right.tables
@@ -95,7 +97,7 @@ def trade(
     def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
         return bench.tables(setting, right if judged else None)
 
-    found = race(
+    found = timing_loop(
         [(str(each), each, partial(way, each)) for each in every],
         lambda tables: bench.deviations(tables, reference),
         len(bench.course),
@@ -104,7 +106,7 @@ def trade(
     return _trade(bench, study, (words, EPS, reference, found))
 
 
-def _at_fewer(bench: Bench, study: Study, most: int) -> Bench:
+def _at_fewer(bench: Benchmark, study: Study, most: int) -> Benchmark:
     """Return the bench at about so many samples of the same range, or all of them."""
     course = bench.course
     if len(course) <= most:
@@ -120,7 +122,7 @@ def _at_fewer(bench: Bench, study: Study, most: int) -> Bench:
     return replace(bench, course=at_places(course, rows, study.search))
 
 
-def _trade(bench: Bench, study: Study, found: Found) -> Trade:
+def _trade(bench: Benchmark, study: Study, found: Found) -> Trade:
     reference_words, floor, reference, measures = found
     mechanism = bench.course.tracer.mechanism
     own = [table.of(mechanism) for table in bench.analysis.tables]
@@ -138,7 +140,7 @@ def _trade(bench: Bench, study: Study, found: Found) -> Trade:
         for column in table.columns
         if (table.name, column.name) in scales
     ]
-    rows = len(bench.course) * len(bench.course.tracer.branches)
+    rows = len(bench.course) * len(bench.course.tracer.assembly_modes)
     return Trade(
         mechanism.name,
         bench.analysis.name,
@@ -168,7 +170,7 @@ def _of_parameters(study: Study, analysis: AbstractAnalysis, effort: Effort) -> 
             (name, None, partial(way, value))
             for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
         ]
-        found = race(ways, partial(own.deviations, reference), 1, effort)
+        found = timing_loop(ways, partial(own.deviations, reference), 1, effort)
         every += [
             replace(each, estimate=estimates.get(each.name, np.nan)) for each in found
         ]

@@ -1,6 +1,6 @@
 """Recordings for the rerun viewer, and pictures of them; only here is it known.
 
-`Recorder` takes a run's scenes, as in ``spherekit.run(..., recorder=recorder)``;
+`RerunRecorder` takes a run's scenes, as in ``spherekit.run(..., recorder=recorder)``;
 `open_viewer` shows a recording, `screenshot` takes a picture of it.
 """
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
-    from spherekit.view.rerun_view import Recorder as Recorder
+    from spherekit.view.rerun_view import RerunRecorder as RerunRecorder
     from spherekit.view.screenshot import screenshot as screenshot
     from spherekit.view.viewer import open_viewer as open_viewer
 

@@ -1,4 +1,4 @@
-"""How the viewer's window is laid out: a page for each branch, others, one to compare."""
+"""How the viewer's window is laid out: a page for each mode, others, one to compare."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ LEGEND_SHARE = 0.5
 """Where modes are compared, the long legends stand beside the curves: so much of them."""
 
 MOST_COMPARED = 60
-"""A plot of all branches with more curves is left out: nobody can tell them apart."""
+"""A plot of all assembly modes with more curves is left out: nobody can tell them apart."""
 
 EYE_DISTANCE = 3.0
 EYE_ASIDE = 0.3
@@ -61,7 +61,7 @@ Entry = TypeVar("Entry", SeriesEntry, Panel)
 @final
 @dataclass
 class Layout:
-    """What there is to show; it grows as the first block of each branch comes in."""
+    """What there is to show; it grows as the first block of each assembly mode comes in."""
 
     root: str
     timeline: str
@@ -229,7 +229,7 @@ class Layout:
         return rrb.TimeAxis(view_range=view_range)
 
     def _compared(self) -> dict[str, list[SeriesEntry]]:
-        """Return the series of branches, which have the same samples, if not too many."""
+        """Return the series of modes, which have the same samples, if not too many."""
         found = {
             group: [entry for entry in series if isinstance(entry.page, int)]
             for group, series in self.groups.items()

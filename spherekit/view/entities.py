@@ -191,7 +191,7 @@ def path_lines(lines: list[Floats], primary: bool) -> rr.LineStrips3D:
 
 
 def failure_label() -> rr.Points3D:
-    """Return the words shown at the centre where a branch has no configuration."""
+    """Return the words shown at the centre where an assembly mode has no configuration."""
     return rr.Points3D.from_fields(
         labels="no configuration here",
         show_labels=True,

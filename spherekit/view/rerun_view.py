@@ -46,17 +46,17 @@ NOTES = """\
 The sphere has radius 1; directions are in ground axes. Silver arrows are the axes of
 pairs, gold ones are the other pole axes, with the path each leaves on the sphere.
 Violet great circles are the planes that the construction cuts with each other.
-Links have the same colour here and in the graph. Compare has the plots of all branches
-together, but for those of more than {compared} curves.
+Links have the same colour here and in the graph. Compare has the plots of all assembly
+modes together, but for those of more than {compared} curves.
 
-`sample` counts the samples of a branch. {timeline}
-Where a branch has no configuration, its links and poles are not drawn and its curves
-have a gap.
+`sample` counts the samples of an assembly mode. {timeline}
+Where an assembly mode has no configuration, its links and poles are not drawn and its
+curves have a gap.
 """
 
 
 @final
-class Recorder:
+class RerunRecorder:
     """Turns scenes into one rerun recording that goes to one or more places.
 
     Use it in a `with` block: call `start` once, then `log` for each block of samples
@@ -180,7 +180,7 @@ class Recorder:
         scenes: Sequence[Scene],
         inputs: Floats | None,
         *,
-        branches: Mapping[int, str] | None = None,
+        assembly_modes: Mapping[int, str] | None = None,
         properties: Mapping[str, str] | None = None,
         focus: Floats | None = None,
         row: int | None = None,
@@ -195,9 +195,9 @@ class Recorder:
         inputs : array (n,) rad, or None
             All input values of the run, which fix the unit of the input timeline.
             None if the run has no single input.
-        branches : mapping, optional
-            Number and title of each branch to come, in the order of their pages.
-            A branch left out gets its page when its first block comes.
+        assembly modes : mapping, optional
+            Number and title of each assembly mode to come, in the order of their pages.
+            An assembly mode left out gets its page when its first block comes.
         properties : mapping, optional
             Words about the run that the recording carries: versions, hashes.
         focus : array (3,), optional
@@ -227,7 +227,7 @@ class Recorder:
         self._layout = layout
         self._row = row
         layout.focus = focus
-        for number, title in (branches or {}).items():
+        for number, title in (assembly_modes or {}).items():
             layout.pages[number] = title
         for output in self._outputs:
             output.stream.send_recording_name(self.name)
@@ -251,7 +251,7 @@ class Recorder:
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Record one block of samples of one branch, or the rows of a page of its own.
+        """Record one block of samples of one mode, or the rows of a page of its own.
 
         Parameters
         ----------
@@ -332,7 +332,7 @@ class Recorder:
         if page is None:
             return self.root
         if isinstance(page, int):
-            return f"{self.root}/branch_{page}"
+            return f"{self.root}/assembly_mode_{page}"
         return f"{self.root}/{re.sub(r'[^A-Za-z0-9]+', '_', page).strip('_').lower()}"
 
     def _path(self, page: Page, primitive: Primitive) -> str:
@@ -365,7 +365,7 @@ class Recorder:
         if layout is None:
             raise ValueError("call start first")
         if page is not None:
-            title = f"Branch {page}" if isinstance(page, int) else page
+            title = f"Assembly mode {page}" if isinstance(page, int) else page
             layout.pages.setdefault(page, title)
         match primitive:
             case Body() | GreatCircle() | SphereCurves() | SphereMap():
@@ -397,8 +397,8 @@ class Recorder:
     def _lay_out(self, final: bool = False) -> None:
         """Send the layout to viewers; to files when it has grown fourfold, and in the end.
 
-        A layout has an entity for every series of every branch. One for each branch that
-        comes in would make a file grow with the square of their number.
+        A layout has an entity for every series of every assembly mode. One for each
+        assembly mode that comes in would make a file grow with the square of their number.
         """
         if self._layout is None:
             return

@@ -213,40 +213,40 @@ def _viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
     ]
     # Silent, since log messages would appear in the picture; panics are still heard.
     environment = os.environ | {"RERUN_APP_ONLY": "true", "RUST_LOG": "off"}
-    with tempfile.TemporaryFile() as talk:
+    with tempfile.TemporaryFile() as messages:
         process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=talk, env=environment
+            command, stdout=subprocess.DEVNULL, stderr=messages, env=environment
         )
         try:
-            _wait_for(process, port, talk)
+            _wait_for(process, port, messages)
             yield ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
         except (RuntimeError, ConnectionError) as error:
-            raise OutputError(_complaint(process, talk, str(error))) from error
+            raise OutputError(_complaint(process, messages, str(error))) from error
         finally:
             process.kill()
             process.wait()
 
 
-def _wait_for(process: subprocess.Popen[bytes], port: int, talk: IO[bytes]) -> None:
+def _wait_for(process: subprocess.Popen[bytes], port: int, messages: IO[bytes]) -> None:
     deadline = time.monotonic() + START_TIMEOUT
     while time.monotonic() < deadline:
         if process.poll() is not None:
-            raise OutputError(_complaint(process, talk, "it ended at once"))
+            raise OutputError(_complaint(process, messages, "it ended at once"))
         try:
             socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
         except OSError:
             time.sleep(0.05)
         else:
             return
-    raise OutputError(_complaint(process, talk, "it did not start"))
+    raise OutputError(_complaint(process, messages, "it did not start"))
 
 
-def _complaint(process: subprocess.Popen[bytes], talk: IO[bytes], reason: str) -> str:
+def _complaint(process: subprocess.Popen[bytes], messages: IO[bytes], reason: str) -> str:
     """Return why the viewer failed, from what it wrote on its error stream."""
     with suppress(subprocess.TimeoutExpired):
         process.wait(ENDING)
-    talk.seek(0)
-    said = talk.read().decode(errors="replace")
+    messages.seek(0)
+    said = messages.read().decode(errors="replace")
     lost = ("graphics adapter", "render context", "Vulkan", "wgpu")
     if any(word in said for word in lost) and process.poll() is not None:
         return NO_VULKAN

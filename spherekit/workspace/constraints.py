@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
-from spherekit.guidance.form import axis_in
+from spherekit.guidance.mid_plane_architecture import axis_in
 from spherekit.model.dynamics import Stop
 from spherekit.model.geometry import COLLINEAR, geometry_of
 from spherekit.model.mechanism import Mechanism
@@ -24,7 +24,7 @@ from spherekit.workspace.rows import Rows, Spanned
 
 @final
 @dataclass(frozen=True)
-class Bound:
+class AngleLimit:
     """An angle (rad) that may not be less, or not be more, than a limit.
 
     `cosine` gives that of the angle, and a unit of the angle is `unit` rad of what the
@@ -97,7 +97,7 @@ class Constraints:
     radius: float = 0.0
 
 
-def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[Bound, ...]:
+def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...]:
     """Return all bounds: of the reach, then those wanted.
 
     Raises
@@ -114,7 +114,7 @@ def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[Bound, ...]:
     return found or (_NO_LIMIT,)
 
 
-def left_of(bounds: Sequence[Bound], rows: Rows) -> tuple[Floats, NDArray[np.intp]]:
+def left_of(bounds: Sequence[AngleLimit], rows: Rows) -> tuple[Floats, NDArray[np.intp]]:
     """Return what is left (n,) rad to the nearest bound, and its number.
 
     Negative outside; the number is -1 where no limit says why the pose cannot be taken.
@@ -131,7 +131,7 @@ def left_of(bounds: Sequence[Bound], rows: Rows) -> tuple[Floats, NDArray[np.int
     return np.where(unknown, np.nan, margin), np.where(unknown, -1, limiting)
 
 
-_NO_LIMIT = Bound(
+_NO_LIMIT = AngleLimit(
     "none: every pose is reached", np.pi, False, lambda r: np.ones_like(r.type_2)
 )
 
@@ -153,7 +153,7 @@ class _Between:
             self.high, self.high_from = high, source
 
 
-def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[Bound, ...]:
+def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...]:
     """Return the bounds of angles between axes, one each way for each two axes."""
     mechanism = kinematics.mechanism
     found: dict[tuple[int, int], _Between] = {}
@@ -171,7 +171,8 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[Bound, ...]
         if not 0.0 <= item.low <= item.high <= np.pi:
             raise _refusal(
                 mechanism,
-                f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is no range; give "
+                f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is not a range; "
+                f"give "
                 "the least angle between the axes, 0 to 180 deg, and a greatest not below",
             )
         fixed = _fixed(mechanism, one, other)
@@ -186,7 +187,7 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[Bound, ...]
         key = (one, other) if (one, other) in found else (other, one)
         key = key if key in found else (one, other)
         found.setdefault(key, _Between()).narrow(item.low, item.high, "apart")
-    bounds: list[Bound] = []
+    bounds: list[AngleLimit] = []
     for (one, other), between in found.items():
         name = "/".join(kinematics.name_of(pair) for pair in (one, other))
         if between.low > between.high:
@@ -214,7 +215,7 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[Bound, ...]
             if COLLINEAR < limit < np.pi - COLLINEAR:
                 words = "at least" if at_least else "at most"
                 title = f"axes {name} {words} {_deg(limit)} ({source})"
-                bounds.append(Bound(title, limit, at_least, cosine))
+                bounds.append(AngleLimit(title, limit, at_least, cosine))
     return tuple(bounds)
 
 
@@ -246,7 +247,7 @@ def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
     return width / radius
 
 
-def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[Bound, ...]:
+def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[AngleLimit, ...]:
     """Return the bounds of pairs: stops and limits wanted, each by its middle."""
     asked = [(item, "stop") for item in map(_of_stop, mechanism.stops)]
     asked += [(item, "limit") for item in limits]
@@ -257,7 +258,8 @@ def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[Bound,
         if not np.isfinite(item.low + item.high) or item.low > item.high:
             raise _refusal(
                 mechanism,
-                f"limits: {item.pair}: {_deg(item.low)} to {_deg(item.high)} is no range; "
+                f"limits: {item.pair}: {_deg(item.low)} to {_deg(item.high)} is not a "
+                f"range; "
                 "give the lower limit first",
             )
         for before in filter(None, [kept.get(item.pair)]):
@@ -277,7 +279,7 @@ def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[Bound,
             return np.asarray(np.cos(rows.angle(number) - middle))
 
         title = f"{kind} of {item.pair}, {_deg(item.low)} to {_deg(item.high)}"
-        bounds.append(Bound(title, half, False, cosine))
+        bounds.append(AngleLimit(title, half, False, cosine))
     return tuple(bounds)
 
 
@@ -292,12 +294,12 @@ def _overlap(one: PairLimit, other: PairLimit) -> bool:
     return gap <= 0.5 * (one.high - one.low + other.high - other.low) + COLLINEAR
 
 
-def _of_singularities(mechanism: Mechanism, near: float) -> tuple[Bound, ...]:
+def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
     """Return the bounds of the measures, by the double angle, whose cosine is smooth."""
     if not 0.0 <= near < 0.5 * np.pi:
         raise _refusal(
             mechanism,
-            f"near: {_deg(near)} is no distance to a singularity; it is at least 0 and "
+            f"near: {_deg(near)} is not a distance to a singularity; it is at least 0 and "
             "less than 90 deg, as the angle whose sine is the measure",
         )
     if near == 0.0:
@@ -309,13 +311,13 @@ def _of_singularities(mechanism: Mechanism, near: float) -> tuple[Bound, ...]:
             return np.asarray(1.0 - 2.0 * rows.type_1_square[:, number])
 
         title = f"type I of {item.pair} at least {_deg(near)} away"
-        bounds.append(Bound(title, 2.0 * near, True, first, 0.5))
+        bounds.append(AngleLimit(title, 2.0 * near, True, first, 0.5))
 
     def second(rows: Rows) -> Floats:
         return np.asarray(1.0 - 2.0 * rows.type_2**2)
 
     bounds.append(
-        Bound(f"type II at least {_deg(near)} away", 2.0 * near, True, second, 0.5)
+        AngleLimit(f"type II at least {_deg(near)} away", 2.0 * near, True, second, 0.5)
     )
     return tuple(bounds)
 

@@ -4,7 +4,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.guidance.form import axis_in
+from spherekit.guidance.mid_plane_architecture import axis_in
 from spherekit.model.geometry import COLLINEAR
 from spherekit.output.dyads import Signs
 from spherekit.output.inverse import InverseKinematics

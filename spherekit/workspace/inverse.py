@@ -13,7 +13,7 @@ from spherekit.motion.motion import motion_of
 from spherekit.output.forward import output_rates
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.measures import InputRates
-from spherekit.output.wrist import COORDINATES, chosen_output, with_wrist
+from spherekit.output.virtual_output import COORDINATES, chosen_output, with_wrist
 from spherekit.sphere.rotation import Floats
 from spherekit.workspace.dyads import DyadKinematics
 from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
@@ -31,7 +31,8 @@ def output_kinematics(
     mechanism, output
         The mechanism, and the name of its output if there are several.
     graph
-        Whether to solve the graph of all links, though there is a mid-plane form.
+        Whether to solve the graph of all links, though there is a mid-plane symmetric
+        architecture.
 
     Raises
     ------

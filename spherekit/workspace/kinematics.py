@@ -10,16 +10,16 @@ from functools import cached_property
 
 import numpy as np
 
-from spherekit.guidance.form import MidPlaneForm
+from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.closure import Closure
 from spherekit.output.dyads import Signs
 from spherekit.output.forward import ForwardKinematics
-from spherekit.output.solutions import Solutions
+from spherekit.output.solutions import PoseSolutions
 from spherekit.rates.transmission import Transmission
 from spherekit.sphere.rotation import Floats
-from spherekit.workspace.constraints import Bound, Constraints, bounds_of, left_of
+from spherekit.workspace.constraints import AngleLimit, Constraints, bounds_of, left_of
 from spherekit.workspace.rows import InverseRows, Rows, Span, label_of
 
 
@@ -35,14 +35,14 @@ class OutputKinematics(ABC):
     modes, legs
         The signs of all working modes, and what each sign belongs to.
     form
-        The mid-plane form of the output, if it has one.
+        The mid-plane symmetric architecture of the output, if it has one.
     solved_by
         What gives the configurations: ``dyads``, ``mid-plane`` or ``graph``.
     """
 
     modes: tuple[Signs, ...] = ()
     legs: tuple[str, ...] = ()
-    form: MidPlaneForm | None = None
+    form: MidPlaneArchitecture | None = None
     solved_by: str
 
     def __init__(self, mechanism: Mechanism, output: Output, points: bool) -> None:
@@ -62,7 +62,7 @@ class OutputKinematics(ABC):
         Modes are named by their labels.
         """
 
-    def forward(self, inputs: Floats) -> Solutions:
+    def forward(self, inputs: Floats) -> PoseSolutions:
         """Return every pose found at inputs (n, inputs) rad."""
         return self._forward.solutions(inputs)
 
@@ -102,7 +102,7 @@ class ClosedKinematics(OutputKinematics):
         return pairs[pair].name if pair < len(pairs) else self.output.name
 
     @cached_property
-    def bounds(self) -> tuple[Bound, ...]:
+    def bounds(self) -> tuple[AngleLimit, ...]:
         """The reach of the legs, and the stops of the mechanism."""
         return bounds_of(self, Constraints())
 

@@ -1,4 +1,4 @@
-"""Pointing outputs of mechanisms in the mid-plane form, in closed form."""
+"""Pointing outputs of mechanisms in the mid-plane architecture, in closed form."""
 
 from functools import cached_property
 from itertools import product
@@ -7,13 +7,13 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.guidance.form import MidPlaneForm
+from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.pairs import turns_of
-from spherekit.output.dyads import Cones, Signs
+from spherekit.output.dyads import DyadArcs, Signs
 from spherekit.output.measures import InputRates
-from spherekit.output.solutions import Solutions
+from spherekit.output.solutions import PoseSolutions
 from spherekit.sphere.rotation import Floats, cross
 from spherekit.workspace.kinematics import ClosedKinematics
 from spherekit.workspace.rows import Rows, Span
@@ -21,7 +21,7 @@ from spherekit.workspace.rows import Rows, Span
 
 @final
 class MidPlaneKinematics(ClosedKinematics):
-    """A pointing output of a mechanism in its mid-plane form.
+    """A pointing output of a mechanism in its mid-plane symmetric architecture.
 
     The mid-plane of a direction p is the one that mirrors m, where the output would point
     with the end effector laid upon its image, to p; its normal n points from m to p. The
@@ -29,10 +29,12 @@ class MidPlaneKinematics(ClosedKinematics):
     plane through m serves, and nothing is determined.
     """
 
-    form: MidPlaneForm
+    form: MidPlaneArchitecture
     solved_by = "mid-plane"
 
-    def __init__(self, mechanism: Mechanism, output: Output, form: MidPlaneForm) -> None:
+    def __init__(
+        self, mechanism: Mechanism, output: Output, form: MidPlaneArchitecture
+    ) -> None:
         assert output.direction is not None
         super().__init__(mechanism, output, points=True)
         self.form = form
@@ -47,7 +49,9 @@ class MidPlaneKinematics(ClosedKinematics):
         """What limits the reach: the axes of every leg at base and end effector."""
         plane = self.form.plane
         return tuple(
-            Span(leg.base, leg.tip, Cones(float(arc), float(arc)), number in plane.driven)
+            Span(
+                leg.base, leg.tip, DyadArcs(float(arc), float(arc)), number in plane.driven
+            )
             for number, (leg, arc) in enumerate(
                 zip(self.form.legs, plane.arcs, strict=True)
             )
@@ -57,7 +61,7 @@ class MidPlaneKinematics(ClosedKinematics):
         """Return one mode at directions (n, 3)."""
         return _MidPlaneRows(self, poses @ self.form.frame, signs)
 
-    def forward(self, inputs: Floats) -> Solutions:
+    def forward(self, inputs: Floats) -> PoseSolutions:
         """Return the pose at driven readings (n, 2) rad, the other legs in each mode.
 
         None where the driven elbows lie on one line.
@@ -79,7 +83,7 @@ class MidPlaneKinematics(ClosedKinematics):
         values = np.concatenate([values for _, values, _ in parts])[order]
         labels = [signs for _, _, found in parts for signs in found]
         turned = form.orientations(normals[rows[order]])
-        return Solutions(
+        return PoseSolutions(
             rows[order],
             inputs[rows[order]],
             values,

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.branches import FLAT_DYAD
-from spherekit.output.dyads import Cones, Signs
+from spherekit.motion.assembly_modes import FLAT_DYAD
+from spherekit.output.dyads import DyadArcs, Signs
 from spherekit.output.measures import reciprocal
 from spherekit.sphere.rotation import Floats
 
@@ -65,7 +65,7 @@ class Span:
 
     one: int
     other: int
-    cones: Cones
+    cones: DyadArcs
     folds: bool
 
 

@@ -12,7 +12,7 @@ from spherekit.output.dyads import Signs
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.region import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
-from spherekit.workspace.constraints import Bound, left_of
+from spherekit.workspace.constraints import AngleLimit, left_of
 from spherekit.workspace.kinematics import ClosedKinematics
 from spherekit.workspace.rows import Rows, label_of
 
@@ -78,7 +78,7 @@ class OrientationWorkspace:
 
 
 def margins_of(
-    kinematics: ClosedKinematics, bounds: Sequence[Bound], signs: Signs
+    kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs
 ) -> Callable[[Floats], Floats]:
     """Return the margins (n, bounds) of a mode, of directions or quaternions xyzw."""
 
@@ -91,7 +91,7 @@ def margins_of(
 
 
 def judge(
-    kinematics: ClosedKinematics, bounds: Sequence[Bound], signs: Signs, places: Floats
+    kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs, places: Floats
 ) -> Judged:
     """Return what is left at places, directions (n, 3) or quaternions (n, 4) xyzw."""
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -136,7 +136,7 @@ def chosen_modes(kinematics: ClosedKinematics, mode: str) -> tuple[Signs, ...]:
 
 def direction_workspaces(
     kinematics: ClosedKinematics,
-    bounds: Sequence[Bound],
+    bounds: Sequence[AngleLimit],
     modes: Sequence[Signs],
     tolerance: float = 1e-4,
 ) -> tuple[DirectionWorkspace, ...]:
@@ -191,7 +191,7 @@ def spread(count: int) -> Floats:
 
 def orientation_workspaces(
     kinematics: ClosedKinematics,
-    bounds: Sequence[Bound],
+    bounds: Sequence[AngleLimit],
     modes: Sequence[Signs],
     tolerance: float = 1e-2,
 ) -> tuple[OrientationWorkspace, ...]:
@@ -240,7 +240,7 @@ def orientation_samples(count: int = SAMPLES) -> Floats:
 
 def nearest_reachable(
     kinematics: ClosedKinematics,
-    bounds: Sequence[Bound],
+    bounds: Sequence[AngleLimit],
     found: DirectionWorkspace | OrientationWorkspace,
     place: Floats,
 ) -> tuple[Floats, float] | None:
@@ -270,7 +270,7 @@ def nearest_reachable(
 
 def nearest_orientations(
     kinematics: ClosedKinematics,
-    bounds: Sequence[Bound],
+    bounds: Sequence[AngleLimit],
     signs: Signs,
     places: Floats,
     samples: Floats,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.tables import (
-    BRANCH,
+    ASSEMBLY_MODE,
     CHUNK,
     SAMPLE,
     TYPES,
@@ -55,7 +55,7 @@ class InMemory(AbstractStore):
         self._blocks[analysis, table.name].append(table.typed(data))
 
     def table(self, analysis: str, table: Table) -> TableData:
-        """Return all rows: by branch, then sample, where they belong to these."""
+        """Return all rows: by assembly mode, then sample, where they belong to these."""
         blocks = self._blocks[analysis, table.name]
         if len(blocks) == 1:
             return blocks[0]
@@ -63,7 +63,7 @@ class InMemory(AbstractStore):
             column.name: np.concatenate([block[column.name] for block in blocks])
             for column in table.columns
         }
-        if not table.in_branches:
+        if not table.in_assembly_modes:
             return whole
         order = _order(whole)
         return {name: values[order] for name, values in whole.items()}
@@ -71,7 +71,7 @@ class InMemory(AbstractStore):
 
 @final
 class OnDisk(AbstractStore):
-    """Appends the blocks to files of packed rows, one for each table and branch.
+    """Appends the blocks to files of packed rows, one for each table and assembly mode.
 
     Memory does not grow with the rows. `state` says how many rows count; what files hold
     beyond them is overwritten.
@@ -80,13 +80,13 @@ class OnDisk(AbstractStore):
     def __init__(self, folder: Path, split: bool, state: Mapping[str, Any]) -> None:
         """Go on in a folder from a `state`, empty at the start.
 
-        `split` says that more blocks come, whose rows are put in order by branches.
+        `split` says that more blocks come, whose rows are put in order by assembly modes.
         """
         self.folder = folder
         self._split = split
         self._rows: dict[tuple[str, str, int], int] = {
-            (analysis, table, branch): rows
-            for analysis, table, branch, rows in state.get("rows", ())
+            (analysis, table, assembly_mode): rows
+            for analysis, table, assembly_mode, rows in state.get("rows", ())
         }
         self._words: dict[tuple[str, str, str], dict[str, int]] = {
             (analysis, table, column): {word: code for code, word in enumerate(words)}
@@ -117,20 +117,22 @@ class OnDisk(AbstractStore):
                 words = self._words.setdefault((analysis, table.name, column.name), {})
                 values = _coded(values, words)
             rows[column.name] = values
-        if not (self._split and table.in_branches):
+        if not (self._split and table.in_assembly_modes):
             self._append(analysis, table, 0, rows)
             return
         if not len(rows):
             return
         rows = rows[_order(typed)]
-        branches, starts = np.unique(rows[BRANCH.name], return_index=True)
-        for branch, own in zip(branches, np.split(rows, starts[1:]), strict=True):
-            self._append(analysis, table, int(branch), own)
+        assembly_modes, starts = np.unique(rows[ASSEMBLY_MODE.name], return_index=True)
+        for assembly_mode, own in zip(
+            assembly_modes, np.split(rows, starts[1:]), strict=True
+        ):
+            self._append(analysis, table, int(assembly_mode), own)
 
     def _append(
-        self, analysis: str, table: Table, branch: int, rows: NDArray[np.void]
+        self, analysis: str, table: Table, assembly_mode: int, rows: NDArray[np.void]
     ) -> None:
-        key = analysis, table.name, branch
+        key = analysis, table.name, assembly_mode
         done = self._rows.get(key, 0)
         path = self._path(*key)
         try:
@@ -156,12 +158,14 @@ class OnDisk(AbstractStore):
         self._changed.clear()
 
     def table(self, analysis: str, table: Table) -> "RowsOnDisk":
-        """Return all rows: branch after branch."""
-        branches = sorted(b for a, t, b in self._rows if (a, t) == (analysis, table.name))
+        """Return all rows: mode after mode."""
+        assembly_modes = sorted(
+            b for a, t, b in self._rows if (a, t) == (analysis, table.name)
+        )
         parts = [
-            (self._path(analysis, table.name, branch), rows)
-            for branch in branches
-            if (rows := self._rows[analysis, table.name, branch])
+            (self._path(analysis, table.name, assembly_mode), rows)
+            for assembly_mode in assembly_modes
+            if (rows := self._rows[analysis, table.name, assembly_mode])
         ]
         texts = [column.name for column in table.columns if column.kind == "text"]
         words = {
@@ -172,8 +176,8 @@ class OnDisk(AbstractStore):
     def check(self, tables: Iterable[tuple[str, Table]]) -> None:
         """Raise `OutputError` if a file is gone, or shorter than the rows that count."""
         types = {(analysis, table.name): packed(table) for analysis, table in tables}
-        for (analysis, name, branch), rows in self._rows.items():
-            path = self._path(analysis, name, branch)
+        for (analysis, name, assembly_mode), rows in self._rows.items():
+            path = self._path(analysis, name, assembly_mode)
             size = path.stat().st_size if path.is_file() else 0
             if size < rows * types[analysis, name].itemsize:
                 raise OutputError(f"{path.name} has lost rows")
@@ -188,8 +192,8 @@ class OnDisk(AbstractStore):
         """Bytes that the disk has left."""
         return shutil.disk_usage(self.folder).free
 
-    def _path(self, analysis: str, table: str, branch: int) -> Path:
-        return self.folder / f"{analysis}.{table}.{branch}.rows"
+    def _path(self, analysis: str, table: str, assembly_mode: int) -> Path:
+        return self.folder / f"{analysis}.{table}.{assembly_mode}.rows"
 
 
 @final
@@ -251,5 +255,5 @@ def _coded(values: NDArray[Any], words: dict[str, int]) -> NDArray[np.int32]:
 
 
 def _order(data: TableData) -> NDArray[np.intp]:
-    """Return the order of rows by branch, then sample; rows of one sample keep theirs."""
-    return np.lexsort((data[SAMPLE.name], data[BRANCH.name]))
+    """Return the order of rows by mode, then sample; rows of one sample keep theirs."""
+    return np.lexsort((data[SAMPLE.name], data[ASSEMBLY_MODE.name]))

@@ -8,9 +8,9 @@ from typing import Any
 
 from spherekit.analysis.folder.journal import RunFolder, Unfinished, differences
 from spherekit.analysis.folder.store import AbstractStore, InMemory, Nowhere, OnDisk
-from spherekit.analysis.running.job import Job
+from spherekit.analysis.running.run_plan import RunPlan
+from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.setting import Setting
-from spherekit.analysis.running.standing import Standing
 from spherekit.conventions import listing
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import OutputError
@@ -51,8 +51,8 @@ def setting_of(
 
 
 def taken_up(
-    job: Job, place: RunFolder | None, unfinished: Unfinished, tables: bool
-) -> tuple[Standing, AbstractStore]:
+    job: RunPlan, place: RunFolder | None, unfinished: Unfinished, tables: bool
+) -> tuple[RunState, AbstractStore]:
     """Return where the run stands, at the start or as it was stopped, and its store.
 
     Raises
@@ -61,7 +61,7 @@ def taken_up(
         If there is unfinished work that is not to be gone on with, is of another run, or
         is damaged.
     """
-    standing = Standing([SignMemory() for _ in job.requests])
+    standing = RunState([SignMemory() for _ in job.requests])
     if place is None:
         return standing, InMemory() if tables else Nowhere()
     if not place.unfinished or unfinished == "discard":
@@ -75,7 +75,7 @@ def taken_up(
             store = OnDisk(place.work, not job.is_single_block, state["store"])
             every = job.tables().items()
             store.check([(name, table) for name, own in every for table in own])
-            return Standing.restored(state["standing"]), store
+            return RunState.restored(state["standing"]), store
     except OutputError as problem:
         raise place.damaged(str(problem)) from None
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
@@ -95,7 +95,7 @@ def taken_up(
 
 @contextmanager
 def kept(
-    job: Job, place: RunFolder | None, standing: Standing, store: AbstractStore
+    job: RunPlan, place: RunFolder | None, standing: RunState, store: AbstractStore
 ) -> Iterator[Callable[[], None]]:
     """Give what is called after each block; if the run is stopped, keep what was done."""
     if place is None or not isinstance(store, OnDisk):

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from spherekit.analysis.contract import Batch
 from spherekit.analysis.folder.store import AbstractStore
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.running.cost import AXES, RECORDING, Ledger
-from spherekit.analysis.running.course import EVENTS
-from spherekit.analysis.running.job import Job
+from spherekit.analysis.running.cost import AXES, RECORDING, Timer
 from spherekit.analysis.running.motion_table import motion_rows
-from spherekit.analysis.running.recording import Stage
-from spherekit.analysis.running.standing import Standing
+from spherekit.analysis.running.recording import RecordingSession
+from spherekit.analysis.running.run_plan import RunPlan
+from spherekit.analysis.running.run_state import RunState
+from spherekit.analysis.running.sampling import EVENTS
 from spherekit.errors import SpherekitError
 from spherekit.motion.motion import Motion
 from spherekit.rates.field import PoleField
@@ -19,12 +19,12 @@ from spherekit.sphere.rotation import Floats
 
 
 def evaluate_block(
-    job: Job,
+    job: RunPlan,
     motion: Motion,
-    standing: Standing,
+    standing: RunState,
     store: AbstractStore,
-    stage: Stage | None,
-    ledger: Ledger,
+    stage: RecordingSession | None,
+    ledger: Timer,
 ) -> tuple[tuple[PoleField, ...], Mapping[str, Floats]]:
     """Evaluate a block for all analyses, and hand over what they make of it.
 

@@ -64,7 +64,7 @@ def counts_of(wanted: Request) -> Counts:
 
 
 @final
-class Ledger:
+class Timer:
     """Seconds that each stage took by itself, by the clock on the wall or another one."""
 
     def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
@@ -118,7 +118,7 @@ class Ledger:
 
 
 def cost_of(
-    ledger: Ledger,
+    ledger: Timer,
     wanted: Sequence[Request],
     configurations: int,
     solves: int,

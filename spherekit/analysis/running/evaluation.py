@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import Needs
-from spherekit.analysis.running.course import Course
-from spherekit.analysis.running.represented import Represented
+from spherekit.analysis.running.interpolated_motion import InterpolatedMotion
+from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import Setting
 from spherekit.conventions import Status
 from spherekit.engine.kernels import Kernel, kernel
@@ -47,7 +47,7 @@ class Evaluation:
     def __init__(
         self,
         setting: Setting,
-        course: Course,
+        course: Sampling,
         requests: Sequence[Request],
         needs: Needs,
         all_links: bool = False,
@@ -55,13 +55,15 @@ class Evaluation:
         self.setting, self.course = setting, course
         self.requests = tuple(item for item in requests if item.poles)
         self._needs = needs
-        self._represented: Represented | None = None
+        self._represented: InterpolatedMotion | None = None
         if setting.representation != "every":
             self._represented = self._functions(requests, all_links)
         elif setting.engine != "numpy":
             _ = self._kernel
 
-    def _functions(self, requests: Sequence[Request], all_links: bool) -> Represented:
+    def _functions(
+        self, requests: Sequence[Request], all_links: bool
+    ) -> InterpolatedMotion:
         course, setting = self.course, self.setting
         if course.simulation is not None:
             raise AnalysisError(
@@ -69,7 +71,9 @@ class Evaluation:
                 "functions of the input do not apply"
             )
         q = course.inputs[:, 0]
-        found = Represented(course.tracer, requests[0], self._needs, all_links, q, setting)
+        found = InterpolatedMotion(
+            course.tracer, requests[0], self._needs, all_links, q, setting
+        )
         return found
 
     @cached_property
@@ -100,7 +104,7 @@ class Evaluation:
             motion = self._represented.motion(course.inputs[rows, 0], start)
             timing = course.timing
             if timing is not None:
-                timing = timing.rows(rows).repeated(len(motion.branches))
+                timing = timing.rows(rows).repeated(len(motion.assembly_modes))
             yield replace(motion, timing=timing)
 
     def motion_at(self, rows: NDArray[np.intp]) -> Motion:
@@ -114,7 +118,7 @@ class Evaluation:
             motion = course.tracer.samples(rows)
         timing = course.timing
         if timing is not None:
-            timing = timing.rows(rows).repeated(len(motion.branches))
+            timing = timing.rows(rows).repeated(len(motion.assembly_modes))
         return replace(motion, timing=timing)
 
     def fields(
@@ -138,8 +142,8 @@ class Evaluation:
     def _link_rates(self, motion: Motion) -> LinkRates:
         """Return the rates that the kernel finds, in float64.
 
-        `flatness` is the reciprocal size of all variables' rates per unit rate of the
-        input: 0 at its dead centres.
+        `reciprocal_condition` is the reciprocal size of all variables' rates per unit rate
+        of the input: 0 at its dead centres.
         """
         made = self._kernel
         number = np.longdouble if self.setting.engine == "extended" else float

@@ -12,13 +12,13 @@ from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.result import stem_of
 from spherekit.analysis.run import executed, traced
 from spherekit.analysis.running.block import evaluate_block
-from spherekit.analysis.running.cost import Ledger
-from spherekit.analysis.running.course import course_of
-from spherekit.analysis.running.job import job_of
+from spherekit.analysis.running.cost import Timer
 from spherekit.analysis.running.recording import MOST_LOGGED
+from spherekit.analysis.running.run_plan import job_of
+from spherekit.analysis.running.run_state import RunState
+from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import ORDINARY
 from spherekit.analysis.running.sizes import csv_row, parquet_row
-from spherekit.analysis.running.standing import Standing
 from spherekit.model.study import Study
 from spherekit.motion.motion import samples_in_block
 from spherekit.planning.assembly import Assembly
@@ -39,9 +39,9 @@ def expected(
 ) -> dict[str, Any]:
     """Return what a run of the study will evaluate and write, ready for JSON.
 
-    Where all groups are dyads the branches are found, as the run will; otherwise the
-    search may take long, `branches` is None, and the figures are those of each branch.
-    `reason` says why there are none, where there are none.
+    Where all groups are dyads the assembly modes are found, as the run will; otherwise the
+    search may take long, `assembly_modes` is None, and the figures are those of each
+    assembly mode. `reason` says why there are none, where there are none.
 
     Raises
     ------
@@ -59,13 +59,13 @@ def expected(
     able = [analysis for analysis in analyses if analysis.rowwise]
     course = course_of(few, follow=traced(study, analyses, Execution()))
     job = job_of(course, able, None, ORDINARY, all_links=False)
-    standing, store = Standing([SignMemory() for _ in job.requests]), InMemory()
+    standing, store = RunState([SignMemory() for _ in job.requests]), InMemory()
     for motion in job.evaluation.blocks(job.block):
-        evaluate_block(job, motion, standing, store, None, Ledger())
+        evaluate_block(job, motion, standing, store, None, Timer())
     tried = standing.tally.configurations
-    every = len(course.tracer.branches)
-    branches = every if assembly.has_closed_form else None
-    rows = samples * (min(every, 1) if branches is None else branches)
+    every = len(course.tracer.assembly_modes)
+    assembly_modes = every if assembly.has_closed_form else None
+    rows = samples * (min(every, 1) if assembly_modes is None else assembly_modes)
     tables = {}
     for name, own in job.tables(standing.failures).items():
         for table in own:
@@ -79,7 +79,7 @@ def expected(
             }
     names = {analysis.name for analysis in able} - set(standing.failures)
     return {
-        "branches": branches,
+        "assembly_modes": assembly_modes,
         "configurations": rows,
         "tables": tables,
         "velocity_equation_solves": round(standing.tally.solves * rows / max(tried, 1)),
@@ -111,16 +111,16 @@ def extrapolated_recording(
             execution = Execution(recorder=recorder, block=block)
             result = executed(shortened(study, samples), analyses, execution)
             found = recorder.cost
-        branches = len(result.summary["branches"])
-        return branches, found["entities"], found["rows"], found["bytes"]
+        assembly_modes = len(result.summary["assembly_modes"])
+        return assembly_modes, found["entities"], found["rows"], found["bytes"]
 
     _, _, few, one = recorded(SHORT, SHORT)
     _, _, _, cut = recorded(2 * SHORT, SHORT)
-    branches, entities, many, two = recorded(2 * SHORT, 2 * SHORT)
+    assembly_modes, entities, many, two = recorded(2 * SHORT, 2 * SHORT)
     each_block, each = cut - two, (two - one) / SHORT
     total = study.count
     samples = -(-total // -(-total // MOST_LOGGED))
-    blocks = min(samples, -(-total // samples_in_block(branches)))
+    blocks = min(samples, -(-total // samples_in_block(assembly_modes)))
     return {
         "entities": entities,
         "rows": round(few + (many - few) / SHORT * (samples - SHORT)),

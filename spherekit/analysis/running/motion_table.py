@@ -1,13 +1,13 @@
-"""The table of the configurations of a run, one row per sample and branch."""
+"""The table of the configurations of a run, one row per sample and assembly mode."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from spherekit.analysis.contract import run_status
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.running.course import Course
+from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.tables import (
-    BRANCH,
+    ASSEMBLY_MODE,
     INPUTS,
     RESIDUAL,
     SAMPLE,
@@ -22,7 +22,7 @@ from spherekit.motion.motion import Motion
 from spherekit.rates.field import PoleField
 
 
-def motion_table(course: Course) -> Table:
+def motion_table(course: Sampling) -> Table:
     """Return the table of the configurations of a course."""
     mechanism = course.tracer.mechanism
     variables = [
@@ -33,10 +33,10 @@ def motion_table(course: Course) -> Table:
     ]
     return Table(
         MOTION,
-        "the configurations: one row per sample and branch",
+        "the configurations: one row per sample and assembly mode",
         (
             SAMPLE,
-            BRANCH,
+            ASSEMBLY_MODE,
             *([TIME] if course.timed else []),
             INPUTS,
             *variables,
@@ -46,10 +46,10 @@ def motion_table(course: Course) -> Table:
     ).of(mechanism)
 
 
-def motion_rows(course: Course, motion: Motion, found: Sequence[PoleField]) -> TableData:
+def motion_rows(course: Sampling, motion: Motion, found: Sequence[PoleField]) -> TableData:
     """Return the rows of a block of a course whose poles were found."""
     mechanism = course.tracer.mechanism
-    rows: dict[str, Any] = {"sample": motion.sample, "branch": motion.branch}
+    rows: dict[str, Any] = {"sample": motion.sample, "assembly_mode": motion.assembly_mode}
     if course.timed and motion.timing is not None:
         rows["t"] = motion.timing.t
     rows |= input_columns(mechanism, motion.inputs)

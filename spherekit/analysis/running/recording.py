@@ -7,9 +7,9 @@ from typing import Any, Protocol, final, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.running.course import Course
+from spherekit.analysis.link_scenes import link_shapes, motion_scenes, static_scene
+from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.stage import link_shapes, motion_scenes, static_scene
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion
@@ -18,7 +18,7 @@ from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
 
 MOST_LOGGED = 20_000
-"""Samples of a branch that go to a recording unless more are asked for.
+"""Samples of an assembly mode that go to a recording unless more are asked for.
 
 With all its poles a four-bar then takes 31 MB.
 """
@@ -32,13 +32,13 @@ class Recorder(Protocol):
         scenes: Sequence[Scene],
         inputs: Floats | None,
         *,
-        branches: Mapping[int, str] | None = None,
+        assembly_modes: Mapping[int, str] | None = None,
         properties: Mapping[str, str] | None = None,
         focus: Floats | None = None,
         row: int | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Take what does not move, all inputs (samples,) rad, the branches' names.
+        """Take what does not move, all inputs (samples,) rad, the assembly modes' names.
 
         `focus` (3,) is the unit vector to the middle of the mechanism. Samples of a grid
         come in rows of `row` neighbours; `times` (samples,) s are given instead of inputs
@@ -52,7 +52,7 @@ class Recorder(Protocol):
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Take one block of one branch: sample numbers (k,), inputs (k,) rad, times s."""
+        """Take one block of one mode: sample numbers (k,), inputs (k,) rad, times s."""
 
 
 @runtime_checkable
@@ -82,7 +82,7 @@ class Thinning:
         return np.asarray((sample % self.row % self.every == 0) | last)
 
 
-def thinning_of(course: Course, every: int | None) -> Thinning:
+def thinning_of(course: Sampling, every: int | None) -> Thinning:
     """Return which samples of a course are logged, if one of `every` so many is wanted.
 
     Raises
@@ -99,12 +99,12 @@ def thinning_of(course: Course, every: int | None) -> Thinning:
 
 
 @final
-class Stage:
+class RecordingSession:
     """Tells a recorder of a run: what stands still at once, what moves block by block."""
 
     def __init__(
         self,
-        course: Course,
+        course: Sampling,
         plans: Sequence[Plan],
         analyses: Sequence[str],
         recorder: Recorder,
@@ -133,7 +133,7 @@ class Stage:
         recorder.start(
             [static_scene(plans, self._shapes)],
             self._inputs,
-            branches=course.titles,
+            assembly_modes=course.titles,
             properties=properties,
             focus=course.middle,
             row=-(-thinning.row // thinning.every) if len(course.shape) > 1 else None,

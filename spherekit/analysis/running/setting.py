@@ -29,8 +29,8 @@ class Setting:
 
     `engine` finds rates: by NumPy along a `route`, or by a kernel that knows no routes.
     `representation` says whether every sample is evaluated, or `nodes` of them for each
-    branch, from which the samples are read. `integrator` and `tolerance` (rad) are those
-    of a simulation; None leaves the tolerance to the run.
+    assembly mode, from which the samples are read. `integrator` and `tolerance` (rad) are
+    those of a simulation; None leaves the tolerance to the run.
     """
 
     engine: RateEngine = "numpy"

@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.contract import Findings
+from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import stem_of
-from spherekit.analysis.running.cost import RECORDING, Ledger, cost_of
-from spherekit.analysis.running.job import Job
+from spherekit.analysis.running.cost import RECORDING, Timer, cost_of
 from spherekit.analysis.running.recording import CountingRecorder, Recorder
-from spherekit.analysis.running.standing import Standing
-from spherekit.analysis.stage import plan_notes
+from spherekit.analysis.running.run_plan import RunPlan
+from spherekit.analysis.running.run_state import RunState
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.files.write import mechanism_hash
 from spherekit.planning.rigidity import graph_mobility
 from spherekit.version import __version__
 
 
-def summary_of(job: Job, standing: Standing) -> dict[str, Any]:
+def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
     """Return what is to be said of a run that is done, ready for JSON."""
     course, mechanism, tally = job.course, job.mechanism, standing.tally
     tracer, findings = course.tracer, standing.findings
@@ -40,13 +40,13 @@ def summary_of(job: Job, standing: Standing) -> dict[str, Any]:
         "redundant_constraints": tally.redundant,
         "groups": [group.kind for group in tracer.assembly.groups],
         "plans": {mechanism.pairs[p.input].name: plan_notes(p) for p in job.plans},
-        "branches": [
+        "assembly_modes": [
             {
                 "number": item.number,
                 "mode": item.label,
-                "status": tally.of_branch(item.number),
+                "status": tally.of_assembly_mode(item.number),
             }
-            for item in tracer.branches
+            for item in tracer.assembly_modes
         ],
         "search": tracer.search,
         **tally.statuses(),
@@ -74,7 +74,7 @@ def summary_of(job: Job, standing: Standing) -> dict[str, Any]:
 
 
 def actual_cost(
-    job: Job, standing: Standing, ledger: Ledger, recorder: Recorder | None
+    job: RunPlan, standing: RunState, ledger: Timer, recorder: Recorder | None
 ) -> dict[str, Any]:
     """Return what was evaluated, made and logged; a recorder that counts is finished."""
     tables = {

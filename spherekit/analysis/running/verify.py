@@ -2,7 +2,7 @@
 
 Rows are chosen while the run goes on: those with the largest closure residual, the largest
 error bound of a pole direction and the worst conditioning, the others spread evenly over
-branches and samples. Their configurations, rates and derivatives come from
+assembly modes and samples. Their configurations, rates and derivatives come from
 `spherekit.exact`, which shares no solver with the run, and every analysis that reads them
 is computed from both: where its rows do not stand alone, from the whole motion with these
 rows replaced.
@@ -18,8 +18,15 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import Batch, Needs
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.running.job import Job
-from spherekit.analysis.tables import BRANCH, RESIDUAL, SAMPLE, Column, Table, TableData
+from spherekit.analysis.running.run_plan import RunPlan
+from spherekit.analysis.tables import (
+    ASSEMBLY_MODE,
+    RESIDUAL,
+    SAMPLE,
+    Column,
+    Table,
+    TableData,
+)
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status, listing
 from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import DIGITS, Digits
@@ -43,7 +50,7 @@ GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 ROW_ARRAYS = (
     "sample",
-    "branch",
+    "assembly_mode",
     "inputs",
     "values",
     "rotations",
@@ -112,7 +119,7 @@ class Verifier:
         How many rows to verify.
     """
 
-    def __init__(self, job: Job, count: int) -> None:
+    def __init__(self, job: RunPlan, count: int) -> None:
         self._plans, self._timed = job.plans, job.course.timed
         self._wanted = [item for item in job.requests if item.poles]
         self._analyses = list(zip(job.analyses, job.needs, strict=True))
@@ -140,7 +147,7 @@ class Verifier:
         own = motion.rows(good)
         found = tuple(field_rows(field, good) for field in fields)
         turned = {name: angle[good] for name, angle in angles.items()}
-        number = own.branch * self._samples + own.sample
+        number = own.assembly_mode * self._samples + own.sample
         bound = np.full(len(own), np.nan)
         for field in found:
             for pole in field.error:
@@ -215,7 +222,7 @@ class Verifier:
             "without_reference": [
                 {
                     "sample": int(motion.sample[row]),
-                    "branch": int(motion.branch[row]),
+                    "assembly_mode": int(motion.assembly_mode[row]),
                     "status": Status(int(status[row])).name,
                     "distance_rad": _number(exact[0].distance[row]),
                 }
@@ -332,12 +339,16 @@ class _Rows:
         number = {
             place: row
             for row, place in enumerate(
-                zip(self.motion.sample.tolist(), self.motion.branch.tolist(), strict=True)
+                zip(
+                    self.motion.sample.tolist(),
+                    self.motion.assembly_mode.tolist(),
+                    strict=True,
+                )
             )
         }
         places = zip(
             np.asarray(data["sample"]).tolist(),
-            np.asarray(data["branch"]).tolist(),
+            np.asarray(data["assembly_mode"]).tolist(),
             strict=True,
         )
         return np.array([number.get(place, -1) for place in places], dtype=np.intp)
@@ -357,7 +368,7 @@ def _replaced(
 ) -> Read:
     """Return what is read of a whole motion, with rows that have a reference put in."""
     motion, fields, going_on = whole
-    row = rows.of({"sample": motion.sample, "branch": motion.branch})
+    row = rows.of({"sample": motion.sample, "assembly_mode": motion.assembly_mode})
     at = np.flatnonzero(row >= 0)
     at = at[rows.known[row[at]]]
     source = row[at]
@@ -397,9 +408,9 @@ def _configurations(
     mechanism = motion.mechanism
     names = mechanism.variable_names
     columns = tuple(Column(name, "rad", "pair variable") for name in names)
-    table = Table(MOTION, "the configurations", (SAMPLE, BRANCH, *columns))
+    table = Table(MOTION, "the configurations", (SAMPLE, ASSEMBLY_MODE, *columns))
     first, second = (
-        {"sample": each.sample, "branch": each.branch}
+        {"sample": each.sample, "assembly_mode": each.assembly_mode}
         | {name: each.values[:, k] for k, name in enumerate(names)}
         for each in (motion, better)
     )
@@ -409,7 +420,7 @@ def _configurations(
 def _allowed(motion: Motion) -> Floats:
     """Return (n,) how many roundings a number may be off.
 
-    Rows of a simulation close no better than its tolerance; those are no faults.
+    Rows of a simulation close no better than its tolerance; those are not faults.
     """
     simulated = motion.residual > CLOSURE_TOLERANCE
     return BEYOND + np.where(simulated, OPEN * motion.residual / EPS, 0.0)
@@ -419,7 +430,7 @@ def _compared(
     rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
 ) -> Iterator[dict[str, Any]]:
     """Yield for each column of numbers the place where it deviates most."""
-    if not {"sample", "branch"} <= set(given):
+    if not {"sample", "assembly_mode"} <= set(given):
         return
     row = rows.of(given)
     if not np.any(row >= 0):
@@ -449,7 +460,7 @@ def _compared(
         def place(at: int, one: Floats = one, other: Floats = other) -> dict[str, Any]:
             return {
                 "sample": int(given["sample"][at]),
-                "branch": int(given["branch"][at]),
+                "assembly_mode": int(given["assembly_mode"][at]),
                 "subject": {name: str(given[name][at]) for name in subjects},
                 "value": _number(one[at]),
                 "reference": _number(other[at]),
@@ -487,10 +498,19 @@ def _within_bounds(
             apart = exact_direction(exact, pole, given) - numbers.exact(given)
             errors = {
                 "directions": np.linalg.norm(numbers.floats(apart), axis=1),
-                "rates": np.abs(field.rate[pole] - nearest.rate[pole]),
-                "rate_derivatives": np.abs(field.rate_dq[pole] - nearest.rate_dq[pole]),
+                "rates": np.abs(
+                    field.velocity_coefficient[pole] - nearest.velocity_coefficient[pole]
+                ),
+                "rate_derivatives": np.abs(
+                    field.acceleration_coefficient[pole]
+                    - nearest.acceleration_coefficient[pole]
+                ),
             }
-            bounds = (field.error, field.rate_error, field.rate_dq_error)
+            bounds = (
+                field.error,
+                field.velocity_coefficient_error,
+                field.acceleration_coefficient_error,
+            )
             for (name, error), bound in zip(errors.items(), bounds, strict=True):
                 verdicts[name].add(rows, exact.driven, pole, error, bound[pole])
     return {name: verdict.told for name, verdict in verdicts.items()}
@@ -530,25 +550,25 @@ class _Within:
                 "error": float(error[at]),
                 "bound": float(bound[at]),
                 "sample": int(motion.sample[at]),
-                "branch": int(motion.branch[at]),
+                "assembly_mode": int(motion.assembly_mode[at]),
                 "subject": {
                     "link": links[pole[1]],
                     "relative_to": links[pole[0]],
-                    "moved": motion.mechanism.pairs[driven].name,
+                    "moving": motion.mechanism.pairs[driven].name,
                 },
             }
 
 
 def _place(item: Mapping[str, Any]) -> str:
     subject = "".join(f", {key} {name}" for key, name in item.get("subject", {}).items())
-    return f"sample {item['sample']}, branch {item['branch']}{subject}"
+    return f"sample {item['sample']}, assembly mode {item['assembly_mode']}{subject}"
 
 
 def _together(one: _Kept, other: _Kept) -> _Kept:
-    """Return the rows of two blocks, branch after branch, in each the samples in order."""
+    """Return the rows of two blocks, mode after mode, in each the samples in order."""
     places = [
         np.concatenate([getattr(each.motion, name) for each in (one, other)])
-        for name in ("sample", "branch")
+        for name in ("sample", "assembly_mode")
     ]
     order = np.lexsort(tuple(places))
 

@@ -1,0 +1,220 @@
+"""The stage every recording has: links turning on the sphere, the graph, the plan."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
+from spherekit.conventions import listing
+from spherekit.model.geometry import geometry_of, link_axes
+from spherekit.model.graph import layout
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import Plan, PrimaryPole
+from spherekit.planning.table import as_markdown, describe
+from spherekit.sphere.rotation import Floats, arc, quaternion
+
+CURVE_STEP = np.radians(2.0)
+PROFILE_POINTS = 181
+SAME_PLACE = 1e-6
+"""Arc (rad) below which two places on a link are drawn as one."""
+
+
+@final
+@dataclass(frozen=True)
+class Shape:
+    """What draws a link, in its own axes: curves (k, 3) each, joints (j, 3), names."""
+
+    curves: list[Floats]
+    joints: Floats
+    names: list[str]
+
+
+def link_shapes(mechanism: Mechanism) -> list[Shape]:
+    """Return the shape of every link."""
+    axes = link_axes(mechanism)
+    shapes = []
+    for link in mechanism.links:
+        joints = np.array(list(axes[link].values())).reshape(-1, 3)
+        curves = [*link_curves(joints), *profile_curves(mechanism, link, joints)]
+        shapes.append(Shape(curves, joints, list(axes[link])))
+    return shapes
+
+
+def static_scene(plans: Sequence[Plan], shapes: list[Shape]) -> Scene:
+    """Return what does not move: the ground, the link/pair graph, the plans' Tables."""
+    mechanism = plans[0].mechanism
+    ground = _body(mechanism, shapes, 0, None)
+    return Scene(None, (ground, _graph(mechanism), _text(plans)))
+
+
+def motion_scenes(
+    motion: Motion, shapes: list[Shape], timed: bool = False
+) -> tuple[Scene, ...]:
+    """Return the turning links of every assembly mode of a block.
+
+    With plots of the pairs' variables over time if the samples are times.
+    """
+    mechanism = motion.mechanism
+    turns = {k: motion.quaternions(k) for k in range(1, len(mechanism.links))}
+    scenes = []
+    for position, assembly_mode in enumerate(motion.assembly_modes):
+        rows = slice(position * motion.samples, (position + 1) * motion.samples)
+        bodies = [
+            _body(mechanism, shapes, link, turn[rows]) for link, turn in turns.items()
+        ]
+        plots = _variables(motion, rows) if timed else []
+        scenes.append(Scene(assembly_mode.number, (*bodies, *plots)))
+    return tuple(scenes)
+
+
+def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
+    """Return the moving links at configurations, rotations (n, links, 3, 3)."""
+    shapes = link_shapes(mechanism)
+    return [
+        _body(mechanism, shapes, link, quaternion(rotations[:, link]))
+        for link in range(1, len(mechanism.links))
+    ]
+
+
+def _variables(motion: Motion, rows: slice) -> list[Series]:
+    """Return plots of the variables, with a gap where an angle passes a whole turn."""
+    plots = []
+    for name, values in zip(
+        motion.mechanism.variable_names, motion.values[rows].T, strict=True
+    ):
+        jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
+        shown = np.where(jumps, np.nan, values)
+        plots.append(Series(f"plots/variable/{name}", name, "pair variables, rad", shown))
+    return plots
+
+
+def _body(
+    mechanism: Mechanism, shapes: list[Shape], number: int, quaternions: Floats | None
+) -> Body:
+    link, shape = mechanism.links[number], shapes[number]
+    return Body(
+        f"link/{link}", link, shape.curves, shape.joints, shape.names, number, quaternions
+    )
+
+
+def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floats]:
+    """Return what draws a link's profiles: the curves (k, 3), and arcs that hold them.
+
+    Each curve is held by an arc from the link's first joint, if it has one, to the
+    curve's centre, or to its nearest point where it has no centre beside it.
+    """
+    found = []
+    for pair, joint in zip(mechanism.pairs, geometry_of(mechanism).joints, strict=True):
+        if pair.profiles is None or link not in pair.links:
+            continue
+        which = pair.links.index(link)
+        curve = joint.tracks[which].curve
+        points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame[:, :, 2]
+        found.append(points)
+        if len(joints):
+            profile = pair.profiles[which]
+            foot = points[int(np.argmax(points @ joints[0]))]
+            if profile.centre is not None and profile.kind != "great_circle":
+                foot = np.array(profile.centre)
+            if arc(joints[0], foot) > SAME_PLACE:
+                found.append(great_arc(joints[0], foot))
+    return found
+
+
+def link_curves(joints: Floats) -> list[Floats]:
+    """Return the great-circle arcs (k, 3) that draw a link: its sides, in convex order."""
+    joints = _apart(joints)
+    if len(joints) < 2:
+        return []
+    if len(joints) == 2:
+        return [great_arc(joints[0], joints[1])]
+    middle = joints.sum(axis=0)
+    length = np.linalg.norm(middle)
+    pole = middle / length if length > 1e-6 else joints[0]
+    side = joints - np.outer(joints @ pole, pole)
+    east = side[int(np.argmax(np.linalg.norm(side, axis=1)))]
+    east = east / np.linalg.norm(east)
+    azimuth = np.arctan2(side @ np.cross(pole, east), side @ east)
+    order = np.argsort(azimuth, kind="stable")
+    return [
+        great_arc(joints[a], joints[b])
+        for a, b in zip(order, np.roll(order, -1), strict=True)
+    ]
+
+
+def _apart(joints: Floats) -> Floats:
+    """Return joints (j, 3) without those on an axis that an earlier one has."""
+    kept: list[int] = []
+    for number, joint in enumerate(joints):
+        if all(arc(joints[other], joint) > SAME_PLACE for other in kept):
+            kept.append(number)
+    return joints[kept]
+
+
+def great_arc(a: Floats, b: Floats) -> Floats:
+    """Return points (k, 3) along the shorter great-circle arc between unit vectors."""
+    angle = float(arc(a, b))
+    across = b - (a @ b) * a
+    length = np.linalg.norm(across)
+    if length < 1e-12:
+        return np.array([a, b])
+    t = np.linspace(0.0, angle, max(2, int(np.ceil(angle / CURVE_STEP)) + 1))[:, None]
+    return np.asarray(np.cos(t) * a + np.sin(t) * (across / length))
+
+
+def _graph(mechanism: Mechanism) -> Graph:
+    places = layout(mechanism)
+    nodes: list[tuple[str, str, int | None]] = [
+        (f"link {name}", name if number else f"{name} (ground)", number)
+        for number, name in enumerate(mechanism.links)
+    ]
+    nodes += [(f"pair {p.name}", f"{p.type} {p.name}", None) for p in mechanism.pairs]
+    edges = [
+        (f"link {link}", f"pair {pair.name}")
+        for pair in mechanism.pairs
+        for link in pair.links
+    ]
+    return Graph("graph", nodes, edges, [*places.links, *places.pairs])
+
+
+def _text(plans: Sequence[Plan]) -> Text:
+    mechanism = plans[0].mechanism
+    lines = [f"# Plan of {mechanism.name}"]
+    for plan in plans:
+        driven = mechanism.pairs[plan.input]
+        locked = listing(mechanism.pairs[pair].name for pair in plan.locked)
+        steps = [
+            describe(plan, step) for step in plan.steps if not isinstance(step, PrimaryPole)
+        ]
+        lines += [
+            f"Input: pair {driven.name}, link {driven.links[1]} relative to "
+            f"{driven.links[0]}" + (f"; locked: {locked}." if locked else "."),
+            "",
+            as_markdown(plan),
+            "",
+            "```",
+            *steps,
+            "```",
+            "",
+        ]
+    lines += [
+        "x: primary pole (axis of a pair). I, II, ...: the pass of the "
+        "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part.",
+    ]
+    if mechanism.source is not None:
+        lines += ["", f"Source: {mechanism.source.citation}"]
+    return Text("plan", "Plan", "\n".join(lines))
+
+
+def plan_notes(plan: Plan) -> dict[str, Any]:
+    """Return the plan's key figures for the summary."""
+    return {
+        "passes": max(plan.rounds.values(), default=0),
+        "poles": len(plan.rounds),
+        "irreducible_parts": [
+            [plan.name(body) for body in block.links] for block in plan.blocks
+        ],
+    }

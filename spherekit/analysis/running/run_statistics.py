@@ -1,0 +1,163 @@
+"""What the summary says of all samples, counted block by block."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Self, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.contract import run_status
+from spherekit.conventions import STATUS_MEANING, Status
+from spherekit.motion.loops import rank_mobility, redundancy
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.rates.field import PoleField
+from spherekit.sphere.rotation import Floats
+
+CODES = len(Status)
+
+
+@final
+class RunStatistics:
+    """Counts and largest errors of the blocks so far; its size does not grow."""
+
+    def __init__(self) -> None:
+        self._status: dict[int, NDArray[np.int64]] = {}
+        self._poles = np.zeros(CODES, dtype=np.int64)
+        self._residual: float | None = None
+        self._off: float | None = None
+        self._error: float | None = None
+        self._rate: float | None = None
+        self._rate_dq: float | None = None
+        self._by_equations = [0, 0]
+        self._rank: int | None = None
+        self._repeated: dict[str, Any] | None = None
+
+    def state(self) -> dict[str, Any]:
+        """Return what was counted, ready for JSON."""
+        return {
+            "status": [
+                [assembly_mode, own.tolist()] for assembly_mode, own in self._status.items()
+            ],
+            "poles": self._poles.tolist(),
+            "residual": self._residual,
+            "configuration": self._off,
+            "error": self._error,
+            "velocity_coefficient": self._rate,
+            "acceleration_coefficient": self._rate_dq,
+            "by_equations": self._by_equations,
+            "rank": self._rank,
+            "repeated": self._repeated,
+        }
+
+    @classmethod
+    def restored(cls, state: Mapping[str, Any]) -> Self:
+        """Return the tally that `state` gave."""
+        tally = cls()
+        tally._status = {
+            assembly_mode: np.array(own) for assembly_mode, own in state["status"]
+        }
+        tally._poles = np.array(state["poles"])
+        tally._residual, tally._error = state["residual"], state["error"]
+        tally._off = state["configuration"]
+        tally._rate, tally._rate_dq = (
+            state["velocity_coefficient"],
+            state["acceleration_coefficient"],
+        )
+        tally._by_equations = list(state["by_equations"])
+        tally._rank, tally._repeated = state["rank"], state["repeated"]
+        return tally
+
+    def add(self, tracer: Tracer, motion: Motion, fields: Sequence[PoleField]) -> None:
+        """Count a block."""
+        status = run_status(motion, fields)
+        for assembly_mode in np.unique(motion.assembly_mode):
+            counts = np.bincount(
+                status[motion.assembly_mode == assembly_mode], minlength=CODES
+            )
+            self._status[int(assembly_mode)] = counts + self._status.get(
+                int(assembly_mode), 0
+            )
+        self._residual = _largest(self._residual, motion.residual)
+        self._off = _largest(
+            self._off, motion.configuration_error[motion.status == Status.OK]
+        )
+        for found in fields:
+            good = found.status == Status.OK
+            for codes in found.pole_status.values():
+                self._poles += np.bincount(codes[good], minlength=CODES)
+            for error in found.error.values():
+                self._error = _largest(self._error, error[good])
+            for error in found.velocity_coefficient_error.values():
+                self._rate = _largest(self._rate, error[good])
+            for error in found.acceleration_coefficient_error.values():
+                self._rate_dq = _largest(self._rate_dq, error[good])
+            self._by_equations[0] += int(np.sum(found.by_equations))
+            self._by_equations[1] += len(found.by_equations)
+        if self._rank is None and np.any(motion.status == Status.OK):
+            row = int(np.argmax(motion.status == Status.OK))
+            closure = tracer.solver.closure
+            tree, (vectors,) = closure.tree, closure.at(motion.values[[row]]).vectors
+            self._rank = int(rank_mobility(tree, vectors[None])[0])
+            over = redundancy(tree, vectors)
+            names = [motion.mechanism.pairs[pair].name for pair in over.pairs]
+            self._repeated = {"count": over.count, "pairs": names}
+
+    @property
+    def configurations(self) -> int:
+        """Rows counted so far."""
+        return sum(int(np.sum(counts)) for counts in self._status.values())
+
+    @property
+    def solves(self) -> int:
+        """How many rows were solved by the velocity equations, for all inputs together."""
+        return self._by_equations[0]
+
+    @property
+    def rank(self) -> int | None:
+        """The mobility by rank at the first sample with a configuration."""
+        return self._rank
+
+    @property
+    def redundant(self) -> dict[str, Any] | None:
+        """The redundant constraints there."""
+        return self._repeated
+
+    def of_assembly_mode(self, assembly_mode: int) -> dict[str, int]:
+        """Return how many samples of an assembly mode have each status."""
+        return _counts(self._status.get(assembly_mode, np.zeros(CODES, dtype=np.int64)))
+
+    def statuses(self) -> dict[str, Any]:
+        """Return the counts of samples and pole axes, and what their statuses mean."""
+        status = np.zeros(CODES, dtype=np.int64) + sum(self._status.values())
+        met = np.flatnonzero(status + self._poles)
+        return {
+            "status": _counts(status),
+            "pole_status": _counts(self._poles),
+            "status_meaning": {
+                Status(code).name: STATUS_MEANING[Status(code)] for code in met.tolist()
+            },
+        }
+
+    def errors(self) -> dict[str, float | None]:
+        """Return the largest errors reached."""
+        some, every = self._by_equations
+        return {
+            "largest_closure_residual_rad": self._residual,
+            "largest_configuration_error_rad": self._off,
+            "largest_direction_error_bound_rad": self._error,
+            "largest_velocity_coefficient_error_bound": self._rate,
+            "largest_acceleration_coefficient_error_bound": self._rate_dq,
+            "fraction_by_velocity_equations": some / every if every else None,
+        }
+
+
+def _counts(counts: NDArray[np.int64]) -> dict[str, int]:
+    return {code.name: int(counts[code]) for code in Status if counts[code]}
+
+
+def _largest(known: float | None, values: Floats) -> float | None:
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return known
+    found = float(np.max(finite))
+    return found if known is None else max(known, found)

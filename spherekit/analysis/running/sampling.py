@@ -1,0 +1,319 @@
+"""What a run goes through: the samples of its inputs, or the times of a simulation."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.tables import Column, Table, TableData
+from spherekit.conventions import Status
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.simulation import Simulation
+from spherekit.engine.kernels import Engine
+from spherekit.errors import ModelError
+from spherekit.model.dynamics import DRIVE, PairTorque
+from spherekit.model.laws import ConstantSpeed, Law, time_fault
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
+from spherekit.motion.assembly_modes import wrap
+from spherekit.motion.motion import BLOCK, Motion, Tracer
+from spherekit.motion.timing import Extent, Timing, by_laws
+from spherekit.planning.inputs import driven_pairs
+from spherekit.sphere.rotation import Floats
+
+UNIT_SPEED = 1.0
+"""An input without a law turns at this speed (rad/s), as in the source's example."""
+
+EVENTS = Table(
+    "events",
+    "what happened in the course of a simulation, in order of time",
+    (
+        Column("t", "s", "time"),
+        Column("kind", "", "dead_centre, rest, stop or switch", "text"),
+        Column("pair", "", "the pair concerned, if it is one", "text"),
+        Column("q", "rad", "variable of the driven pair"),
+    ),
+)
+
+
+@final
+@dataclass(frozen=True)
+class Sampling:
+    """The samples of a run with their times.
+
+    `tracer` has the assembly modes; `inputs` (k, inputs) rad are those of each sample and
+    `shape` their number along each axis; `timing` (k rows) is None where nothing says how
+    the inputs move. `timed` says that samples are times. The motion is that of the
+    `simulation`, if there is one, otherwise the tracer evaluates it.
+    """
+
+    tracer: Tracer
+    inputs: Floats
+    shape: tuple[int, ...]
+    timing: Timing | None
+    timed: bool
+    laws: Mapping[str, Law]
+    duration: float | None = None
+    simulation: Simulation | None = None
+    tolerance: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+    @property
+    def t(self) -> Floats | None:
+        """(k,) times of the samples (s), if the samples are times."""
+        return self.timing.t if self.timed and self.timing is not None else None
+
+    @cached_property
+    def extent(self) -> Extent:
+        """Least and greatest inputs and rates of all samples."""
+        return Extent.of(self.inputs, self.timing)
+
+    def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
+        """Yield the motion from sample `first` on in blocks of successive samples."""
+        if self.simulation is not None:
+            for start in range(first, len(self), size):
+                yield self.simulated(np.arange(start, min(start + size, len(self))))
+            return
+        for motion in self.tracer.blocks(size, first):
+            rows, first = slice(first, first + motion.samples), first + motion.samples
+            timing = self.timing
+            if timing is not None:
+                timing = timing.rows(rows).repeated(len(motion.assembly_modes))
+            yield replace(motion, timing=timing)
+
+    def simulated(self, sample: NDArray[np.int64]) -> Motion:
+        """Return the motion of the simulation at some samples (n,)."""
+        assert self.simulation is not None and self.timing is not None
+        return motion_of(self.simulation, self.tracer, self.timing.t[sample], sample)
+
+    @property
+    def titles(self) -> dict[int, str]:
+        """A page title for each assembly mode; the signs of dyads if there are any."""
+        assembly_modes = self.tracer.assembly_modes
+        signed = any(set(assembly_mode.label) != {"~"} for assembly_mode in assembly_modes)
+        words = "From mode" if self.simulation is not None else "Mode"
+        return {
+            assembly_mode.number: f"{words} {assembly_mode.number}"
+            + (f" ({assembly_mode.label})" if signed else "")
+            for assembly_mode in assembly_modes
+        }
+
+    @property
+    def middle(self) -> Floats | None:
+        """The mean direction (3,) of axes and contacts of the first mode, if any."""
+        if self.simulation is not None:
+            coarse = self.simulated(np.arange(0, len(self), max(1, len(self) // 24)))
+        else:
+            coarse = self.tracer.sparse(24)
+        own = ~coarse.failed & (coarse.assembly_mode == coarse.assembly_mode[0])
+        mean = np.sum(coarse.frames[own, :, :, 2], axis=(0, 1))
+        size = np.linalg.norm(mean)
+        return None if size < 1e-9 else np.asarray(mean / size)
+
+    def events(self) -> TableData:
+        """Return the table of the simulation's events."""
+        assert self.simulation is not None
+        events = self.simulation.events
+        return {
+            "t": np.array([event.t for event in events], dtype=float),
+            "kind": np.array([event.kind for event in events], dtype=str),
+            "pair": np.array([event.pair for event in events], dtype=str),
+            "q": np.array([event.q for event in events], dtype=float),
+        }
+
+    def cost(self) -> dict[str, Any]:
+        """Return what a simulation took, and the forecast that chose its engine."""
+        if self.simulation is None:
+            return {}
+        return {"simulate": asdict(self.simulation.engine)}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be heeded in the rows of a simulation."""
+        missed = self.simulation.missed if self.simulation is not None else None
+        return () if missed is None else (missed,)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what is to be said of time, and of a simulation's checks."""
+        if not self.timed:
+            return {}
+        found: dict[str, Any] = {"duration_s": self.duration}
+        if self.simulation is None:
+            found["laws"] = {pair: repr(law) for pair, law in self.laws.items()}
+            return {"time": found}
+        done = self.simulation
+        found |= {
+            "end": {"kind": done.end.kind, "t": done.end.t, "reason": done.end.message},
+            "tolerance": self.tolerance,
+            "achieved_error_rad": done.checks.error,
+            "missed": done.missed,
+            "energy_imbalance_J": done.checks.energy,
+            "energy_scale_J": done.checks.energy_scale,
+            "power_imbalance_W": done.checks.power,
+            "closure_drift_rad": done.checks.closure,
+            "engine": {"name": done.engine.name, "steps": done.engine.steps},
+            "events": len(done.events),
+        }
+        return {"simulation": found}
+
+
+def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sampling:
+    """Return the course of a study, simulated by an engine if loads say the motion.
+
+    Without `follow` samples over no time have no assembly modes: nothing is to be read
+    there.
+
+    Raises
+    ------
+    AnalysisError, FileError
+        If what is said of time does not fit together.
+    PlanError, SolveError, ModelError
+        See `Tracer` and `simulate`.
+    """
+    check_time(study)
+    mechanism, assembly_mode, samples = study.mechanism, study.assembly_mode, study.samples
+    if study.duration is None:
+        tracer = Tracer(
+            mechanism,
+            None,
+            assembly_mode,
+            study.search,
+            samples,
+            study.grid,
+            study.path,
+            follow,
+        )
+        input_grid = tracer.input_grid
+        timing = _at_unit_speed(input_grid.q) if len(tracer.inputs) == 1 else None
+        return Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
+    assert isinstance(samples, int)
+    t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
+    if study.start is not None:
+        tracer = Tracer(mechanism, None, assembly_mode or 0, samples=2)
+        simulation = simulate(
+            tracer.mechanism,
+            study.start,
+            study.duration,
+            torque=study.torque,
+            assembly_mode=assembly_mode or 0,
+            tolerance=study.tolerance,
+            check=True,
+            engine=engine,
+        )
+        return simulated_course(tracer, simulation, t, study.tolerance)
+    inputs, laws = _inputs(study), study.laws
+    if not laws:
+        laws = {inputs[0]: ConstantSpeed(UNIT_SPEED, _first(mechanism))}
+    q, timing = by_laws(inputs, laws, t)
+    tracer = Tracer(mechanism, None, assembly_mode, study.search, path=q)
+    return Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
+
+
+def check_time(study: Study) -> None:
+    """Refuse a study in which laws, duration, start and samples do not fit together.
+
+    Raises
+    ------
+    AnalysisError, FileError
+        With what does not fit, and with file and line if the study is from a file.
+    """
+    inputs = _inputs(study)
+    fault = time_fault(inputs, study.laws, study.duration, study.start, study.torque)
+    if fault is not None:
+        raise study.fault(*fault)
+    if study.torque is not None:
+        drive = PairTorque(DRIVE, inputs[0], study.torque)
+        try:
+            replace(study.mechanism, loads=(*study.mechanism.loads, drive))
+        except ModelError as problem:
+            raise study.fault(("start", "torque"), str(problem)) from None
+    if study.duration is None:
+        return
+    if study.path is not None:
+        raise study.fault(
+            ("inputs", inputs[0], "values"),
+            "excluded by the duration: over time the samples are times",
+        )
+    if study.grid or not isinstance(study.samples, int):
+        raise study.fault(
+            ("samples",),
+            "over time the samples are times; give a single number of them",
+        )
+
+
+def _inputs(study: Study) -> list[str]:
+    """Return the names of the driven pairs."""
+    pairs = study.mechanism.pairs
+    return [pairs[pair].name for pair in driven_pairs(study.mechanism)]
+
+
+def _first(mechanism: Mechanism) -> float:
+    """Return where the range of the only input begins (rad)."""
+    return mechanism.inputs[0].start if mechanism.inputs else 0.0
+
+
+def simulated_course(
+    tracer: Tracer, simulation: Simulation, t: Floats, tolerance: float
+) -> Sampling:
+    """Return a simulation at times t (n,) s, as far as it went, as a course."""
+    q, timing = _over_time(simulation, t)
+    duration = float(t[-1])
+    return Sampling(tracer, q, (len(q),), timing, True, {}, duration, simulation, tolerance)
+
+
+def _over_time(simulation: Simulation, t: Floats) -> tuple[Floats, Timing]:
+    """Return the input (n, 1) rad and its timing at those of times t before the end.
+
+    Where the simulation ended before the last of them, its end is the last row.
+    """
+    last = simulation.end.t
+    if last < t[-1]:
+        t = np.append(t[t < last], last)
+    q, dq, ddq = (np.empty((len(t), 1)) for _ in range(3))
+    for start in range(0, len(t), BLOCK):
+        rows = slice(start, start + BLOCK)
+        found = simulation.at(t[rows])
+        q[rows, 0], dq[rows, 0], ddq[rows, 0] = found.q, found.dq, found.ddq
+    return q, Timing(t, dq, ddq)
+
+
+def motion_of(
+    simulation: Simulation, tracer: Tracer, t: Floats, sample: NDArray[np.int64]
+) -> Motion:
+    """Return a simulation as a motion, at times t (n,) of these samples."""
+    found = simulation.at(t)
+    n = len(t)
+    values = found.values.copy()
+    angles = tracer.solver.angles
+    values[:, angles] = wrap(values[:, angles])
+    driven = simulation.driven
+    values[:, driven] = found.q
+    pair = tracer.inputs[0]
+    turns = [e.t for e in simulation.events if e.kind == "dead_centre" and e.pair == pair]
+    return Motion(
+        mechanism=tracer.mechanism,
+        joints=tracer.solver.joints,
+        assembly=tracer.assembly,
+        assembly_modes=tracer.assembly_modes,
+        samples=n,
+        sample=sample,
+        assembly_mode=np.full(n, tracer.assembly_modes[0].number),
+        inputs=found.q[:, None],
+        values=values,
+        rotations=found.rotations,
+        status=np.full(n, Status.OK, dtype=np.int8),
+        residual=found.residual,
+        timing=Timing(t, found.dq[:, None], found.ddq[:, None]),
+        sense=np.where(np.searchsorted(turns, t) % 2 == 1, -1.0, 1.0),
+    )
+
+
+def _at_unit_speed(q: Floats) -> Timing:
+    """Return the timing of an input (k, 1) that turns from its least value at 1 rad/s."""
+    t = (q[:, 0] - np.min(q)) / UNIT_SPEED
+    return Timing(t, np.broadcast_to(UNIT_SPEED, q.shape), np.broadcast_to(0.0, q.shape))

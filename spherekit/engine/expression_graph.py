@@ -1,0 +1,211 @@
+"""Terms: expressions as a graph in which what occurs twice is one node.
+
+The engine writes a mechanism's kinematics and loads in terms. `spherekit.engine.compiler`
+gives them to heyoka, `spherekit.engine.arrays` runs them on NumPy arrays.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
+from typing import Any, final
+from weakref import WeakValueDictionary
+
+Expr = Any
+"""A number, a term, or a `spherekit.engine.algebra.Series` of these."""
+
+
+@final
+class ExpressionNode:
+    """A variable, or an operation on terms and numbers.
+
+    `operation` is ``variable``, one of ``+ - * / **`` or the name of a function. Equal
+    terms are the same object. Products with 0 and 1, sums with 0 and x - x are carried
+    out as terms are made, and signs are moved outwards; the value remains the same to
+    the last bit, except that 0 times what is not finite is 0.
+    """
+
+    __slots__ = ("__weakref__", "arguments", "number", "operation")
+
+    operation: str
+    arguments: tuple[Any, ...]
+    number: int
+
+    def __add__(self, other: Any) -> Expr:
+        return _sum(self, other) if isinstance(other, _OWN) else NotImplemented
+
+    def __radd__(self, other: Any) -> Expr:
+        return _sum(other, self) if isinstance(other, _OWN) else NotImplemented
+
+    def __sub__(self, other: Any) -> Expr:
+        return _difference(self, other) if isinstance(other, _OWN) else NotImplemented
+
+    def __rsub__(self, other: Any) -> Expr:
+        return _difference(other, self) if isinstance(other, _OWN) else NotImplemented
+
+    def __mul__(self, other: Any) -> Expr:
+        return _product(self, other) if isinstance(other, _OWN) else NotImplemented
+
+    def __rmul__(self, other: Any) -> Expr:
+        return _product(other, self) if isinstance(other, _OWN) else NotImplemented
+
+    def __truediv__(self, other: Any) -> Expr:
+        return _quotient(self, other) if isinstance(other, _OWN) else NotImplemented
+
+    def __rtruediv__(self, other: Any) -> Expr:
+        return _quotient(other, self) if isinstance(other, _OWN) else NotImplemented
+
+    def __neg__(self) -> Expr:
+        return _product(-1.0, self)
+
+
+_OWN = (ExpressionNode, float, int)
+_known: WeakValueDictionary[tuple[Any, ...], ExpressionNode] = WeakValueDictionary()
+_numbers = count()
+
+
+def _term(operation: str, *arguments: Any) -> ExpressionNode:
+    # Numbers stand in the key by their text, for 0.0 and -0.0 are equal.
+    key = (operation, *(x if isinstance(x, ExpressionNode) else repr(x) for x in arguments))
+    found = _known.get(key)
+    if found is None:
+        found = ExpressionNode()
+        found.operation, found.arguments = operation, arguments
+        found.number = next(_numbers)
+        _known[key] = found
+    return found
+
+
+def _negated(item: Expr) -> Expr | None:
+    """Return x of a term -1 * x, else None."""
+    if (
+        isinstance(item, ExpressionNode)
+        and item.operation == "*"
+        and item.arguments[0] == -1.0
+    ):
+        return item.arguments[1]
+    return None
+
+
+def _minus(item: Expr) -> Expr:
+    if not isinstance(item, ExpressionNode):
+        return -item
+    if item.operation == "-":
+        return _difference(*reversed(item.arguments))
+    opposite = _negated(item)
+    return _term("*", -1.0, item) if opposite is None else opposite
+
+
+def _sum(a: Expr, b: Expr) -> Expr:
+    for one, other in ((a, b), (b, a)):
+        if one == 0.0:
+            return other
+        opposite = _negated(other)
+        if opposite is not None:
+            return _difference(one, opposite)
+    return _term("+", *_ordered(a, b))
+
+
+def _difference(a: Expr, b: Expr) -> Expr:
+    if a is b:
+        return 0.0
+    if b == 0.0:
+        return a
+    if a == 0.0:
+        return _minus(b)
+    opposite = _negated(b)
+    if opposite is not None:
+        return _sum(a, opposite)
+    opposite = _negated(a)
+    if opposite is not None:
+        return _minus(_sum(opposite, b))
+    return _term("-", a, b)
+
+
+def _product(a: Expr, b: Expr) -> Expr:
+    for one, other in ((a, b), (b, a)):
+        if one == 0.0:
+            return 0.0
+        if one == 1.0:
+            return other
+        if one == -1.0:
+            return _minus(other)
+        opposite = _negated(other)
+        if opposite is not None:
+            if isinstance(one, ExpressionNode):
+                return _minus(_product(one, opposite))
+            return _product(-one, opposite)
+    return _term("*", *_ordered(a, b))
+
+
+def _quotient(a: Expr, b: Expr) -> Expr:
+    if a == 0.0:
+        return 0.0
+    if b == 1.0:
+        return a
+    opposite = _negated(a)
+    if opposite is not None:
+        return _minus(_quotient(opposite, b))
+    opposite = _negated(b)
+    if opposite is not None:
+        return _minus(_quotient(a, opposite))
+    return _term("/", a, b)
+
+
+def _ordered(a: Expr, b: Expr) -> tuple[Expr, Expr]:
+    """Return the arguments of a sum or product in one order: numbers first, then by age."""
+    ages = [x.number if isinstance(x, ExpressionNode) else -1 for x in (a, b)]
+    return (a, b) if ages[0] <= ages[1] else (b, a)
+
+
+def symbols(names: Iterable[str]) -> list[ExpressionNode]:
+    """Return one variable for each name; the same name is the same variable."""
+    return [_term("variable", name) for name in names]
+
+
+def function(name: str, *arguments: Expr) -> ExpressionNode:
+    """Return the function of this name applied to terms or numbers."""
+    return _term(name, *arguments)
+
+
+def power(base: Expr, exponent: Expr) -> ExpressionNode:
+    """Return base ** exponent."""
+    return _term("**", base, exponent)
+
+
+def varies(item: Expr) -> bool:
+    """Return whether an expression has variables in it."""
+    return any(each.operation == "variable" for each in in_order([item]))
+
+
+def in_order(items: Sequence[Expr]) -> Iterator[ExpressionNode]:
+    """Yield each term that expressions consist of once, after its arguments."""
+    done: set[ExpressionNode] = set()
+    stack: list[tuple[ExpressionNode, bool]] = []
+    for item in items:
+        stack.append((item, False))
+        while stack:
+            term, ready = stack.pop()
+            if not isinstance(term, ExpressionNode) or term in done:
+                continue
+            if ready or term.operation == "variable":
+                done.add(term)
+                yield term
+                continue
+            stack.append((term, True))
+            stack += [(each, False) for each in reversed(term.arguments)]
+
+
+def rewrite(
+    items: Sequence[Expr],
+    number: Callable[[float], Any],
+    apply: Callable[[ExpressionNode, list[Any]], Any],
+) -> list[Any]:
+    """Return expressions in another form, from their numbers and operations."""
+    made: dict[ExpressionNode, Any] = {}
+
+    def of(item: Expr) -> Any:
+        return made[item] if isinstance(item, ExpressionNode) else number(float(item))
+
+    for term in in_order(items):
+        known = [] if term.operation == "variable" else [of(x) for x in term.arguments]
+        made[term] = apply(term, known)
+    return [of(item) for item in items]

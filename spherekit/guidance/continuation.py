@@ -1,0 +1,321 @@
+"""Verified steps along a rotation of an output link about a fixed axis.
+
+From a closed configuration the orientation wanted turns about the axis, and the
+configuration nearest to it is followed in steps that are verified as
+`spherekit.motion.continuation` says, with exact first and second derivatives.
+Where the loops do not fix the links at
+one configuration on the way, that is stepped over at once, if the polynomials on both
+sides of it agree.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.guidance.nearest import Optimality, Target
+from spherekit.motion.continuation import Rows, Verification, follow_paths
+from spherekit.motion.steps import determinant_sign
+from spherekit.numeric.hermite import hermite
+from spherekit.sphere.poses import rotation
+from spherekit.sphere.rotation import Floats
+
+LARGEST_STEP = 0.2
+"""Longest step (rad of theta)."""
+FIRST_STEP = 0.05
+SMALLEST_STEP = 1e-9
+MOST_NODES = 5000
+BEND = 0.05
+"""Second-order part (rad) of a step that is aimed at."""
+NEARER, SHORT = 0.3, 0.02
+"""Part of slope / bend stepped at most, if that is short: 0.6 of the way to a limit of the
+reach, where variables go as the square root of the way left."""
+VERIFIED = Verification()
+"""The change of the equations is that of their eigenvalues."""
+CORRECTIONS = 8
+SETTLED = 1e-10
+"""A Newton step (rad) below this leaves an error that its square bounds."""
+STATIONARY = 1e-11
+"""How well (rad) a configuration has to be the nearest one."""
+LEAPS = (0.004, 0.01, 0.02, 0.04)
+"""Ways (rad of theta) tried over a singular configuration."""
+LEAP_FROM = 2e-3
+"""Steps that have become shorter than this are tried as leaps."""
+SMOOTH = 1e-7
+"""The Hermite polynomial of a leap has to agree with configurations in it to this."""
+SINGULAR = 0.01
+"""Where links are held less firmly than this part of how they are beside, on a leap."""
+UNFIXED = 1e-7
+"""Equations of this reciprocal condition do not fix the links."""
+STRETCHED = 1e-3
+"""How near the last node is to a limit of the output's reach, to name it as the reason."""
+
+
+@final
+@dataclass(frozen=True)
+class Node:
+    """A configuration on the way with its derivatives by theta, one row each."""
+
+    theta: float
+    near: Optimality
+    first: Floats
+    second: Floats
+    follows: bool
+
+    @property
+    def values(self) -> Floats:
+        """(variables,) of the configuration."""
+        return np.asarray(self.near.values[0])
+
+    def taylor(self, way: Floats) -> Floats:
+        """Return the variables (n, variables) at ways (n,) from here, by derivatives."""
+        way = way[:, None]
+        bend = np.nan_to_num(self.second)
+        return np.asarray(self.values + way * self.first + 0.5 * way**2 * bend)
+
+    @cached_property
+    def inverse(self) -> Floats:
+        """(variables, rows) pseudo-inverse of the equations."""
+        return np.asarray(np.linalg.pinv(self.near.system[0]))
+
+    @cached_property
+    def condition(self) -> float:
+        """Reciprocal condition of the equations."""
+        size = np.linalg.norm(self.near.system[0]) * np.linalg.norm(self.inverse)
+        return float(1.0 / size)
+
+
+@final
+@dataclass
+class March:
+    """The way from a node about `axis` (3,) by `angle` (rad).
+
+    `driven` are the numbers of the inputs' variables; `exact` says that the output link of
+    the target can follow. `nodes` are what was reached, `end` is the status of what lies
+    beyond, `crossings` are the angles of singular places, `leaps` those of them that were
+    stepped over.
+    """
+
+    target: Target
+    driven: Sequence[int]
+    axis: Floats
+    angle: float
+    exact: bool
+    nodes: list[Node]
+    crossings: list[float] = field(default_factory=list, init=False)
+    leaps: list[float] = field(default_factory=list, init=False)
+    end: Status = field(default=Status.OK, init=False)
+    leapt: float = field(default=-np.inf, init=False)
+
+    def __post_init__(self) -> None:
+        follow_paths(self, np.array([FIRST_STEP]))
+
+    @property
+    def start(self) -> Floats:
+        """The orientation (3, 3) at the first node."""
+        return np.asarray(self.nodes[0].near.reached[0])
+
+    @property
+    def going(self) -> Rows:
+        """Number 0, until the way ends."""
+        arrived = self.nodes[-1].theta >= self.angle
+        if not arrived and len(self.nodes) >= MOST_NODES:
+            self.end = Status.MODE_LOST
+        return np.arange(0 if arrived or self.end != Status.OK else 1)
+
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """Return the step that the bend of the way allows."""
+        at = self.nodes[-1]
+        bend = float(np.max(np.abs(np.nan_to_num(at.second)))) + 1e-300
+        step = np.minimum(step, min(LARGEST_STEP, np.sqrt(2.0 * BEND / bend)))
+        nearer = NEARER * float(np.max(np.abs(at.first))) / bend
+        return np.minimum(step, nearer) if nearer < SHORT else step
+
+    def advance(self, rows: Rows, step: Floats) -> Floats:
+        """Go on by a step, or by a leap over a singular configuration."""
+        at, length = self.nodes[-1], float(step[0])
+        if length < SMALLEST_STEP:
+            return np.zeros(1)
+        goal = min(at.theta + length, self.angle)
+        if self.angle - goal < SMALLEST_STEP:
+            goal = self.angle
+        made, growth = self._advance(at, goal), 2.0
+        if made is None and length < LEAP_FROM and at.theta > self.leapt + LEAP_FROM:
+            self.leapt = at.theta
+            leap = self._leap(at)
+            if leap is not None:
+                made, place = leap
+                self.leaps.append(place)
+                self.crossings.append(place)
+                self.leapt, growth = made.theta, 2.0 * (made.theta - at.theta) / length
+        if made is None:
+            return np.zeros(1)
+        passed = self.crossings and self.crossings[-1] > at.theta
+        if self._sign(made) != self._sign(at) and not passed:
+            self.crossings.append(self._flip(at, made))
+        self.nodes.append(made)
+        return np.array([growth])
+
+    def smallest(self, rows: Rows) -> Floats:
+        """Return the step at which the way ends."""
+        return np.full(len(rows), SMALLEST_STEP)
+
+    def stop(self, row: int) -> None:
+        """End the way at its last node."""
+        self.end = self._why(self.nodes[-1])
+
+    def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[Node], Floats, Floats]:
+        wanted = rotation(self.axis, theta) @ self.start
+        near, first, ratio = corrected(self.target, guess, wanted, self.exact)
+        rates = near.rates(self.axis)
+        made = []
+        for row, angle in enumerate(theta):
+            one = self.target.at(near.values[row : row + 1], wanted[row : row + 1])
+            slope, bend = rates.first[row], rates.second[row]
+            made.append(Node(float(angle), one, slope, bend, bool(rates.follows[row])))
+        return made, first, ratio
+
+    def _advance(self, at: Node, goal: float) -> Node | None:
+        """Return the node at an angle if the way there passes all tests."""
+        step = goal - at.theta
+        guess = at.taylor(np.array([0.5, 1.0]) * step)
+        if not np.all(np.isfinite(guess)):
+            return None
+        (middle, node), first, ratio = self._nodes(
+            np.array([at.theta + 0.5 * step, goal]), guess
+        )
+        moved = float(np.max(np.abs(node.values - at.values)))
+        if not np.all(VERIFIED.corrected(first, ratio, moved)):
+            return None
+        for each in (middle, node):
+            if not self._holds(each) or each.follows != at.follows:
+                return None
+            if at.follows:
+                change = at.inverse @ (each.near.system[0] - at.near.system[0])
+                if not VERIFIED.regular(np.abs(np.linalg.eigvals(change))):
+                    return None
+            elif (
+                not min(each.near.least_eigenvalue[0], each.near.loop_conditioning[0])
+                > UNFIXED
+            ):
+                return None
+        off = np.max(np.abs(self._between(at, node, middle.theta) - middle.values))
+        return node if VERIFIED.predicted(off, moved, CLOSURE_TOLERANCE) else None
+
+    def _holds(self, node: Node) -> bool:
+        finite = np.all(np.isfinite(node.first))
+        return bool(finite and node.near.miss(self.exact)[0] < STATIONARY)
+
+    @staticmethod
+    def _between(at: Node, node: Node, theta: float) -> Floats:
+        h = node.theta - at.theta
+        ends = [(n.values[None], n.first[None], n.second[None]) for n in (at, node)]
+        part = np.array([(theta - at.theta) / h])
+        return np.asarray(hermite(ends[0], ends[1], np.array([h]), part)[0])
+
+    def _leap(self, at: Node) -> tuple[Node, float] | None:
+        """Return a node beyond a singular configuration, and the angle of that.
+
+        None if there is none near, or the way does not go on smoothly.
+        """
+        for way in LEAPS:
+            goal = at.theta + way
+            if goal > self.angle:
+                return None
+            (node,), first, _ = self._nodes(np.array([goal]), at.taylor(np.array([way])))
+            moved = float(np.max(np.abs(node.values - at.values)))
+            if not self._holds(node) or first[0] > VERIFIED.correction * moved:
+                continue
+            if not node.condition > LEAP_FROM * way:
+                continue
+            places = at.theta + way * np.array([0.2, 0.4, 0.6, 0.8])
+            guess = np.stack([self._between(at, node, place) for place in places])
+            inner, _, _ = self._nodes(places, guess)
+            off = [
+                np.max(np.abs(each.values - one))
+                for each, one in zip(inner, guess, strict=True)
+                if each.condition > 100.0 * UNFIXED
+            ]
+            if len(off) < 2 or max(off) > SMOOTH or not all(map(self._holds, inner)):
+                continue
+            place, hold = self._loosest(at, node)
+            if hold < SINGULAR * min(self._hold(at, at, 0.0), self._hold(at, node, goal)):
+                return node, place
+        return None
+
+    def _hold(self, at: Node, node: Node, theta: float) -> float:
+        """Return how firmly the equations fix the links between two nodes."""
+        values = at.values if node is at else self._between(at, node, theta)
+        near = self.target.at(values[None], np.eye(3)[None])
+        return float(np.linalg.svd(near.system[0], compute_uv=False)[-1])
+
+    def _loosest(self, at: Node, node: Node) -> tuple[float, float]:
+        """Return the angle between two nodes where the links are fixed least, and how."""
+        low, high = at.theta, node.theta
+        golden = 0.5 * (np.sqrt(5.0) - 1.0)
+        for _ in range(60):
+            inner = [high - golden * (high - low), low + golden * (high - low)]
+            left, right = (self._hold(at, node, x) for x in inner)
+            if left < right:
+                high = inner[1]
+            else:
+                low = inner[0]
+        place = float(0.5 * (low + high))
+        return place, self._hold(at, node, place)
+
+    def _sign(self, node: Node) -> float:
+        return self._signs(node.values[None])
+
+    def _signs(self, values: Floats) -> float:
+        free = [v for v in range(values.shape[1]) if v not in self.driven]
+        jacobian = self.target.closure.at(values).jacobian
+        return float(determinant_sign(jacobian[:, :, free])[0])
+
+    def _flip(self, at: Node, node: Node) -> float:
+        """Return the angle at which the inputs stop holding the mechanism."""
+        # SciPy's optimisers take long to import, and most ways need none.
+        from scipy.optimize import brentq
+
+        free = [v for v in range(len(at.values)) if v not in self.driven]
+
+        def determinant(theta: float) -> float:
+            guess = self._between(at, node, theta)[None]
+            wanted = rotation(self.axis, np.array([theta])) @ self.start
+            near, _, _ = corrected(self.target, guess, wanted, self.exact)
+            return float(np.linalg.det(near.at.jacobian[0][:, free]))
+
+        return float(brentq(determinant, at.theta, node.theta, xtol=1e-13))
+
+    def _why(self, at: Node) -> Status:
+        """Return the status of what lies beyond a node that no step leaves."""
+        if not at.follows or at.near.output_singular_value[0] < STRETCHED:
+            return Status.OUT_OF_REACH
+        return Status.AT_SINGULARITY if at.condition < STRETCHED else Status.MODE_LOST
+
+
+def corrected(
+    target: Target, values: Floats, wanted: Floats, exact: bool
+) -> tuple[Optimality, Floats, Floats]:
+    """Return the nearest configurations by Newton's method from values (n, variables).
+
+    With the size (n,) of the first step and the ratio of the second to the first.
+    `exact` says that the output link can follow.
+    """
+    n = len(values)
+    first, ratio = np.zeros(n), np.zeros(n)
+    near = target.at(values, wanted)
+    for step in range(CORRECTIONS):
+        change = np.nan_to_num(near.exact_step() if exact else near.step())
+        length = np.max(np.abs(change), axis=1)
+        change *= np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None]
+        if step == 0:
+            first = length
+        elif step == 1:
+            ratio = length / np.maximum(first, 1e-300)
+        near = target.at(near.values + change, wanted)
+        if not np.any(length > SETTLED):
+            break
+    return near, first, ratio

@@ -1,0 +1,478 @@
+"""A mid-plane symmetric mechanism: links placed, rates, rotations in closed form.
+
+Orientations differ by mirrors, so two of them by a rotation about the line in which their
+mid-planes meet, by twice the angle between these; on the way the normal turns about that
+line by half the angle (Chen et al. 2021, section 4).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherekit.conventions import REACH_SLACK, SINGULAR_RATIO, Status, listing
+from spherekit.errors import SolveError
+from spherekit.guidance.midplane import MidPlane
+from spherekit.guidance.rotation import RotationSamples, turn_to, unit, within
+from spherekit.model.joints import Joint, revolute, revolutes
+from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import rank_mobility
+from spherekit.motion.pairs import turns_of
+from spherekit.rates.transmission import SINGULAR, Transmission
+from spherekit.sphere.mirror import mirror_of, reflections, upward
+from spherekit.sphere.poses import rotation, turns_between
+from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
+
+PROOF_POSES = 64
+MARKS = 257
+"""Angles on a rotation at which the driven readings are known without jumps."""
+ZOOM = 16
+"""Parts into which an interval is cut that holds a crossing."""
+CROSSING_WIDTH = 1e-14
+"""How narrow (rad) it becomes."""
+
+
+@final
+@dataclass(frozen=True)
+class Leg:
+    """Numbers of a leg's pairs at the base, elbow and end effector, and of its links."""
+
+    base: int
+    elbow: int
+    tip: int
+    near: int
+    far: int
+
+
+@final
+@dataclass(frozen=True)
+class Carrier:
+    """A link hinged to a leg's elbow that holds the mid-plane's normal.
+
+    `hinge` and `normal` (3,) are its axes in the link; `sense` is -1 where the hinge
+    points against the elbow's axis, else 1.
+    """
+
+    link: int
+    leg: int
+    hinge: Floats
+    normal: Floats
+    sense: float
+
+
+@final
+@dataclass(frozen=True)
+class Proof:
+    """How well the closed form closes the graph.
+
+    `poses` were placed in all modes; `gap` (rad) is the largest angle between the axes of
+    a pair in its two links; `freedoms` is the mobility by rank at the poses, the least.
+    """
+
+    poses: int
+    gap: float
+    freedoms: int
+
+
+@final
+@dataclass(frozen=True)
+class MidPlaneArchitecture:
+    """A mechanism in its mid-plane symmetric architecture.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism with its base as the ground.
+    plane
+        The closed forms, in mirror axes.
+    effector
+        Number of the end effector, the link of the `output`.
+    frame
+        (3, 3) from mirror axes to the axes of the base.
+    image
+        (3, 3), determinant -1, from the axes of the end effector to mirror axes; its
+        orientation is ``frame @ mirror(n) @ image``.
+    legs, carriers
+        What of the graph is what.
+    proof
+        The numbers that say so.
+    """
+
+    mechanism: Mechanism
+    joints: tuple[Joint, ...]
+    plane: MidPlane
+    effector: int
+    frame: Floats
+    image: Floats
+    legs: tuple[Leg, ...]
+    carriers: tuple[Carrier, ...]
+    output: Output
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the driven pairs, first and second."""
+        pairs = self.mechanism.pairs
+        return tuple(pairs[self.legs[k].base].name for k in self.plane.driven)
+
+    @property
+    def driven_variables(self) -> list[int]:
+        """Numbers of the driven variables."""
+        return [self.legs[k].base for k in self.plane.driven]
+
+    def orientations(self, normals: Floats) -> Floats:
+        """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
+        return np.asarray(self.frame @ reflections(normals) @ self.image)
+
+    @cached_property
+    def home(self) -> Floats:
+        """Where the output points (3,) with the end effector laid upon its image.
+
+        In mirror axes; the output declares a direction.
+        """
+        return np.asarray(self.image @ np.array(self.output.direction))
+
+    def normals_to(self, directions: Floats) -> tuple[Floats, Floats]:
+        """Return the mid-planes (n, 3) in which the output points at directions (n, 3).
+
+        Both in mirror axes, the normals pointing from `home` to the directions, and how
+        far (n,) those are from it: at `home` itself every plane through it serves.
+        """
+        way = directions - self.home
+        # lengths that differ by a rounding would turn the normal by that over the distance
+        longer = np.sum(way * (directions + self.home), axis=1, keepdims=True)
+        way = way - 0.5 * longer * directions
+        distance = np.linalg.norm(way, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(way / distance[:, None]), distance
+
+    def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
+        """Return the mid-planes (n, 3) nearest to orientations (n, 3, 3).
+
+        And by what angle (n,) rad the orientations depart from them.
+        """
+        return mirror_of(transpose(self.frame) @ orientations @ transpose(self.image))
+
+    def place(
+        self,
+        normals: Floats,
+        modes: ArrayLike,
+        side: float = 1.0,
+        links: Sequence[int] | None = None,
+    ) -> Floats:
+        """Return orientations (n, links, 3, 3) of all links relative to the base.
+
+        Parameters
+        ----------
+        normals
+            (n, 3) in mirror axes.
+        modes
+            A sign for each leg.
+        side
+            1, or -1 for carriers turned over: their normals are -n.
+        links
+            Numbers of the links wanted, all by default; the others are left NaN.
+        """
+        wanted = range(len(self.mechanism.links)) if links is None else links
+        elbows, _ = self.plane.elbows(normals, modes)
+        tips = np.einsum("nij,lj->nli", reflections(normals), self.plane.axes)
+        n = len(normals)
+        placed = np.full((n, len(self.mechanism.links), 3, 3), np.nan)
+        placed[:, 0] = np.eye(3)
+        placed[:, self.effector] = self.orientations(normals)
+        bases = np.broadcast_to(self.plane.axes, elbows.shape)
+        for k, leg in enumerate(self.legs):
+            for link, pair, axes in (
+                (leg.near, leg.base, bases),
+                (leg.far, leg.tip, tips),
+            ):
+                if link not in wanted:
+                    continue
+                inner = frame_toward(self._axis(pair, link), self._axis(leg.elbow, link))
+                outer = frame_toward(axes[:, k], elbows[:, k])
+                placed[:, link] = self.frame @ outer @ inner.T
+        for carrier in self.carriers:
+            if carrier.link not in wanted:
+                continue
+            inner = frame_toward(carrier.hinge, carrier.normal)
+            hinge = carrier.sense * elbows[:, carrier.leg]
+            outer = frame_toward(hinge, side * normals)
+            placed[:, carrier.link] = self.frame @ outer @ inner.T
+        return placed
+
+    def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
+        """Return the axis (n or 1, 3) of a pair in mirror axes.
+
+        At mid-planes (n, 3) with the elbows (n, legs, 3).
+        """
+        for k, leg in enumerate(self.legs):
+            if pair == leg.base:
+                return np.asarray(self.plane.axes[k][None])
+            if pair == leg.tip:
+                return np.asarray(reflections(normals) @ self.plane.axes[k])
+            if pair == leg.elbow:
+                return np.asarray(elbows[:, k])
+        ends = set(self.mechanism.ends[pair])
+        for carrier in self.carriers:
+            leg = self.legs[carrier.leg]
+            if carrier.link in ends and ends & {leg.near, leg.far}:
+                return np.asarray(carrier.sense * elbows[:, carrier.leg])
+        carrier = next(each for each in self.carriers if each.link in ends)
+        ahead = self._axis(pair, carrier.link) @ carrier.normal
+        return np.asarray(np.sign(ahead) * normals)
+
+    def axes(self, normals: Floats, elbows: Floats) -> Floats:
+        """Return the axes (n, pairs, 3) of all pairs, see `axis`."""
+        found = np.empty((len(normals), len(self.mechanism.pairs), 3))
+        for pair in range(len(self.mechanism.pairs)):
+            found[:, pair] = self.axis(pair, normals, elbows)
+        return found
+
+    @cached_property
+    def _transmission(self) -> Transmission:
+        return Transmission.of(self.mechanism, self.output)
+
+    def transmission(self, normals: Floats, elbows: Floats) -> Floats:
+        """Return the measure (n,) of type II at mid-planes (n, 3) with elbows."""
+        directions = None
+        if self._transmission.direction is not None:
+            at_home = self.image @ np.array(self._transmission.direction)
+            directions = reflections(normals) @ at_home
+        return self._transmission.at(self.axes(normals, elbows), directions)
+
+    def _axis(self, pair: int, link: int) -> Floats:
+        return axis_in(self.mechanism, self.joints, pair, link)
+
+    def values(self, placed: Floats) -> tuple[Floats, Floats]:
+        """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""
+        return turns_of(self.mechanism.ends, revolutes(self.joints), placed)
+
+    def rates_of_links(self, normals: Floats, slopes: Floats, modes: ArrayLike) -> Floats:
+        """Return angular velocities (n, links, 3) relative to the base, in its axes.
+
+        `normals`, `slopes` (n, 3): mid-planes and their derivatives by a parameter.
+        """
+        elbows, _ = self.plane.elbows(normals, modes)
+        rates = self.plane.rates(normals, slopes, np.zeros_like(slopes), modes)
+        swing = cross(normals, slopes)
+        w = np.zeros((len(normals), len(self.mechanism.links), 3))
+        w[:, self.effector] = 2.0 * swing
+        mirrors = reflections(normals)
+        for k, leg in enumerate(self.legs):
+            turned = self.plane.senses[k] * rates.first[:, k, None]
+            w[:, leg.near] = turned * self.plane.axes[k]
+            image = np.einsum("nij,nj->ni", mirrors, w[:, leg.near])
+            w[:, leg.far] = 2.0 * swing - image
+        for carrier in self.carriers:
+            e, moved = elbows[:, carrier.leg], rates.elbows[:, carrier.leg]
+            about = np.sum(moved * cross(normals, e), axis=1, keepdims=True)
+            w[:, carrier.link] = swing + about * normals
+        return w @ self.frame.T
+
+    @cached_property
+    def proof(self) -> Proof:
+        """Place all links at poses spread over the reach, in all modes."""
+        normals = _spread_normals(self.plane)
+        gap = 0.0
+        placed = self.place(normals, [1] * len(self.legs))
+        for side, *modes in product((1, -1), repeat=1 + len(self.legs)):
+            placed = self.place(normals, modes, float(side))
+            values, gaps = self.values(placed)
+            gap = max(gap, float(np.max(gaps)))
+        closure = Closure.of(self.mechanism, self.joints)
+        vectors = closure.at(values).vectors
+        freedoms = int(np.min(rank_mobility(closure.tree, vectors)))
+        return Proof(len(normals), gap, freedoms)
+
+    def rotation_between(
+        self, start: Floats, stop: Floats, modes: ArrayLike
+    ) -> "MidPlaneRotation":
+        """Return the rotation about a fixed axis from one pose to another.
+
+        Parameters
+        ----------
+        start, stop
+            Normals (3,) of the mid-planes, in mirror axes.
+        modes
+            A sign for each leg, for the start's normal with n_z >= 0; it stays on the way.
+
+        Raises
+        ------
+        SolveError
+            If the poses coincide or differ by half a turn, or a leg does not reach one.
+        """
+        signs = np.asarray(modes, dtype=float)
+        if signs.shape != (len(self.legs),) or not np.all(np.abs(signs) == 1.0):
+            raise SolveError(
+                f"modes: found {signs.tolist()}, needs 1 or -1 for each of "
+                f"{len(self.legs)} legs"
+            )
+        start, stop = upward(unit(start)), upward(unit(stop))
+        for what, normal in (("start", start), ("end", stop)):
+            elbows, _ = self.plane.elbows(normal[None], signs)
+            lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
+            if len(lost):
+                pairs = self.mechanism.pairs
+                names = listing(pairs[self.legs[k].base].name for k in lost)
+                raise SolveError(
+                    f"{self.mechanism.name}: the pose at the {what} is outside the reach "
+                    f"of the legs at {names}: its mid-plane is further from their axes at "
+                    "the base than their arcs are long; choose a pose nearer to the home"
+                )
+        first, second = self.orientations(np.stack([start, stop]))
+        axis, angle = turn_to(first, second)
+        return MidPlaneRotation(self, start, axis, angle, signs)
+
+
+@final
+@dataclass(frozen=True)
+class MidPlaneRotation:
+    """A rotation about a fixed axis in closed form, see `FixedAxisRotation`.
+
+    `start` (3,) is the normal of the first mid-plane, in mirror axes.
+    """
+
+    form: MidPlaneArchitecture
+    start: Floats
+    axis: Floats
+    angle: float
+    modes: Floats
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the driven pairs."""
+        return self.form.inputs
+
+    @cached_property
+    def reached(self) -> float:
+        """The angle (rad) up to which all legs reach the mid-plane.
+
+        On the way n . b is a cosine of theta / 2 for each base axis b.
+        """
+        plane = self.form.plane
+        side = cross(self.form.frame.T @ self.axis, self.start)
+        along, across = plane.axes @ self.start, plane.axes @ side
+        size = np.hypot(along, across)
+        limit = np.sin(plane.arcs)
+        short = size > limit + REACH_SLACK
+        ahead = np.arctan2(across, along)[short]
+        half = np.remainder(ahead - np.arccos(limit[short] / size[short]), np.pi)
+        return float(np.min(2.0 * half, initial=self.angle))
+
+    @property
+    def end(self) -> Status:
+        """Status of what lies beyond: OUT_OF_REACH, or OK at the whole angle."""
+        return Status.OK if self.reached >= self.angle else Status.OUT_OF_REACH
+
+    @cached_property
+    def crossings(self) -> tuple[float, ...]:
+        """Angles (rad) on the way at which the inputs do not hold the mechanism.
+
+        Where the control has a minimum of 0, enclosed more and more narrowly.
+        """
+        marks = np.linspace(0.0, self.reached, MARKS)
+        held = np.nan_to_num(self._control(marks), nan=np.inf)
+        beside = np.pad(held, 1, constant_values=np.inf)
+        low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
+        width, places = marks[1], marks[low]
+        while len(places) and width > CROSSING_WIDTH:
+            grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
+            grid = np.clip(grid, 0.0, self.reached)
+            found = np.nan_to_num(self._control(grid.ravel()), nan=np.inf)
+            best = np.argmin(found.reshape(grid.shape), axis=1)
+            places = grid[np.arange(len(grid)), best]
+            width *= 2.0 / ZOOM
+        lost = ~(self._control(places) > SINGULAR_RATIO)
+        return tuple(float(place) for place in places[lost])
+
+    def _control(self, theta: Floats) -> Floats:
+        """Return the control (n,) at angles (n,), see `RotationSamples`."""
+        normals = self.normals(theta)
+        elbows, _ = self.form.plane.elbows(normals, self.modes)
+        return self.form.transmission(normals, elbows)
+
+    def normals(self, theta: Floats) -> Floats:
+        """Return the normals (n, 3) of the mid-planes at angles (n,), in mirror axes."""
+        about = self.form.frame.T @ self.axis
+        turned = np.einsum("nij,j->ni", rotation(about, 0.5 * theta), self.start)
+        return np.asarray(turned)
+
+    @cached_property
+    def _marks(self) -> tuple[Floats, Floats]:
+        """Angles (k,) on the way and the driven readings (k, 2) there, without jumps."""
+        marks = np.linspace(0.0, self.angle, MARKS)
+        elbows, _ = self.form.plane.elbows(self.normals(marks), self.modes)
+        readings = self.form.plane.readings(elbows)[:, list(self.form.plane.driven)]
+        known = np.all(np.isfinite(readings), axis=1)
+        return marks[known], np.unwrap(readings[known], axis=0)
+
+    def at(self, theta: ArrayLike) -> RotationSamples:
+        """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
+        theta = within(theta, self.angle)
+        form, plane = self.form, self.form.plane
+        normals = self.normals(theta)
+        about = np.broadcast_to(form.frame.T @ self.axis, normals.shape)
+        slopes = 0.5 * cross(about, normals)
+        elbows, root = plane.elbows(normals, self.modes)
+        rates = plane.rates(normals, slopes, -0.25 * normals, self.modes)
+        values, _ = form.values(form.place(normals, self.modes))
+        inside = np.all(np.isfinite(values), axis=1)
+        values[~inside] = np.nan
+        driven = list(plane.driven)
+        marks, readings = self._marks
+        near = np.argmin(np.abs(theta[:, None] - marks), axis=1)
+        inputs = plane.readings(elbows)[:, driven]
+        inputs += 2.0 * np.pi * np.round((readings[near] - inputs) / (2.0 * np.pi))
+        status = np.where(inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
+        held = np.where(inside, form.transmission(normals, elbows), np.nan)
+        loose = np.any(root == 0.0, axis=1) | ~(held > SINGULAR)
+        status[inside & loose] = Status.AT_SINGULARITY
+        orientation = form.orientations(normals)
+        turned = rotation(self.axis, theta) @ form.orientations(self.start[None])
+        w = form.rates_of_links(normals, slopes, self.modes)[:, form.effector]
+        w /= np.linalg.norm(w, axis=1, keepdims=True)
+
+        def known(array: Floats) -> Floats:
+            array[~inside] = np.nan
+            array[~np.isfinite(array)] = np.nan
+            return array
+
+        return RotationSamples(
+            theta=theta,
+            inputs=known(inputs),
+            rates=known(rates.first[:, driven]),
+            second_rates=known(rates.second[:, driven]),
+            values=values,
+            orientation=known(orientation),
+            departure=known(turns_between(form.orientations(normals), turned).angle),
+            drift=known(arc(w, np.broadcast_to(self.axis, w.shape))),
+            control=held,
+            status=status,
+        )
+
+
+def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int) -> Floats:
+    """Return the axis (3,) of an R pair in one of its links."""
+    joint = revolute(joints[pair])
+    held = joint.first if mechanism.ends[pair][0] == link else joint.second
+    return np.asarray(held[:, 2])
+
+
+def _spread_normals(plane: MidPlane) -> Floats:
+    """Return mid-planes (n, 3) spread evenly over the reach of all legs."""
+    count = 4 * PROOF_POSES
+    while True:
+        k = np.arange(count)
+        z = 1.0 - (k + 0.5) / count
+        r, turn = np.sqrt(1.0 - z * z), np.pi * (3.0 - np.sqrt(5.0)) * k
+        normals = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+        height = np.arcsin(np.clip(np.abs(normals @ plane.axes.T), 0.0, 1.0))
+        limit = np.minimum(plane.arcs, np.pi - plane.arcs)
+        inside = normals[np.all(height < 0.95 * limit, axis=1)]
+        if len(inside) >= PROOF_POSES or count > 1000 * PROOF_POSES:
+            return inside[:: max(1, len(inside) // PROOF_POSES)]
+        count *= 4

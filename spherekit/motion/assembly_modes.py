@@ -1,0 +1,282 @@
+"""One assembly mode of a mechanism, evaluated at any input.
+
+An assembly mode names one mode of every group: a sign for a dyad, whose closed form cannot
+flip; for an irreducible group a guide of verified configurations (a curve for one input,
+a sheet for several) that predicts where Newton's method has to arrive and what it must
+not leave.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.model.geometry import geometry_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.closure import Closure
+from spherekit.motion.follow import ModeCurve
+from spherekit.motion.groups import State, group_variables, place_dyad, place_group
+from spherekit.motion.loops import left_inverse, rank_mobility
+from spherekit.motion.meshes import TURN, Meshes, meshes_of
+from spherekit.motion.mode_over_grid import ModeOverGrid
+from spherekit.motion.pairs import penetrates
+from spherekit.planning.assembly import Assembly
+from spherekit.sphere.rotation import Floats
+
+FLAT_DYAD = 1e-6
+"""A dyad straighter than this sine loses half its digits: its rates are not given."""
+FLAT_GROUP = 1e-6
+"""The same for the smallest relative singular value of an irreducible group."""
+AGREEING = 1e-9
+"""Orientations from the groups and from the variables differ by less."""
+POLISHED = 1e-6
+"""Residuals (rad) up to this, of dyads between nearly parallel axes, are taken out."""
+SMALLEST_SPREAD = 1e-9
+"""Axes that differ by less are taken to be parallel."""
+
+
+@final
+@dataclass(frozen=True)
+class AssemblyMode:
+    """One assembly mode over the ranges of the inputs.
+
+    `signs` has +1 or -1 for each dyad and 0 for each irreducible group; `guide` is
+    None where all groups are dyads.
+    """
+
+    number: int
+    signs: tuple[int, ...]
+    guide: ModeCurve | ModeOverGrid | None = None
+    determinants: tuple[float, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """The signs of the mode's groups, ``~`` for an irreducible one."""
+        return "".join({1: "+", -1: "-", 0: "~"}[sign] for sign in self.signs) or "+"
+
+
+@final
+@dataclass(frozen=True)
+class Evaluated:
+    """An assembly mode at n inputs: variables, orientations, status and residual."""
+
+    values: Floats
+    rotations: Floats
+    status: NDArray[np.int8]
+    residual: Floats
+
+
+@final
+class Solver:
+    """Geometry, groups and closure of one mechanism with its input, ready to evaluate."""
+
+    def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
+        self.mechanism = mechanism
+        self.assembly = assembly
+        self.geometry = geometry_of(mechanism)
+        self.joints = self.geometry.joints
+        self.closure = Closure.of(mechanism, self.joints)
+        self.driven = tuple(
+            number for pair in assembly.inputs for number in mechanism.variables_of(pair)
+        )
+
+    @property
+    def single(self) -> int:
+        """The number of the only input's variable; `PlanError` if there are several."""
+        (number,) = self.mechanism.variables_of(self.assembly.input)
+        return number
+
+    @cached_property
+    def meshes(self) -> Meshes | None:
+        """How far wheels have rolled at inputs, None without rolling contacts."""
+        return meshes_of(self.closure, self.driven, self.geometry.reference)
+
+    @property
+    def periods(self) -> Floats:
+        """(k,) growth (rad) of each input with which the same configurations return.
+
+        A turn; more where wheels count the turns, infinite where they never return.
+        """
+        if self.meshes is None:
+            return np.full(len(self.driven), TURN)
+        return self.meshes.periods
+
+    def reduced(self, q: Floats) -> Floats:
+        """Return inputs (n, k) less whole periods, from half a one below zero to above."""
+        periods = self.periods
+        returns = np.isfinite(periods)
+        scale = np.where(returns, periods, TURN) / TURN
+        return np.where(returns, scale * wrap(q / scale), q)
+
+    def start(self, q: Floats) -> State:
+        """Return the state in which only the inputs have values q (n, inputs)."""
+        return State.start(self.mechanism, self.joints, self.assembly, q)
+
+    def freedoms(self, values: Floats) -> int:
+        """Return the mobility by rank at a closed configuration (variables,)."""
+        vectors = self.closure.at(values[None]).vectors
+        return int(rank_mobility(self.closure.tree, vectors)[0])
+
+    def evaluate(
+        self, assembly_mode: AssemblyMode, q: Floats, rows: NDArray[np.intp] | None = None
+    ) -> Evaluated:
+        """Return the mode at inputs q (n, inputs) in any order; failed samples are NaN.
+
+        An assembly mode guided by a sheet is known at the samples of its input grid only;
+        `rows` (n,) says which ones they are.
+        """
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            return self._evaluate(assembly_mode, q, rows)
+
+    def _evaluate(
+        self, assembly_mode: AssemblyMode, q: Floats, rows: NDArray[np.intp] | None
+    ) -> Evaluated:
+        ends = self.mechanism.ends
+        state = self.start(q)
+        status = np.zeros(len(q), dtype=np.int8)
+        if assembly_mode.guide is not None:
+            predicted, spread, why = _guided(assembly_mode.guide, q, rows)
+        for number, (group, sign) in enumerate(
+            zip(self.assembly.groups, assembly_mode.signs, strict=True)
+        ):
+            if sign:
+                sine = place_dyad(state, group, ends, sign)
+                _mark(status, state.lost, Status.OUT_OF_REACH)
+                _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
+                continue
+            for reason in Status:
+                if reason != Status.OK:
+                    _mark(status, why == reason, reason)
+            start = predicted[:, group_variables(state, group)]
+            good = (status == Status.OK) | (status == Status.AT_SINGULARITY)
+            start = np.where(good[:, None], start, np.nan)
+            result, at = place_group(state, group, ends, start)
+            states = at.states
+            _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
+            distance = np.max(np.abs(result.values - start), axis=1)
+            _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
+            determinant, reciprocal_condition = determinant_signs(at.jacobian)
+            if assembly_mode.determinants:
+                # of a flat group the sign is rounding
+                flipped = determinant != assembly_mode.determinants[number]
+                flipped &= reciprocal_condition >= FLAT_GROUP
+                _mark(status, flipped, Status.MODE_LOST)
+            _mark(status, reciprocal_condition < FLAT_GROUP, Status.AT_SINGULARITY)
+            _mark(status, ~np.all(states.inside, axis=1), Status.OFF_PROFILE)
+            _mark(
+                status,
+                penetrates([self.joints[p] for p in group.pairs], states),
+                Status.CURVATURE,
+            )
+        return self._finish(assembly_mode, state, status)
+
+    def _finish(
+        self, assembly_mode: AssemblyMode, state: State, status: NDArray[np.int8]
+    ) -> Evaluated:
+        values = state.values
+        links = range(len(self.mechanism.links))
+        ground = np.swapaxes(state.within[0], -1, -2)
+        rotations = np.stack([ground @ state.within[link] for link in links], axis=1)
+        at = self.closure.at(values)
+        # The links of a dyad without length have no orientation of their own; that which
+        # belongs to the variables is the one that closes.
+        apart = np.max(np.abs(at.placed - rotations), axis=(1, 2, 3)) > AGREEING
+        rotations[apart] = at.placed[apart]
+        residual = at.gap
+        open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED)
+        open_ &= (status == Status.OK) | (status == Status.AT_SINGULARITY)
+        if np.any(open_):
+            result = self.closure.solve(values[open_], self.driven)
+            values[open_], residual[open_] = result.values, result.residual
+            rotations[open_] = self.closure.at(result.values).placed
+            flipped = np.zeros(len(values), dtype=bool)
+            flipped[open_] = self._flipped(assembly_mode, result.values)
+            _mark(status, flipped, Status.MODE_LOST)
+        _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
+        failed = (status != Status.OK) & (status != Status.AT_SINGULARITY)
+        values = np.where(failed[:, None], np.nan, values)
+        rotations[failed] = np.nan
+        residual[failed] = np.nan
+        free = [v for v in self.angles if v not in self.driven]
+        values[:, free] = wrap(values[:, free])
+        return Evaluated(values, rotations, status, residual)
+
+    def _flipped(self, assembly_mode: AssemblyMode, values: Floats) -> NDArray[np.bool_]:
+        """Return (n,) whether a dyad of configurations has not the sign of its mode."""
+        axes = self.closure.at(values).axes
+        flipped = np.zeros(len(values), dtype=bool)
+        for group, sign in zip(self.assembly.groups, assembly_mode.signs, strict=True):
+            if sign:
+                triple = np.linalg.det(axes[:, list(group.pairs)])
+                flipped |= np.sign(triple) * sign < 0.0
+        return flipped
+
+    @property
+    def angles(self) -> list[int]:
+        """Numbers of the variables that are angles of R pairs."""
+        return list(self.mechanism.angles.values())
+
+
+def _guided(
+    guide: ModeCurve | ModeOverGrid, q: Floats, rows: NDArray[np.intp] | None
+) -> tuple[Floats, Floats, NDArray[np.int8]]:
+    """Return predicted variables, how far they may be off, and why samples have none."""
+    if isinstance(guide, ModeOverGrid):
+        assert rows is not None
+        return guide.values[rows], np.zeros(len(q)), guide.status[rows]
+    along = q[:, 0]
+    predicted, spread = guide.predict(along)
+    beyond = np.where(along < guide.inputs[0], *guide.ends)
+    why = np.where(guide.covers(along), Status.OK, beyond)
+    return predicted, spread, why.astype(np.int8)
+
+
+def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:
+    """Return the determinant's sign (n,) of a group's Jacobians, and how far it is flat.
+
+    The sign is 1 throughout for a group with redundant constraints. Flatness does not
+    depend on how near to each other all axes are: a small group is not a flat one.
+    """
+    square = jacobian.shape[1] == jacobian.shape[2]
+    sign = np.linalg.slogdet(jacobian)[0] if square else np.ones(len(jacobian))
+    reciprocal_condition = np.ones(len(jacobian))
+    finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+    spread = _spread(jacobian[finite])
+    inverse_norm = np.linalg.norm(left_inverse(spread), axis=(1, 2))
+    norm = np.linalg.norm(spread, axis=(1, 2))
+    reciprocal_condition[finite] = np.nan_to_num(1.0 / (inverse_norm * norm))
+    return sign, reciprocal_condition
+
+
+def _spread(jacobian: Floats) -> Floats:
+    """Return Jacobians as if all vectors of variables, seen from their mean, were large.
+
+    Across the direction they have most in common, all loops are enlarged alike, so ranks
+    and a loop's own flatness are kept.
+    """
+    n, rows, count = jacobian.shape
+    loops = jacobian.reshape(n, rows // 3, 3, count)
+    axes = np.moveaxis(loops, 2, 1).reshape(n, 3, rows // 3 * count)
+    left, sizes, _ = np.linalg.svd(axes, full_matrices=False)
+    common = left[:, :, :1] @ np.swapaxes(left[:, :, :1], 1, 2)
+    sizes = np.pad(sizes, ((0, 0), (0, 1)))
+    largest, across = sizes[:, :1, None], sizes[:, 1:2, None]
+    across = np.maximum(across, SMALLEST_SPREAD * largest)
+    even = common / largest + (np.eye(3) - common) / across
+    return np.asarray((even[:, None] @ loops).reshape(n, rows, count))
+
+
+def wrap(angle: Floats) -> Floats:
+    """Return angles (rad) reduced to (-pi, pi]."""
+    turned = np.remainder(np.pi - angle, 2 * np.pi)
+    return np.asarray(np.pi - turned)
+
+
+def _mark(status: NDArray[np.int8], where: "NDArray[np.bool_]", code: Status) -> None:
+    free = (status == Status.OK) | (
+        (status == Status.AT_SINGULARITY) & (code != Status.AT_SINGULARITY)
+    )
+    status[where & free] = code

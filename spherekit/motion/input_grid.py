@@ -1,0 +1,100 @@
+"""The sampled values of the inputs: a path through them, or a grid over their ranges."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.errors import SolveError
+from spherekit.model.mechanism import Input
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class InputGrid:
+    """Sampled inputs `q` (n, inputs) rad, in rows.
+
+    `shape` counts the samples along each axis, the last running fastest: one axis for a
+    path, one for each input for a grid.
+    """
+
+    q: Floats
+    shape: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def is_path(self) -> bool:
+        """Whether successive samples are neighbours."""
+        return len(self.shape) == 1
+
+    def neighbours(self) -> NDArray[np.intp]:
+        """Return (2 axes, n): the next and the previous sample along each axis, or -1."""
+        number = np.arange(len(self)).reshape(self.shape)
+        found = []
+        for axis in range(len(self.shape)):
+            for shift in (-1, 1):
+                beside = np.roll(number, shift, axis)
+                edge = [slice(None)] * len(self.shape)
+                edge[axis] = slice(-1, None) if shift == -1 else slice(0, 1)
+                beside[tuple(edge)] = -1
+                found.append(beside.ravel())
+        return np.stack(found)
+
+    def nearest(self, q: Floats, count: int) -> NDArray[np.intp]:
+        """Return the rows of the `count` samples nearest to inputs q (inputs,)."""
+        distance = np.linalg.norm(self.q - q, axis=1)
+        return np.argsort(distance, kind="stable")[:count]
+
+    def thinned(self, most: int) -> "InputGrid":
+        """Return at most about `most` evenly chosen samples, as a path."""
+        rows = np.unique(np.linspace(0, len(self) - 1, min(most, len(self))).astype(int))
+        return InputGrid(self.q[rows], (len(rows),))
+
+
+def straight(inputs: Sequence[Input], samples: int) -> InputGrid:
+    """Return the straight path on which all inputs run through their ranges together."""
+    columns = [_spaced(item.start, item.stop, samples) for item in inputs]
+    return InputGrid(np.stack(columns, axis=1), (samples,))
+
+
+def grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:
+    """Return the grid with so many samples of each input, both ends of ranges included."""
+    axes = [
+        _spaced(item.start, item.stop, count)
+        for item, count in zip(inputs, samples, strict=True)
+    ]
+    mesh = np.meshgrid(*axes, indexing="ij")
+    return InputGrid(np.stack([axis.ravel() for axis in mesh], axis=1), tuple(samples))
+
+
+def given_path(q: Floats, inputs: int) -> InputGrid:
+    """Return a path of given samples q (n, inputs) rad; (n,) for a single input.
+
+    Raises
+    ------
+    SolveError
+        If the shape does not fit the number of inputs, or a value is not finite.
+    """
+    path = np.atleast_1d(np.asarray(q, dtype=float))
+    if path.ndim == 1:
+        path = path[:, None]
+    if path.ndim != 2 or path.shape[1] != inputs or not len(path):
+        raise SolveError(
+            f"a path for {inputs} inputs is an array (samples, {inputs}), not {np.shape(q)}"
+        )
+    if not np.all(np.isfinite(path)):
+        raise SolveError(
+            f"the path is not finite in row {int(np.argmin(np.isfinite(path).all(axis=1)))}"
+        )
+    return InputGrid(path, (len(path),))
+
+
+def _spaced(low: float, high: float, count: int) -> Floats:
+    if count < 1:
+        raise SolveError(f"samples must be at least 1, not {count}")
+    return np.array([low]) if count == 1 else np.linspace(low, high, count)

@@ -1,0 +1,238 @@
+"""A mechanism driven at its output: a virtual wrist gives the output its coordinates.
+
+Two virtual links and three R pairs between the link that is looked from and the output
+link take nothing from the freedoms. An orientation output holds all three pairs, whose
+angles are Euler angles; a pointing output holds the first two, azimuth and tilt, and is
+free to turn about its direction. So inverse kinematics is the position analysis of an
+ordinary mechanism whose inputs are the output's coordinates, and whatever can be asked
+of a mechanism can be asked of that.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from spherekit.errors import PlanError
+from spherekit.model.geometry import COLLINEAR, axes_from_sizes, reference_frame
+from spherekit.model.mechanism import (
+    Input,
+    LinkSizes,
+    Mechanism,
+    Output,
+    Pair,
+    PoseGeometry,
+    SizeGeometry,
+)
+from spherekit.planning.inputs import driven_pairs
+from spherekit.sphere.rotation import about_z
+
+Vector = tuple[float, float, float]
+
+Z: Vector = (0.0, 0.0, 1.0)
+QUARTER = 0.5 * np.pi
+WHOLE = 2.0 * np.pi
+COORDINATES = (2, 3)
+"""Of a pointing output, and of an orientation."""
+
+
+@final
+@dataclass(frozen=True)
+class VirtualOutputChain:
+    """A mechanism with a virtual wrist at one of its outputs.
+
+    `mechanism` has the wrist's held pairs as inputs: with an orientation R of the output
+    link, from its axes to those of the other link, they are R = Z(a) Y(b) Z(c); with a
+    pointing direction azimuth and tilt. `output` names its links, `driven` are the
+    numbers of the pairs that drive the mechanism itself, `carrier` the virtual link
+    whose last axis is the direction; its number, like those of all virtual links and
+    pairs, comes after the mechanism's own.
+    """
+
+    mechanism: Mechanism
+    output: Output
+    driven: tuple[int, ...]
+    pairs: tuple[int, int, int]
+
+    @property
+    def points(self) -> bool:
+        """Whether the output is a direction, and not an orientation."""
+        return len(self.mechanism.inputs) == 2
+
+    @property
+    def base(self) -> int:
+        """Number of the link that the output is seen from."""
+        return self.mechanism.link_number[self.output.relative_to]
+
+    @property
+    def carrier(self) -> int:
+        """Number of the virtual link that carries the direction or the output link."""
+        return len(self.mechanism.links) - 1
+
+    @property
+    def link(self) -> int:
+        """Number of the output link."""
+        return self.mechanism.link_number[self.output.link]
+
+
+def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
+    """Return the declared output of this name, or the only one.
+
+    Raises
+    ------
+    PlanError
+        If there is none, several and no name, or none of this name.
+    """
+    names = [output.name for output in mechanism.outputs]
+    if not names:
+        raise PlanError(
+            f"{mechanism.name}: no output is declared; add a table [outputs.NAME] with "
+            "link, and for a pointing output axis or xyz"
+        )
+    if name is None and len(names) > 1:
+        raise PlanError(
+            f"{mechanism.name}: there are several outputs, {', '.join(names)}; choose one"
+        )
+    for output in mechanism.outputs:
+        if name in (None, output.name):
+            return output
+    raise PlanError(
+        f'{mechanism.name}: no output is named "{name}"; outputs: {", ".join(names)}'
+    )
+
+
+def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputChain:
+    """Return a mechanism with a virtual wrist at its output.
+
+    Three inputs move an orientation, two the direction that the output declares.
+
+    Raises
+    ------
+    PlanError
+        If the output is unknown, joins a link to itself, there are neither two nor three
+        inputs, or a mechanism with two inputs declares no direction.
+    """
+    output = chosen_output(mechanism, name)
+    where = f"{mechanism.name}: outputs.{output.name}"
+    driven = driven_pairs(mechanism)
+    if len(driven) not in COORDINATES:
+        raise PlanError(
+            f"{where}: an output has two coordinates (pointing) or three (orientation), "
+            f"but the mechanism has {len(driven)} input{'s' * (len(driven) > 1)}; trace "
+            f"its motion instead{_other_way(mechanism, output, len(driven))}"
+        )
+    if output.link == output.relative_to:
+        raise PlanError(
+            f"{where}: link {output.link} does not move relative to itself; give another "
+            "link as relative_to"
+        )
+    points = len(driven) == 2
+    if points and output.direction is None:
+        raise PlanError(
+            f"{where}: a mechanism with two inputs moves a direction; say which one of "
+            f"link {output.link}: axis = the name of an R pair on it, or xyz"
+        )
+    first, second = _unused(mechanism.links, ("pan", "swing"))
+    names = _unused(mechanism.pair_number, ("azimuth", "tilt", "turn"))
+    ends = ((output.relative_to, first), (first, second), (second, output.link))
+    wrist = tuple(Pair(n, "R", pair) for n, pair in zip(names, ends, strict=True))
+    held = names[:2] if points else names
+    direction = output.direction if points and output.direction is not None else Z
+    geometry = mechanism.geometry
+    made = replace(
+        mechanism,
+        links=(*mechanism.links, first, second),
+        pairs=(*mechanism.pairs, *wrist),
+        geometry=_posed(geometry, names, direction)
+        if isinstance(geometry, PoseGeometry)
+        else _sized(mechanism, geometry, (first, second), names, output, direction),
+        inputs=tuple(
+            Input(pair, 0.0, 0.5 * WHOLE if pair == names[1] else WHOLE) for pair in held
+        ),
+    )
+    count = len(mechanism.pairs)
+    return VirtualOutputChain(made, output, driven, (count, count + 1, count + 2))
+
+
+def _other_way(mechanism: Mechanism, output: Output, count: int) -> str:
+    """Return how the output of one freedom is driven itself, if a pair has its angle."""
+    ends = {output.link, output.relative_to}
+    for pair in mechanism.pairs:
+        if count == 1 and pair.kind.has_axis and set(pair.links) == ends:
+            return (
+                f", or drive its pair {pair.name} and read the input: --input {pair.name}"
+            )
+    return ""
+
+
+def _unused(
+    taken: "tuple[str, ...] | Mapping[str, int]", names: tuple[str, ...]
+) -> list[str]:
+    """Return names that are not taken, with underscores if need be."""
+    found = []
+    for name in names:
+        while name in taken:
+            name += "_"
+        found.append(name)
+    return found
+
+
+def _posed(geometry: PoseGeometry, names: list[str], direction: Vector) -> PoseGeometry:
+    """Add the wrist to a reference pose, in which the output link is not turned."""
+    x, y, z = direction
+    azimuth, tilt = float(np.arctan2(y, x)), float(np.arctan2(np.hypot(x, y), z))
+    across = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)
+    axes = dict(zip(names, (Z, across, direction), strict=True))
+    values = dict(zip(names, (azimuth, tilt, 0.0), strict=True))
+    return PoseGeometry({**geometry.axes, **axes}, {**geometry.values, **values})
+
+
+def _sized(
+    mechanism: Mechanism,
+    geometry: SizeGeometry,
+    virtual: tuple[str, str],
+    names: list[str],
+    output: Output,
+    direction: Vector,
+) -> SizeGeometry:
+    """Add the wrist to sizes; its zeros are such that it needs none of its own."""
+    first, second = virtual
+    links = dict(geometry.links)
+    zeros = dict(geometry.zeros)
+    sizes = links.get(output.relative_to, LinkSizes(()))
+    links[output.relative_to] = _with_axis(sizes, names[0], 0.0, 0.0)
+    links[first] = LinkSizes((names[0], names[1]), (QUARTER,))
+    links[second] = LinkSizes((names[1], names[2]), (QUARTER,))
+    x, y, z = direction
+    across = float(np.hypot(x, y))
+    angle = float(np.arctan2(-x, y)) if across > COLLINEAR else 0.0
+    sizes = links.get(output.link, LinkSizes(()))
+    arc = float(np.arctan2(across, z))
+    links[output.link] = _with_axis(sizes, names[2], arc, angle)
+    turned = angle if len(sizes.axes) == 1 else 0.0
+    for pair in mechanism.pairs:
+        if output.link in pair.links and pair.name in sizes.axes:
+            shift = _shift(sizes, links[output.link], pair.name, turned)
+            ahead = pair.links[1] == output.link
+            zeros[pair.name] = zeros.get(pair.name, 0.0) + (shift if ahead else -shift)
+    return SizeGeometry(links, zeros)
+
+
+def _shift(before: LinkSizes, after: LinkSizes, pair: str, turned: float) -> float:
+    """Return how far (rad) a pair's reference arc moves when its link gets an axis.
+
+    That happens where the link had no second axis to measure from; if it had only one,
+    its own frame is `turned` about that as well.
+    """
+    old = reference_frame(axes_from_sizes(before), pair)
+    new = about_z(turned) @ reference_frame(axes_from_sizes(after), pair)
+    difference = old.T @ new
+    return float(np.arctan2(difference[1, 0], difference[0, 0]))
+
+
+def _with_axis(sizes: LinkSizes, name: str, arc: float, angle: float) -> LinkSizes:
+    if not sizes.axes:
+        return LinkSizes((name,))
+    angles = (*sizes.angles, angle) if len(sizes.axes) > 1 else ()
+    return replace(sizes, axes=(*sizes.axes, name), arcs=(*sizes.arcs, arc), angles=angles)

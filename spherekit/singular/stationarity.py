@@ -1,0 +1,171 @@
+"""What stands still in a singular motion: the inputs (type II), or the output (type I)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, final
+
+import numpy as np
+
+from spherekit.conventions import listing, nearest
+from spherekit.errors import AnalysisError
+from spherekit.model.geometry import link_axes
+from spherekit.model.mechanism import Mechanism
+from spherekit.singular.tangent_space import TangentSpace
+from spherekit.sphere.rotation import Floats, cross, perpendicular
+
+
+class StationarityConstraint(Protocol):
+    """Linear equations E x = 0 in the rates x of the variables."""
+
+    @property
+    def count(self) -> int:
+        """The number m of equations."""
+
+    def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
+        """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
+
+
+@final
+@dataclass(frozen=True)
+class InputsLocked:
+    """The inputs' variables stand still."""
+
+    variables: tuple[int, ...]
+
+    @property
+    def count(self) -> int:
+        """The number of inputs."""
+        return len(self.variables)
+
+    def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
+        """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
+        n, variables = space.at.values.shape
+        chosen = np.zeros((n, self.count, variables))
+        chosen[:, range(self.count), list(self.variables)] = 1.0
+        return chosen, np.zeros((n, space.freedoms + 1, self.count, variables))
+
+
+@final
+@dataclass(frozen=True)
+class OutputStationary:
+    """A link does not turn, or a direction in it does not move, relative to another link.
+
+    `link`, `relative_to` are numbers of bodies of the loops. `pointing` is a unit vector
+    in the link's axes, or None where its whole orientation is the output.
+    """
+
+    link: int
+    relative_to: int
+    pointing: tuple[float, float, float] | None = None
+
+    @property
+    def pole(self) -> tuple[int, int]:
+        """The two links, smaller number first."""
+        a, b = sorted((self.link, self.relative_to))
+        return a, b
+
+    @property
+    def count(self) -> int:
+        """The freedoms that the output has: 3 of an orientation, 2 of a direction."""
+        return 3 if self.pointing is None else 2
+
+    @property
+    def _watched(self) -> Floats:
+        """Directions (3, m) in the link along which it may not turn."""
+        if self.pointing is None:
+            return np.eye(3)
+        direction = np.array(self.pointing)
+        side = perpendicular(direction)
+        return np.stack([side, cross(direction, side)], axis=1)
+
+    def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
+        """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
+        paths = space.at.tree.paths
+        used = (paths[self.link] - paths[self.relative_to])[:, None]
+        watched = np.swapaxes(space.at.placed[:, self.link] @ self._watched, 1, 2)
+        turning = used * space.at.vectors
+        own = paths[self.link][:, None] * space.at.vectors
+        w = np.einsum("nvg,nvk->ngk", space.directions, own)
+        moved = cross(w[:, :, None], watched[:, None])
+        rows = watched @ np.swapaxes(turning, 1, 2)
+        change = moved @ np.swapaxes(turning, 1, 2)[:, None]
+        change = change + watched[:, None] @ np.swapaxes(used * space.turned, 2, 3)
+        return rows, change
+
+    def orientation(self, space: TangentSpace) -> Floats:
+        """Return (n, 3, 3), from the link's axes to those of the reference link."""
+        reference = np.swapaxes(space.at.placed[:, self.relative_to], 1, 2)
+        return np.asarray(reference @ space.at.placed[:, self.link])
+
+    def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
+        """Return (n, k, 3) in the axes of body 0, of k rates (n, V, k)."""
+        paths = space.at.tree.paths
+        used = (paths[self.link] - paths[self.relative_to])[:, None]
+        return np.asarray(np.einsum("nvk,nvd->nkd", rates, used * space.at.vectors))
+
+
+def output_of(
+    mechanism: Mechanism,
+    output: str | None = None,
+    pointing: str | Sequence[float] | None = None,
+) -> OutputStationary:
+    """Return an output of a mechanism, by default its first one.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism that names outputs.
+    output
+        Name of an output.
+    pointing
+        Name of an R pair on the output's link, whose axis is the direction that counts,
+        or a vector (3,) in that link's axes. By default, with two inputs, the direction
+        that the output declares; else the link's orientation counts.
+
+    Raises
+    ------
+    AnalysisError
+        If there is no such output, or no such direction.
+    """
+    names = {item.name: item for item in mechanism.outputs}
+    if not names:
+        raise AnalysisError(
+            f"{mechanism.name} declares no output; declare one in the file as "
+            "[outputs.NAME] with its link"
+        )
+    if output is not None and output not in names:
+        hint = nearest(output, names) or "."
+        raise AnalysisError(
+            f'{mechanism.name}: there is no output "{output}"{hint} outputs: '
+            f"{listing(names)}"
+        )
+    chosen = names[output] if output is not None else mechanism.outputs[0]
+    number = mechanism.link_number
+    found = chosen.direction if len(mechanism.inputs) == 2 else None
+    if pointing is not None:
+        found = _direction(mechanism, chosen.link, pointing)
+    return OutputStationary(number[chosen.link], number[chosen.relative_to], found)
+
+
+def _direction(
+    mechanism: Mechanism, link: str, pointing: str | Sequence[float]
+) -> tuple[float, float, float]:
+    if isinstance(pointing, str):
+        axes = link_axes(mechanism)[link]
+        if pointing not in axes:
+            raise AnalysisError(
+                f'{mechanism.name}: no R pair "{pointing}" is on link {link}'
+                f"{nearest(pointing, axes) or ';'} R pairs: {', '.join(axes)}"
+            )
+        vector = axes[pointing]
+    else:
+        vector = np.asarray(pointing, dtype=float)
+        size = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
+        if not 0.0 < size < np.inf:
+            raise AnalysisError(
+                f"{mechanism.name}: a pointing direction is a vector of three numbers, not "
+                f"all zero, in the axes of link {link}; {pointing!r} is none"
+            )
+        vector = vector / size
+    x, y, z = vector
+    return float(x), float(y), float(z)

@@ -1,0 +1,57 @@
+"""What a run tells a recorder, poles of a mechanism, and the Table of the lecture."""
+
+from spherekit.motion import assembly_modes as assembly_modes
+from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import all_poles
+from spherekit.rates.field import evaluate
+from spherekit.rates.request import request
+
+
+class Listener:
+    """Keeps what a recorder is told."""
+
+    def __init__(self):
+        self.rows, self.paths, self.when = {}, set(), []
+
+    def start(
+        self,
+        scenes,
+        inputs,
+        *,
+        assembly_modes=None,
+        properties=None,
+        focus=None,
+        row=None,
+        times=None,
+    ):
+        self.inputs, self.assembly_modes, self.focus = inputs, assembly_modes, focus
+        self.row = row
+        self.still = [p.path for scene in scenes for p in scene.primitives]
+
+    def log(self, scene, samples, inputs=None, times=None):
+        self.when.append(len(samples))
+        for primitive in scene.primitives:
+            self.paths.add(primitive.path)
+            key = (scene.page, primitive.path)
+            self.rows.setdefault(key, []).extend(samples)
+
+
+def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
+    tracer = Tracer(made, search=search, samples=samples)
+    poles = all_poles(len(made.links)) if wanted is None else wanted
+    asked = request(
+        tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles, derivatives
+    )
+    motion = tracer.motion()
+    return motion, evaluate(motion, asked)
+
+
+LECTURE_TABLE = [
+    ["■", "x", "I", "x", "II", "x"],
+    ["x", "■", "x", "I", "III", "III"],
+    ["I", "x", "■", "x", "x", "II"],
+    ["x", "I", "x", "■", "III", "III"],
+    ["II", "III", "x", "III", "■", "x"],
+    ["x", "III", "II", "III", "x", "■"],
+]
+"""Di Gregorio 2019, lecture 2, case study 'Spherical Stephenson Mechanism'."""

@@ -1,0 +1,170 @@
+"""Mechanisms that several tests are about."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import spherekit as sk
+from spherekit.model.mechanism import (
+    Input,
+    LinkSizes,
+    Mechanism,
+    Output,
+    Pair,
+    PoseGeometry,
+    SizeGeometry,
+)
+
+DEGREE = np.pi / 180
+
+
+def at(colatitude):
+    """Return the direction at this colatitude from z, towards y (as link arcs lie)."""
+    return (0.0, float(np.sin(colatitude)), float(np.cos(colatitude)))
+
+
+def cam(ground, profile, follower, contact="external"):
+    """Return a cam (link 2) and an oscillating follower (link 3) touching it."""
+    return Mechanism(
+        "cam",
+        "1",
+        ("1", "2", "3"),
+        (
+            Pair("12", "R", ("1", "2")),
+            Pair("13", "R", ("1", "3")),
+            Pair("23", "Cs", ("2", "3"), (profile, follower), contact),
+        ),
+        SizeGeometry(
+            {
+                "1": LinkSizes(("12", "13"), (ground,)),
+                "2": LinkSizes(("12",)),
+                "3": LinkSizes(("13",)),
+            }
+        ),
+        inputs=(Input("12", 0.0, 2 * np.pi),),
+    )
+
+
+GROUND, ECCENTRICITY, DISC, ROLLER, ARM = (
+    x * DEGREE for x in (60.0, 10.0, 25.0, 12.0, 45.0)
+)
+
+
+FULL_TURN = (0.0, 2 * np.pi)
+
+
+def four_bar(arcs, span=FULL_TURN):
+    """Return the four-bar of Di Gregorio 2024, Fig. 5, with these arcs (4,) rad."""
+    base = sk.load("four_bar")
+    sizes = {
+        link: replace(size, arcs=(float(arcs[int(link) - 1]),))
+        for link, size in base.geometry.links.items()
+    }
+    return replace(
+        base,
+        geometry=replace(base.geometry, links=sizes),
+        inputs=(Input("21", *span),),
+    )
+
+
+def dixon(random):
+    """Return the movable K(3,3) of Dixon on the sphere: nine bars, six points.
+
+    Three points on one great circle, three on one across it; with azimuths x and y on
+    them a bar has the cosine cos x cos y, which a common factor of all cos x and its
+    inverse for all cos y leaves unchanged. By counting it is rigid.
+    """
+    x, y = random.uniform(0.5, 1.2, 3), random.uniform(0.5, 1.2, 3)
+    here = np.stack([np.cos(x), np.sin(x), np.zeros(3)], axis=1)
+    there = np.stack([np.cos(y), np.zeros(3), np.sin(y)], axis=1)
+    bars = [(a, b) for a in range(3) for b in range(3)]
+    pairs, axes = [], {}
+    for point in range(6):
+        ends = [k for k, (a, b) in enumerate(bars) if point in (a, b + 3)]
+        axis = tuple(here[point] if point < 3 else there[point - 3])
+        for other in ends[1:]:
+            name = f"p{point}_{other}"
+            pairs.append(Pair(name, "R", (f"bar{ends[0]}", f"bar{other}")))
+            axes[name] = axis
+    return Mechanism(
+        "dixon",
+        "bar0",
+        tuple(f"bar{k}" for k in range(9)),
+        tuple(pairs),
+        PoseGeometry(axes),
+        inputs=(Input("p0_1", -0.05, 0.05),),
+    )
+
+
+def mechanism_of(links, pairs, inputs, output, zeros=None):
+    """A mechanism from link sizes in degrees and pairs as name -> two links."""
+    sizes = {
+        link: LinkSizes(
+            tuple(axes.split()), tuple(np.radians(arcs)), tuple(np.radians(angles))
+        )
+        for link, (axes, arcs, angles) in links.items()
+    }
+    return Mechanism(
+        name="made",
+        ground=next(iter(links)),
+        links=tuple(links),
+        pairs=tuple(Pair(name, "R", tuple(ends.split())) for name, ends in pairs.items()),
+        geometry=SizeGeometry(sizes, zeros or {}),
+        inputs=tuple(Input(name, 0.0, 6.0) for name in inputs),
+        outputs=(output,),
+    )
+
+
+def unlike_legs():
+    """Three legs: RRR driven at the base, one through a four-bar, one at its elbow."""
+    return mechanism_of(
+        {
+            "base": ("a1 a2 d2 a3", [70.0, 95.0, 110.0], [30.0, 140.0]),
+            "crank1": ("a1 b1", [50.0], []),
+            "coupler1": ("b1 c1", [75.0], []),
+            "drive": ("d2 e2", [35.0], []),
+            "rod": ("e2 f2", [48.0], []),
+            "crank2": ("a2 f2 b2", [40.0, 65.0], [75.0]),
+            "coupler2": ("b2 c2", [70.0], []),
+            "crank3": ("b3 a3", [58.0], []),
+            "coupler3": ("c3 b3", [66.0], []),
+            "platform": ("c2 c1 c3", [60.0, 75.0], [110.0]),
+        },
+        {
+            "a1": "base crank1",
+            "b1": "coupler1 crank1",
+            "c1": "coupler1 platform",
+            "d2": "drive base",
+            "e2": "drive rod",
+            "f2": "rod crank2",
+            "a2": "base crank2",
+            "b2": "crank2 coupler2",
+            "c2": "platform coupler2",
+            "a3": "base crank3",
+            "b3": "crank3 coupler3",
+            "c3": "coupler3 platform",
+        },
+        ["b3", "a1", "d2"],
+        Output("pose", "platform", "base"),
+        {"a1": 0.4, "b3": -0.7, "c2": 0.3},
+    )
+
+
+def serial(count):
+    """An open chain of two or three links, whose output link has a single pair."""
+    links = {
+        "base": ("p", [], []),
+        "yoke": ("p q", [80.0], []),
+        "fork": ("q r", [65.0], []),
+        "tool": ("r", [], []),
+    }
+    pairs = {"p": "base yoke", "q": "fork yoke", "r": "fork tool"}
+    if count == 2:
+        links = {**{k: links[k] for k in ("base", "yoke")}, "fork": ("q", [], [])}
+        del pairs["r"]
+    tool = list(links)[-1]
+    x = np.array([0.36, -0.48, 0.8]) if count == 2 else None
+    direction = None if x is None else tuple(float(v) for v in x)
+    return mechanism_of(
+        links, pairs, list(pairs), Output("pose", tool, "base", direction), {"q": 0.5}
+    )

@@ -1,0 +1,48 @@
+"""What tests of singularities share: four-bars of the source, and what is read of them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherekit import load
+from spherekit.singular.slices import solver_of
+
+SOURCE = load("four_bar")
+
+
+def four_bar(arcs, made=SOURCE):
+    """Return the four-bar of the source with these arcs (rad)."""
+    links = {
+        link: replace(size, arcs=(float(arc),))
+        for (link, size), arc in zip(sorted(made.geometry.links.items()), arcs, strict=True)
+    }
+    return replace(made, geometry=replace(made.geometry, links=links), loads=())
+
+
+ROCKER = np.radians([100.0, 50.0, 70.0, 40.0])
+
+
+def findings_of(result):
+    """Return the findings and the warnings of the only analysis."""
+    (entry,) = result.summary["analyses"]
+    return entry["findings"], result.summary["warnings"]
+
+
+def axes_at(made, values):
+    return solver_of(made).closure.at(values).axes
+
+
+def components(arcs):
+    """Return how many closed curves a four-bar has, from the reach of its diagonal.
+
+    The diagonal between axes 32 and 41 has to lie in the range that links 1, 2 allow and in
+    that of links 3, 4. Where one end of the first range is out of reach the two modes
+    meet there and are one curve; where both are, or none, there are two.
+    """
+    ground, crank, coupler, rocker = arcs
+    shortest, longest = abs(ground - crank), min(ground + crank, 2 * np.pi - ground - crank)
+    near = abs(coupler - rocker)
+    far = min(coupler + rocker, 2 * np.pi - coupler - rocker)
+    if shortest >= far or longest <= near:
+        return 0
+    return 1 if (shortest < near) != (longest > far) else 2

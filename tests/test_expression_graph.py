@@ -1,0 +1,183 @@
+"""Terms: sharing, what is simplified, and their values on arrays."""
+
+import gc
+import math
+import operator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from spherekit.engine.algebra import SeriesExpressions, length, vector
+from spherekit.engine.arrays import BLOCK, array_function
+from spherekit.engine.expression_graph import (
+    ExpressionNode,
+    function,
+    in_order,
+    power,
+    symbols,
+    varies,
+)
+from spherekit.engine.loads import expression_value
+from spherekit.model.expression import load_names, parse
+
+X, Y, Z = symbols(["x", "y", "z"])
+
+
+def test_equal_terms_are_the_same_object():
+    assert X + Y is Y + X
+    assert (X + Y) * Z is Z * (X + Y)
+    assert X - Y is not Y - X
+    assert function("sin", X * 2.0) is function("sin", 2.0 * X)
+    assert symbols(["x"])[0] is X
+
+
+@pytest.mark.parametrize(
+    ("made", "expected"),
+    [
+        (X * 0.0, 0.0),
+        (0.0 + X, X),
+        (X - 0.0, X),
+        (1.0 * X, X),
+        (X / 1.0, X),
+        (X - X, 0.0),
+        (0.0 / X, 0.0),
+        (-(-1.0 * X), X),
+        (-(X - Y), Y - X),
+        (X + -Y, X - Y),
+        (-X + Y, Y - X),
+        (X - -Y, X + Y),
+        (-X - Y, -(X + Y)),
+        (-X * Y, -(X * Y)),
+        (-X * -Y, X * Y),
+        (2.0 * -X, -2.0 * X),
+        (-X / Y, -(X / Y)),
+        (X / -Y, -(X / Y)),
+        (0.0 - X, -X),
+    ],
+)
+def test_signs_move_outwards_and_zeros_and_ones_go(made, expected):
+    assert made is expected or made == expected
+
+
+def test_terms_that_nothing_holds_are_forgotten():
+    gc.collect()
+    count = sum(isinstance(each, ExpressionNode) for each in gc.get_objects())
+    made = sum((X * float(k) for k in range(2, 50)), Y)
+    assert sum(isinstance(each, ExpressionNode) for each in gc.get_objects()) > count + 90
+    del made
+    gc.collect()
+    assert sum(isinstance(each, ExpressionNode) for each in gc.get_objects()) == count
+
+
+def test_a_term_comes_after_its_arguments_and_once():
+    item = (X + Y) * function("sqrt", X + Y) - power(X + Y, 3.0)
+    order = list(in_order([item, X + Y]))
+    assert len(order) == len(set(order)) == 7
+    for place, term in enumerate(order):
+        for each in term.arguments:
+            if isinstance(each, ExpressionNode):
+                assert order.index(each) < place
+    assert varies(item)
+    assert not varies(function("sqrt", 2.0))
+    assert not varies(2.0)
+
+
+def random_expressions(count):
+    """Return terms and, from the same choices, functions of three numbers."""
+    random = np.random.default_rng(5)
+    made = [(X, lambda p: p[0]), (Y, lambda p: p[1]), (Z, lambda p: p[2]), (-1.0, None)]
+    made += [(each, None) for each in (0.0, 1.0, 2.5)]
+    values = [f or (lambda p, c=c: c) for c, f in made]
+    terms = [term for term, _ in made]
+    pool = list(zip(terms, values, strict=True))
+    for _ in range(count):
+        (a, f), (b, g) = (pool[k] for k in random.integers(0, len(pool), 2))
+        which = (operator.add, operator.sub, operator.mul)[random.integers(0, 3)]
+        pool.append((which(a, b), lambda p, f=f, g=g, w=which: w(f(p), g(p))))
+        if isinstance(pool[-1][0], ExpressionNode) and random.random() < 0.2:
+            h = pool[-1][1]
+            pool.append((function("sin", pool[-1][0]), lambda p, h=h: math.sin(h(p))))
+    return pool
+
+
+def test_values_on_arrays_are_those_of_numbers():
+    pool = random_expressions(120)
+    found = array_function([term for term, _ in pool], [X, Y, Z])
+    points = np.random.default_rng(1).normal(size=(3, BLOCK + 5))
+    values = found(points)
+    for column in (0, BLOCK - 1, BLOCK, BLOCK + 4):
+        expected = np.array([value(points[:, column]) for _, value in pool])
+        gap = np.abs(values[:, column] - expected)
+        assert np.max(gap / (1.0 + np.abs(expected))) < 1e-14
+
+
+def test_rows_are_used_again():
+    total = X
+    for k in range(2, 200):
+        total = function("sin", total * float(k)) + Y
+    found = array_function([total, X, 3.0, total], [X, Y])
+    assert found.rows == 1
+    values = found(np.array([[0.2, 0.4], [0.1, 0.3]]))
+    assert np.array_equal(values[1:3], [[0.2, 0.4], [3.0, 3.0]])
+    assert np.array_equal(values[0], values[3])
+
+
+def test_series_follow_the_rules_of_derivatives():
+    # x = e^t at t = 0 and y = cos t: coefficients to fourth order.
+    x = SeriesExpressions((1.0, 1.0, 1 / 2, 1 / 6, 1 / 24))
+    y = SeriesExpressions((1.0, 0.0, -1 / 2, 0.0, 1 / 24))
+    product = SeriesExpressions((1.0, 1.0, 0.0, -1 / 3, -1 / 6))
+    for made, expected in (
+        (x * y, product),
+        (product / y, x),
+        (1.0 / (1.0 / x), x),
+        (x.derivative() - x, SeriesExpressions((0.0, 0.0, 0.0, 0.0))),
+        (2.0 - (y - 1.0) - 3.0, -1.0 * y),
+        (-(0.0 + x), -1.0 * x),
+    ):
+        gap = np.subtract(made.coefficients, expected.coefficients)
+        assert np.max(np.abs(gap)) < 1e-15
+
+
+def test_the_length_of_a_vector_as_a_series():
+    # (3 e^t, 4 e^t, 0) has the length 5 e^t.
+    orders = [vector([3.0 * c, 4.0 * c, 0.0 * X]) for c in (1.0, 1.0, 1 / 2, 1 / 6)]
+    unit, size = length(orders)
+    found = array_function([*unit, *size.coefficients], [X])(np.zeros((1, 1)))[:, 0]
+    expected = [0.6, 0.8, 0.0, 5.0, 5.0, 5 / 2, 5 / 6]
+    assert np.max(np.abs(found - expected)) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("sin(theta_a + 0.5*t)", np.sin(0.7 + 0.15)),
+        ("cos(2*theta_a - sin(theta_a))", np.cos(1.4 - np.sin(0.7))),
+        ("tan(-3*theta_a)", np.tan(-2.1)),
+        ("sin(t*2 + cos(-theta_a))", np.sin(0.6 + np.cos(0.7))),
+    ],
+)
+def test_sines_of_angles_after_many_turns_keep_their_digits(text, expected):
+    """The value is that without the turns, to rounding of numbers of the order of 1."""
+    whole, reduced, t = symbols(["whole", "reduced", "t"])
+    moving = SimpleNamespace(
+        angle=lambda pair: whole, direction=lambda pair: reduced, time=t
+    )
+    value = expression_value(parse(text, load_names(["a"])), moving)
+    turned = 0.7 + 2.0 * np.pi * 1e7
+    run = array_function([value], [whole, reduced, t])
+    found = run(np.array([[turned], [0.7], [0.3]]))
+    assert abs(found[0, 0] - expected) < 1e-14
+
+
+def test_sines_of_parts_of_angles_need_the_turns():
+    whole, reduced, t = symbols(["whole", "reduced", "t"])
+    moving = SimpleNamespace(
+        angle=lambda pair: whole, direction=lambda pair: reduced, time=t
+    )
+    law = parse("sin(0.5*theta_a)", load_names(["a"]))
+    run = array_function([expression_value(law, moving)], [whole, reduced, t])
+    turned = 0.7 + 2.0 * np.pi
+    found = run(np.array([[turned], [0.7], [0.3]]))
+    assert abs(found[0, 0] - np.sin(0.5 * turned)) < 1e-15

@@ -1,0 +1,444 @@
+"""Singularities at the right input, in range or marked; searches that end and say so."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from singular_examples import ROCKER, axes_at, findings_of, four_bar
+
+import spherekit as sk
+from spherekit import progress
+from spherekit.budget import Budget
+from spherekit.guarantee import Guarantee
+from spherekit.guidance.loci import SIDE, mid_plane_loci
+from spherekit.motion.motion import Tracer
+from spherekit.motion.turns import into_range, turns_in_range
+from spherekit.singular.curves import singular_curves
+from spherekit.singular.surface import singular_surface
+from spherekit.sphere.mirror import normal_at
+
+NAME = "singularities"
+GEARED = """
+format = 1
+name = "geared_five_bar"
+angle_unit = "deg"
+ground = "1"
+[links]
+1 = {{ axes = ["left", "right"], arcs = [75.0] }}
+2 = {{ axes = ["left", "32"], arcs = [40.0] }}
+3 = {{ axes = ["32", "43"], arcs = [60.0] }}
+4 = {{ axes = ["43", "54"], arcs = [55.0] }}
+5 = {{ axes = ["right", "54"], arcs = [35.0] }}
+[pairs]
+left = {{ type = "R", links = ["1", "2"] }}
+right = {{ type = "R", links = ["1", "5"] }}
+32 = {{ type = "R", links = ["2", "3"] }}
+43 = {{ type = "R", links = ["3", "4"] }}
+54 = {{ type = "R", links = ["4", "5"] }}
+mesh = {{ type = "Cr", links = ["2", "5"], teeth = [20, 40], axes = ["left", "right"] }}
+[inputs.left]
+from = {low}
+to = {high}
+[outputs.pointer]
+link = "3"
+"""
+"""A five-bar whose cranks are wheels of 20 and 40 teeth: the input comes back after 720."""
+
+
+def geared(tmp_path, low, high):
+    path = tmp_path / "geared.toml"
+    path.write_text(GEARED.format(low=low, high=high))
+    return sk.load(path)
+
+
+def dead_inputs_of_geared(made, low, high):
+    """Return where coupler and follower are in line: wheels on fixed axes, turned by hand.
+
+    One configuration is read off the motion; from there the wheels turn by the teeth.
+    """
+    motion = Tracer(made, samples=61).motion()
+    row = int(np.flatnonzero(~motion.failed)[0])
+    axes = axes_at(made, motion.values[row : row + 1])[0]
+    number = made.pair_number
+    left, right, one, other = (axes[number[name]] for name in ("left", "right", "32", "54"))
+    start = motion.inputs[row, 0]
+
+    def gap(q, across):
+        first = Rotation.from_rotvec((q - start) * left).apply(one)
+        second = Rotation.from_rotvec(-(q - start) * 20 / 40 * right).apply(other)
+        return np.arccos(first @ second) - across
+
+    found = []
+    for across in np.radians([60.0 + 55.0, 60.0 - 55.0]):
+        grid = np.linspace(low, high, 2001)
+        values = [gap(q, across) for q in grid]
+        for (a, fa), (b, fb) in pairwise(zip(grid, values, strict=True)):
+            if fa * fb < 0.0:
+                found.append(brentq(gap, a, b, args=(across,), xtol=1e-14))
+    return np.sort(found)
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(0.0, 720.0), (-360.0, 360.0), (400.0, 620.0), (-300.0, 1000.0)],
+)
+def test_places_of_a_geared_five_bar_are_at_their_turn(low, high, tmp_path):
+    made = geared(tmp_path, low, high)
+    truth = dead_inputs_of_geared(made, *np.radians([low, high]))
+    assert len(truth)
+    result = sk.run(made, NAME, samples=13)
+    frame = result.frame()
+    inside = frame[frame["inside"] == "yes"]
+    assert set(inside["kind"]) == {"II"}
+    assert np.unique(np.round(inside["q"], 7)) == pytest.approx(truth, abs=1e-7)
+    outside = frame[frame["inside"] == "no"]["q"]
+    assert np.all((outside < np.radians(low)) | (outside > np.radians(high)))
+
+
+DWELL = """
+format = 1
+name = "dwell_drive"
+angle_unit = "deg"
+ground = "frame"
+[links.frame]
+axes = ["cam", "swing", "turn", "out"]
+arcs = [60.0, 80.0, 50.0]
+angles = [0.0, 70.0]
+[links]
+disc = { axes = ["cam"] }
+follower = { axes = ["swing"] }
+crank = { axes = ["turn", "pin"], arcs = [25.0] }
+coupler = { axes = ["pin", "joint"], arcs = [60.0] }
+rocker = { axes = ["out", "joint"], arcs = [55.0] }
+[pairs]
+cam = { type = "R", links = ["frame", "disc"] }
+swing = { type = "R", links = ["frame", "follower"] }
+turn = { type = "R", links = ["frame", "crank"] }
+pin = { type = "R", links = ["crank", "coupler"] }
+joint = { type = "R", links = ["coupler", "rocker"] }
+out = { type = "R", links = ["frame", "rocker"] }
+[pairs.mesh]
+type = "Cr"
+links = ["follower", "crank"]
+teeth = [48, 16]
+axes = ["swing", "turn"]
+[pairs.contact]
+type = "Cs"
+links = ["disc", "follower"]
+follower = { link = "follower", roller = 12.0, centre_lonlat = [90.0, 45.0] }
+[pairs.contact.profiles.disc]
+kind = "fourier"
+centre_xyz = [0.0, 0.0, 1.0]
+cosines = [25.0, 4.0, 3.0]
+sines = [0.0, 0.0, 1.0]
+[inputs.cam]
+from = 0.0
+to = 360.0
+[outputs.rocker]
+link = "rocker"
+"""
+"""A cam swings a wheel that turns the crank of a four-bar: what has rolled at an input
+does not grow with the input, but comes back with it."""
+
+
+def test_what_rolls_with_a_cam_comes_back_with_the_input(tmp_path):
+    """Reversals of the rocker, read off its angle along the motion, are the places."""
+    path = tmp_path / "dwell.toml"
+    path.write_text(DWELL)
+    result = sk.run(sk.load(path), NAME, samples=721)
+    motion, places = result.frame("motion"), result.frame()
+    assert set(motion["status"]) == {"OK"} and set(places["kind"]) == {"I"}
+    for assembly_mode, rows in motion.groupby("assembly_mode"):
+        angle = np.unwrap(rows["theta_out"])
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(angle)))) + 1
+        before, at, after = angle[turns - 1], angle[turns], angle[turns + 1]
+        off = 0.5 * (before - after) / (before - 2.0 * at + after)  # of the parabola
+        step = 2.0 * np.pi / 720
+        there = places[places["assembly_mode"] == str(assembly_mode)]
+        assert np.sort(there["q"]) == pytest.approx((turns + off) * step, abs=0.05 * step)
+        assert set(there["inside"]) == {"yes"}
+
+
+def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
+    """Dead centres of a rocker: coupler and follower in line, an angle of their arcs."""
+    base, crank, coupler, follower = ROCKER
+    across = coupler + follower
+    turn = np.arccos(
+        (np.cos(across) - np.cos(base) * np.cos(crank)) / (np.sin(base) * np.sin(crank))
+    )
+    whole = sk.run(four_bar(ROCKER), NAME, samples=9).frame()
+    dead = np.sort(whole[whole["kind"] == "II"]["q"])
+    assert np.min(np.abs(np.mod(dead - turn + np.pi, 2 * np.pi) - np.pi)) < 1e-9
+    low, high = dead[0] - 0.3, dead[0] - 0.1
+    made = four_bar(ROCKER)
+    narrow = Tracer(made).mechanism.with_inputs("21")
+    path = np.linspace(low, high, 9)[:, None]
+    result = sk.run(narrow, NAME, path=path)
+    frame = result.frame()
+    away = frame[frame["kind"] == "II"]
+    assert set(away["inside"]) == {"no"}
+    gap = np.maximum(low - away["q"], away["q"] - high)
+    again = [
+        np.maximum(low - q, q - high)
+        for q in (away["q"] + 2 * np.pi, away["q"] - 2 * np.pi)
+    ]
+    assert np.all(gap > 0.0) and all(np.all(gap <= other) for other in again)
+    figures, _ = findings_of(result)
+    assert "II" not in figures["singularities"]
+    assert figures["outside"]["II"] == len(away)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 720.0), (-500.0, 400.0), (10.0, 370.0)])
+def test_places_are_listed_for_every_turn_of_a_range(low, high):
+    """Dead centres of a rocker by the spherical law of cosines, at plus and minus."""
+    base, crank, coupler, follower = ROCKER
+    stretched = np.cos(coupler + follower) - np.cos(base) * np.cos(crank)
+    dead = np.degrees(np.arccos(stretched / (np.sin(base) * np.sin(crank))))
+    turns = np.arange(-3, 4)[:, None] * 360.0 + [dead, -dead]
+    truth = np.sort(turns[(turns > low) & (turns < high)])
+    made = four_bar(ROCKER).with_inputs("21")
+    path = np.radians(np.linspace(low, high, 31))[:, None]
+    result = sk.run(made, NAME, path=path)
+    frame = result.frame()
+    own = frame[frame["kind"] == "II"]
+    assert np.degrees(np.sort(own["q"])) == pytest.approx(truth, abs=1e-7)
+    assert set(own["inside"]) == {"yes"} and set(own["assembly_mode"]) == {"0+1"}
+    figures, _ = findings_of(result)
+    assert not figures["checks_failed"] and "complete" in figures["guarantee"]
+    relation = result.frame(NAME, "relation")
+    relation = relation[relation["to_II"].notna()]
+    assert len(relation)
+    leads = np.stack([relation["q"] + relation["to_II"], relation["q"] - relation["to_II"]])
+    every = np.radians(turns.ravel())
+    assert np.all(np.min(np.abs(leads[..., None] - every), axis=(0, 2)) < 1e-7)
+
+
+def test_a_place_at_both_ends_of_a_turn_is_listed_once():
+    """90 + 40 = 60 + 70: at q = 180 deg the four-bar lies in one plane."""
+    made = four_bar(np.radians([90.0, 40.0, 60.0, 70.0])).with_inputs("21")
+    path = np.radians(np.linspace(-180.0, 180.0, 9))[:, None]
+    frame = sk.run(made, NAME, path=path).frame()
+    own = frame[frame["kind"] == "III"]
+    assert len(own) == 1 and set(own["assembly_mode"]) == {"0+1"}
+    assert abs(np.degrees(own["q"].iloc[0])) == pytest.approx(180.0)
+
+
+def test_turns_of_an_input():
+    q = np.array([-0.1, 0.5, 7.0, 3.9])
+    found = into_range(q, 0.0, 1.0, 2 * np.pi)
+    assert found == pytest.approx([-0.1, 0.5, 7.0 - 2 * np.pi, 3.9 - 2 * np.pi])
+    assert np.array_equal(into_range(q, 0.0, 1.0, np.inf), q)
+    assert into_range(np.array([2 * np.pi]), 0.0, 2 * np.pi, 2 * np.pi)[0] == pytest.approx(
+        0.0
+    )
+    turned, which = turns_in_range(q, -1.0, 12.0, 2 * np.pi)
+    assert which.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    laps = (turned - q[which]) / (2 * np.pi)
+    assert laps == pytest.approx(np.round(laps)) and np.all(np.abs(turned - 5.5) <= 6.5)
+    once, _ = turns_in_range(np.array([0.0, 1.0]), 0.0, 4 * np.pi, 2 * np.pi)
+    assert once == pytest.approx([0.0, 2 * np.pi, 1.0, 1.0 + 2 * np.pi])
+    assert turns_in_range(q, 0.0, 100.0, np.inf)[0].tolist() == q.tolist()
+
+
+def check_points(made, points, kind):
+    """Put the inputs there: the loops are closed, and the velocity equations singular.
+
+    Of type II those of the passive pairs alone, of type I with the output at rest.
+    """
+    solver = Tracer(made, samples=3).solver
+    driven = list(solver.driven)
+    values = points.values.copy()
+    turns = (points.inputs - values[:, driven]) / (2.0 * np.pi)
+    assert np.max(np.abs(turns - np.round(turns)), initial=0.0) < 1e-9
+    values[:, driven] = points.inputs
+    at = solver.closure.at(values)
+    jacobian = at.jacobian
+    assert np.max(at.gap, initial=0.0) < 1e-12
+    low = np.array([item.start for item in made.inputs])
+    high = np.array([item.stop for item in made.inputs])
+    within = np.all((points.inputs >= low - 1e-9) & (points.inputs <= high + 1e-9), axis=1)
+    assert np.array_equal(within, points.inside)
+    if kind == "II":
+        passive = [v for v in range(values.shape[1]) if v not in driven]
+        sizes = np.linalg.svd(jacobian[:, :, passive], compute_uv=False)
+        assert np.max(sizes[:, -1], initial=0.0) < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["I", "II"])
+def test_surfaces_from_random_starts_are_at_the_inputs_given(kind):
+    made = sk.load("three_rrr")
+    mesh = singular_surface(made, kind, side=0.25, slices_of_each=0)
+    assert len(mesh.points.values) and mesh.claim.guarantee is Guarantee.SAMPLED
+    assert np.mean(mesh.points.inside) > 0.5
+    check_points(made, mesh.points, kind)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["I", "II"])
+def test_random_starts_meet_the_curves_that_slices_meet(kind):
+    made = sk.load("five_bar")
+    by_slices = singular_curves(made, kind, slices_of_each=4)
+    by_starts = singular_curves(made, kind, slices_of_each=0)
+    assert by_slices.claim.guarantee is Guarantee.TO_BOX
+    assert by_starts.claim.guarantee is Guarantee.SAMPLED
+    for each in by_slices.curves:
+        check_points(made, each.points, kind)
+        points = each.points
+        inside = np.flatnonzero(points.inside)
+        hit = np.zeros(len(inside), dtype=bool)
+        for other in by_starts.curves:
+            hit |= other.curve.find(points.values[inside], points.motion[inside])
+        assert np.all(hit)
+
+
+def test_a_search_without_time_says_so():
+    budget = Budget(0.0, "curves of type II")
+    found = singular_curves(sk.load("five_bar"), "II", budget=budget)
+    result = sk.run(sk.load("agile_eye"), f"{NAME}:slices=6,seconds=0", samples=3)
+    assert not found.curves and found.claim.guarantee is Guarantee.SAMPLED
+    assert "stopped after 0 s" in found.claim.reason
+    assert not len(result.frame()) and not len(result.frame(NAME, "aspects"))
+    remarks = result.summary["remarks"]
+    for words in ("type II", "type I", "aspects"):
+        assert any(words in each and "stopped after 0 s" in each for each in remarks)
+
+
+def test_a_search_tells_what_it_does(monkeypatch):
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    told = []
+    with progress.heard_by(told.append):
+        singular_curves(sk.load("five_bar"), "II", slices_of_each=1)
+    assert "search: slice 1 of 1" in told[0]
+    assert any("curve 1 of type II" in words for words in told)
+
+
+@pytest.mark.slow
+def test_a_differential_is_singular_everywhere_and_has_no_regular_part():
+    """One axis for both inputs and the output: two inputs always rest it in some motion."""
+    result = sk.run(sk.load("bevel_differential"), f"{NAME}:input_grid=5", samples=5)
+    relation = result.frame(NAME, "relation")
+    assert set(relation["type"]) == {"I"}
+    assert not len(result.frame(NAME, "aspects"))
+    remarks = " ".join(result.summary["remarks"])
+    assert "of type I in every row of assembly mode 0" in remarks
+    assert "0 aspects" in remarks and "configurations met are singular" in remarks
+
+
+@pytest.mark.slow
+def test_three_inputs_have_surfaces_by_default_and_every_vertex_a_reason():
+    result = sk.run(sk.load("three_rrr"), f"{NAME}:input_grid=0", samples=3)
+    frame = result.frame()
+    assert {"I", "II"} == set(frame["kind"])
+    assert frame["condition"].astype(bool).all()
+    remarks = result.summary["remarks"]
+    assert sum("random starts" in each for each in remarks) == 2
+
+
+def test_the_rest_of_the_input_is_type_two_of_the_input_itself():
+    """Output and input are one motion: c = d, and the dead centre is the input's."""
+    result = sk.run(four_bar(ROCKER), f"{NAME}:output=21", samples=9)
+    assert set(result.frame()["kind"]) == {"II"}
+
+
+def test_a_driven_link_is_no_output_by_default():
+    made = sk.load("four_bar").with_inputs("41")
+    result = sk.run(made, NAME, samples=9)
+    assert "4/1" not in set(result.frame(NAME, "relation")["output"])
+
+
+def test_a_row_in_a_crossing_has_its_type():
+    """90 + 40 = 60 + 70: at q = 180 deg the four-bar lies in one plane."""
+    made = four_bar(np.radians([90.0, 40.0, 60.0, 70.0]))
+    relation = sk.run(made, NAME, samples=5).frame(NAME, "relation")
+    at = relation[relation["status"].astype(str) == "AT_SINGULARITY"]
+    assert len(at) and set(at["type"]) == {"III"} and set(at["group"]) == {1}
+
+
+@pytest.fixture(scope="module")
+def mid_plane():
+    made = sk.load("two_dof_spm")
+    return made, {kind: mid_plane_loci(made, kind) for kind in ("I", "II")}
+
+
+def test_mid_plane_loci_are_singular(mid_plane):
+    made, loci = mid_plane
+    for kind, found in loci.items():
+        assert found.curves
+        for each in found.curves:
+            check_points(made, each.points, kind)
+            assert np.max(each.points.residual) < 1e-12
+
+
+def test_mid_plane_loci_of_type_one_are_circles_at_the_limit_of_reach(mid_plane):
+    """There base axis and mid-plane are the leg's arc apart, 40 deg: n . b = sin 40 deg."""
+    made, loci = mid_plane
+    form = sk.mid_plane_form(made)
+    for each in loci["I"].curves:
+        normals, off = form.normals(each.points.orientation)
+        assert np.max(off) < 1e-9
+        heights = np.abs(normals @ form.plane.axes[list(form.plane.driven)].T)
+        assert np.max(np.min(np.abs(heights - np.sin(np.radians(40.0))), axis=1)) < 1e-9
+
+
+def test_mid_plane_loci_of_type_two_hold_the_paths_and_the_triangle(mid_plane):
+    """Where a rotation of the paper loses control, and where both driven elbows are one.
+
+    Arcs of 40 deg from base axes 60 deg apart meet at cos A = cot 40 tan 30 at both.
+    """
+    made, loci = mid_plane
+    form = sk.mid_plane_form(made)
+    start, stop = (normal_at(*np.radians(pose)) for pose in ((75, -20), (70, 20)))
+    normals = [
+        (form.normals(each.points.orientation)[0], each.modes) for each in loci["II"].curves
+    ]
+    for modes in ((-1, 1, 1), (1, 1, 1)):
+        turn = form.rotation_between(start, stop, modes=modes)
+        assert len(turn.crossings)
+        for place in turn.normals(np.array(turn.crossings)):
+            away = [
+                np.min(np.arccos(np.clip(np.abs(own @ place), 0.0, 1.0)))
+                for own, signs in normals
+                if signs == modes
+            ]
+            assert min(away) < SIDE
+    corner = np.arccos(np.tan(np.radians(30.0)) / np.tan(np.radians(40.0)))
+    meeting = [each for each in loci["II"].curves if "along one line" in each.why]
+    assert meeting
+    readings = np.concatenate([each.points.inputs for each in meeting])
+    held = np.max(np.abs(np.abs(readings) - (np.pi - corner)), axis=1) < 1e-9
+    assert np.mean(held) > 0.9
+
+
+@pytest.mark.parametrize(
+    "name", ["shaped_flat_cam", "shaped_cam", "roller_cam", "four_bar", "stephenson"]
+)
+def test_the_output_reverses_where_it_is_said_to(name):
+    """Signs of the velocity coefficient at samples against the places between them."""
+    made = sk.load(name)
+    (output,) = made.outputs
+    pole = f"{output.link}/{output.relative_to}"
+    rates = sk.run(made, f"poles:only={pole}", samples=61).frame("poles")
+    places = sk.run(made, NAME, samples=61).frame()
+    reversing = places[places["turns"].str.contains("output", na=False)]
+    changes = 0
+    for assembly_mode, rows in rates.groupby("assembly_mode"):
+        w = (
+            rows[["ux", "uy", "uz"]].to_numpy()
+            * rows["velocity_coefficient"].to_numpy()[:, None]
+        )
+        q = rows["q"].to_numpy()
+        own = reversing[
+            reversing["assembly_mode"].map(
+                lambda text, b=assembly_mode: str(b) in text.split()
+            )
+        ]
+        for k in range(len(q) - 1):
+            if not np.all(np.isfinite(w[k : k + 2])):
+                continue
+            there = np.sum((own["q"] > q[k]) & (own["q"] < q[k + 1]))
+            assert there % 2 == int(w[k] @ w[k + 1] < 0.0), (assembly_mode, q[k])
+            changes += int(w[k] @ w[k + 1] < 0.0)
+    assert changes
