@@ -229,7 +229,7 @@ class SeveralInputs:
                     row = int(np.nanargmin(angles))
                     place = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
                     assembly_modes = numbered(
-                        "assembly_mode", np.unique(batch.assembly_mode[near])
+                        "assembly mode", np.unique(batch.assembly_mode[near])
                     )
                     warnings.append(
                         f"type {kind} of output {name} comes within {self.near:g} deg of "
@@ -512,7 +512,7 @@ def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
             found.setdefault(_type(kinds.pop()), []).append(number)
     return [
         f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of "
-        + numbered("assembly_mode", numbers)
+        + numbered("assembly mode", numbers)
         for kind, numbers in found.items()
     ]
 

@@ -275,7 +275,7 @@ class SingularityAnalysis(AbstractAnalysis):
                     continue
                 row = np.flatnonzero(near)[np.argmin(angles[near])]
                 assembly_modes = numbered(
-                    "assembly_mode", np.unique(relation["assembly_mode"][near])
+                    "assembly mode", np.unique(relation["assembly_mode"][near])
                 )
                 warnings.append(
                     f"type {kind} of output {output} comes within {self.near:g} deg of "

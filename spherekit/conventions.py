@@ -100,7 +100,7 @@ def listing(words: Iterable[object], limit: int = 12) -> str:
 
 
 def numbered(word: str, numbers: Iterable[object]) -> str:
-    """Return a word with what it counts: ``assembly_mode 0``, ``assembly_modes 0, 1``."""
+    """Return a word with what it counts: ``assembly mode 0``, ``assembly modes 0, 1``."""
     every = list(numbers)
     plural = "es" if word.endswith("h") else "s"
     return f"{word}{'' if len(every) == 1 else plural} {listing(every)}"

@@ -907,7 +907,7 @@ def test_bad_input_is_refused_before_any_integration():
         kernel(made, "21")(np.zeros((3, 2)))
     with pytest.raises(EngineError, match=r"shape \(4,\)"):
         kernel(made, "21")(np.zeros(4))
-    with pytest.raises(EngineError, match=r"shape \(2, 2\).*rate_1_2"):
+    with pytest.raises(EngineError, match=r"shape \(2, 2\).*velocity_coefficient_1_2"):
         kernel(made, "21")(np.zeros((4, 2)), np.zeros((2, 2)))
     with pytest.raises(EngineError, match='engine "fast" is not known'):
         kernel(made, "21", engine="fast")

@@ -493,9 +493,9 @@ REFUSED = {
         lambda: mid_plane_mechanism(ARCS + np.radians([0, 0, 1, 0, 0, 0, 0, 0])),
         ["no mid-plane symmetric architecture", "links 2 and 3 differ, 40 and 41 deg"],
     ),
-    "no mirror image": (
+    "not the mirror image": (
         lambda: mid_plane_mechanism(ARCS + np.radians([0, 0, 0, 5, 0, 0, 0, 0])),
-        ["no mirror image"],
+        ["not the mirror image"],
     ),
     "two legs": (lambda: sk.load("five_bar"), ["0 of 1 legs", "of three at least"]),
     "contacts": (lambda: sk.load("bevel_differential"), ["left_mesh is a contact pair"]),

@@ -336,7 +336,7 @@ def test_wrong_use_is_told():
         find_region(lambda places: np.full((len(places), 1), -np.inf))
     with pytest.raises(RegionError, match="tolerance is 0"):
         find_region(caps([[1, 2, 3]], [0.7], [True]), 0)
-    with pytest.raises(RegionError, match="no direction"):
+    with pytest.raises(RegionError, match="is not a direction"):
         find_region(caps([[1, 2, 3]], [0.7], [True])).nearest([0, 0, 0])
 
 

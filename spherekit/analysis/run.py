@@ -58,7 +58,7 @@ def run(
     options
         `input_pair`, names of the driven pairs, and fields of
         `spherekit.model.study.Study` (what the run goes through: samples, grid, path,
-        assembly mode, search, laws, duration, start, torque, tolerance, verify, degrees)
+        assembly_mode, search, laws, duration, start, torque, tolerance, verify, degrees)
         and of `spherekit.analysis.execution.Execution` (how it is done: folder, unfinished,
         formats, tables, engine, only_needed, recorder, log_every, progress, block, setting,
         accuracy). Those that are given replace what a study says.

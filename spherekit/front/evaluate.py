@@ -282,7 +282,7 @@ def evaluate(
         The poles wanted, such as ``["3/1", "4/1"]``; by default all.
     input_pair
         The driven pairs, if not those of the mechanism.
-    assembly mode
+    assembly_mode
         The only assembly mode wanted, by the number that `run` gives it; by default all.
 
     Raises

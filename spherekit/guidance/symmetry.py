@@ -207,7 +207,7 @@ def _assembled(
     if np.max(np.abs(tips @ image.T - axes)) > SAME:
         raise _refusal(
             mechanism,
-            "the axes on the end effector are not mirror image of those on the base",
+            "the axes on the end effector are not the mirror image of those on the base",
         )
     dials, phases, senses, arcs = [], [], [], []
     for leg in legs:

@@ -39,7 +39,7 @@ class Study:
         Whether all combinations of the inputs are sampled, so many of each.
     path
         (n, inputs) rad, the inputs at every sample, in place of their ranges.
-    assembly mode
+    assembly_mode
         Number of the only assembly mode that is wanted; all by default.
     search
         Whether assembly modes are looked for beside that of a given reference pose.

@@ -279,7 +279,7 @@ class Tracer:
         A mechanism with a freedom for each of its inputs.
     input_pair
         Names of the driven pairs, if not those the mechanism declares.
-    assembly mode
+    assembly_mode
         Number of the only assembly mode wanted; all by default.
     search
         Whether to look for assembly modes beside that of a given reference pose.
