@@ -406,7 +406,7 @@ def report(summary: Any) -> str:
     repeated = summary["redundant_constraints"]
     if repeated and repeated["count"]:
         lines.append(
-            f"  {repeated['count']} redundant constraints among pairs "
+            f"  {counted(repeated['count'], 'redundant constraint')} among pairs "
             f"{', '.join(repeated['pairs'])}"
         )
     for assembly_mode in summary["assembly_modes"]:
