@@ -232,7 +232,11 @@ def relation_and_poles(evidence: Evidence, notes: Notes) -> None:
 
 @check("signs change at places", "rates of an output change sign at places of type I")
 def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
-    """Compare signs at neighbouring samples with the places between them, by parity."""
+    """Compare signs at neighbouring samples with the places between them, by parity.
+
+    Not across a crossing of curves: which of them an assembly mode goes on along is the
+    choice of its dyads' signs, and another one than that of the curve that is smooth.
+    """
     tables = listed(evidence, notes) if evidence.single else None
     if tables is None:
         return
@@ -255,7 +259,11 @@ def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
                 .to_numpy(bool)
             )
             at = np.sort(own.loc[turning & on_assembly_mode, "q"].to_numpy())
-            _parities(evidence, output, assembly_mode, rows, at, sampled, notes)
+            crossed = own["note"].astype(str).str.contains("curves cross").to_numpy(bool)
+            crossings = own.loc[crossed & on_assembly_mode, "q"].to_numpy()
+            _parities(
+                evidence, output, assembly_mode, rows, (at, crossings), sampled, notes
+            )
 
 
 def _parities(
@@ -263,10 +271,11 @@ def _parities(
     output: str,
     assembly_mode: int,
     rows: pd.DataFrame,
-    at: Floats,
+    places: tuple[Floats, Floats],
     sampled: bool,
     notes: Notes,
 ) -> None:
+    at, crossings = places
     q = rows["q"].to_numpy()
     w = (
         rows[["ux", "uy", "uz"]].to_numpy()
@@ -279,6 +288,8 @@ def _parities(
             continue
         low, high = sorted((q[k], q[k + 1]))
         if np.any(np.abs(at - low) < AGREE) or np.any(np.abs(at - high) < AGREE):
+            continue
+        if np.any((crossings > low - AGREE) & (crossings < high + AGREE)):
             continue
         count = int(np.sum((at > low) & (at < high)))
         if min(np.linalg.norm(w[k]), np.linalg.norm(w[k + 1])) < STILL:
