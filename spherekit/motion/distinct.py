@@ -24,11 +24,6 @@ SPREAD = 8.0
 """Copies of one solution differ by less than this times their first-order error."""
 
 
-def are_far(one: Floats, other: Floats, tolerance: float = SAME_MODE) -> bool:
-    """Return whether two sets of orientations (bodies, 3, 3) differ."""
-    return bool(np.max(np.abs(one - other)) > tolerance)
-
-
 @final
 class Distinct:
     """Closed configurations of one group at one sample that are pairwise different.
