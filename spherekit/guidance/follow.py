@@ -1,6 +1,6 @@
 """Rotations of the output link about a fixed axis, for any mechanism.
 
-`spherekit.guidance.continuation` follows the configuration nearest to the turned
+`spherekit.guidance.rotation_path` follows the configuration nearest to the turned
 orientation. Samples are predicted from the nodes of that way and corrected, so that they do
 not depend on each other.
 """
@@ -16,14 +16,6 @@ from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.guidance.continuation import (
-    STATIONARY,
-    UNFIXED,
-    VERIFIED,
-    March,
-    Node,
-    corrected,
-)
 from spherekit.guidance.nearest import Optimality, Target
 from spherekit.guidance.rotation import (
     RotationSamples,
@@ -31,6 +23,14 @@ from spherekit.guidance.rotation import (
     turn_to,
     unit,
     within,
+)
+from spherekit.guidance.rotation_path import (
+    STATIONARY,
+    UNFIXED,
+    VERIFIED,
+    March,
+    Node,
+    corrected,
 )
 from spherekit.model.geometry import geometry_of
 from spherekit.motion.closure import Closure

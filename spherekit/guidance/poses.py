@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
-from spherekit.guidance.continuation import UNFIXED
 from spherekit.guidance.follow import follow_rotation, follow_to
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, MidPlaneRotation
 from spherekit.guidance.nearest import Target
 from spherekit.guidance.rotation import FixedAxisRotation, unit
+from spherekit.guidance.rotation_path import UNFIXED
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.assemblies import assemblies

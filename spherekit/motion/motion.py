@@ -15,7 +15,7 @@ from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion import input_grid as lattices
+from spherekit.motion import input_grid as grids
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.input_grid import InputGrid, given_path
@@ -496,10 +496,10 @@ def _lattice(
                 f"{mechanism.name}: {len(samples)} numbers of samples were given for "
                 f"{len(inputs)} inputs ({listing(item.pair for item in inputs)})"
             )
-        return lattices.grid(inputs, samples)
+        return grids.grid(inputs, samples)
     if wants_grid:
-        return lattices.grid(inputs, [samples] * len(inputs))
-    return lattices.straight(inputs, samples)
+        return grids.grid(inputs, [samples] * len(inputs))
+    return grids.straight(inputs, samples)
 
 
 @checked(SolveError)

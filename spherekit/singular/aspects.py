@@ -16,7 +16,7 @@ from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion import input_grid as lattices
+from spherekit.motion import input_grid as grids
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.input_grid import InputGrid
@@ -157,7 +157,7 @@ def _lattice(
 ) -> tuple[InputGrid, NDArray[np.intp]]:
     """Return the input grid and its neighbours (2 axes, n), over whole turns."""
     if not whole_turn:
-        made = lattices.grid(mechanism.inputs, samples)
+        made = grids.grid(mechanism.inputs, samples)
         return made, made.neighbours()
     axes = [-np.pi + 2.0 * np.pi * np.arange(count) / count for count in samples]
     mesh = np.meshgrid(*axes, indexing="ij")
