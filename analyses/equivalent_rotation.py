@@ -229,25 +229,25 @@ class EquivalentRotation(AbstractAnalysis):
             **_by_input(mechanism, "dq_dtheta", at.rates),
             "departure": at.departure,
             "drift": at.drift,
-            "type_2": at.control,
+            "type_2": at.type_2,
             "status": at.status,
         }
         count = len(mechanism.inputs)
         if found.schedule is None:
             nothing, none = np.zeros(0), np.zeros((0, count))
-            t, theta, inputs, dq, ddq, control = nothing, nothing, none, none, none, nothing
+            t, theta, inputs, dq, ddq, type_2 = nothing, nothing, none, none, none, nothing
             status = np.zeros(0, dtype=np.int8)
         else:
             rows = found.schedule.table(self.samples)
             t, theta, inputs, dq = rows.t, rows.theta, rows.inputs, rows.rates
-            ddq, control, status = rows.accelerations, rows.control, rows.status
+            ddq, type_2, status = rows.accelerations, rows.type_2, rows.status
         second = {
             "t": t,
             "theta": theta,
             **input_columns(mechanism, inputs),
             **_by_input(mechanism, "dq", dq),
             **_by_input(mechanism, "ddq", ddq),
-            "type_2": control,
+            "type_2": type_2,
             "status": status,
         }
         return {"equivalent_rotation": first, "schedule": second}
@@ -270,7 +270,7 @@ class EquivalentRotation(AbstractAnalysis):
         return tuple(pages)
 
     def findings(self, batch: Batch) -> Findings:
-        """Return axis, angle, feasibility, places without control, and the duration."""
+        """Return axis, angle, feasibility, places of type II, and the duration."""
         found = self._found(batch)
         turn, at = found.rotation, found.samples
         departure, drift = _largest(at.departure), _largest(at.drift)

@@ -71,7 +71,7 @@ class RotationScenes:
             path = f"plots/{label.split()[0]}"
             parts.append(Series(path, label, "departure from the fixed axis, deg", values))
         parts.append(
-            Series("plots/control", "type_2", "transmission measure", samples.control)
+            Series("plots/type_2", "type_2", "transmission measure", samples.type_2)
         )
         parts.append(Text("words", "Rotation", self.words))
         return Scene("Equivalent rotation", tuple(parts), len(samples.theta))
@@ -143,7 +143,7 @@ class RotationScenes:
         return list(link_axes(self.mechanism)[self.output.link].items())
 
     def _portraits(self, theta: Floats, inputs: Floats) -> list[Primitive]:
-        """Return each driving angle over theta, with the places without control."""
+        """Return each driving angle over theta, with the places of type II."""
         whole = self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN))
         lost = np.array(self.turn.crossings)
         at = self.turn.at(lost).inputs if len(lost) else np.zeros((0, inputs.shape[1]))

@@ -474,7 +474,7 @@ def test_third_legs_plane_is_a_singularity_the_paper_does_not_name(form, paper):
         root = mp.findroot(determinant, mp.mpf(place))
         assert abs(root - place) < 1e-7
     near = followed.at([place - 1e-3, place, place + 1e-3])
-    assert near.control[1] < 1e-3 * near.control[0]
+    assert near.type_2[1] < 1e-3 * near.type_2[0]
     assert np.max(near.departure) < 1e-13
 
 
@@ -590,7 +590,7 @@ def test_through_the_home_pose(form, paper):
     assert np.max(np.abs(angles.phi - np.linspace(np.pi / 6, -np.pi / 6, 21))) < 1e-14
     assert np.max(np.abs(angles.gamma)) < 1e-14
     assert closed.status.tolist() == found_status(21, 10)
-    assert closed.control[10] < 1e-13
+    assert closed.type_2[10] < 1e-13
     assert np.all(np.isfinite(closed.second_rates))
     followed = follow_rotation(paper, closed.values[0], turn.axis, turn.angle)
     assert followed.end == Status.OK

@@ -111,7 +111,7 @@ def test_all_analyses_judge_a_configuration_alike(name):
             assert here.margin[0] == pytest.approx(beside, abs=1e-9)
     k = good[int(np.argmax(np.minimum(rows.type_2, rows.type_1.min(axis=1))[good]))]
     turn = follow_rotation(made, rows.values[k], [0.2, 0.3, 0.9], 0.01)
-    assert turn.at([0.0]).control[0] == pytest.approx(rows.type_2[k], abs=1e-9)
+    assert turn.at([0.0]).type_2[0] == pytest.approx(rows.type_2[k], abs=1e-9)
 
 
 @pytest.mark.parametrize("distance", DISTANCES)
@@ -127,7 +127,7 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     values = at.values
     (expected,) = by_links(made, values)
     assert expected == pytest.approx(0.6315 * distance, rel=0.3, abs=2e-14)
-    assert at.control[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
+    assert at.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
     rows = output_kinematics(made).inverse(
         at.orientation @ np.array(made.outputs[0].direction), ["-++"]
     )

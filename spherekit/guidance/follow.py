@@ -152,7 +152,7 @@ class FollowedRotation:
             orientation=known(near.reached),
             departure=known(turns_between(near.reached, wanted).angle),
             drift=known(arc(w, np.broadcast_to(self.axis, w.shape))),
-            control=known(held),
+            type_2=known(held),
             status=status,
         )
 

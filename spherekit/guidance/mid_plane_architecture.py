@@ -372,25 +372,25 @@ class MidPlaneRotation:
     def crossings(self) -> tuple[float, ...]:
         """Angles (rad) on the way at which the inputs do not hold the mechanism.
 
-        Where the control has a minimum of 0, enclosed more and more narrowly.
+        Where the transmission measure has a minimum of 0, enclosed more and more narrowly.
         """
         marks = np.linspace(0.0, self.reached, MARKS)
-        held = np.nan_to_num(self._control(marks), nan=np.inf)
+        held = np.nan_to_num(self._transmission_at(marks), nan=np.inf)
         beside = np.pad(held, 1, constant_values=np.inf)
         low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
         width, places = marks[1], marks[low]
         while len(places) and width > CROSSING_WIDTH:
             grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
             grid = np.clip(grid, 0.0, self.reached)
-            found = np.nan_to_num(self._control(grid.ravel()), nan=np.inf)
+            found = np.nan_to_num(self._transmission_at(grid.ravel()), nan=np.inf)
             best = np.argmin(found.reshape(grid.shape), axis=1)
             places = grid[np.arange(len(grid)), best]
             width *= 2.0 / ZOOM
-        lost = ~(self._control(places) > SINGULAR_RATIO)
+        lost = ~(self._transmission_at(places) > SINGULAR_RATIO)
         return tuple(float(place) for place in places[lost])
 
-    def _control(self, theta: Floats) -> Floats:
-        """Return the control (n,) at angles (n,), see `RotationSamples`."""
+    def _transmission_at(self, theta: Floats) -> Floats:
+        """Return the transmission measure (n,) at angles (n,), see `RotationSamples`."""
         normals = self.normals(theta)
         elbows, _ = self.form.plane.elbows(normals, self.modes)
         return self.form.transmission(normals, elbows)
@@ -450,7 +450,7 @@ class MidPlaneRotation:
             orientation=known(orientation),
             departure=known(turns_between(form.orientations(normals), turned).angle),
             drift=known(arc(w, np.broadcast_to(self.axis, w.shape))),
-            control=held,
+            type_2=held,
             status=status,
         )
 

@@ -35,7 +35,7 @@ class RotationSamples:
     drift
         (n,) rad, the angle between the axis about which the link turns there and the
         fixed one.
-    control
+    type_2
         (n,) how surely the inputs hold the output, 0 where they do not: the measure of
         type II, see `spherekit.rates.transmission`.
     status
@@ -52,7 +52,7 @@ class RotationSamples:
     orientation: Floats
     departure: Floats
     drift: Floats
-    control: Floats
+    type_2: Floats
     status: NDArray[np.int8]
 
 

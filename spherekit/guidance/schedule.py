@@ -63,7 +63,7 @@ class Timetable:
     """What a controller needs: n rows in time.
 
     `t` (n,) s; `theta` (n,) rad; `inputs` rad, `rates` rad/s, `accelerations` rad/s2, all
-    (n, inputs), the inputs named by `names`; `control` (n,) and `status` (n,) as in
+    (n, inputs), the inputs named by `names`; `type_2` (n,) and `status` (n,) as in
     `RotationSamples`.
     """
 
@@ -73,7 +73,7 @@ class Timetable:
     inputs: Floats
     rates: Floats
     accelerations: Floats
-    control: Floats
+    type_2: Floats
     status: NDArray[np.int8]
 
 
@@ -130,7 +130,7 @@ class Schedule:
             found.inputs,
             motion[:, :count] / self.duration,
             motion[:, count:] / self.duration**2,
-            found.control,
+            found.type_2,
             found.status,
         )
 
