@@ -425,7 +425,25 @@ class Tracer:
             self.solver.evaluate(assembly_mode, q, rows)
             for assembly_mode in self.assembly_modes
         ]
+        values, rotations, status, residual = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("values", "rotations", "status", "residual")
+        )
+        found = self.in_rows(q, first_sample, values, rotations)
+        return replace(
+            found, status=status, residual=residual, is_path=self.input_grid.is_path
+        )
+
+    def in_rows(
+        self, q: Floats, first_sample: int, values: Floats, rotations: Floats
+    ) -> Motion:
+        """Return configurations at inputs q (k, inputs), mode after mode, as a motion.
+
+        `values` (modes k, variables) and `rotations` (modes k, links, 3, 3) count as OK,
+        and how far they close is not known.
+        """
         count, k = len(self.assembly_modes), len(q)
+        numbers = [assembly_mode.number for assembly_mode in self.assembly_modes]
         return Motion(
             mechanism=self.mechanism,
             joints=self.solver.joints,
@@ -433,15 +451,12 @@ class Tracer:
             assembly_modes=self.assembly_modes,
             samples=k,
             sample=np.tile(np.arange(first_sample, first_sample + k), count),
-            assembly_mode=np.repeat(
-                [assembly_mode.number for assembly_mode in self.assembly_modes], k
-            ),
+            assembly_mode=np.repeat(numbers, k),
             inputs=np.tile(q, (count, 1)),
-            values=np.concatenate([part.values for part in parts]),
-            rotations=np.concatenate([part.rotations for part in parts]),
-            status=np.concatenate([part.status for part in parts]),
-            residual=np.concatenate([part.residual for part in parts]),
-            is_path=self.input_grid.is_path,
+            values=values,
+            rotations=rotations,
+            status=np.full(k * count, Status.OK, dtype=np.int8),
+            residual=np.full(k * count, np.nan),
         )
 
     def sparse(self, most: int) -> Motion:

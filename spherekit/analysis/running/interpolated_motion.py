@@ -219,22 +219,7 @@ class InterpolatedMotion:
             own = self._places["rotation", link]
             columns = np.concatenate([part[:, own] for part in parts])
             rotations[:, link] = columns.reshape(-1, 3, 3)
-        return Motion(
-            mechanism=tracer.mechanism,
-            joints=tracer.solver.joints,
-            assembly=tracer.assembly,
-            assembly_modes=tracer.assembly_modes,
-            samples=k,
-            sample=np.tile(np.arange(first_sample, first_sample + k), count),
-            assembly_mode=np.repeat(
-                [assembly_mode.number for assembly_mode in tracer.assembly_modes], k
-            ),
-            inputs=np.tile(q, count)[:, None],
-            values=values,
-            rotations=rotations,
-            status=np.full(k * count, Status.OK, dtype=np.int8),
-            residual=np.full(k * count, np.nan),
-        )
+        return tracer.in_rows(q[:, None], first_sample, values, rotations)
 
     def field(self, motion: Motion) -> PoleField:
         """Return the poles and coefficients at the rows of such a motion.
