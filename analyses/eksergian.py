@@ -243,50 +243,66 @@ class Eksergian(AbstractAnalysis):
         names = [mass.link for mass in batch.mechanism.masses]
         loads = [load.name for load in batch.mechanism.loads]
         swing = 0.5 * masses.dB * batch.dq**2
-        curves = [("inertia", "B", masses.B), ("derivative", "dB/dq", masses.dB)]
-        for k, link in enumerate(names):
-            curves.append(("inertia", f"link {link}", masses.B_parts[:, k]))
-            curves.append(("derivative", f"link {link}", masses.dB_parts[:, k]))
-        curves.append(("torque", "tau", found.tau))
+        numbers = batch.mechanism.link_number
+        curves: list[tuple[str, str, Floats, int | None]] = [
+            ("torque", "τ", found.tau, None)
+        ]
         if batch.timed:
-            curves.append(("torque", "B ddq", masses.B * batch.ddq))
-        curves.append(("torque", "dB/dq dq²/2", swing))
+            curves.append(("torque", "B q″", masses.B * batch.ddq, None))
+        curves.append(("torque", "B′ q′²/2", swing, None))
         for k, load in enumerate(loads):
-            curves.append(("torque", f"against {load}", -found.forces[:, k]))
+            curves.append(("torque", f"against {load}", -found.forces[:, k], None))
+        for group, letter, whole, parts in (
+            ("inertia", "B", masses.B, masses.B_parts),
+            ("derivative", "B′", masses.dB, masses.dB_parts),
+        ):
+            curves.append((group, letter, whole, 0))
+            for k, link in enumerate(names):
+                curves.append((group, f"link {link}", parts[:, k], numbers[link]))
         titles = {
-            "inertia": "equivalent inertia, kg m2",
-            "derivative": "dB/dq, kg m2/rad",
-            "torque": "driving torque, N m",
+            "torque": ("driving torque", "N m"),
+            "inertia": ("equivalent inertia", "kg m²"),
+            "derivative": ("derivative of the inertia", "kg m²/rad"),
         }
         scenes = []
         for number, rows in batch.assembly_mode_rows().items():
-            parts: list[Primitive] = [
+            shown: list[Primitive] = [
                 Series(
-                    f"plots/{group}/{re.sub(r'[^A-Za-z0-9]+', '_', label)}",
+                    f"plots/{group}/{_PATHS.get(label) or _in_path(label)}",
                     label,
-                    titles[group],
+                    titles[group][0],
                     values[rows],
+                    titles[group][1],
+                    link,
                 )
-                for group, label, values in curves
+                for group, label, values, link in curves
             ]
             if batch.timed:
-                parts.append(_phase_portrait(batch, rows))
-            scenes.append(Scene(number, tuple(parts)))
+                shown.append(_phase_portrait(batch, rows))
+            scenes.append(Scene(number, tuple(shown)))
         return tuple(scenes)
 
 
 def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
-    q, dq = batch.q[rows], batch.dq[rows]
+    (left, right), (low, high) = np.degrees([batch.q_range, batch.dq_range]).tolist()
     return Portrait(
         "plots/phase_portrait",
         "phase portrait",
-        q,
-        dq,
-        "q, rad",
-        "dq, rad/s",
-        batch.q_range,
-        batch.dq_range,
+        np.degrees(batch.q[rows]),
+        np.degrees(batch.dq[rows]),
+        "q, deg",
+        "q′, deg/s",
+        (left, right),
+        (low, high),
     )
+
+
+_PATHS = {"τ": "tau", "B q″": "B_ddq", "B′ q′²/2": "swing", "B": "B", "B′": "dB_dq"}
+"""What curves are called in a recording whose labels no path can hold."""
+
+
+def _in_path(label: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", label)
 
 
 def _repeated(columns: dict[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Arrow,
+    Axis,
     FixedAxisRotation,
     GreatCircle,
     Mark,
     Mechanism,
     MidPlaneArchitecture,
     Output,
-    Portrait,
     Primitive,
     RotationSamples,
     Scene,
@@ -57,24 +57,29 @@ class RotationScenes:
         placed = self.place(samples.values)
         parts = self._stage(placed, samples.orientation)
         for group, values in (
-            ("driving angles, deg", np.degrees(samples.inputs)),
-            ("rates of driving angles by theta", samples.rates),
+            ("driving angles", np.degrees(samples.inputs)),
+            ("rates of driving angles by θ", samples.rates),
         ):
+            lost = self._lost() if group == "driving angles" else [()] * values.shape[1]
+            unit = "deg" if group == "driving angles" else ""
             for k, name in enumerate(self.turn.inputs):
                 path = f"plots/{group.split()[0]}/{name}"
-                parts.append(Series(path, name, group, values[:, k]))
-        parts += self._portraits(samples.theta, samples.inputs)
+                marks = lost[k]
+                parts.append(Series(path, name, group, values[:, k], unit, marks=marks))
         for label, values in (
             ("departure", np.degrees(samples.departure)),
             ("drift of the axis", np.degrees(samples.drift)),
         ):
             path = f"plots/{label.split()[0]}"
-            parts.append(Series(path, label, "departure from the fixed axis, deg", values))
+            group = "departure from the fixed axis"
+            parts.append(Series(path, label, group, values, "deg"))
         parts.append(
-            Series("plots/type_2", "type_2", "transmission measure", samples.type_2)
+            Series("plots/type_2", "type II", "transmission measure", samples.type_2)
         )
         parts.append(Text("words", "Rotation", self.words))
-        return Scene("Equivalent rotation", tuple(parts), len(samples.theta))
+        theta = np.degrees(samples.theta)
+        over = Axis("θ", "deg", theta, (0.0, float(np.max(theta, initial=0.0))))
+        return Scene("Equivalent rotation", tuple(parts), len(theta), (over,))
 
     def schedule(self, rows: Timetable) -> Scene:
         """Return the page on which rows are evenly spread over the duration."""
@@ -82,17 +87,21 @@ class RotationScenes:
         placed = self.place(found.values)
         parts = self._stage(placed, found.orientation)
         for name, group, values in (
-            ("q", "driving angles in time, deg", rows.inputs),
-            ("dq", "driving speeds, deg/s", rows.rates),
-            ("ddq", "driving accelerations, deg/s2", rows.accelerations),
+            ("q", ("driving angles", "deg"), rows.inputs),
+            ("dq", ("driving speeds", "deg/s"), rows.rates),
+            ("ddq", ("driving accelerations", "deg/s²"), rows.accelerations),
         ):
             for k, pair in enumerate(rows.names):
                 shown = np.degrees(values[:, k])
-                parts.append(Series(f"plots/{name}/{pair}", pair, group, shown))
+                parts.append(
+                    Series(f"plots/{name}/{pair}", pair, group[0], shown, group[1])
+                )
         step = rows.t[-1] / (len(rows.t) - 1)
         words = f"{self.words}\n\nRow k of this page is at k x {step:.6g} s."
         parts.append(Text("words", "Rotation", words))
-        return Scene("Equivalent rotation in time", tuple(parts), len(rows.t))
+        over = Axis("time", "s", rows.t, (float(rows.t[0]), float(rows.t[-1])))
+        title = "Equivalent rotation in time"
+        return Scene(title, tuple(parts), len(rows.t), (over,))
 
     def _stage(self, placed: Floats, orientation: Floats) -> list[Primitive]:
         """Return the links, the axis, arcs of the output, and mid-planes."""
@@ -142,33 +151,18 @@ class RotationScenes:
             return [(self.output.name, np.array(self.output.direction))]
         return list(link_axes(self.mechanism)[self.output.link].items())
 
-    def _portraits(self, theta: Floats, inputs: Floats) -> list[Primitive]:
-        """Return each driving angle over theta, with the places of type II."""
-        whole = self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN))
+    def _lost(self) -> list[list[Mark]]:
+        """Return the places of type II on the curve of each driving angle over θ, deg."""
         lost = np.array(self.turn.crossings)
-        at = self.turn.at(lost).inputs if len(lost) else np.zeros((0, inputs.shape[1]))
-        x = np.degrees(whole.theta)
-        parts: list[Primitive] = []
-        for k, name in enumerate(self.turn.inputs):
-            y = np.degrees(whole.inputs[:, k])
-            parts.append(
-                Portrait(
-                    f"plots/driving/{name}",
-                    f"driving angle {name}",
-                    np.degrees(theta),
-                    np.degrees(inputs[:, k]),
-                    "theta, deg",
-                    f"{name}, deg",
-                    (0.0, float(x[-1])),
-                    (float(np.nanmin(y)), float(np.nanmax(y))),
-                    [(np.stack([x, y], axis=1), PATH_TONE)],
-                    [
-                        Mark("type II singularity", np.degrees([t, q]), LOST_TONE)
-                        for t, q in zip(lost, at[:, k], strict=True)
-                    ],
-                )
-            )
-        return parts
+        if not len(lost):
+            return [[] for _ in self.turn.inputs]
+        return [
+            [
+                Mark("type II", np.degrees([t, q]), LOST_TONE)
+                for t, q in zip(lost, column, strict=True)
+            ]
+            for column in self.turn.at(lost).inputs.T
+        ]
 
 
 def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:

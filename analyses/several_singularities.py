@@ -272,14 +272,14 @@ class SeveralInputs:
         for moved, pair in enumerate(batch.moving_inputs):
             for name, values in (("c", found.c), ("d", found.d)):
                 where = f"plots/relation/{output.name}/{pair}/{name}"
-                label = f"{name}, {pair} moves"
+                label = f"{name} by {pair}"
                 group = f"input-output relation of {output.name}"
                 parts.append(Series(where, label, group, values[rows, moved]))
         for kind, sizes in (("I", found.type_one), ("II", found.type_two)):
             where = f"plots/angles/{output.name}/{kind}"
             values = np.degrees(_angle(sizes))[rows]
-            group = f"angles of {output.name}, deg"
-            parts.append(Series(where, f"to type {kind}", group, values))
+            group = f"angles of {output.name}"
+            parts.append(Series(where, f"to type {kind}", group, values, "deg"))
         return parts
 
     def _plane(self, batch: Batch, output: Output, rows: slice) -> Portrait:

@@ -471,19 +471,16 @@ class SingularityAnalysis(AbstractAnalysis):
             output, form = relation["output"][start], relation["form"][start]
             own = slice(start + rows.start, start + rows.stop)
             where = f"plots/{form}/{output.replace('/', '_')}"
-            group = f"input-output relation, form {form}"
+            group = f"c y′ = d q′ of output {output}, form {form}"
             for name in ("c", "d"):
-                label = f"{name}, output {output}"
-                parts.append(Series(f"{where}/{name}", label, group, relation[name][own]))
+                parts.append(Series(f"{where}/{name}", name, group, relation[name][own]))
             for name, words in _ANGLES.items():
                 values = np.degrees(relation[name][own])
                 if np.any(np.isfinite(values)):
-                    label = f"{words}, output {output}"
-                    angles = f"angles, form {form}, deg"
-                    parts.append(Series(f"{where}/{name}", label, angles, values))
-        for output in range(len(self._found(batch).report.outputs)):
-            parts.append(self._input_output(batch, output, rows))
-        return parts
+                    angles = f"angles of output {output}, form {form}"
+                    parts.append(Series(f"{where}/{name}", words, angles, values, "deg"))
+        outputs = range(len(self._found(batch).report.outputs))
+        return [*(self._input_output(batch, k, rows) for k in outputs), *parts]
 
     def _input_output(self, batch: Batch, output: int, rows: slice) -> Portrait:
         """Return the output against the input, all curves drawn, singularities marked."""

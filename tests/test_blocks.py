@@ -179,8 +179,9 @@ def test_a_portrait_has_one_frame_whatever_the_blocks():
     frame = result.frame()
     assert listener.rows == [50, 50, 20]
     for portrait in listener.portraits:
-        assert portrait.x_range == (frame["q"].min(), frame["q"].max())
-        assert portrait.y_range == (frame["dq"].min(), frame["dq"].max())
+        for found, name in ((portrait.x_range, "q"), (portrait.y_range, "dq")):
+            ends = np.degrees([frame[name].min(), frame[name].max()])
+            assert found == pytest.approx(ends, rel=1e-15)
 
 
 @final

@@ -53,6 +53,25 @@ class Arrow:
 
 @final
 @dataclass(frozen=True)
+class Trace:
+    """The path that a direction leaves in the axes of a link, whole, turned with the link.
+
+    That of a pole is an axode: the fixed one in the axes of one of its links, the moving
+    one in those of the other.
+    """
+
+    path: str
+    label: str
+    directions: Floats
+    """(n, 3) unit vectors in link axes."""
+    number: int
+    """Position of the link in the mechanism; the viewer picks the colour by it."""
+    quaternions: Floats | None
+    """(n, 4) xyzw, link axes to ground axes; None for the ground."""
+
+
+@final
+@dataclass(frozen=True)
 class GreatCircle:
     """A great circle given by the normal of its plane."""
 
@@ -64,14 +83,20 @@ class GreatCircle:
 
 @final
 @dataclass(frozen=True)
-class Series:
-    """A scalar against the timelines; series of one group share one plot."""
+class Axis:
+    """A quantity that rows are plotted over, in the unit that is shown."""
 
-    path: str
     label: str
-    group: str
+    unit: str
     values: Floats
     """(n,)"""
+    span: tuple[float, float]
+    """Least and greatest value of all blocks."""
+
+    @property
+    def words(self) -> str:
+        """The label with its unit."""
+        return f"{self.label}, {self.unit}" if self.unit else self.label
 
 
 @final
@@ -85,6 +110,53 @@ class Mark:
     label: str
     place: Floats
     tone: int = 0
+
+
+@final
+@dataclass(frozen=True)
+class Series:
+    """A scalar over what the rows of its scene are over; those of one group share a plot.
+
+    Over two quantities or more each series is a map of its own.
+    """
+
+    path: str
+    label: str
+    """Short: it stands in the legend."""
+    group: str
+    """Title of the plot, without the unit."""
+    values: Floats
+    """(n,)"""
+    unit: str = ""
+    """Unit of the values as they are."""
+    link: int | None = None
+    """Position of the link whose colour it has, if it is about one."""
+    marks: Sequence[Mark] = ()
+    """Places on the curve, in the units of both axes."""
+    resolution: float = 1e-9
+    """Differences below it are rounding, and not scaled up to a signal."""
+
+    @property
+    def title(self) -> str:
+        """The title of its plot, with the unit."""
+        return f"{self.group}, {self.unit}" if self.unit else self.group
+
+
+def plotted_range(values: Floats, resolution: float) -> tuple[float, float]:
+    """Return the range (low, high) of a plot's axis for values (n,), some of them NaN.
+
+    It spans `resolution` at least, and that part of the largest value.
+    """
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return 0.0, 1.0
+    low, high = float(np.min(finite)), float(np.max(finite))
+    least = resolution * max(1.0, abs(low), abs(high))
+    if high - low >= least:
+        return low, high
+    middle = 0.5 * (low + high)
+    around = max(0.5 * abs(middle), 0.5)
+    return middle - around, middle + around
 
 
 @final
@@ -156,7 +228,10 @@ class SphereMap:
 @final
 @dataclass(frozen=True)
 class Surface:
-    """A triangulated surface in a space of its own, with its axes named."""
+    """A triangulated surface in a space of its own, with its axes named.
+
+    Without triangles it is the vertices, seen as points, which `values` colour.
+    """
 
     path: str
     label: str
@@ -166,6 +241,35 @@ class Surface:
     """(t, 3) numbers of vertices."""
     axes: tuple[str, str, str]
     tone: int = 0
+    values: Floats | None = None
+    """(v,), named by the label."""
+    equal: bool = False
+    """Whether the axes have one scale; otherwise each fills the space."""
+
+
+@final
+@dataclass(frozen=True)
+class Diagram:
+    """Points and straight lines that move in a plane with one scale on both axes."""
+
+    path: str
+    label: str
+    x_label: str
+    y_label: str
+    x_range: tuple[float, float]
+    y_range: tuple[float, float]
+    names: Sequence[str]
+    """Of the points (k,)."""
+    places: Floats
+    """(n, k, 2)"""
+    tones: Sequence[int]
+    """Of the points (k,)."""
+    line_names: Sequence[str]
+    """Of the lines (m,)."""
+    lines: Floats
+    """(n, m, 3): a x + b y + c = 0 for each (a, b, c)."""
+    steps: Sequence[str] = ()
+    """Which step of a construction each row is, if rows are steps."""
 
 
 @final
@@ -194,12 +298,14 @@ class Text:
 Primitive = (
     Body
     | Arrow
+    | Trace
     | GreatCircle
     | Series
     | Portrait
     | SphereCurves
     | SphereMap
     | Surface
+    | Diagram
     | Graph
     | Text
 )
@@ -220,12 +326,21 @@ class Scene:
     page: Page
     primitives: tuple[Primitive, ...]
     rows: int | None = None
+    over: tuple[Axis, ...] = ()
+    """What the rows are plotted over: one quantity along a line, several on a grid. The
+    run says it of its samples, an analysis of rows that are not samples."""
+    answers: bool = True
+    """Whether it is what was asked for: its page, and its plots there, then come first."""
 
     def thinned(self, chosen: NDArray[np.bool_]) -> "Scene":
         """Return the scene at some of its samples (n,), or itself if its rows are none."""
         if self.rows is not None:
             return self
-        return replace(self, primitives=tuple(_thinned(p, chosen) for p in self.primitives))
+        return replace(
+            self,
+            primitives=tuple(_thinned(p, chosen) for p in self.primitives),
+            over=tuple(replace(each, values=each.values[chosen]) for each in self.over),
+        )
 
 
 def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
@@ -234,11 +349,16 @@ def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
             return replace(primitive, quaternions=rows[chosen])
         case Arrow(directions=rows):
             return replace(primitive, directions=rows[chosen])
+        case Trace(directions=rows, quaternions=turns):
+            turned = None if turns is None else turns[chosen]
+            return replace(primitive, directions=rows[chosen], quaternions=turned)
         case GreatCircle(normals=rows):
             return replace(primitive, normals=rows[chosen])
         case Series(values=rows):
             return replace(primitive, values=rows[chosen])
         case Portrait(x=x, y=y):
             return replace(primitive, x=x[chosen], y=y[chosen])
+        case Diagram(places=places, lines=lines):
+            return replace(primitive, places=places[chosen], lines=lines[chosen])
         case _:
             return primitive

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.link_scenes import link_shapes, motion_scenes, static_scene
+from spherekit.analysis.running.abscissae import axes_of
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.scene import Scene
 from spherekit.errors import AnalysisError
@@ -114,7 +115,7 @@ class RecordingSession:
         """Start the recording of samples from `first` on."""
         mechanism = course.tracer.mechanism
         self._recorder, self._thinning = recorder, thinning
-        self._timed, self._first = course.timed, first
+        self._course, self._timed, self._first = course, course.timed, first
         self._shapes = link_shapes(mechanism)
         logged = np.flatnonzero(thinning.chosen(np.arange(len(course))))
         inputs, times = course.inputs, course.t
@@ -172,7 +173,9 @@ class RecordingSession:
         for scene in scenes:
             if scene.rows is None:
                 if k:
-                    self._recorder.log(scene, motion.sample[:k], inputs, times)
+                    sample = motion.sample[:k]
+                    placed = replace(scene, over=axes_of(self._course, sample))
+                    self._recorder.log(placed, sample, inputs, times)
                 continue
             own = (
                 None
