@@ -9,22 +9,24 @@ from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Arrow,
-    FixedAxisRotation,
     GreatCircle,
     Mark,
     Mechanism,
-    MidPlaneArchitecture,
     Output,
     Portrait,
     Primitive,
-    RotationSamples,
     Scene,
     Series,
     SphereCurves,
     Text,
+    link_bodies,
+)
+from spherekit.plugin.rotations import (
+    FixedAxisRotation,
+    MidPlaneArchitecture,
+    RotationSamples,
     Timetable,
     link_axes,
-    link_bodies,
 )
 
 Floats = NDArray[np.float64]
