@@ -64,6 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     options = parser().parse_args(words)
     options.words = words
+    if options.traceback:
+        _trace_plugins()
     try:
         with heard_by(None if options.quiet else _say):
             status = int(_module(options.command).execute(options))
@@ -81,6 +83,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("spherekit: stopped", file=sys.stderr)
         return 130
+
+
+def _trace_plugins() -> None:
+    """Print the trace of what a plugin raises, beside the sentence that says so."""
+    import logging
+
+    log = logging.getLogger("spherekit.plugins")
+    log.setLevel(logging.DEBUG)
+    log.addHandler(logging.StreamHandler())
 
 
 def _say(text: str) -> None:

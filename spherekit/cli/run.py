@@ -135,34 +135,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run, write, and print the summary."""
-    from spherekit.analysis.registry import create
     from spherekit.analysis.run import run
-    from spherekit.analysis.study import analyses_of
+    from spherekit.analysis.study import chosen
     from spherekit.errors import SpherekitError
     from spherekit.files.atomic import make_folder
 
     study = _wanted(options)
-    analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    analyses = chosen(study, options.analysis or ())
     _check_effect(study, options)
     made = study.folder is not None and not study.folder.exists()
     if study.folder is not None:
         make_folder(study.folder)
     try:
         with _stoppable(), _recorder(options, study) as recorder:
-            chosen = _accuracy(study, analyses, options)
+            setting = _accuracy(study, analyses, options)
             result = run(
-                _by_choice(study, chosen),
+                _by_choice(study, setting),
                 analyses,
                 folder=study.folder,
                 unfinished=_unfinished(options),
                 formats=FORMATS[options.format],
-                engine=_engine(options, chosen),
+                engine=_engine(options, setting),
                 only_needed=options.only_needed,
                 tables=False,
                 recorder=recorder,
                 log_every=options.log_every,
                 progress=_progress(options),
-                **chosen,
+                **setting,
             )
             _tell(options, study, result)
             if options.serve is not None:
@@ -223,7 +222,7 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
             file=sys.stderr,
         )
     for name, why in result.failures.items():
-        print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
+        print(f"spherekit: analysis {name} failed: {why}", file=sys.stderr)
     logged = summary.get("recording", {"one_of": 1, "from_sample": 0})
     if logged["one_of"] > 1 or logged["from_sample"] > 0:
         print(
