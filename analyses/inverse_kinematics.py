@@ -13,31 +13,35 @@ from spherekit.plugin import (
     AbstractAnalysis,
     AnalysisError,
     Batch,
-    ClosedKinematics,
     Column,
     Findings,
     Floats,
-    InverseRows,
     Mechanism,
     Needs,
-    OutputKinematics,
     Scene,
     SphereMap,
     Status,
     Table,
     TableData,
     Text,
-    azimuth_tilt,
     counted,
     input_columns,
-    label_of,
     listing,
     nearest,
+)
+from spherekit.plugin.rotations import (
+    azimuth_tilt,
+    quaternion,
+    tilt_torsion,
+)
+from spherekit.plugin.workspace import (
+    ClosedKinematics,
+    InverseRows,
+    OutputKinematics,
+    label_of,
     nearest_poses,
     output_kinematics,
-    quaternion,
     sense_of,
-    tilt_torsion,
 )
 
 from .pose_lists import Given, PoseList

@@ -10,23 +10,25 @@ from numpy.typing import NDArray
 from spherekit.plugin import (
     Arrow,
     Axis,
-    FixedAxisRotation,
     GreatCircle,
     Mark,
     Mechanism,
-    MidPlaneArchitecture,
     Output,
     PlaneCurve,
     Portrait,
     Primitive,
-    RotationSamples,
     Scene,
     Series,
     SphereCurves,
     Text,
+    link_bodies,
+)
+from spherekit.plugin.rotations import (
+    FixedAxisRotation,
+    MidPlaneArchitecture,
+    RotationSamples,
     Timetable,
     link_axes,
-    link_bodies,
 )
 
 Floats = NDArray[np.float64]
