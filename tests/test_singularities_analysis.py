@@ -133,7 +133,7 @@ def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
             p for p in pages[assembly_mode].primitives if isinstance(p, Portrait)
         )
         marked = sorted(mark.label for mark in portrait.marks)
-        assert marked == sorted("type " + frame["kind"])
+        assert marked == sorted(f"type {kind}" for kind in frame["kind"])
         places = np.array([mark.place for mark in portrait.marks])
         gaps = np.abs(frame["q"].to_numpy()[:, None] - places[:, 0])
         assert np.max(np.min(gaps, axis=1)) < np.radians(1.0)
