@@ -63,7 +63,7 @@ def evaluate_block(
                 with ledger.stage(RECORDING):
                     scenes = scenes_of(analysis, batch)
                     with faults_of(analysis.name, "showing its scene"):
-                        stage.scenes(scenes, motion)
+                        stage.scenes(scenes, motion, analysis.name)
         except OutputError:
             raise
         except SpherekitError as problem:
