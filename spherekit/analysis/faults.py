@@ -1,6 +1,7 @@
 """Mistakes of analyses: what one raises becomes a sentence that says where it was."""
 
 import logging
+import sysconfig
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,8 +14,9 @@ from spherekit.errors import PluginError, SpherekitError
 LOG = logging.getLogger("spherekit.plugins")
 """Gets the trace of every mistake, at the level of debugging."""
 
-PACKAGE = Path(__file__).parent.parent
-NOT_TO_BLAME = (str(PACKAGE), str(Path(str(np.__file__)).parent))
+NOT_TO_BLAME = (str(Path(__file__).parent.parent), str(Path(str(np.__file__)).parent))
+STANDARD = sysconfig.get_path("stdlib")
+INSTALLED = sysconfig.get_path("purelib")
 
 
 @contextmanager
@@ -41,6 +43,13 @@ def described(problem: BaseException) -> str:
     """Return an exception with the last line of a plugin's own that led to it."""
     words = str(problem).strip().partition("\n")[0]
     frames = traceback.extract_tb(problem.__traceback__)
-    own = [f for f in frames if not f.filename.startswith(NOT_TO_BLAME)]
+    own = [frame for frame in frames if _is_own(frame.filename)]
     where = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
     return f"{type(problem).__name__}{': ' if words else ''}{words}{where}"
+
+
+def _is_own(filename: str) -> bool:
+    """Return whether a file is neither spherekit's, NumPy's nor Python's."""
+    if filename.startswith((*NOT_TO_BLAME, "<")):
+        return False
+    return filename.startswith(INSTALLED) or not filename.startswith(STANDARD)

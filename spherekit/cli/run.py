@@ -222,7 +222,8 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
             file=sys.stderr,
         )
     for name, why in result.failures.items():
-        print(f"spherekit: analysis {name} failed: {why}", file=sys.stderr)
+        words = why.removeprefix(f"{name}: ")
+        print(f"spherekit: analysis {name} failed: {words}", file=sys.stderr)
     logged = summary.get("recording", {"one_of": 1, "from_sample": 0})
     if logged["one_of"] > 1 or logged["from_sample"] > 0:
         print(
