@@ -76,7 +76,7 @@ def evaluate_block(
             standing.count(analysis.name, table.name, tables[table.name])
         if stage is not None:
             with ledger.stage(RECORDING):
-                stage.scenes(scenes, motion)
+                stage.scenes(scenes, motion, analysis.name)
     if job.motion_tables:
         store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, found))
         standing.count(MOTION, MOTION, {"sample": motion.sample})
