@@ -114,10 +114,10 @@ class CommandParser(Parser):
             module.add_arguments(self)
             self.show(module.EXAMPLES)
 
-    def parse_known_args(self, *words: Any, **options: Any) -> Any:
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Read words after all."""
         self.fill()
-        found, rest = super().parse_known_args(*words, **options)
+        found, rest = super().parse_known_args(args, namespace)
         if rest:
             self.error(f"unrecognized arguments: {' '.join(rest)}")
         return found, rest

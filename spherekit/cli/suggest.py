@@ -7,29 +7,35 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-Suggest = Callable[..., Iterable[str]]
+Suggest = Callable[[str, argparse.Namespace], Iterable[str]]
 
 
 def suggesting(argument: argparse.Action, words: Suggest) -> None:
-    """Let a shell complete an argument by what `words` returns for what is typed."""
-    argument.completer = words  # type: ignore[attr-defined]
+    """Let a shell complete an argument by `words` of what is typed and known so far."""
+
+    def completer(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> Iterable[str]:
+        return words(prefix, parsed_args)
+
+    argument.completer = completer  # type: ignore[attr-defined]
 
 
-def mechanisms(prefix: str, **_: Any) -> list[str]:
+def mechanisms(prefix: str, options: argparse.Namespace) -> list[str]:
     """Return shipped mechanisms and files."""
     from spherekit.files.library import shipped
 
     return [name for pack in shipped() for name in pack.files] + files(prefix, ".toml")
 
 
-def studies(prefix: str, **_: Any) -> list[str]:
+def studies(prefix: str, options: argparse.Namespace) -> list[str]:
     """Return shipped mechanisms, shipped studies and files."""
     from spherekit.files.library import shipped
 
-    return [name for pack in shipped() for name in pack.studies] + mechanisms(prefix)
+    return [name for pack in shipped() for name in pack.studies] + mechanisms(
+        prefix, options
+    )
 
 
-def analyses(prefix: str, **_: Any) -> list[str]:
+def analyses(prefix: str, options: argparse.Namespace) -> list[str]:
     """Return the installed analyses; after a colon the parameters of one."""
     name, colon, given = prefix.partition(":")
     if not colon:  # without the registry, which loads NumPy
@@ -41,17 +47,17 @@ def analyses(prefix: str, **_: Any) -> list[str]:
     return [f"{before}{key}=" for key in parameters(load(name))]
 
 
-def pairs(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
+def pairs(prefix: str, options: argparse.Namespace) -> list[str]:
     """Return the pairs of the mechanism that the command line names."""
     from spherekit.errors import SpherekitError
     from spherekit.files.study import load_study
 
     with suppress(SpherekitError, AttributeError, TypeError):
-        return [pair.name for pair in load_study(parsed_args.file).mechanism.pairs]
+        return [pair.name for pair in load_study(options.file).mechanism.pairs]
     return []
 
 
-def recordings(prefix: str, **_: Any) -> list[str]:
+def recordings(prefix: str, options: argparse.Namespace) -> list[str]:
     """Return recordings and folders."""
     return files(prefix, ".rrd")
 
