@@ -13,10 +13,10 @@ Suggest = Callable[[str, argparse.Namespace], Iterable[str]]
 def suggesting(argument: argparse.Action, words: Suggest) -> None:
     """Let a shell complete an argument by `words` of what is typed and known so far."""
 
-    def completer(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> Iterable[str]:
+    def _completer(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> Iterable[str]:
         return words(prefix, parsed_args)
 
-    argument.completer = completer  # type: ignore[attr-defined]
+    argument.completer = _completer  # type: ignore[attr-defined]
 
 
 def mechanisms(prefix: str, options: argparse.Namespace) -> list[str]:
