@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 from spherekit.cli.study import add_study_arguments, study_from
+from spherekit.cli.suggest import analyses as names_of_analyses
+from spherekit.cli.suggest import suggesting
 from spherekit.conventions import counted
 
 if TYPE_CHECKING:
@@ -35,16 +37,42 @@ FORMATS: dict[str, tuple["Format", ...]] = {
     "parquet": ("parquet",),
 }
 
+EXAMPLES = (
+    (
+        "spherekit run four_bar",
+        "every pole axis in every assembly mode",
+    ),
+    (
+        "spherekit run four_bar -o out --save out/four_bar.rrd",
+        "tables and a recording",
+    ),
+    (
+        "spherekit run stephenson -a singularities -a poles:only=31",
+        "two analyses at once",
+    ),
+    (
+        "spherekit run five_bar --samples 21x21 -o grid",
+        "a grid of two inputs",
+    ),
+    (
+        "spherekit run four_bar -a eksergian --start q=0.3,dq=1 --duration 10",
+        "the motion that follows from the loads",
+    ),
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_study_arguments(parser)
-    parser.add_argument(
-        "-a",
-        "--analysis",
-        action="append",
-        metavar="NAME[:key=value,...]",
-        help="analysis to run, may be repeated (default: the study's, or poles)",
+    suggesting(
+        parser.add_argument(
+            "-a",
+            "--analysis",
+            action="append",
+            metavar="NAME[:key=value,...]",
+            help="analysis to run, may be repeated (default: the study's, or poles)",
+        ),
+        names_of_analyses,
     )
     parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
     parser.add_argument(
