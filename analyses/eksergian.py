@@ -19,10 +19,7 @@ from spherekit.plugin import (
     AnalysisError,
     Batch,
     Column,
-    CoordinateMotion,
     Findings,
-    Inertia,
-    Loads,
     Mechanism,
     Needs,
     Portrait,
@@ -32,9 +29,14 @@ from spherekit.plugin import (
     Status,
     Table,
     TableData,
+    listing,
+)
+from spherekit.plugin.dynamics import (
+    CoordinateMotion,
+    Inertia,
+    Loads,
     driving_torque,
     inertia,
-    listing,
     need_terms,
     total,
     used_links,
@@ -245,30 +247,30 @@ class Eksergian(AbstractAnalysis):
         swing = 0.5 * masses.dB * batch.dq**2
         numbers = batch.mechanism.link_number
         curves: list[tuple[str, str, Floats, int | None]] = [
-            ("torque", "τ", found.tau, None)
+            ("torque", "tau", found.tau, None)
         ]
         if batch.timed:
-            curves.append(("torque", "B q″", masses.B * batch.ddq, None))
-        curves.append(("torque", "B′ q′²/2", swing, None))
+            curves.append(("torque", "B ddq", masses.B * batch.ddq, None))
+        curves.append(("torque", "dB/dq dq²/2", swing, None))
         for k, load in enumerate(loads):
             curves.append(("torque", f"against {load}", -found.forces[:, k], None))
         for group, letter, whole, parts in (
             ("inertia", "B", masses.B, masses.B_parts),
-            ("derivative", "B′", masses.dB, masses.dB_parts),
+            ("derivative", "dB/dq", masses.dB, masses.dB_parts),
         ):
             curves.append((group, letter, whole, 0))
             for k, link in enumerate(names):
                 curves.append((group, f"link {link}", parts[:, k], numbers[link]))
         titles = {
             "torque": ("driving torque", "N m"),
-            "inertia": ("equivalent inertia", "kg m²"),
-            "derivative": ("derivative of the inertia", "kg m²/rad"),
+            "inertia": ("equivalent inertia", "kg m2"),
+            "derivative": ("derivative of the inertia", "kg m2/rad"),
         }
         scenes = []
         for number, rows in batch.assembly_mode_rows().items():
             shown: list[Primitive] = [
                 Series(
-                    f"plots/{group}/{_PATHS.get(label) or _in_path(label)}",
+                    f"plots/{group}/{re.sub(r'[^A-Za-z0-9]+', '_', label)}",
                     label,
                     titles[group][0],
                     values[rows],
@@ -284,25 +286,19 @@ class Eksergian(AbstractAnalysis):
 
 
 def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
-    (left, right), (low, high) = np.degrees([batch.q_range, batch.dq_range]).tolist()
+    q, dq = batch.q[rows], batch.dq[rows]
     return Portrait(
         "plots/phase_portrait",
         "phase portrait",
-        np.degrees(batch.q[rows]),
-        np.degrees(batch.dq[rows]),
-        "q, deg",
-        "q′, deg/s",
-        (left, right),
-        (low, high),
+        q,
+        dq,
+        "q",
+        "dq",
+        batch.q_range,
+        batch.dq_range,
+        "rad",
+        "rad/s",
     )
-
-
-_PATHS = {"τ": "tau", "B q″": "B_ddq", "B′ q′²/2": "swing", "B": "B", "B′": "dB_dq"}
-"""What curves are called in a recording whose labels no path can hold."""
-
-
-def _in_path(label: str) -> str:
-    return re.sub(r"[^A-Za-z0-9]+", "_", label)
 
 
 def _repeated(columns: dict[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:

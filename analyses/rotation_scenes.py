@@ -10,21 +10,24 @@ from numpy.typing import NDArray
 from spherekit.plugin import (
     Arrow,
     Axis,
-    FixedAxisRotation,
     GreatCircle,
+    InputMarks,
     Mark,
     Mechanism,
-    MidPlaneArchitecture,
     Output,
     Primitive,
-    RotationSamples,
     Scene,
     Series,
     SphereCurves,
     Text,
+    link_bodies,
+)
+from spherekit.plugin.rotations import (
+    FixedAxisRotation,
+    MidPlaneArchitecture,
+    RotationSamples,
     Timetable,
     link_axes,
-    link_bodies,
 )
 
 Floats = NDArray[np.float64]
@@ -56,52 +59,48 @@ class RotationScenes:
         """Return the page on which row k is sample k."""
         placed = self.place(samples.values)
         parts = self._stage(placed, samples.orientation)
-        for group, values in (
-            ("driving angles", np.degrees(samples.inputs)),
-            ("rates of driving angles by θ", samples.rates),
+        for group, values, unit in (
+            ("driving angles", samples.inputs, "rad"),
+            ("rates of driving angles by theta", samples.rates, ""),
         ):
-            lost = self._lost() if group == "driving angles" else [()] * values.shape[1]
-            unit = "deg" if group == "driving angles" else ""
             for k, name in enumerate(self.turn.inputs):
                 path = f"plots/{group.split()[0]}/{name}"
-                marks = lost[k]
-                parts.append(Series(path, name, group, values[:, k], unit, marks=marks))
+                parts.append(Series(path, name, group, values[:, k], unit))
+        lost = np.array(self.turn.crossings)[:, None]
+        if len(lost):
+            parts.append(InputMarks("marks/lost", "type II", lost, LOST_TONE))
         for label, values in (
-            ("departure", np.degrees(samples.departure)),
-            ("drift of the axis", np.degrees(samples.drift)),
+            ("departure", samples.departure),
+            ("drift of the axis", samples.drift),
         ):
             path = f"plots/{label.split()[0]}"
             group = "departure from the fixed axis"
-            parts.append(Series(path, label, group, values, "deg"))
+            parts.append(Series(path, label, group, values, "rad"))
         parts.append(
-            Series("plots/type_2", "type II", "transmission measure", samples.type_2)
+            Series("plots/type_2", "type_2", "transmission measure", samples.type_2)
         )
         parts.append(Text("words", "Rotation", self.words))
-        theta = np.degrees(samples.theta)
-        over = Axis("θ", "deg", theta, (0.0, float(np.max(theta, initial=0.0))))
-        return Scene("Equivalent rotation", tuple(parts), len(theta), (over,))
+        over = Axis("theta", "rad", samples.theta)
+        return Scene("Equivalent rotation", tuple(parts), (over,))
 
     def schedule(self, rows: Timetable) -> Scene:
         """Return the page on which rows are evenly spread over the duration."""
         found = self.turn.at(rows.theta)
         placed = self.place(found.values)
         parts = self._stage(placed, found.orientation)
-        for name, group, values in (
-            ("q", ("driving angles", "deg"), rows.inputs),
-            ("dq", ("driving speeds", "deg/s"), rows.rates),
-            ("ddq", ("driving accelerations", "deg/s²"), rows.accelerations),
+        for name, group, values, unit in (
+            ("q", "driving angles in time", rows.inputs, "rad"),
+            ("dq", "driving speeds", rows.rates, "rad/s"),
+            ("ddq", "driving accelerations", rows.accelerations, "rad/s2"),
         ):
             for k, pair in enumerate(rows.names):
-                shown = np.degrees(values[:, k])
-                parts.append(
-                    Series(f"plots/{name}/{pair}", pair, group[0], shown, group[1])
-                )
+                path = f"plots/{name}/{pair}"
+                parts.append(Series(path, pair, group, values[:, k], unit))
         step = rows.t[-1] / (len(rows.t) - 1)
         words = f"{self.words}\n\nRow k of this page is at k x {step:.6g} s."
         parts.append(Text("words", "Rotation", words))
-        over = Axis("time", "s", rows.t, (float(rows.t[0]), float(rows.t[-1])))
-        title = "Equivalent rotation in time"
-        return Scene(title, tuple(parts), len(rows.t), (over,))
+        over = Axis("time", "s", rows.t)
+        return Scene("Equivalent rotation in time", tuple(parts), (over,))
 
     def _stage(self, placed: Floats, orientation: Floats) -> list[Primitive]:
         """Return the links, the axis, arcs of the output, and mid-planes."""
@@ -150,19 +149,6 @@ class RotationScenes:
         if self.output.direction is not None:
             return [(self.output.name, np.array(self.output.direction))]
         return list(link_axes(self.mechanism)[self.output.link].items())
-
-    def _lost(self) -> list[list[Mark]]:
-        """Return the places of type II on the curve of each driving angle over θ, deg."""
-        lost = np.array(self.turn.crossings)
-        if not len(lost):
-            return [[] for _ in self.turn.inputs]
-        return [
-            [
-                Mark("type II", np.degrees([t, q]), LOST_TONE)
-                for t, q in zip(lost, column, strict=True)
-            ]
-            for column in self.turn.at(lost).inputs.T
-        ]
 
 
 def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:

@@ -9,7 +9,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis.contract import AbstractAnalysis, Findings, Needs
-from spherekit.analysis.scene import Portrait, Scene, Series
+from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed
 from spherekit.model.dynamics import PairTorque
@@ -179,9 +179,8 @@ def test_a_portrait_has_one_frame_whatever_the_blocks():
     frame = result.frame()
     assert listener.rows == [50, 50, 20]
     for portrait in listener.portraits:
-        for found, name in ((portrait.x_range, "q"), (portrait.y_range, "dq")):
-            ends = np.degrees([frame[name].min(), frame[name].max()])
-            assert found == pytest.approx(ends, rel=1e-15)
+        assert portrait.x_range == (frame["q"].min(), frame["q"].max())
+        assert portrait.y_range == (frame["dq"].min(), frame["dq"].max())
 
 
 @final
@@ -265,7 +264,10 @@ class Apart(AbstractAnalysis):
         return Findings({"third": 3.0}, (), ("Three.",))
 
     def scene(self, batch):
-        return (Scene("Apart", (Series("s", "s", "g", np.arange(4.0)),), rows=4),)
+        return (Scene("Apart", (Series("s", "s", "g", np.arange(4.0)),), (OWN,)),)
+
+
+OWN = Axis("row", "", np.arange(4.0))
 
 
 class Pages:

@@ -47,7 +47,7 @@ def static_scene(plans: Sequence[Plan], shapes: list[Shape]) -> Scene:
     """Return what does not move: the ground, the link/pair graph, the plans' Tables."""
     mechanism = plans[0].mechanism
     ground = _body(mechanism, shapes, 0, None)
-    return Scene(None, (ground, _graph(mechanism), _text(plans)), answers=False)
+    return Scene(None, (ground, _graph(mechanism), _text(plans)))
 
 
 def motion_scenes(
@@ -66,7 +66,7 @@ def motion_scenes(
             _body(mechanism, shapes, link, turn[rows]) for link, turn in turns.items()
         ]
         plots = _variables(motion, rows) if timed else []
-        scenes.append(Scene(assembly_mode.number, (*bodies, *plots), answers=False))
+        scenes.append(Scene(assembly_mode.number, (*bodies, *plots)))
     return tuple(scenes)
 
 
@@ -86,9 +86,9 @@ def _variables(motion: Motion, rows: slice) -> list[Series]:
         motion.mechanism.variable_names, motion.values[rows].T, strict=True
     ):
         jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
-        shown = np.degrees(np.where(jumps, np.nan, values))
+        shown = np.where(jumps, np.nan, values)
         path = f"plots/variable/{name}"
-        plots.append(Series(path, name, "pair variables", shown, "deg"))
+        plots.append(Series(path, name, "pair variables", shown, "rad"))
     return plots
 
 

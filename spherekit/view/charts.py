@@ -11,7 +11,17 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.scene import Axis, Floats, Mark, Portrait, Series, plotted_range
+from spherekit.analysis.scene import (
+    Axis,
+    Floats,
+    InputMarks,
+    Mark,
+    Portrait,
+    Series,
+    plotted_range,
+    titled,
+)
+from spherekit.conventions import listing
 from spherekit.view import colours, shapes
 from spherekit.view.sdk import rr
 
@@ -50,7 +60,6 @@ class Curve:
     label: str
     colour: colours.Colour
     resolution: float
-    marks: Sequence[Mark]
     values: list[Floats] = field(default_factory=list)
     places: list[tuple[Floats, ...]] = field(default_factory=list)
 
@@ -92,18 +101,18 @@ class Chart:
         if path not in self.curves:
             used = [curve.colour for curve in self.curves.values()]
             colour = colours.of_series(series.link, used)
-            self.curves[path] = Curve(series.label, colour, series.resolution, series.marks)
+            self.curves[path] = Curve(series.label, colour, series.resolution)
         return self.curves[path]
 
     def across(self, values: Floats) -> Floats:
         """Return where values on the first axis are in the frame."""
-        return np.asarray(self.width * _part(values, *self.over[0].span))
+        return np.asarray(self.width * _part(values, *self.over[0].extent))
 
     def cursor(self, rows: Sequence[Floats]) -> Iterable[rr.ComponentColumn]:
         """Return a line that moves through the plot, or a mark that moves on the map."""
         x = self.across(rows[0])
         if self.is_map:
-            y = FRAME_HEIGHT * (1.0 - _part(rows[1], *self.over[1].span))
+            y = FRAME_HEIGHT * (1.0 - _part(rows[1], *self.over[1].extent))
             return rr.Points2D.columns(positions=np.stack([x, y], axis=1))
         ends = np.zeros((len(x), 2, 2))
         ends[:, :, 0] = x[:, None]
@@ -122,7 +131,7 @@ class Chart:
                 tints.append(curve.colour)
         return np.array(places).reshape(-1, 2), tints
 
-    def drawn(self) -> Iterator[Drawn]:
+    def drawn(self, marks: Sequence[InputMarks] = ()) -> Iterator[Drawn]:
         """Yield what stands still: the frame, the curves or the map, marks, words."""
         if self.is_map:
             yield from self._map()
@@ -142,11 +151,34 @@ class Chart:
                     lines, colors=curve.colour, radii=rr.Radius.ui_points(1.0)
                 )
                 yield f"curves/{number}", strips
-        marks = [mark for curve, _, _ in curves for mark in curve.marks]
-        if marks:
-            places = np.array([mark.place for mark in marks])
-            y = FRAME_HEIGHT * (1.0 - _part(places[:, 1], low, high))
-            yield "marks", _marked(np.stack([self.across(places[:, 0]), y], axis=1), marks)
+        if self.over[0].unit == "deg":
+            yield from self._marked(marks)
+
+    def _marked(self, marks: Sequence[InputMarks]) -> Iterator[Drawn]:
+        """Yield a line at each place on the axis where something is, with its name."""
+        for number, each in enumerate(marks):
+            if each.inputs.shape[1:] != (1,):
+                continue
+            x = self.across(each.inputs[:, 0])
+            x = x[(x >= 0.0) & (x <= self.width)]
+            tint = colours.tone(each.tone)
+            lines = [np.array([[at, 0.0], [at, FRAME_HEIGHT]]) for at in x]
+            yield (
+                f"marks/{number}",
+                rr.LineStrips2D(lines, colors=tint, radii=rr.Radius.ui_points(0.9)),
+            )
+            yield (
+                f"marks/{number}/words",
+                rr.Points2D(
+                    np.stack(
+                        [x, np.full_like(x, LINE * (number % 2) - 0.4 * LINE)], axis=1
+                    ),
+                    labels=[each.label] * len(x),
+                    colors=tint,
+                    radii=0.0,
+                    show_labels=len(x) <= MOST_LABELS,
+                ),
+            )
 
     def _map(self) -> Iterator[Drawn]:
         (curve,) = self.curves.values()
@@ -219,14 +251,22 @@ class _Side:
     words: str
     span: tuple[float, float]
     degrees: bool
+    logarithmic: bool = False
+
+    def ticks(self) -> Iterator[tuple[float, str]]:
+        """Yield the places of ticks from 0 to 1, and their words."""
+        if self.logarithmic:
+            low, high = np.log10(self.span)
+            for power in range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1):
+                yield (power - low) / max(high - low, 1e-300), f"1e{power}"
+            return
+        step, values = ticks(*self.span, self.degrees)
+        for value, part in zip(values, _part(values, *self.span), strict=True):
+            yield float(part), written(value, step)
 
     @classmethod
     def of(cls, axis: Axis) -> "_Side":
-        return cls(axis.words, axis.span, axis.unit == "deg")
-
-    @classmethod
-    def named(cls, words: str, span: tuple[float, float]) -> "_Side":
-        return cls(words, span, words.endswith("deg"))
+        return cls(in_signs(axis.words), axis.extent, axis.unit == "deg")
 
 
 def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Drawn]:
@@ -234,16 +274,14 @@ def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Draw
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
     lines = [corners * [width, FRAME_HEIGHT]]
     words: list[tuple[float, float, str]] = []
-    step, values = ticks(*x.span, x.degrees)
-    for value, part in zip(values, _part(values, *x.span), strict=True):
+    for part, text in x.ticks():
         lines.append(np.array([[width * part, 0.0], [width * part, FRAME_HEIGHT]]))
-        words.append((width * part, FRAME_HEIGHT + 4.0, written(value, step)))
+        words.append((width * part, FRAME_HEIGHT + 4.0, text))
     words.append((0.5 * width, FRAME_HEIGHT + 27.0, x.words))
-    step, values = ticks(*y.span, y.degrees)
-    for value, part in zip(values, _part(values, *y.span), strict=True):
+    for part, text in y.ticks():
         level = FRAME_HEIGHT * (1.0 - part)
         lines.append(np.array([[0.0, level], [width, level]]))
-        words.append((-0.5 * LEFT, level - LABEL, written(value, step)))
+        words.append((-0.5 * LEFT, level - LABEL, text))
     if y.words:
         words.append((width + 0.5 * LEGEND, FRAME_HEIGHT + 4.0, f"up: {y.words}"))
     yield (
@@ -259,10 +297,23 @@ def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Draw
 
 def portrait(item: Portrait) -> Iterator[Drawn]:
     """Yield the frame of a portrait, its curves and marks."""
-    x, y = _Side.named(item.x_label, item.x_range), _Side.named(item.y_label, item.y_range)
-    yield from frame(PORTRAIT_WIDTH, x, y)
-    for number, (points, tone) in enumerate(item.curves):
-        yield f"curve_{number}", portrait_line(item.framed(points), colours.tone(tone))
+    sides = [
+        _Side(in_signs(titled(label, unit)), span, unit.startswith("deg"), item.logarithmic)
+        for label, unit, span in (
+            (item.x_label, item.x_unit, item.x_range),
+            (item.y_label, item.y_unit, item.y_range),
+        )
+    ]
+    yield from frame(PORTRAIT_WIDTH, sides[0], sides[1])
+    for number, curve in enumerate(item.curves):
+        placed = item.framed(curve.points)
+        yield f"curve_{number}", portrait_line(placed, colours.tone(curve.tone))
+    named = {each.label: colours.tone(each.tone) for each in item.curves if each.label}
+    if named:
+        x = PORTRAIT_WIDTH + 0.5 * LEGEND
+        lines = [(x, LINE * (k + 0.5) - LABEL) for k in range(len(named))]
+        tints = list(named.values())
+        yield "legend", legend_style(np.array(lines), tints, list(named))
     if item.marks:
         places = item.framed(np.array([mark.place for mark in item.marks]))
         yield "marks", _marked(in_frame(places), item.marks)
@@ -356,6 +407,20 @@ def legend_words(curves: Sequence[tuple[str, Floats, float]]) -> list[str]:
         for label, values, resolution in curves
     ]
     return [words for row in zip(*columns, strict=True) for words in row]
+
+
+def along(over: Sequence[Axis]) -> Axis:
+    """Return the axis of samples on a path of several inputs: the first one that moves."""
+    first = next((axis for axis in over if axis.extent[0] < axis.extent[1]), over[0])
+    others = listing(axis.label for axis in over if axis is not first)
+    return replace(first, label=f"input {first.label} with {others}")
+
+
+def in_signs(words: str) -> str:
+    """Return units as people write them."""
+    for plain, sign in (("m2", "m²"), ("/s2", "/s²")):
+        words = words.replace(plain, sign)
+    return words
 
 
 def bounds() -> tuple[tuple[float, float], tuple[float, float]]:

@@ -53,7 +53,6 @@ def still(item: Diagram) -> Iterator[Still]:
             show_labels=True,
         ),
     )
-    tints = [colours.tone(tone) for tone in item.tones]
     dot = rr.Radius.ui_points(4.0)
     yield "points", rr.Points2D.from_fields(radii=dot, show_labels=True)
     yield (
@@ -61,7 +60,6 @@ def still(item: Diagram) -> Iterator[Still]:
         rr.LineStrips2D.from_fields(colors=colours.VIOLET, radii=rr.Radius.ui_points(1.0)),
     )
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
-    del tints
 
 
 def moving(item: Diagram) -> Iterator[Moving]:
@@ -85,10 +83,10 @@ def moving(item: Diagram) -> Iterator[Moving]:
     ends, known = clipped(item)
     strips = _placed(item, ends.reshape(-1, 2)).reshape(*ends.shape)[known]
     yield "lines", rr.LineStrips2D.columns(strips=strips).partition(known.sum(axis=1))
-    if item.steps:
+    if item.words:
         top = _placed(item, np.array([[0.5 * (left + right), high]]))
         above = np.repeat(top - [0.0, 0.17 * UNIT], n, axis=0)
-        yield "step", rr.Points2D.columns(positions=above, labels=list(item.steps))
+        yield "step", rr.Points2D.columns(positions=above, labels=list(item.words))
 
 
 def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:

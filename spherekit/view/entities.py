@@ -18,6 +18,7 @@ from spherekit.analysis.scene import (
     Floats,
     Graph,
     GreatCircle,
+    InputMarks,
     Portrait,
     Primitive,
     Series,
@@ -27,6 +28,7 @@ from spherekit.analysis.scene import (
     Text,
     Trace,
     plotted_range,
+    titled,
 )
 from spherekit.view import charts, colours, diagrams, shapes
 from spherekit.view.sdk import rr
@@ -115,7 +117,7 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
                     show_labels=False,
                 ),
             )
-        case Series() | Trace():
+        case Series() | Trace() | InputMarks():
             return
         case Portrait():
             yield from charts.portrait(primitive)
@@ -148,7 +150,7 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
             yield "", _turned(quaternions, present(quaternions))
         case Diagram():
             yield from diagrams.moving(primitive)
-        case Graph() | Text():
+        case Graph() | Text() | InputMarks():
             return
         case Body(quaternions=quaternions) if quaternions is not None:
             good = present(quaternions)
@@ -311,7 +313,7 @@ def _still_map(item: SphereMap) -> Iterator[Still]:
 def _still_surface(surface: Surface) -> Iterator[Still]:
     low, high = np.min(surface.vertices, axis=0), np.max(surface.vertices, axis=0)
     sides = np.where(high > low, high - low, 1.0)
-    scale = np.full(3, CUBE / np.max(sides)) if surface.equal else CUBE / sides
+    scale = CUBE / sides
     middle = 0.5 * (low + high)
     places = (surface.vertices - middle) * scale
     if len(surface.triangles):
@@ -342,7 +344,7 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
     )
     where, words = [], []
     for axis, name in enumerate(surface.axes):
-        step, values = charts.ticks(low[axis], high[axis], name.endswith("deg"))
+        step, values = charts.ticks(low[axis], high[axis], surface.unit == "deg")
         for value in values:
             place = ends[0] - 0.08 * (np.arange(3) != axis)
             place[axis] = (value - middle[axis]) * scale[axis]
@@ -351,7 +353,7 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
         place = ends[0] - 0.3 * (np.arange(3) != axis)
         place[axis] = 0.0
         where.append(place)
-        words.append(name)
+        words.append(titled(name, surface.unit))
     yield (
         "words",
         rr.Points3D(where, labels=words, colors=colours.PALE, radii=0.0, show_labels=True),

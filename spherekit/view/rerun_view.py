@@ -12,6 +12,7 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
@@ -20,6 +21,7 @@ from spherekit.analysis.scene import (
     Floats,
     Graph,
     GreatCircle,
+    InputMarks,
     Page,
     Portrait,
     Primitive,
@@ -30,6 +32,8 @@ from spherekit.analysis.scene import (
     Surface,
     Text,
     Trace,
+    in_degrees,
+    titled,
 )
 from spherekit.errors import OutputError
 from spherekit.view import charts, colours, diagrams, entities, shapes
@@ -43,6 +47,9 @@ from spherekit.view.outputs import (
 )
 from spherekit.view.sdk import rr
 from spherekit.view.timelines import SAMPLE, TIME, InputTimeline, input_timeline
+
+UNASKED = ("", MOTION)
+"""Sources of scenes that show what moves, and nothing that was asked for."""
 
 LIVE_SECONDS = 0.5
 """A viewer that looks on gets the curves anew that often."""
@@ -123,6 +130,7 @@ class RerunRecorder:
         self._drawn: dict[str, list[Floats]] = {}
         self._traces: dict[str, tuple[int, list[Floats]]] = {}
         self._charts: dict[str, Chart] = {}
+        self._marks: dict[str, list[InputMarks]] = {}
         self._live_drawn = 0.0
         self._rows = 0
         self._laid_out = 0
@@ -251,9 +259,9 @@ class RerunRecorder:
         self._still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for suffix, archetype in entities.world():
             self._still(f"{self.root}/{suffix}", archetype)
-        for scene in scenes:
+        for scene in map(in_degrees, scenes):
             for primitive in scene.primitives:
-                self._introduce(scene.page, primitive)
+                self._introduce(scene.page, primitive, False)
         if scenes or layout.pages:
             self._introduce(None, Text("notes", "About", _about(self.name, words)))
         if layout.pages:
@@ -283,6 +291,8 @@ class RerunRecorder:
         layout = self._layout
         if layout is None or self._finished:
             raise ValueError("log is called after start and before the end")
+        scene = in_degrees(scene)
+        answers = scene.source not in UNASKED
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
         if layout.timeline == TIME:
             if times is None or len(times) != len(samples):
@@ -293,16 +303,16 @@ class RerunRecorder:
                 raise ValueError("each sample needs its input value")
             ticks = self._input.ticks(inputs)
             lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
-        fresh = [
-            self._introduce(scene.page, item, scene.answers) for item in scene.primitives
-        ]
-        if scene.answers and scene.page is not None and scene.page not in layout.answered:
+        fresh = [self._introduce(scene.page, item, answers) for item in scene.primitives]
+        if answers and scene.page is not None and scene.page not in layout.answered:
             layout.answered.append(scene.page)
             fresh.append(True)
         failed = np.zeros(len(samples), dtype=bool)
         for primitive in scene.primitives:
             _check_rows(primitive, len(samples))
         over = scene.over or self._axis(np.asarray(samples), inputs, times)
+        if len(over) > 1 and self._row is None and isinstance(scene.page, int):
+            over = (charts.along(over),)
         fresh.append(self._log_charts(scene, lines, over, len(samples)))
         for primitive in scene.primitives:
             path = self._path(scene.page, primitive)
@@ -343,7 +353,10 @@ class RerunRecorder:
         base, fresh = self._base(scene.page), False
         touched: dict[str, list[str]] = {}
         for item in plotted:
-            title = item.title if len(over) == 1 else f"{item.group}: {item.label}"
+            title = item.heading
+            if len(over) > 1:
+                title = f"{item.label}: {titled(item.group, charts.in_signs(item.unit))}"
+            title = charts.in_signs(title)
             where = f"{base}/charts/{_slug(title)}"
             if where not in self._charts:
                 fresh = True
@@ -402,13 +415,21 @@ class RerunRecorder:
         if isinstance(scene.page, int) and len(self._charts[where].over) == 1:
             compared = f"{self.root}/compare/{where.rsplit('/', 1)[1]}"
         layout.plots.append(
-            Plot(scene.page, where, title, scene.answers, charts.bounds(), compared)
+            Plot(
+                scene.page,
+                where,
+                title,
+                scene.source not in UNASKED,
+                charts.bounds(),
+                compared,
+            )
         )
 
     def _draw_charts(self, outputs: Sequence[AbstractOutput]) -> None:
         """Draw all curves and maps as far as they are known, and those of all modes."""
         for where, chart in self._charts.items():
-            for suffix, archetype in chart.drawn():
+            base = where.partition("/charts/")[0]
+            for suffix, archetype in chart.drawn(self._marks.get(base, ())):
                 self._still(f"{where}/{suffix}", archetype, outputs)
         layout = self._layout
         if layout is None:
@@ -514,10 +535,10 @@ class RerunRecorder:
         match primitive:
             case Body() | GreatCircle() | SphereCurves():
                 layout.solids.append((page, path))
-            case SphereMap(label=label):
+            case SphereMap(label=label, unit=unit):
                 layout.solids.append((page, path))
                 values = entities.map_range(primitive.values, primitive.triangles)
-                self._place_scale(page, values, label)
+                self._place_scale(page, values, titled(label, unit))
             case Trace(number=number):
                 layout.solids.append((page, path))
                 self._traces[path] = (number, [])
@@ -540,6 +561,8 @@ class RerunRecorder:
                 layout.plots.append(Plot(page, path, label, answers, None))
             case Series():
                 return
+            case InputMarks():
+                self._marks.setdefault(self._base(page), []).append(primitive)
             case Graph():
                 layout.panels.append(Panel(page, path, "Links and pairs", True))
             case Text(label=label):
