@@ -256,9 +256,9 @@ class Eksergian(AbstractAnalysis):
         for k, load in enumerate(loads):
             curves.append(("torque", f"against {load}", -found.forces[:, k]))
         titles = {
-            "inertia": "equivalent inertia, kg m2",
-            "derivative": "dB/dq, kg m2/rad",
-            "torque": "driving torque, N m",
+            "inertia": ("equivalent inertia", "kg m2"),
+            "derivative": ("dB/dq", "kg m2/rad"),
+            "torque": ("driving torque", "N m"),
         }
         scenes = []
         for number, rows in batch.assembly_mode_rows().items():
@@ -266,8 +266,9 @@ class Eksergian(AbstractAnalysis):
                 Series(
                     f"plots/{group}/{re.sub(r'[^A-Za-z0-9]+', '_', label)}",
                     label,
-                    titles[group],
+                    titles[group][0],
                     values[rows],
+                    titles[group][1],
                 )
                 for group, label, values in curves
             ]
@@ -284,10 +285,12 @@ def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
         "phase portrait",
         q,
         dq,
-        "q, rad",
-        "dq, rad/s",
+        "q",
+        "dq",
         batch.q_range,
         batch.dq_range,
+        "rad",
+        "rad/s",
     )
 
 

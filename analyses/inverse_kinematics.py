@@ -274,16 +274,16 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
         best = np.zeros(len(poses))
         np.maximum.at(best, rows.pose, np.nan_to_num(least))
-        angle = np.degrees(np.arcsin(np.clip(best, 0.0, 1.0)))
+        angle = np.arcsin(np.clip(best, 0.0, 1.0))
         triangles = _triangles(found.given.shape)
         words = Text("legend", "Poses", self._words(found, solutions))
 
-        def painted(name: str, values: Floats) -> SphereMap:
-            return SphereMap("poses/map", name, places, triangles, values)
+        def painted(name: str, values: Floats, unit: str) -> SphereMap:
+            return SphereMap("poses/map", name, places, triangles, values, unit)
 
         return (
-            Scene("Inverse", (painted("solutions", solutions.astype(float)), words)),
-            Scene("Measure", (painted("angle to a singularity, deg", angle), words)),
+            Scene("Inverse", (painted("solutions", solutions.astype(float), ""), words)),
+            Scene("Measure", (painted("angle to a singularity", angle, "rad"), words)),
         )
 
     @property

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Arrow,
+    Axis,
     GreatCircle,
     Mark,
     Mechanism,
     Output,
+    PlaneCurve,
     Portrait,
     Primitive,
     Scene,
@@ -58,43 +60,46 @@ class RotationScenes:
         """Return the page on which row k is sample k."""
         placed = self.place(samples.values)
         parts = self._stage(placed, samples.orientation)
-        for group, values in (
-            ("driving angles, deg", np.degrees(samples.inputs)),
-            ("rates of driving angles by theta", samples.rates),
+        for group, values, unit in (
+            ("driving angles", samples.inputs, "rad"),
+            ("rates of driving angles by theta", samples.rates, ""),
         ):
             for k, name in enumerate(self.turn.inputs):
                 path = f"plots/{group.split()[0]}/{name}"
-                parts.append(Series(path, name, group, values[:, k]))
+                parts.append(Series(path, name, group, values[:, k], unit))
         parts += self._portraits(samples.theta, samples.inputs)
         for label, values in (
-            ("departure", np.degrees(samples.departure)),
-            ("drift of the axis", np.degrees(samples.drift)),
+            ("departure", samples.departure),
+            ("drift of the axis", samples.drift),
         ):
             path = f"plots/{label.split()[0]}"
-            parts.append(Series(path, label, "departure from the fixed axis, deg", values))
+            group = "departure from the fixed axis"
+            parts.append(Series(path, label, group, values, "rad"))
         parts.append(
             Series("plots/type_2", "type_2", "transmission measure", samples.type_2)
         )
         parts.append(Text("words", "Rotation", self.words))
-        return Scene("Equivalent rotation", tuple(parts), len(samples.theta))
+        over = Axis("theta", "rad", samples.theta)
+        return Scene("Equivalent rotation", tuple(parts), (over,))
 
     def schedule(self, rows: Timetable) -> Scene:
         """Return the page on which rows are evenly spread over the duration."""
         found = self.turn.at(rows.theta)
         placed = self.place(found.values)
         parts = self._stage(placed, found.orientation)
-        for name, group, values in (
-            ("q", "driving angles in time, deg", rows.inputs),
-            ("dq", "driving speeds, deg/s", rows.rates),
-            ("ddq", "driving accelerations, deg/s2", rows.accelerations),
+        for name, group, values, unit in (
+            ("q", "driving angles in time", rows.inputs, "rad"),
+            ("dq", "driving speeds", rows.rates, "rad/s"),
+            ("ddq", "driving accelerations", rows.accelerations, "rad/s2"),
         ):
             for k, pair in enumerate(rows.names):
-                shown = np.degrees(values[:, k])
-                parts.append(Series(f"plots/{name}/{pair}", pair, group, shown))
+                path = f"plots/{name}/{pair}"
+                parts.append(Series(path, pair, group, values[:, k], unit))
         step = rows.t[-1] / (len(rows.t) - 1)
         words = f"{self.words}\n\nRow k of this page is at k x {step:.6g} s."
         parts.append(Text("words", "Rotation", words))
-        return Scene("Equivalent rotation in time", tuple(parts), len(rows.t))
+        over = Axis("time", "s", rows.t)
+        return Scene("Equivalent rotation in time", tuple(parts), (over,))
 
     def _stage(self, placed: Floats, orientation: Floats) -> list[Primitive]:
         """Return the links, the axis, arcs of the output, and mid-planes."""
@@ -149,23 +154,24 @@ class RotationScenes:
         whole = self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN))
         lost = np.array(self.turn.crossings)
         at = self.turn.at(lost).inputs if len(lost) else np.zeros((0, inputs.shape[1]))
-        x = np.degrees(whole.theta)
         parts: list[Primitive] = []
         for k, name in enumerate(self.turn.inputs):
-            y = np.degrees(whole.inputs[:, k])
+            line = np.stack([whole.theta, whole.inputs[:, k]], axis=1)
             parts.append(
                 Portrait(
                     f"plots/driving/{name}",
                     f"driving angle {name}",
-                    np.degrees(theta),
-                    np.degrees(inputs[:, k]),
-                    "theta, deg",
-                    f"{name}, deg",
-                    (0.0, float(x[-1])),
-                    (float(np.nanmin(y)), float(np.nanmax(y))),
-                    [(np.stack([x, y], axis=1), PATH_TONE)],
+                    theta,
+                    inputs[:, k],
+                    "theta",
+                    name,
+                    (0.0, float(whole.theta[-1])),
+                    (float(np.nanmin(line[:, 1])), float(np.nanmax(line[:, 1]))),
+                    "rad",
+                    "rad",
+                    [PlaneCurve(line, PATH_TONE)],
                     [
-                        Mark("type II singularity", np.degrees([t, q]), LOST_TONE)
+                        Mark("type II singularity", np.array([t, q]), LOST_TONE)
                         for t, q in zip(lost, at[:, k], strict=True)
                     ],
                 )

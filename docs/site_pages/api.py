@@ -1,4 +1,4 @@
-"""The API pages: every public name of the four public packages, from its docstring."""
+"""The API pages: every public name of the public packages, from its docstring."""
 
 import importlib
 import inspect
@@ -6,12 +6,33 @@ from collections.abc import Iterator
 from types import GenericAlias
 from typing import Any
 
-PACKAGES = ("spherekit", "spherekit.plugin", "spherekit.view", "spherekit.engine")
+TOPICS = ("dynamics", "motion", "rotations", "singularities", "workspace")
+PACKAGES = (
+    "spherekit",
+    "spherekit.plugin",
+    *(f"spherekit.plugin.{topic}" for topic in TOPICS),
+    "spherekit.view",
+    "spherekit.engine",
+)
+
+INDEX = """\
+# API
+
+These packages are public; what is imported from anywhere else may change. Angles are in rad,
+vectors in ground axes, samples are the first axis of an array.
+
+```{{toctree}}
+:maxdepth: 1
+
+{packages}
+```
+"""
 
 
 def pages() -> Iterator[tuple[str, str]]:
     """Yield one page for each package."""
     told: dict[int, str] = {}
+    yield "api/index.md", INDEX.format(packages="\n".join(PACKAGES))
     for package in PACKAGES:
         yield f"api/{package}.rst", "\n".join(_page(package, told))
 

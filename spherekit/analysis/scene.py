@@ -2,7 +2,8 @@
 
 All arrays that follow the motion have the leading axis n = samples of one block of one
 assembly mode; directions and positions are in ground axes on the unit sphere. NaN rows are
-samples that failed: nothing is drawn there.
+samples that failed: nothing is drawn there. Quantities are in SI and rad, with their unit;
+`in_degrees` turns what is in rad for people.
 """
 
 from collections.abc import Sequence
@@ -12,8 +13,22 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.tables import IN_DEGREES
+
 Floats = NDArray[np.float64]
 TINY = 1e-300
+
+
+@final
+@dataclass(frozen=True)
+class Axis:
+    """What rows run over: an input, the time, or a quantity of an analysis."""
+
+    label: str
+    unit: str
+    """SI, rad, or empty for pure numbers."""
+    values: Floats
+    """(n,)"""
 
 
 @final
@@ -70,8 +85,30 @@ class Series:
     path: str
     label: str
     group: str
+    """What the quantity is."""
     values: Floats
     """(n,)"""
+    unit: str = ""
+
+    @property
+    def heading(self) -> str:
+        """The quantity with its unit."""
+        return titled(self.group, self.unit)
+
+
+@final
+@dataclass(frozen=True)
+class InputMarks:
+    """Inputs at which something is, such as a singularity, for all plots of the page.
+
+    They are marked on the axes of what is drawn over the inputs.
+    """
+
+    path: str
+    label: str
+    inputs: Floats
+    """(k, inputs) rad"""
+    tone: int = 0
 
 
 @final
@@ -85,6 +122,17 @@ class Mark:
     label: str
     place: Floats
     tone: int = 0
+
+
+@final
+@dataclass(frozen=True)
+class PlaneCurve:
+    """A curve in the plane of a portrait, named if it has to be told from others."""
+
+    points: Floats
+    """(k, 2)"""
+    tone: int = 0
+    label: str = ""
 
 
 @final
@@ -107,9 +155,12 @@ class Portrait:
     x_range: tuple[float, float]
     """Least and greatest x of all blocks, which the frame spans."""
     y_range: tuple[float, float]
-    curves: Sequence[tuple[Floats, int]] = ()
-    """Polylines (k, 2), each with its tone."""
+    x_unit: str = ""
+    y_unit: str = ""
+    curves: Sequence[PlaneCurve] = ()
     marks: Sequence[Mark] = ()
+    logarithmic: bool = False
+    """Whether both axes are."""
 
     def placed(self) -> Floats:
         """Return the points (n, 2) in a frame that runs from 0 to 1 both ways."""
@@ -118,6 +169,10 @@ class Portrait:
     def framed(self, points: Floats) -> Floats:
         """Return points (n, 2) in a frame that runs from 0 to 1 both ways."""
         low, high = np.array([self.x_range, self.y_range]).T
+        if self.logarithmic:
+            points, low, high = (
+                np.log10(np.maximum(each, TINY)) for each in (points, low, high)
+            )
         return np.asarray((points - low) / np.maximum(high - low, TINY))
 
 
@@ -144,13 +199,14 @@ class SphereMap:
 
     path: str
     label: str
-    """What the value is, with its unit."""
+    """What the value is."""
     vertices: Floats
     """(v, 3) unit vectors."""
     triangles: NDArray[np.int64]
     """(t, 3) numbers of vertices."""
     values: Floats
     """(v,)"""
+    unit: str = ""
 
 
 @final
@@ -166,6 +222,8 @@ class Surface:
     """(t, 3) numbers of vertices."""
     axes: tuple[str, str, str]
     tone: int = 0
+    unit: str = ""
+    """Of all three axes."""
 
 
 @final
@@ -196,6 +254,7 @@ Primitive = (
     | Arrow
     | GreatCircle
     | Series
+    | InputMarks
     | Portrait
     | SphereCurves
     | SphereMap
@@ -213,19 +272,75 @@ Page = int | str | None
 class Scene:
     """Primitives of one page: of an assembly mode, of a page of its own, or of every page.
 
-    `rows` is their number if they are not the samples of the run: they are then numbered
-    from 0 and spread evenly over its inputs or times.
+    `over` says what their rows run over where these are not the samples of the run, one
+    axis or several; the run fills in its inputs or times where they are. `source` is the
+    analysis that shows it, which the run fills in as well.
     """
 
     page: Page
     primitives: tuple[Primitive, ...]
-    rows: int | None = None
+    over: tuple[Axis, ...] = ()
+    source: str = ""
 
     def thinned(self, chosen: NDArray[np.bool_]) -> "Scene":
         """Return the scene at some of its samples (n,), or itself if its rows are none."""
-        if self.rows is not None:
+        if self.over:
             return self
         return replace(self, primitives=tuple(_thinned(p, chosen) for p in self.primitives))
+
+
+def titled(label: str, unit: str) -> str:
+    """Return the name of a quantity with its unit."""
+    return f"{label}, {unit}" if unit else label
+
+
+def in_degrees(scene: Scene) -> Scene:
+    """Return a scene whose angles, their rates and accelerations are in degrees."""
+    return replace(
+        scene,
+        primitives=tuple(_in_degrees(item) for item in scene.primitives),
+        over=tuple(
+            replace(axis, values=factor * axis.values, unit=unit)
+            for axis in scene.over
+            for factor, unit in (_degrees(axis.unit),)
+        ),
+    )
+
+
+def _in_degrees(primitive: Primitive) -> Primitive:
+    match primitive:
+        case Series(values=values, unit=unit) | SphereMap(values=values, unit=unit):
+            factor, unit = _degrees(unit)
+            return replace(primitive, values=factor * values, unit=unit)
+        case InputMarks(inputs=inputs):
+            return replace(primitive, inputs=np.degrees(inputs))
+        case Surface(vertices=vertices, unit=unit):
+            factor, unit = _degrees(unit)
+            return replace(primitive, vertices=factor * vertices, unit=unit)
+        case Portrait():
+            (a, x_unit), (b, y_unit) = map(_degrees, (primitive.x_unit, primitive.y_unit))
+            both = np.array([a, b])
+            (left, right), (low, high) = primitive.x_range, primitive.y_range
+            return replace(
+                primitive,
+                x=a * primitive.x,
+                y=b * primitive.y,
+                x_range=(a * left, a * right),
+                y_range=(b * low, b * high),
+                x_unit=x_unit,
+                y_unit=y_unit,
+                curves=[replace(e, points=both * e.points) for e in primitive.curves],
+                marks=[replace(e, place=both * e.place) for e in primitive.marks],
+            )
+        case _:
+            return primitive
+
+
+def _degrees(unit: str) -> tuple[float, str]:
+    """Return by what numbers of a unit are multiplied for people, and their unit then."""
+    if unit not in IN_DEGREES:
+        return 1.0, unit
+    return float(np.degrees(1.0)), IN_DEGREES[unit]
 
 
 def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:

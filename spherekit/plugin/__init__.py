@@ -21,10 +21,13 @@ if TYPE_CHECKING:
     from spherekit.analysis.numbers import read_numbers as read_numbers
     from spherekit.analysis.registry import registered as registered
     from spherekit.analysis.scene import Arrow as Arrow
+    from spherekit.analysis.scene import Axis as Axis
     from spherekit.analysis.scene import Body as Body
     from spherekit.analysis.scene import Graph as Graph
     from spherekit.analysis.scene import GreatCircle as GreatCircle
+    from spherekit.analysis.scene import InputMarks as InputMarks
     from spherekit.analysis.scene import Mark as Mark
+    from spherekit.analysis.scene import PlaneCurve as PlaneCurve
     from spherekit.analysis.scene import Portrait as Portrait
     from spherekit.analysis.scene import Primitive as Primitive
     from spherekit.analysis.scene import Scene as Scene

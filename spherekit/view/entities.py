@@ -17,6 +17,7 @@ from spherekit.analysis.scene import (
     Floats,
     Graph,
     GreatCircle,
+    InputMarks,
     Mark,
     Portrait,
     Primitive,
@@ -25,6 +26,7 @@ from spherekit.analysis.scene import (
     SphereMap,
     Surface,
     Text,
+    titled,
 )
 from spherekit.view import colours, shapes
 from spherekit.view.sdk import rr
@@ -117,7 +119,7 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
                     show_labels=False,
                 ),
             )
-        case Series():
+        case Series() | InputMarks():
             return
         case Portrait():
             yield from _still_portrait(primitive)
@@ -140,7 +142,7 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
     match primitive:
         case Body(quaternions=None) | SphereCurves() | SphereMap() | Surface():
             return
-        case Graph() | Text():
+        case Graph() | Text() | InputMarks():
             return
         case Body(quaternions=quaternions) if quaternions is not None:
             good = present(quaternions)
@@ -301,7 +303,7 @@ def _still_map(item: SphereMap) -> Iterator[Still]:
         ),
     )
     words = [f"{low + (high - low) * part:.3g}" for part in scale]
-    words[-1] += f" {item.label}"
+    words[-1] += f" {titled(item.label, item.unit)}"
     yield (
         "scale/words",
         rr.Points3D(places, labels=words, colors=colours.PALE, radii=0.0, show_labels=True),
@@ -325,7 +327,7 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
             [np.array([corners[0], end]) for end in corners[1:]],
             colors=colours.GRATICULE,
             labels=[
-                f"{name}: {a:.4g} to {b:.4g}"
+                f"{titled(name, surface.unit)}: {a:.4g} to {b:.4g}"
                 for name, a, b in zip(surface.axes, low, high, strict=True)
             ],
             show_labels=True,
@@ -374,10 +376,10 @@ def _still_portrait(portrait: Portrait) -> Iterator[Still]:
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
     lines = [corners]
     (left, right), (low, high) = portrait.x_range, portrait.y_range
-    if left < 0.0 < right:
+    if left < 0.0 < right and not portrait.logarithmic:
         zero = -left / (right - left)
         lines.append(np.array([[zero, 0.0], [zero, 1.0]]))
-    if low < 0.0 < high:
+    if low < 0.0 < high and not portrait.logarithmic:
         zero = -low / (high - low)
         lines.append(np.array([[0.0, zero], [1.0, zero]]))
     yield (
@@ -390,10 +392,10 @@ def _still_portrait(portrait: Portrait) -> Iterator[Still]:
     )
     words = {
         (0.05, -0.07): f"{left:.4g}",
-        (0.5, -0.07): portrait.x_label,
+        (0.5, -0.07): titled(portrait.x_label, portrait.x_unit),
         (1.0, -0.07): f"{right:.4g}",
         (-0.09, 0.04): f"{low:.4g}",
-        (-0.12, 0.5): portrait.y_label,
+        (-0.12, 0.5): titled(portrait.y_label, portrait.y_unit),
         (-0.09, 1.0): f"{high:.4g}",
     }
     yield (
@@ -406,12 +408,15 @@ def _still_portrait(portrait: Portrait) -> Iterator[Still]:
             radii=0.0,
         ),
     )
-    for number, (points, tone) in enumerate(portrait.curves):
+    for number, curve in enumerate(portrait.curves):
         yield (
             f"curve_{number}",
             rr.LineStrips2D(
-                [_in_plane(line) for line in shapes.unbroken(portrait.framed(points))],
-                colors=colours.tone(tone),
+                [
+                    _in_plane(line)
+                    for line in shapes.unbroken(portrait.framed(curve.points))
+                ],
+                colors=colours.tone(curve.tone),
                 radii=rr.Radius.ui_points(1.0),
             ),
         )

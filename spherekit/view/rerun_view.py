@@ -18,6 +18,7 @@ from spherekit.analysis.scene import (
     Floats,
     Graph,
     GreatCircle,
+    InputMarks,
     Page,
     Portrait,
     Primitive,
@@ -27,6 +28,7 @@ from spherekit.analysis.scene import (
     SphereMap,
     Surface,
     Text,
+    in_degrees,
 )
 from spherekit.errors import OutputError
 from spherekit.view import entities, shapes
@@ -236,7 +238,7 @@ class RerunRecorder:
         self._still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for suffix, archetype in entities.world():
             self._still(f"{self.root}/{suffix}", archetype)
-        for scene in scenes:
+        for scene in map(in_degrees, scenes):
             for primitive in scene.primitives:
                 self._introduce(scene.page, primitive)
         if scenes or layout.pages:
@@ -268,6 +270,7 @@ class RerunRecorder:
         layout = self._layout
         if layout is None or self._finished:
             raise ValueError("log is called after start and before the end")
+        scene = in_degrees(scene)
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
         if layout.timeline == TIME:
             if times is None or len(times) != len(samples):
@@ -384,13 +387,15 @@ class RerunRecorder:
                     self._drawn[path] = []
             case Surface(label=label):
                 layout.surfaces.append((page, path, label))
-            case Series(group=group, label=label):
+            case Series(heading=group, label=label):
                 entry = SeriesEntry(page, path, label)
                 layout.groups.setdefault(group, []).append(entry)
                 lines = entities.series_lines(label, layout.colour(group, entry))
                 self._still(path, lines)
             case Graph():
                 layout.panels.append(Panel(page, path, "Links and pairs", True))
+            case InputMarks():
+                return
             case Text(label=label):
                 layout.panels.append(Panel(page, path, label, False))
 
