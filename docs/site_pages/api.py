@@ -18,8 +18,8 @@ PACKAGES = (
 INDEX = """\
 # API
 
-These packages are public; what is imported from anywhere else may change. Angles are in rad,
-vectors in ground axes, samples are the first axis of an array.
+These packages are public; what is imported from anywhere else may change. Angles are in
+rad, vectors in ground axes, samples are the first axis of an array.
 
 ```{{toctree}}
 :maxdepth: 1
