@@ -14,7 +14,8 @@ from public_packages import PUBLIC
 import spherekit as sk
 from spherekit import errors
 from spherekit.analysis.registry import registered
-from spherekit.cli.main import main, parser
+from spherekit.cli.grammar import parser
+from spherekit.cli.main import main
 from spherekit.conventions import Status
 
 ROOT = Path(__file__).parent.parent
