@@ -66,10 +66,10 @@ class Collector:
 
 def _joined(blocks: Sequence[Scene]) -> Scene:
     """Return one scene of successive blocks."""
-    parts: dict[str, list[Primitive]] = {}
+    parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in blocks:
         for primitive in scene.primitives:
-            parts.setdefault(primitive.path, []).append(primitive)
+            parts.setdefault((type(primitive), primitive.path), []).append(primitive)
     over = tuple(
         Axis(axes[0].label, axes[0].unit, np.concatenate([axis.values for axis in axes]))
         for axes in zip(*(scene.over for scene in blocks), strict=True)

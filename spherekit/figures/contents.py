@@ -186,6 +186,7 @@ def _planes(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
 
 def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     pages: dict[str, list[Scene]] = {}
+    seen: set[bytes] = set()
     for scene in own:
         pages.setdefault(_kind(scene.page) or "sphere", []).append(scene)
     for name, scenes in pages.items():
@@ -197,7 +198,8 @@ def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
             elif isinstance(item, SphereMap):
                 maps.setdefault(item.path, item)
         shown = OnSphere(list(maps.values()), list(curves.values()))
-        if len(shown.directions()):
+        if len(shown.focus()) and shown.content not in seen:
+            seen.add(shown.content)
             title = f"{name[:1].lower()}{name[1:]} on the sphere"
             yield title, partial(draw_sphere, shown, sheet)
 

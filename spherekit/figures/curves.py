@@ -60,7 +60,7 @@ def draw_curves(
             shown = curves if together else _of(curves, labels[k])
             _panel(panel, shown, scale, labels if together else None)
             heading = shown[0].series
-            if not together:
+            if count > 1:
                 panel.set_title(labels[k])
             if k % across == 0:
                 words = titled(heading.group, style.in_signs(heading.unit))
@@ -73,7 +73,6 @@ def draw_curves(
             if k + across < count:
                 panel.set_xlabel("")
         sheet.legend(figure, entries)
-        figure.draw_without_rendering()
     return figure
 
 
@@ -113,7 +112,8 @@ def _panel(
         line.set_gid(f"mode {curve.page}" if isinstance(curve.page, int) else None)
     known = every[np.isfinite(every)]
     if len(known) and np.ptp(known) <= NOISE * scale and np.any(known != known[0]):
-        words = f"all within {float(np.ptp(known)):.0e}"
+        within = f"{float(np.ptp(known)):.0e} {style.in_signs(unit)}".strip()
+        words = f"all within {within}"
         panel.annotate(
             words,
             (0.98, 0.95),

@@ -99,7 +99,6 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
             if first.label != first.group
             else titled(first.group, style.in_signs(first.unit))
         )
-        figure.draw_without_rendering()
     return figure
 
 

@@ -66,8 +66,8 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
             panel.plot(*mark.place, zorder=4.0, **spot_look(mark.tone))
         _frame(panel, first)
         sheet.legend(figure, entries)
-        figure.draw_without_rendering()
         if len(kinds) > MOST_KINDS:
+            figure.draw_without_rendering()
             _label(panel, list(marks.values()))
     return figure
 

@@ -11,6 +11,7 @@ try:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle
+    from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator
     from matplotlib.tri import Triangulation
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -33,4 +34,5 @@ __all__ = [
     "ScalarMappable",
     "Triangulation",
     "style",
+    "withStroke",
 ]

@@ -96,7 +96,7 @@ class Sheet:
         figure = self.figure(rows, row + HEADING, legend)
         axes = figure.subplots(rows, across, squeeze=False).ravel().tolist()
         for spare in axes[count:]:
-            spare.set_axis_off()
+            spare.remove()
         return figure, axes[:count], across
 
     def legend(self, figure: Figure, entries: Sequence[tuple[str, Line2D]]) -> None:

@@ -33,6 +33,7 @@ from spherekit.figures.sdk import (
     Normalize,
     ScalarMappable,
     Triangulation,
+    withStroke,
 )
 from spherekit.figures.sheet import Sheet, spot, spot_look, stroke
 
@@ -47,6 +48,8 @@ BEYOND = np.radians(12.0)
 MOST_WHOLE = 12
 """Most whole numbers that have colours of their own."""
 MOST_NAMED = 6
+NET: dict[str, Any] = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4, "zorder": 1.4}
+"""How the graticule is drawn."""
 
 
 @final
@@ -57,18 +60,28 @@ class OnSphere:
     maps: Sequence[SphereMap]
     curves: Sequence[SphereCurves]
 
-    def directions(self) -> Floats:
-        """Return all directions (n, 3) that are drawn."""
+    def focus(self) -> Floats:
+        """Return the directions (n, 3) that have to be on a map.
+
+        Those of maps and marks, or else of the curves, which may leave it at its rim.
+        """
         every = [np.zeros((0, 3))]
         for item in self.maps:
             meshed = len(item.triangles) > 0
             used = np.unique(item.triangles) if meshed else slice(None)
             every.append(item.vertices[used])
-        for each in self.curves:
-            every += [np.asarray(curve) for curve in each.curves]
-            every += [mark.place[None] for mark in each.marks]
+        every += [mark.place[None] for each in self.curves for mark in each.marks]
+        if len(every) == 1:
+            every += [np.asarray(curve) for each in self.curves for curve in each.curves]
         found = np.concatenate(every)
         return found[np.isfinite(found).all(axis=1)]
+
+    @property
+    def content(self) -> bytes:
+        """What tells it from others."""
+        parts = [item.values.tobytes() for item in self.maps]
+        parts += [np.asarray(c).tobytes() for each in self.curves for c in each.curves]
+        return b"".join(parts)
 
 
 @final
@@ -94,10 +107,12 @@ class View:
 
 def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
     """Return a figure of a page in equal areas and stereographic, side by side."""
-    directions = shown.directions()
-    centre = centre_of(directions)
-    farthest = float(np.max(centre.angles(directions), initial=0.0))
+    focus = shown.focus()
+    centre = centre_of(focus)
+    farthest = float(np.max(centre.angles(focus), initial=0.0))
     rim = max(RING, STEP * np.ceil(farthest / STEP + 1e-9))
+    if not shown.maps and rim < HALF:
+        rim = HALF
     centres, rim = ([centre], rim) if rim <= WIDEST else ([centre, opposite(centre)], HALF)
     views = [View(c, p, rim) for c in centres for p in (EQUAL_AREA, STEREOGRAPHIC)]
     entries = _entries(shown)
@@ -114,7 +129,9 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
                 _map(panel, view, item, tint, colours, rim_patch)
             for each in shown.curves:
                 _curves(panel, view, each, rim_patch)
-            panel.set_title(f"{view.projection.name}, about {view.centre.name}", pad=12)
+            panel.set_title(
+                f"{view.projection.name}, about {style.in_signs(view.centre.name)}", pad=12
+            )
         if shown.maps:
             first = shown.maps[0]
             bar = figure.colorbar(
@@ -125,7 +142,6 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
                 bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
             bar.set_label(titled(first.label, style.in_signs(first.unit)))
         sheet.legend(figure, entries)
-        figure.draw_without_rendering()
     return figure
 
 
@@ -148,12 +164,11 @@ def draw_paths(arrows: Sequence[tuple[Page, Arrow]], sheet: Sheet) -> Figure:
         figure, panels, _ = sheet.panels(len(labels), 1.05, sheet.legend_rows(entries))
         for panel, label in zip(panels, labels, strict=True):
             rim_patch = _graticule(panel, view)
-            panel.set_title(f"{label}, about {centre.name}", pad=12)
+            panel.set_title(f"{label}, about {style.in_signs(centre.name)}", pad=12)
             for page, arrow in arrows:
                 if arrow.label == label:
                     _path(panel, view, arrow.directions, page, rim_patch)
         sheet.legend(figure, entries)
-        figure.draw_without_rendering()
     return figure
 
 
@@ -177,7 +192,7 @@ def _entries(shown: OnSphere) -> list[tuple[str, Line2D]]:
         if len(each.curves)
     ]
     kinds = {
-        (mark.label, mark.tone)
+        (mark.label if len(each.curves) else _told(each.label, mark.label), mark.tone)
         for each in shown.curves
         for mark in each.marks
         if mark.label != each.label or not len(each.curves)
@@ -185,6 +200,10 @@ def _entries(shown: OnSphere) -> list[tuple[str, Line2D]]:
     if len(kinds) <= MOST_NAMED:
         entries += [(label, spot(tone)) for label, tone in sorted(kinds)]
     return entries
+
+
+def _told(label: str, mark: str) -> str:
+    return label if label == mark else f"{label}: {mark}"
 
 
 def _graticule(panel: Axes, view: View) -> Circle:
@@ -196,23 +215,20 @@ def _graticule(panel: Axes, view: View) -> Circle:
     for k in range(12):
         turn = np.radians(30.0 * k)
         ends = view.radius * np.array([np.cos(turn), np.sin(turn)])
-        panel.plot(
-            [0.0, ends[0]], [0.0, ends[1]], color=style.FAINT, linewidth=0.4, zorder=0.4
-        )
+        panel.plot([0.0, ends[0]], [0.0, ends[1]], **NET)
     step = RING if view.rim > np.radians(45.0) else STEP
     for angle in np.arange(step, view.rim - 1e-9, step).tolist():
         radius = float(view.projection.radius(np.array(angle)))
-        panel.add_patch(
-            Circle((0.0, 0.0), radius, fill=False, edgecolor=style.FAINT, linewidth=0.4)
-        )
+        panel.add_patch(Circle((0.0, 0.0), radius, fill=False, **NET))
         panel.annotate(
             f"{np.degrees(angle):.0f}°",
             (radius * np.cos(np.radians(-75.0)), radius * np.sin(np.radians(-75.0))),
             ha="center",
             va="center",
             fontsize=6.0,
-            color="#777777",
+            color="#555555",
             zorder=5.0,
+            path_effects=[withStroke(linewidth=1.5, foreground="white", alpha=0.7)],
         )
     rim = Circle((0.0, 0.0), view.radius, fill=False, edgecolor=style.INK, linewidth=0.6)
     panel.add_patch(rim)
@@ -257,15 +273,13 @@ def _map(
         if not len(near):
             return
         x, y = np.nan_to_num(places).T
-        drawn: Any = panel.tripcolor(
-            Triangulation(x, y, near),
-            item.values,
-            norm=tint,
-            cmap=colours,
-            shading="gouraud",
-            rasterized=True,
-            zorder=1.0,
-        )
+        mesh, look = Triangulation(x, y, near), {"norm": tint, "cmap": colours}
+        look |= {"rasterized": True, "zorder": 1.0}
+        if isinstance(tint, BoundaryNorm):
+            least = np.min(item.values[near], axis=1)
+            drawn: Any = panel.tripcolor(mesh, facecolors=least, **look)
+        else:
+            drawn = panel.tripcolor(mesh, item.values, shading="gouraud", **look)
     else:
         x, y = places.T
         dots: dict[str, Any] = {"s": 7.0, "linewidths": 0.0, "zorder": 1.0}

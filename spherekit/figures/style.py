@@ -102,5 +102,5 @@ def tone_marker(number: int) -> str:
 
 
 def in_signs(unit: str) -> str:
-    """Return a unit as papers print it: ``kg m2`` as ``kg m²``."""
-    return unit.replace("2", "²").replace("3", "³")
+    """Return a unit or sign as papers print it: ``kg m2`` as ``kg m²``, a true minus."""
+    return unit.replace("2", "²").replace("3", "³").replace("-", "−")

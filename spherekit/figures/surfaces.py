@@ -38,5 +38,4 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
             ticks_of(panel, first.unit, which, 5)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)
         sheet.legend(figure, entries)
-        figure.draw_without_rendering()
     return figure
