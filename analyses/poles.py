@@ -239,7 +239,8 @@ class Poles(AbstractAnalysis):
                     group += " to ground" if pole[0] == 0 else " between links"
                 where = f"plots/{order}/{home}{high}_{low}"
                 per = "" if order == "velocity" else "1/rad"
-                parts.append(Series(where, letter, group, values[rows], per))
+                link = pole[1] if pole[0] == 0 else None
+                parts.append(Series(where, letter, group, values[rows], per, link))
         if shown is not None:
             normals = batch.planes(*shown, moved)[rows]
             parts += [
