@@ -10,6 +10,7 @@ from spherekit.analysis.scene import (
     Arrow,
     Axis,
     Body,
+    Diagram,
     Floats,
     GreatCircle,
     Page,
@@ -98,5 +99,7 @@ def _whole(parts: Sequence[Any]) -> Primitive:
             return replace(first, quaternions=rows("quaternions"))
         case Portrait():
             return replace(first, x=rows("x"), y=rows("y"))
+        case Diagram():
+            return replace(first, places=rows("places"), lines=rows("lines"))
         case _:
             return first

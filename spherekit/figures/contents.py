@@ -134,7 +134,7 @@ def _series(
                 yield from _parted(subject, maps, _each_page, draw_maps, sheet)
             continue
         curves = [Curve(scene.page, item, _axis(scene.over)) for scene, item in lines]
-        marks = _marks(every) if len(over) == 1 and over[0].unit != "s" else []
+        marks = _marks(every, over)
 
         def draw(some: Sequence[Curve], sheet: Sheet, marks: Any = marks) -> Figure:
             return draw_curves(some, marks, sheet)
@@ -168,12 +168,15 @@ def _parted(
         yield title, partial(draw, some, sheet)
 
 
-def _marks(scenes: Sequence[Scene]) -> list[tuple[Page, InputMarks]]:
+def _marks(scenes: Sequence[Scene], over: Sequence[Axis]) -> list[tuple[Page, InputMarks]]:
+    """Return what is marked on the axis of plots over one, whatever analysis says it."""
     return [
         (scene.page, item)
         for scene in scenes
         for item in scene.primitives
-        if isinstance(item, InputMarks) and item.inputs.shape[1:] == (1,)
+        if isinstance(item, InputMarks)
+        and len(over) == 1
+        and [axis.label for axis in scene.over] == [over[0].label]
     ]
 
 

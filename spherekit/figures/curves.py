@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.analysis.scene import Axis, Floats, InputMarks, Page, Series, titled
 from spherekit.figures import style
-from spherekit.figures.ranges import NOISE, broken, scale_of, shown_range
+from spherekit.figures.ranges import broken, scale_of, shown_range
 from spherekit.figures.sdk import Axes, Figure, Line2D
 from spherekit.figures.sheet import Sheet, label_x, line_between, stroke, ticks_of
 
@@ -88,7 +88,8 @@ def _panel(
 ) -> None:
     every = np.concatenate([curve.series.values for curve in curves])
     unit = curves[0].series.unit
-    low, high = shown_range(every, scale)
+    resolution = max(curve.series.resolution for curve in curves)
+    low, high = shown_range(every, scale, resolution)
     drawn: list[tuple[Floats, int]] = []
     for curve in curves:
         if labels is None:
@@ -101,17 +102,12 @@ def _panel(
         if under and labels is None:
             dashes = (0, (DASH, DASH * under))
         points = np.stack([curve.axis.values, values], axis=1)
-        line = line_between(
-            panel,
-            broken(points, (low, high), TURNS.get(unit)),
-            colour,
-            linestyle=dashes,
-            label=curve.series.label,
-            zorder=2.0 + 0.01 * len(drawn),
-        )
+        look = {"color": colour, "linestyle": dashes, "label": curve.series.label}
+        look |= {"zorder": 2.0 + 0.01 * len(drawn)}
+        line = line_between(panel, broken(points, (low, high), TURNS.get(unit)), look)
         line.set_gid(f"mode {curve.page}" if isinstance(curve.page, int) else None)
     known = every[np.isfinite(every)]
-    if len(known) and np.ptp(known) <= NOISE * scale and np.any(known != known[0]):
+    if len(known) and np.ptp(known) <= resolution * scale and np.any(known != known[0]):
         within = f"{float(np.ptp(known)):.0e} {style.in_signs(unit)}".strip()
         words = f"all within {within}"
         panel.annotate(

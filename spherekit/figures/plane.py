@@ -52,14 +52,8 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     with style.look():
         figure, (panel,), _ = sheet.panels(1, RATIO, sheet.legend_rows(entries))
         for curve in curves.values():
-            line_between(
-                panel,
-                curve.points,
-                style.tone_colour(curve.tone),
-                linewidth=0.9,
-                zorder=1.5,
-                label=curve.label or "_",
-            )
+            look = {"color": style.tone_colour(curve.tone), "label": curve.label or "_"}
+            line_between(panel, curve.points, look | {"linewidth": 0.9, "zorder": 1.5})
         for each in traced:
             _trace(panel, each)
         for mark in marks.values():
@@ -87,7 +81,8 @@ def _trace(panel: Axes, each: Plane) -> None:
         if turn is not None:
             jumps = np.abs(np.diff(line[:, column])) >= 0.5 * turn
             line = np.insert(line, np.nonzero(jumps)[0] + 1, np.nan, axis=0)
-    drawn = line_between(panel, line, colour, linestyle=dashes, linewidth=1.4, zorder=2.5)
+    look = {"color": colour, "linestyle": dashes, "linewidth": 1.4, "zorder": 2.5}
+    drawn = line_between(panel, line, look)
     drawn.set_gid(f"mode {each.page}" if isinstance(each.page, int) else None)
     known = line[np.isfinite(line).all(axis=1)]
     if len(known) and not portrait.curves:

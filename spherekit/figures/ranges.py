@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-NOISE = 1e-9
-"""Changes below this, over the scale of a quantity, are rounding."""
 LONELY = 12.0
 """Values so many times farther apart than nine tenths of them leave the frame."""
 BEYOND = 1.0
@@ -24,13 +22,18 @@ def scale_of(values: Floats, unit: str) -> float:
     return max(float(np.max(known, initial=0.0)), UNITS.get(unit, 0.0))
 
 
-def shown_range(values: Floats, scale: float) -> tuple[float, float]:
-    """Return the least and greatest value that a panel of values (n,) shows."""
+def shown_range(
+    values: Floats, scale: float, resolution: float = 1e-9
+) -> tuple[float, float]:
+    """Return the least and greatest value that a panel of values (n,) shows.
+
+    Changes below the `resolution`, over the scale of the quantity, are rounding.
+    """
     known = values[np.isfinite(values)]
     if not len(known):
         return 0.0, 1.0
     low, high = float(np.min(known)), float(np.max(known))
-    if high - low <= NOISE * scale:
+    if high - low <= resolution * scale:
         middle = 0.5 * (low + high)
         half = AROUND * max(abs(middle), scale) or 1.0
         return middle - half, middle + half

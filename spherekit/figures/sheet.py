@@ -2,15 +2,18 @@
 
 import base64
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from functools import wraps
+from typing import Any, ParamSpec, final
 
 import numpy as np
 
 from spherekit.analysis.scene import Axis, Floats, Page, titled
 from spherekit.figures import style
 from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator
+
+P = ParamSpec("P")
 
 DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)
 LONG = 60.0
@@ -23,14 +26,22 @@ SCREEN = 160
 """Dots per inch in a notebook."""
 
 
+def _in_look(function: Callable[P, None]) -> Callable[P, None]:
+    """Return a function that draws in the look of spherekit."""
+
+    @wraps(function)
+    def _drawn(*args: P.args, **options: P.kwargs) -> None:
+        with style.look():
+            function(*args, **options)
+
+    return _drawn
+
+
 @final
 class Drawing(Figure):
     """A matplotlib figure in the look of spherekit, shown in notebooks as it is."""
 
-    def savefig(self, fname: Any, **options: Any) -> None:
-        """Write the figure; the options are those of matplotlib."""
-        with style.look():
-            super().savefig(fname, **options)
+    savefig = _in_look(Figure.savefig)
 
     def _repr_png_(self) -> bytes:
         return as_bytes(self)
@@ -121,9 +132,9 @@ class Sheet:
         return -(-len(entries) // self.legend_columns(entries)) if entries else 0
 
 
-def stroke(colour: str, dashes: Any = "-", **more: Any) -> Line2D:
+def stroke(colour: str, dashes: Any = "-", width: float = 1.1) -> Line2D:
     """Return what a legend shows of a curve."""
-    return Line2D([], [], color=colour, linestyle=dashes, **more)
+    return Line2D([], [], color=colour, linestyle=dashes, linewidth=width)
 
 
 def spot(tone: int) -> Line2D:
@@ -160,7 +171,7 @@ def ticks_of(panel: Axes, unit: str, which: str, most: int = 6) -> None:
     getattr(panel, f"{which}axis").set_major_locator(MaxNLocator(nbins=most, steps=steps))
 
 
-def line_between(panel: Axes, points: Floats, colour: str, **more: Any) -> Line2D:
-    """Draw a polyline (n, 2), with gaps where it is NaN."""
-    (line,) = panel.plot(points[:, 0], points[:, 1], color=colour, **more)
+def line_between(panel: Axes, points: Floats, look: Mapping[str, Any]) -> Line2D:
+    """Draw a polyline (n, 2), with gaps where it is NaN, in a look of matplotlib."""
+    (line,) = panel.plot(points[:, 0], points[:, 1], **look)
     return line

@@ -14,7 +14,7 @@ from spherekit.figures.sheet import Sheet, stroke, ticks_of
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
     """Return a figure of surfaces in the same space."""
     entries = [
-        (each.label, stroke(style.tone_colour(each.tone), linewidth=4)) for each in surfaces
+        (each.label, stroke(style.tone_colour(each.tone), width=4.0)) for each in surfaces
     ]
     with style.look():
         size = min(sheet.width, 4.5)
