@@ -17,6 +17,7 @@ from spherekit.model.joints import PairRates
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.segments import Bordered, CurvePoints
+from spherekit.numeric.rows import ArrayRows
 from spherekit.numeric.zeros import Zeros, zeros
 from spherekit.planning.poles import Plan, Pole, plan, pole_of
 from spherekit.rates.core import LinkRates
@@ -96,7 +97,7 @@ class Moving:
 
 @final
 @dataclass(frozen=True)
-class _Seen:
+class _Seen(ArrayRows):
     """A pole's axis in either sense and its rate vector (k, 3) at rising places s (k,)."""
 
     s: Floats
@@ -112,13 +113,6 @@ class _Seen:
     def chain(self) -> Floats:
         """Signs (k,) with which each axis is turned to the side of the one before."""
         return np.cumprod(np.append(1.0, np.where(self.turns < 0.0, -1.0, 1.0)))
-
-    def with_more(self, more: "_Seen") -> "_Seen":
-        """Return both sets of places in order."""
-        s = np.concatenate([self.s, more.s])
-        order = np.argsort(s)
-        unit = np.concatenate([self.unit, more.unit])[order]
-        return _Seen(s[order], unit, np.concatenate([self.w, more.w])[order])
 
 
 @final
@@ -298,7 +292,8 @@ class AlongCurve:
             added = self._seen(more, [pole])[pole] if len(more) else None
             if added is None or not len(added.s):
                 break
-            seen = seen.with_more(added)
+            both = _Seen.joined([seen, added])
+            seen = both.rows(np.argsort(both.s))
         if len(seen.s) < 2:
             ends = np.array([0.0, self.curve.length])
             return Sense(ends, np.zeros((2, 3)), ends[None])
