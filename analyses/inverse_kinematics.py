@@ -13,31 +13,35 @@ from spherekit.plugin import (
     AbstractAnalysis,
     AnalysisError,
     Batch,
-    ClosedKinematics,
     Column,
     Findings,
     Floats,
-    InverseRows,
     Mechanism,
     Needs,
-    OutputKinematics,
     Scene,
     SphereMap,
     Status,
     Table,
     TableData,
     Text,
-    azimuth_tilt,
     counted,
     input_columns,
-    label_of,
     listing,
     nearest,
+)
+from spherekit.plugin.rotations import (
+    azimuth_tilt,
+    quaternion,
+    tilt_torsion,
+)
+from spherekit.plugin.workspace import (
+    ClosedKinematics,
+    InverseRows,
+    OutputKinematics,
+    label_of,
     nearest_poses,
     output_kinematics,
-    quaternion,
     sense_of,
-    tilt_torsion,
 )
 
 from .pose_lists import Given, PoseList
@@ -270,16 +274,16 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
         best = np.zeros(len(poses))
         np.maximum.at(best, rows.pose, np.nan_to_num(least))
-        angle = np.degrees(np.arcsin(np.clip(best, 0.0, 1.0)))
+        angle = np.arcsin(np.clip(best, 0.0, 1.0))
         triangles = _triangles(found.given.shape)
         words = Text("legend", "Poses", self._words(found, solutions))
 
-        def painted(name: str, values: Floats) -> SphereMap:
-            return SphereMap("poses/map", name, places, triangles, values)
+        def painted(name: str, values: Floats, unit: str) -> SphereMap:
+            return SphereMap("poses/map", name, places, triangles, values, unit)
 
         return (
-            Scene("Inverse", (painted("solutions", solutions.astype(float)), words)),
-            Scene("Measure", (painted("angle to a singularity, deg", angle), words)),
+            Scene("Inverse", (painted("solutions", solutions.astype(float), ""), words)),
+            Scene("Measure", (painted("angle to a singularity", angle, "rad"), words)),
         )
 
     @property

@@ -238,7 +238,9 @@ class Poles(AbstractAnalysis):
                 if many:
                     group += " to ground" if pole[0] == 0 else " between links"
                 where = f"plots/{order}/{home}{high}_{low}"
-                parts.append(Series(where, letter, group, values[rows]))
+                per = "" if order == "velocity" else "1/rad"
+                link = pole[1] if pole[0] == 0 else None
+                parts.append(Series(where, letter, group, values[rows], per, link))
         if shown is not None:
             normals = batch.planes(*shown, moved)[rows]
             parts += [

@@ -11,23 +11,13 @@ from spherekit.plugin import (
     INPUTS,
     AbstractAnalysis,
     AnalysisError,
-    AngleLimit,
-    AxesLimit,
     Batch,
-    ClosedKinematics,
     Column,
-    Constraints,
-    DirectionWorkspace,
     Findings,
-    Judged,
     Mark,
     Mechanism,
     Needs,
-    OrientationWorkspace,
-    PairLimit,
-    Part,
     Primitive,
-    Region,
     Scene,
     SphereCurves,
     SphereMap,
@@ -35,17 +25,31 @@ from spherekit.plugin import (
     Table,
     TableData,
     Text,
+    input_columns,
+)
+from spherekit.plugin.rotations import (
+    quaternion,
+)
+from spherekit.plugin.workspace import (
+    AngleLimit,
+    AxesLimit,
+    ClosedKinematics,
+    Constraints,
+    DirectionWorkspace,
+    Judged,
+    OrientationWorkspace,
+    PairLimit,
+    Part,
+    Region,
     bounds_of,
     chosen_modes,
     closed_kinematics,
     direction_workspaces,
-    input_columns,
     judge,
     label_of,
     nearest_reachable,
     orientation_samples,
     orientation_workspaces,
-    quaternion,
 )
 
 Floats = NDArray[np.float64]
@@ -509,22 +513,21 @@ class WorkspaceAnalysis(AbstractAnalysis):
             return [Scene(title, (*curves, words))]
         places = region.surface_points
         at = judge(kinematics, bounds, item.signs, places)
-        margin = np.degrees(np.maximum(np.nan_to_num(at.margin), 0.0))
+        margin = np.maximum(np.nan_to_num(at.margin), 0.0)
         worst = np.fmin(at.type_1, at.type_2)
-        angle = np.degrees(np.arcsin(np.clip(np.nan_to_num(worst), 0.0, 1.0)))
+        angle = np.arcsin(np.clip(np.nan_to_num(worst), 0.0, 1.0))
         marks = self._deepest(batch, item)
         inside = SphereCurves("workspace/deepest", "farthest inside", (), 0, marks)
 
         def painted(name: str, values: Floats) -> SphereMap:
-            return SphereMap(
-                "workspace/map", name, places, region.surface_triangles, values
-            )
+            triangles = region.surface_triangles
+            return SphereMap("workspace/map", name, places, triangles, values, "rad")
 
         return [
-            Scene(title, (painted("margin, deg", margin), *curves, inside, words)),
+            Scene(title, (painted("margin", margin), *curves, inside, words)),
             Scene(
                 title.replace("Workspace", "Singularity"),
-                (painted("angle to a singularity, deg", angle), *curves, words),
+                (painted("angle to a singularity", angle), *curves, words),
             ),
         ]
 

@@ -8,7 +8,6 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 
 Kind = Literal["number", "integer", "text", "status"]
@@ -102,20 +101,6 @@ class Table:
                 for item in inputs
             ]
         return replace(self, columns=tuple(columns))
-
-    def check(self, data: Mapping[str, NDArray[Any]], analysis: str) -> None:
-        """Raise `AnalysisError` if columns are missing, extra or of unequal length."""
-        names = [column.name for column in self.columns]
-        if list(data) != names:
-            raise AnalysisError(
-                f"{analysis}: table {self.name} was declared with columns {names}, but "
-                f"compute returned {list(data)}"
-            )
-        lengths = {name: len(values) for name, values in data.items()}
-        if len(set(lengths.values())) > 1:
-            raise AnalysisError(
-                f"{analysis}: table {self.name} has columns of unequal length: {lengths}"
-            )
 
     def typed(self, data: "TableData") -> dict[str, NDArray[Any]]:
         """Return columns in the type of their kind; text stays as it is."""

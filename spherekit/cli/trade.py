@@ -6,16 +6,32 @@ import sys
 from typing import Any
 
 from spherekit.cli.study import add_study_arguments, study_from
+from spherekit.cli.suggest import analyses as names_of_analyses
+from spherekit.cli.suggest import suggesting
+
+EXAMPLES = (
+    (
+        "spherekit trade stephenson --tol 1e-9",
+        "the cheapest setting that meets a tolerance",
+    ),
+    (
+        "spherekit trade four_bar -a eksergian -o traded",
+        "every setting with its time and error, as files",
+    ),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_study_arguments(parser)
-    parser.add_argument(
-        "-a",
-        "--analysis",
-        metavar="NAME[:key=value,...]",
-        help="the analysis (default: the study's only one, or poles)",
+    suggesting(
+        parser.add_argument(
+            "-a",
+            "--analysis",
+            metavar="NAME[:key=value,...]",
+            help="the analysis (default: the study's only one, or poles)",
+        ),
+        names_of_analyses,
     )
     parser.add_argument(
         "--tol",

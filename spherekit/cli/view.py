@@ -4,15 +4,30 @@ import argparse
 import sys
 from pathlib import Path
 
+from spherekit.cli.suggest import recordings, suggesting
 from spherekit.errors import OutputError
 
 MARK = b"RRF"
 """What every recording of rerun starts with."""
 
+EXAMPLES = (
+    (
+        "spherekit view out",
+        "the recording in the folder of a run",
+    ),
+    (
+        "spherekit view out --png picture.png --sample 90",
+        "a picture of a sample, no display needed",
+    ),
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("file", metavar="FILE|DIR", help="X.rrd, or a folder with one")
+    suggesting(
+        parser.add_argument("file", metavar="FILE|DIR", help="X.rrd, or a folder with one"),
+        recordings,
+    )
     parser.add_argument("--png", metavar="FILE", help="write a picture, no display needed")
     parser.add_argument("--sample", type=int, metavar="N", help="sample to show")
     parser.add_argument(

@@ -5,7 +5,7 @@ from html import escape
 
 import numpy as np
 
-from spherekit.analysis.scene import Mark, Portrait, Scene, Text
+from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
 from spherekit.sphere.rotation import Floats
 from spherekit.trade.record import Measured, Trade
 from spherekit.trade.text import as_text, seconds
@@ -23,29 +23,38 @@ SERIES = {"linear": "#8d99ae", "cubic": "#3a86c8", "spectral": "#2a9d62"}
 def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     """Return the page of a recording: the chart with a mark per setting, and the table."""
     own = [each for each in trade.settings if each.counts]
-    points = _points(trade, own)
-    low, high = _frame(points)
-    front = _points(trade, trade.pareto)
+    logarithms = _points(trade, own)
+    (left, bottom), (right, top) = (10.0**end for end in _frame(logarithms))
+    points, front = 10.0**logarithms, 10.0 ** _points(trade, trade.pareto)
     chart = Portrait(
         "trade/chart",
         "work and precision",
         x=points[:1, 0],
         y=points[:1, 1],
-        x_label="log10 of time / s",
-        y_label="log10 of error",
-        x_range=(float(low[0]), float(high[0])),
-        y_range=(float(low[1]), float(high[1])),
+        x_label="processor time with compiling",
+        y_label="largest error of a column",
+        x_range=(float(left), float(right)),
+        y_range=(float(bottom), float(top)),
+        x_unit="s",
         curves=[
-            *((points[which], 2 + k) for k, which in enumerate(_by_series(own).values())),
-            (front, 1),
+            *(
+                PlaneCurve(points[which], 2 + k, f"{kind}, by number of nodes")
+                for k, (kind, which) in enumerate(_by_series(own).items())
+            ),
+            PlaneCurve(front, 1, "no other is quicker and as accurate"),
         ],
+        logarithmic=True,
         marks=[
             Mark(each.name, place, 1 if each in trade.pareto else 0)
             for each, place in zip(own, points, strict=True)
         ],
     )
     words = f"```\n{as_text(trade, tolerance)}\n```"
-    return Scene("Trade", (chart, Text("trade/table", "Trade", words)), rows=1)
+    return Scene(
+        "Trade",
+        (chart, Text("trade/table", "Trade", words)),
+        (Axis("setting", "", np.zeros(1)),),
+    )
 
 
 def svg(trade: Trade, tolerance: float | None = None) -> str:

@@ -16,6 +16,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import Batch, Needs
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.run_plan import RunPlan
@@ -180,18 +181,22 @@ class Verifier:
             if analysis.at_once and self._whole is not None:
                 both = self._whole, _replaced(self._whole, rows, *alone[1])
             try:
+                own = [table.of(motion.mechanism) for table in analysis.tables]
                 first, second = (
-                    analysis.compute(
-                        Batch(motion.mechanism, self._plans, needs, *each, self._timed)
+                    computed(
+                        analysis,
+                        own,
+                        Batch(motion.mechanism, self._plans, needs, *each, self._timed),
                     )
                     for each in both
                 )
-            except Exception:  # a plugin's own fault must not lose the run's results
+            except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
                 continue
-            for declared in analysis.tables:
-                table, name = declared.of(motion.mechanism), declared.name
-                pairs.append((analysis.name, table, first[name], second[name]))
+            pairs += [
+                (analysis.name, table, first[table.name], second[table.name])
+                for table in own
+            ]
         columns = [item for each in pairs for item in _compared(rows, *each)]
         told = [item for item in columns if item["compared"]]
         worst = max(told, key=lambda item: float(item["in_roundings"]))

@@ -1,0 +1,13 @@
+"""What analyses find configurations with: the tracer, curves, plans of poles."""
+
+from typing import TYPE_CHECKING
+
+from spherekit.lazily import offered as _offered
+
+if TYPE_CHECKING:
+    from spherekit.motion.configuration import configuration_curves as configuration_curves
+    from spherekit.motion.motion import Motion as Motion
+    from spherekit.motion.motion import Tracer as Tracer
+    from spherekit.planning.poles import Plan as Plan
+
+__all__, __getattr__, __dir__ = _offered(__name__, __file__)
