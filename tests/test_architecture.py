@@ -237,7 +237,7 @@ def test_what_carries_a_run_takes_few_parameters():
     assert not too_many, "\n".join(too_many)
 
 
-LONG = {("recording.py", "start")}
+LONG = {("recording.py", "start"), ("figures.py", "start")}
 """What a recorder of a viewer is given once, by keyword."""
 
 
