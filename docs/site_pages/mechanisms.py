@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from site_pages.picture import save_picture
+
 import spherekit as sk
 from spherekit.files.library import shipped
 
@@ -40,6 +42,11 @@ PAGE = """\
 
 {assumed}
 
+![{name} on the unit sphere in a configuration of its first assembly mode]({name}.png)
+
+Links are arcs between the axes of their pairs, wheels and cams the curves that touch; dotted
+is what lies behind.
+
 ## Numbers
 
 {numbers}
@@ -65,6 +72,7 @@ Which pole axis is found in which pass ([how the planner thinks](../../planner.m
 ## Try it
 
 ```text
+spherekit view {name}
 spherekit run {name} --view
 spherekit plan {name} --steps
 ```

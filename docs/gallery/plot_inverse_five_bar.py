@@ -1,0 +1,14 @@
+"""
+How well a wrist holds its pointer
+==================================
+
+The angle to the nearest singularity over all directions, in one working mode.
+"""
+
+import spherekit as sk
+
+result = sk.run(
+    "five_bar",
+    "inverse_kinematics:window=azimuth:-180:180:61+tilt:1:179:31,working_mode=+-",
+)
+result.plot("measure on the sphere")
