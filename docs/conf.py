@@ -29,6 +29,7 @@ exclude_patterns = [
     "gallery",
     "generated/messages",
     "generated/files",
+    "generated/gallery/*.ipynb",
     "**.ipynb_checkpoints",
 ]
 
@@ -55,7 +56,7 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "min_reported_time": 1e9,
     "write_computation_times": False,
-    "parallel": False,
+    "notebook_extensions": set(),
 }
 suppress_warnings = ["config.cache"]
 

@@ -2,7 +2,8 @@
 Velocity coefficients of a four-bar
 ===================================
 
-How fast every link turns relative to every other one, for each turn of the crank, in both assembly modes.
+How fast every link turns relative to every other one, for each turn of the crank, in
+both assembly modes.
 """
 
 import spherekit as sk

@@ -2,7 +2,8 @@
 A cam
 =====
 
-The pole of cam and follower lies on the contact plane; coefficients follow from the curvature of the profile.
+The pole of cam and follower lies on the contact plane; coefficients follow from the
+curvature of the profile.
 """
 
 import spherekit as sk

@@ -2,7 +2,8 @@
 A Stephenson mechanism
 ======================
 
-Six links, fifteen pole axes, four assembly modes; here those of the output with the frame and with its neighbour.
+Six links, fifteen pole axes, four assembly modes; here those of the output with the
+frame and with its neighbour.
 """
 
 import spherekit as sk

@@ -2,7 +2,8 @@
 Singular curves of a wrist
 ==========================
 
-Where locked cranks do not hold the pointer (type II), and where it cannot go on (type I), over the two inputs.
+Where locked cranks do not hold the pointer (type II), and where it cannot go on (type
+I), over the two inputs.
 """
 
 import spherekit as sk

@@ -26,8 +26,8 @@ def make(app: Any, config: Any) -> None:
         for name, text in part:
             _write(home / name, text)
             written.add(home / name)
-    for path in home.rglob("*.*"):
-        if path.suffix in (".md", ".rst") and path not in written:
+    for folder in {path.parent for path in written}:
+        for path in {*folder.glob("*.md"), *folder.glob("*.rst")} - written:
             path.unlink()  # of a mechanism or a name that is no more
 
 

@@ -93,6 +93,9 @@ def pages(home: Path, only: Sequence[str]) -> Iterator[tuple[str, str]]:
     for name in sorted(only or sk.mechanisms()):
         mechanism = sk.load(name)
         rows.append(_row(mechanism))
+        folder = home / "generated" / "mechanisms"
+        folder.mkdir(parents=True, exist_ok=True)
+        save_picture(mechanism, folder / f"{name}.png")
         yield (
             f"mechanisms/{name}.md",
             _page(mechanism, files[name].read_text("utf-8").rstrip()),
