@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from site_pages.picture import save_picture
-
 import spherekit as sk
+from site_pages.picture import save_picture
 from spherekit.files.library import shipped
 
 SAMPLES = {1: 91, 2: (7, 7), 3: (4, 4, 4)}
