@@ -5,6 +5,7 @@ import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
@@ -292,6 +293,10 @@ class RerunRecorder:
         if layout is None or self._finished:
             raise ValueError("log is called after start and before the end")
         scene = in_degrees(scene)
+        roomy = [
+            charts.roomy(p) if isinstance(p, Portrait) else p for p in scene.primitives
+        ]
+        scene = replace(scene, primitives=tuple(roomy))
         answers = scene.source not in UNASKED
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
         if layout.timeline == TIME:
