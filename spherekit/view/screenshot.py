@@ -241,27 +241,25 @@ def _cursor(
         return name, round(input_deg * scale)
     if SAMPLE not in timelines:
         raise OutputError(f"{recording} has no timeline named {SAMPLE}")
-    if TIME in timelines:
-        at_first = timelines[TIME]
-        return TIME, at_first if sample is None else _tick(recording, TIME, sample)
-    if not inputs:
-        return SAMPLE, timelines[SAMPLE] if sample is None else sample
-    name = inputs[0][0]
-    return name, timelines[name] if sample is None else _tick(recording, name, sample)
+    if sample is not None:
+        _check_sample(recording, sample)
+        return SAMPLE, sample
+    first = TIME if TIME in timelines else inputs[0][0] if inputs else SAMPLE
+    return first, timelines[first]
 
 
-def _tick(recording: Path, timeline: str, sample: int) -> int:
-    """Return the time at a sample on the timeline by which plots are laid out."""
+def _check_sample(recording: Path, sample: int) -> None:
+    """Raise `OutputError` if no page of a recording has a sample."""
     samples: set[int] = set()
     for chunk in RrdReader(str(recording)).stream():
         if chunk.is_static:
             continue
         batch = chunk.to_record_batch()
-        if not {SAMPLE, timeline} <= set(batch.schema.names):
+        if SAMPLE not in batch.schema.names:
             continue
         numbers = batch.column(SAMPLE).to_pylist()
         if sample in numbers:
-            return int(batch.column(timeline).cast("int64")[numbers.index(sample)].as_py())
+            return
         samples.update(numbers)
     known = f"{min(samples)} to {max(samples)}" if samples else "none"
     raise OutputError(f"{recording} has no sample {sample}; its samples: {known}")
