@@ -30,6 +30,16 @@ class Plane:
     portrait: Portrait
     over: tuple[Axis, ...]
 
+    @property
+    def is_path(self) -> bool:
+        """Whether its rows follow each other, and are not those of a grid or single."""
+        return len(self.portrait.x) > 1 and len(self.over) < 2
+
+    @property
+    def shows(self) -> bool:
+        """Whether there is anything to be drawn."""
+        return bool(self.portrait.curves or self.portrait.marks or self.is_path)
+
 
 def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     """Return one figure of a portrait in all pages: their curves, marks and rows."""
@@ -44,7 +54,7 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     }
     kinds = {mark.label: mark.tone for mark in marks.values()}
     entries: list[tuple[str, Line2D]] = []
-    traced = [each for each in planes if _is_path(each)]
+    traced = [each for each in planes if each.is_path]
     if len(traced) > 1:
         entries += [(sheet.title(e.page), stroke(*page_look(e.page))) for e in traced]
     named = {
@@ -75,11 +85,6 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     return figure
 
 
-def _is_path(each: Plane) -> bool:
-    """Return whether rows follow each other, and are not those of a grid or single."""
-    return len(each.portrait.x) > 1 and len(each.over) < 2
-
-
 def _trace(panel: Axes, each: Plane) -> None:
     """Draw the rows of a page in its colour, from a dot on."""
     portrait = each.portrait
@@ -104,6 +109,7 @@ def _frame(panel: Axes, portrait: Portrait) -> None:
     if portrait.logarithmic:
         panel.set_xscale("log")
         panel.set_yscale("log")
+        panel.set_axisbelow(True)
         panel.grid(True, which="major", color="#e8e8e8", linewidth=0.5)
         panel.set_xlim(*portrait.x_range)
         panel.set_ylim(*portrait.y_range)
