@@ -34,6 +34,7 @@ LAYERS = (
     ("trade",),
     ("view",),
     ("front",),
+    ("conformance",),
     ("plugin",),
     ("cli",),
 )
