@@ -245,8 +245,9 @@ class Poles(AbstractAnalysis):
                 if many:
                     group += " to ground" if pole[0] == 0 else " between links"
                 where = f"plots/{order}/{home}{high}_{low}"
-                unit = "" if order == "velocity" else "1/rad"
-                parts.append(Series(where, letter, group, values[rows], unit))
+                per = "" if order == "velocity" else "1/rad"
+                link = pole[1] if pole[0] == 0 else None
+                parts.append(Series(where, letter, group, values[rows], per, link))
         if shown is not None:
             normals = batch.planes(*shown, moved)[rows]
             parts += [

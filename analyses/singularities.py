@@ -487,12 +487,14 @@ class SingularityAnalysis(AbstractAnalysis):
                     label = f"{words}, output {output}"
                     angles = f"angles, form {form}"
                     parts.append(Series(f"{where}/{name}", label, angles, values, "rad"))
-        for output in range(len(self._found(batch).report.outputs)):
-            parts.append(self._input_output(batch, output, rows))
-        return [*parts, *self._marked(batch, rows)]
+        outputs = range(len(self._found(batch).report.outputs))
+        drawn = [self._input_output(batch, output, rows) for output in outputs]
+        return [*drawn, *parts, *self._marked(batch, rows)]
 
     def _marked(self, batch: Batch, rows: slice) -> list[Primitive]:
         """Return the inputs at which singularities of an assembly mode are."""
+        if batch.timed:
+            return []
         points = self._points(batch)
         mode = str(int(batch.assembly_mode[rows.start]))
         own = np.array([mode in each.split("+") for each in points["assembly_mode"]], bool)

@@ -52,7 +52,7 @@ from spherekit.singular.roots import (
 )
 from spherekit.sphere.rotation import Floats, cross
 
-Make = Callable[[FourLinks, SixPoles, SixPoles | None], Relation | None]
+Make = Callable[[FourLinks, SixPoles], Relation | None]
 
 BESIDE = 100.0
 """Places nearer than this times their error bounds, but not within, are undecided."""
@@ -138,8 +138,7 @@ class SingleFreedom:
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve.
 
-        Derivatives are by arc length. c and d are NaN where an axis is not known, and
-        their derivatives also where it is known as a limit only.
+        Derivatives are by arc length. c and d are NaN where an axis is not known.
         """
         along = self.along[curve]
         links = self.first_links[output]
@@ -201,8 +200,7 @@ class SingleFreedom:
             pairs.append((second, form_ii))
         for links, make in pairs:
             six = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].unit)
-            turned = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].rate)
-            relation = make(links, six, turned)
+            relation = make(links, six)
             if relation is not None:
                 out.append((links, six, relation))
         return out
@@ -506,16 +504,6 @@ class SingleFreedom:
             known = np.concatenate([reference, known])
         freedoms = [solver.freedoms(values) for values in known]
         return min(freedoms) if freedoms and min(freedoms) > 1 else None
-
-
-def singularities(
-    tracer: Tracer,
-    curves: Sequence[ArcCurve],
-    outputs: Iterable[str | tuple[int | str, int | str]],
-    input: str | tuple[int | str, int | str] | None = None,
-) -> Singularities:
-    """Return all singularities on configuration curves; see `SingleFreedom`."""
-    return SingleFreedom(tracer, curves, outputs, input).report()
 
 
 def ordered_pole(
