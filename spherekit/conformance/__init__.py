@@ -34,7 +34,7 @@ def conformance(
     analysis
         The class; an object, where parameters have to be given; or, if it is installed, its
         name as the command takes it, such as ``"poles:only=31"``. Parameters that are the
-        name of a link are renamed with it.
+        name of a link, or a pole as in ``"4/1"``, are renamed with it.
     mechanisms
         Mechanisms, or their names or files. Those that the analysis refuses by an error of
         spherekit are left out, as long as some are left.

@@ -25,10 +25,10 @@ def difference(
 ) -> str:
     """Return the first column in which tables differ, in words, or nothing.
 
-    What describes the computation is compared where the mechanism is said the same. With a
-    `rotation` (3, 3) vectors of the first are turned by it, and what else depends on axes is
-    left out. Where rows are not those of
-    samples, they are other rows in other axes, and none is compared.
+    What describes the computation is compared where the mechanism is said the same. With
+    a `rotation` (3, 3) vectors of the first are turned by it, and what else depends on axes
+    is left out. Where rows are not those of samples, they are other rows in other axes, and
+    none is compared.
     """
     others = any(column.turns == "otherwise" for column in table.columns)
     if rotation is not None and others and not table.in_assembly_modes:

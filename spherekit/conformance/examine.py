@@ -389,16 +389,17 @@ def _names(trial: Trial) -> str:
 
 
 def with_names(analysis: AbstractAnalysis, names: Mapping[str, str]) -> AbstractAnalysis:
-    """Return an analysis whose parameters name links as they are called now."""
-    changes: dict[str, Any] = {}
-    for item in fields(analysis):  # type: ignore[arg-type]
-        value = getattr(analysis, item.name)
-        if isinstance(value, str):
-            changes[item.name] = names.get(value, value)
-        elif isinstance(value, tuple):
-            changes[item.name] = tuple(
-                names.get(each, each) if isinstance(each, str) else each for each in value
-            )
+    """Return an analysis whose parameters name links, and poles, as they are called now."""
+
+    def put(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(put, value))
+        parts = value.split("/") if isinstance(value, str) else [value]
+        known = all(isinstance(part, str) and part in names for part in parts)
+        return "/".join(names[part] for part in parts) if known else value
+
+    own = fields(analysis)  # type: ignore[arg-type]
+    changes = {item.name: put(getattr(analysis, item.name)) for item in own}
     return replace(analysis, **changes)  # type: ignore[type-var]
 
 
