@@ -11,10 +11,10 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import EPS, Status
+from spherekit.conventions import EPS
 from spherekit.errors import PlanError
 from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, Tracer, motion_of
 from spherekit.motion.segments import Bordered, CurvePoints
 from spherekit.numeric.rows import ArrayRows
 from spherekit.numeric.zeros import Zeros, zeros
@@ -165,10 +165,10 @@ class AlongCurve:
     ) -> tuple[dict[Pole, Axis], LinkRates]:
         """Return axes and rates at configurations with given motions (n, variables).
 
-        At a crossing of curves an assembly mode is given by its tangent. Second derivatives
+        At a crossing of curves each of them is given by its tangent. Second derivatives
         are not known there: NaN.
         """
-        motion = self._motion(values)
+        motion = motion_of(self.tracer.solver, values)
         w = motion.linearisation.body_rates(tangents)
         rates = LinkRates(w, np.full_like(w, np.nan), np.ones(len(values)))
         wanted = {pole_of(*pole) for pole in poles}
@@ -235,7 +235,7 @@ class AlongCurve:
         return self._kept[key]
 
     def _solved(self, points: CurvePoints) -> Moving:
-        motion = self._motion(points.values)
+        motion = motion_of(self.tracer.solver, points.values)
         at = motion.linearisation
         w = at.body_rates(points.tangents)
         dw = at.body_rates(points.bends)
@@ -338,26 +338,6 @@ class AlongCurve:
             w = rates.w[known, j] - rates.w[known, i]
             out[i, j] = _Seen(s[known], axis.unit[known], w)
         return out
-
-    def _motion(self, values: Floats) -> Motion:
-        """Return configurations (n, variables) as a motion of one nameless mode."""
-        placed = self.closure.at(values).placed
-        n = len(values)
-        nothing = np.zeros(n, dtype=np.int64)
-        return Motion(
-            mechanism=self.tracer.mechanism,
-            joints=self.tracer.solver.joints,
-            assembly=self.tracer.assembly,
-            assembly_modes=self.tracer.assembly_modes,
-            samples=n,
-            sample=nothing,
-            assembly_mode=nothing,
-            inputs=values[:, [self.tracer.solver.single]],
-            values=values,
-            rotations=placed,
-            status=np.full(n, Status.OK, dtype=np.int8),
-            residual=np.zeros(n),
-        )
 
 
 def rounding_of(rates: LinkRates) -> Floats:

@@ -62,9 +62,8 @@ DECIDED_MISS = 1e-14
 """A crossing that is missed by more (rad) may be none: rounding of sizes decides."""
 SAME_CROSSING = 1e-7
 """Crossings whose variables differ by less (rad) are one."""
-ONE_ASSEMBLY_MODE = (
-    "c and d are those of this assembly mode: its motion says where the third pole is, "
-    "which the "
+ONE_CURVE = (
+    "c and d are those of this curve: its motion says where the third pole is, which the "
     "configuration leaves open"
 )
 ALWAYS = 1e-12
@@ -457,23 +456,23 @@ class SingleFreedom:
             )
         along = self.along[ends[0][0]]
         relations = tuple(
-            self._on_assembly_modes(along, crossing, output)
+            self._on_curves_through(along, crossing, output)
             for output in range(len(self.outputs))
         )
         return CrossingPoint(
             crossing, tuple(ends), values, not notes, "; ".join(notes), relations
         )
 
-    def _on_assembly_modes(
+    def _on_curves_through(
         self, along: AlongCurve, crossing: Crossing, output: int
     ) -> tuple[tuple[RelationAt, ...], ...]:
-        """Return the relations on each mode through a crossing, by its own motion."""
+        """Return the relations on each curve through a crossing, by its own motion."""
         count = len(crossing.tangents)
         if not count:
             return ()
         values = np.tile(crossing.values, (count, 1))
         axes, rates = along.leaving(values, crossing.tangents, self._poles(output))
-        assembly_modes: list[list[RelationAt]] = [[] for _ in range(count)]
+        curves: list[list[RelationAt]] = [[] for _ in range(count)]
         for links, six, relation in self._relations(output, axes):
             q, y = (
                 np.sum((rates.w[:, a] - rates.w[:, b]) * axes[pole_of(a, b)].unit, axis=1)
@@ -483,11 +482,11 @@ class SingleFreedom:
             judged = self._judged(
                 links, six, relation, q, y, errors, [Type.III] * count, [[]] * count
             )
-            for own, each in zip(assembly_modes, judged, strict=True):
-                if each.type is None and each.kind != LinkCount.SAME_POLE:
-                    each = replace(each, note=ONE_ASSEMBLY_MODE)
-                own.append(each)
-        return tuple(tuple(own) for own in assembly_modes)
+            for relations, relation_at in zip(curves, judged, strict=True):
+                if relation_at.type is None and relation_at.kind != LinkCount.SAME_POLE:
+                    relation_at = replace(relation_at, note=ONE_CURVE)
+                relations.append(relation_at)
+        return tuple(tuple(relations) for relations in curves)
 
     def _everywhere(self) -> int | None:
         """Return the freedoms of a mechanism that nowhere has just one, if it is one.
