@@ -59,12 +59,12 @@ class RotationScenes:
         """Return the page on which row k is sample k."""
         placed = self.place(samples.values)
         parts = self._stage(placed, samples.orientation)
-        for group, values, unit in (
-            ("driving angles", samples.inputs, "rad"),
-            ("rates of driving angles by theta", samples.rates, ""),
+        for kind, group, values, unit in (
+            ("q", "driving angles", samples.inputs, "rad"),
+            ("dq_dtheta", "rates of driving angles by theta", samples.rates, ""),
         ):
             for k, name in enumerate(self.turn.inputs):
-                path = f"plots/{group.split()[0]}/{name}"
+                path = f"plots/{kind}/{name}"
                 parts.append(Series(path, name, group, values[:, k], unit))
         lost = np.array(self.turn.crossings)[:, None]
         if len(lost):

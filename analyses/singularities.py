@@ -493,6 +493,8 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def _marked(self, batch: Batch, rows: slice) -> list[Primitive]:
         """Return the inputs at which singularities of an assembly mode are."""
+        if batch.timed:
+            return []
         points = self._points(batch)
         mode = str(int(batch.assembly_mode[rows.start]))
         own = np.array([mode in each.split("+") for each in points["assembly_mode"]], bool)

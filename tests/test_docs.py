@@ -94,7 +94,10 @@ def test_pages_import_from_public_packages_only():
 
 
 @pytest.mark.parametrize("page", pages_with("console"))
-def test_console_shows_what_commands_print(page, folder, capsys):
+def test_console_shows_what_commands_print(page, folder, capsys, monkeypatch):
+    monkeypatch.setattr(
+        "spherekit.cli.main._say", lambda text: None
+    )  # progress, by the clock
     for block in blocks(page, "console"):
         for example in filter(None, re.split(r"^\$ ", block, flags=re.M)):
             command, _, shown = example.partition("\n")
@@ -255,6 +258,19 @@ def test_pictures_are_there_and_small():
     assert len(shown) == 5
     for name in shown:
         assert (DOCS / "images" / f"{name}.png").stat().st_size < 400_000
+
+
+def test_the_readme_shows_a_whole_file_and_its_picture_first():
+    text = PAGES["README.md"]
+    (shown,) = blocks("README.md", "toml")
+    (name,) = re.findall(r'^name = "(\w+)"$', shown, re.M)
+    assert shown == (ROOT / "mechanisms" / f"{name}.toml").read_text("utf-8")
+    (picture, *_) = re.findall(r"!\[[^\]]+\]\((docs/images/\w+\.png)\)", text)
+    assert picture == f"docs/images/{name}.png"
+    assert (ROOT / picture).stat().st_size < 400_000
+    order = [text.index(part) for part in ("```toml", picture, "```sh", "\n|")]
+    assert order == sorted(order)
+    assert f"spherekit run {name} " in blocks("README.md", "sh")[0]
 
 
 def test_pages_are_plain():

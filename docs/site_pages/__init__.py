@@ -16,7 +16,7 @@ def make(app: Any, config: Any) -> None:
     home = Path(app.srcdir) / FOLDER
     written = set()
     for part in (
-        mechanisms.pages(config.site_mechanisms),
+        mechanisms.pages(Path(app.srcdir), config.site_mechanisms),
         analyses.pages(),
         api.pages(),
         messages.pages(),

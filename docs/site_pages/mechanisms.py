@@ -1,6 +1,8 @@
 """A page for every shipped mechanism, from its file and a run of it."""
 
+import re
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -69,8 +71,15 @@ spherekit plan {name} --steps
 """
 
 
-def pages(only: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield the pages with their paths: of the mechanisms named, or of all."""
+LINKED = re.compile(r"generated/mechanisms/(\w+)\.md")
+
+
+def pages(home: Path, only: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the pages with their paths: of all, or of those named or linked from pages."""
+    if only:
+        texts = (page.read_text("utf-8") for page in home.rglob("*.md"))
+        linked = {name for text in texts for name in LINKED.findall(text)} - {"index"}
+        only = sorted({*only, *linked})
     files = {name: path for pack in shipped() for name, path in pack.files.items()}
     rows = []
     for name in sorted(only or sk.mechanisms()):

@@ -17,7 +17,7 @@ def pages() -> Iterator[tuple[str, str]]:
     """Yield what contributors read, and the changelog."""
     for name in ("CONTRIBUTING", "CHANGELOG"):
         text = (ROOT / f"{name}.md").read_text("utf-8")
-        yield f"{name.lower()}.md", re.sub(r"\]\(([^)\s:#]+)", _moved, text)
+        yield f"{name.lower()}.md", re.sub(r"\]\((?!\w+:)([^)\s#]+)", _moved, text)
 
 
 def _moved(link: re.Match[str]) -> str:

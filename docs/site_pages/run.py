@@ -1,5 +1,6 @@
 """The directive `run`: code on a page, executed, with what it prints and draws."""
 
+import ast
 import contextlib
 import hashlib
 import io
@@ -36,9 +37,7 @@ class Run(SphinxDirective):
                 contextlib.redirect_stdout(printed),
                 _inside(Path(self.env.srcdir) / FILES),
             ):
-                exec(
-                    compile(code, f"{self.env.docname}, line {self.lineno}", "exec"), names
-                )
+                last = _run(code, f"{self.env.docname}, line {self.lineno}", names)
         except Exception as problem:
             raise self.error(f"the code does not run: {problem!r}") from problem
         shown: list[nodes.Node] = []
@@ -49,23 +48,34 @@ class Run(SphinxDirective):
             shown.append(
                 nodes.literal_block(text, text, language="text", classes=["printed"])
             )
-        return shown + self._figures(code)
+        return shown + self._figures(code, last)
 
-    def _figures(self, code: str) -> list[nodes.Node]:
+    def _figures(self, code: str, last: Any) -> list[nodes.Node]:
         import matplotlib.pyplot as plt
+
+        figures = [plt.figure(number) for number in plt.get_fignums()]
+        if hasattr(last, "savefig") and last not in figures:
+            figures.append(last)
 
         home = Path(self.env.srcdir) / FIGURES
         home.mkdir(parents=True, exist_ok=True)
         key = hashlib.sha256(f"{self.env.docname}\n{code}".encode()).hexdigest()[:16]
         images: list[nodes.Node] = []
-        for number in plt.get_fignums():
+        for number, figure in enumerate(figures):
             path = home / f"{key}-{number}.png"
-            figure = plt.figure(number)
             figure.savefig(path, dpi=130)
-            plt.close(figure)
             alt = self.options.get("alt", "figure made by the code above")
             images.append(nodes.image(uri=f"/{FIGURES}/{path.name}", alt=alt))
+        plt.close("all")
         return images
+
+
+def _run(code: str, name: str, names: dict[str, Any]) -> Any:
+    """Execute the code and return the value of its last line, if that is an expression."""
+    parts = ast.parse(code, name).body
+    last = parts.pop() if parts and isinstance(parts[-1], ast.Expr) else None
+    exec(compile(ast.Module(parts, []), name, "exec"), names)
+    return eval(compile(ast.Expression(last.value), name, "eval"), names) if last else None
 
 
 @contextlib.contextmanager

@@ -42,14 +42,14 @@ class LoopTree:
         return [second for _, second in self.ends]
 
     @cached_property
-    def assembly_modes(self) -> tuple[tuple[int, int, int], ...]:
+    def placements(self) -> tuple[tuple[int, int, int], ...]:
         """Tree pairs in order of placement: (pair, parent body, child body)."""
         return spanning(self.ends)
 
     @cached_property
     def _pair_paths(self) -> Floats:
         paths = np.zeros((self.count, len(self.ends)))
-        for pair, parent, child in self.assembly_modes:
+        for pair, parent, child in self.placements:
             paths[child] = paths[parent]
             paths[child, pair] = 1.0 if self.ends[pair][0] == parent else -1.0
         return paths
@@ -62,7 +62,7 @@ class LoopTree:
     @cached_property
     def chords(self) -> tuple[int, ...]:
         """The pairs that close a loop each."""
-        tree = {pair for pair, _, _ in self.assembly_modes}
+        tree = {pair for pair, _, _ in self.placements}
         return tuple(pair for pair in range(len(self.ends)) if pair not in tree)
 
     @cached_property

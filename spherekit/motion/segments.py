@@ -7,7 +7,7 @@ derivative by arc length. It is regular wherever the motion is unique, at the de
 centres of every pair too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -20,6 +20,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
 from spherekit.numeric.hermite import hermite
+from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
 
 MOST_CORRECTIONS = 6
@@ -31,7 +32,7 @@ LARGEST_MISS = 0.05
 
 @final
 @dataclass(frozen=True)
-class CurvePoints:
+class CurvePoints(ArrayRows):
     """n points of a configuration curve, s its arc length in the variables (rad).
 
     `values`, `tangents` dv/ds of unit length and `bends` d2v/ds2 are (n, variables);
@@ -44,29 +45,11 @@ class CurvePoints:
     bends: Floats
     residual: Floats
 
-    def rows(self, rows: NDArray[np.intp] | slice) -> "CurvePoints":
-        """Return some of the points."""
-        return CurvePoints(
-            self.values[rows], self.tangents[rows], self.bends[rows], self.residual[rows]
-        )
-
     @property
     def reversed(self) -> "CurvePoints":
         """The same points, last first, with the curve run backwards."""
-        back = slice(None, None, -1)
-        return CurvePoints(
-            self.values[back], -self.tangents[back], self.bends[back], self.residual[back]
-        )
-
-    @staticmethod
-    def joined(parts: "list[CurvePoints]") -> "CurvePoints":
-        """Return the points of all parts in order."""
-        return CurvePoints(
-            np.concatenate([part.values for part in parts]),
-            np.concatenate([part.tangents for part in parts]),
-            np.concatenate([part.bends for part in parts]),
-            np.concatenate([part.residual for part in parts]),
-        )
+        back = self.rows(slice(None, None, -1))
+        return replace(back, tangents=-back.tangents)
 
 
 @final

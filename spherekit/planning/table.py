@@ -84,7 +84,7 @@ def pole_name(plan: Plan, pole: Pole) -> str:
 
 
 def describe(plan: Plan, step: Step) -> str:
-    """Return a line that says how a step finds its poles, a line for each pass of a part."""
+    """Return how a step finds its poles, in a line for each pass of a part."""
     if isinstance(step, PrimaryPole):
         pair = plan.mechanism.pairs[step.pair]
         line = f"{pair.kind.pole_line} of {pair.type} pair {pair.name}"

@@ -7,7 +7,7 @@ system: loops closed, J x = 0, E x = 0, |x| = 1, whose solutions have g - 1 dime
 Newton's method works in the tangent space of the loops, with exact second derivatives.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import REDUNDANT
+from spherekit.numeric.rows import ArrayRows
 from spherekit.singular.stationarity import StationarityConstraint
 from spherekit.singular.tangent_space import TangentSpace, tangent_space
 from spherekit.sphere.rotation import Floats
@@ -50,7 +51,7 @@ class Measure:
 
 @final
 @dataclass(frozen=True)
-class LocusPoints:
+class LocusPoints(ArrayRows):
     """n points of a locus of k = g - 1 dimensions; NaN where Newton's method failed.
 
     Attributes
@@ -90,20 +91,6 @@ class LocusPoints:
     def good(self) -> NDArray[np.bool_]:
         """(n,) points on the locus."""
         return np.asarray(self.residual < ON_LOCUS)
-
-    def rows(self, rows: NDArray[np.intp] | slice) -> "LocusPoints":
-        """Return some of the points."""
-        return LocusPoints(*(getattr(self, item.name)[rows] for item in fields(self)))
-
-    @staticmethod
-    def joined(parts: "list[LocusPoints]") -> "LocusPoints":
-        """Return the points of all parts in order."""
-        return LocusPoints(
-            *(
-                np.concatenate([getattr(part, item.name) for part in parts])
-                for item in fields(LocusPoints)
-            )
-        )
 
 
 @final

@@ -43,6 +43,7 @@ from spherekit.view.charts import Chart, Curve
 from spherekit.view.outputs import (
     AbstractOutput,
     FileOutput,
+    NotebookOutput,
     ServedOutput,
     ViewerOutput,
 )
@@ -89,6 +90,7 @@ class RerunRecorder:
         path: Path | str | None = None,
         port: int | None = None,
         url: str | None = None,
+        notebook: bool = False,
     ) -> None:
         """Choose the places, any of them together: nothing is touched yet.
 
@@ -102,6 +104,8 @@ class RerunRecorder:
             Port of this computer at which viewers find the recording.
         url : str, optional
             Address of a viewer that runs already.
+        notebook : bool, optional
+            Whether the page of a notebook shows the recording when it is whole.
 
         """
         self.name = name
@@ -119,8 +123,10 @@ class RerunRecorder:
             self._outputs.append(ServedOutput(stream(), port))
         if url is not None:
             self._outputs.append(ViewerOutput(stream(), url))
+        if notebook:
+            self._outputs.append(NotebookOutput(stream()))
         if not self._outputs:
-            raise ValueError("a recorder needs a path, a port or a url")
+            raise ValueError("a recorder needs a path, a port, a url or a notebook")
         self._layout: Layout | None = None
         self._input: InputTimeline | None = None
         self._span: tuple[float, float] | None = None
