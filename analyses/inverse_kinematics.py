@@ -49,14 +49,17 @@ from .pose_lists import Given, PoseList
 Row = dict[str, Any]
 
 POSE = Column("pose", "", "number of the pose or of the inputs given, from 0", "integer")
-PLACES = (
-    Column("x", "", "of the direction, or of the unit quaternion xyzw"),
-    Column("y", "", "of the direction or quaternion"),
-    Column("z", "", "of the direction or quaternion"),
-    Column("w", "", "of the quaternion; empty for directions"),
-    Column("azimuth", "rad", "of the direction, or in which the link is tilted"),
-    Column("tilt", "rad", "of the direction, or of the link's z axis"),
-    Column("torsion", "rad", "of the orientation; empty for directions"),
+PLACES = tuple(
+    Column(name, unit, meaning, turns="otherwise")
+    for name, unit, meaning in (
+        ("x", "", "of the direction, or of the unit quaternion xyzw"),
+        ("y", "", "of the direction or quaternion"),
+        ("z", "", "of the direction or quaternion"),
+        ("w", "", "of the quaternion; empty for directions"),
+        ("azimuth", "rad", "of the direction, or in which the link is tilted"),
+        ("tilt", "rad", "of the direction, or of the link's z axis"),
+        ("torsion", "rad", "of the orientation; empty for directions"),
+    )
 )
 CHECKED = 200
 """Poses whose configurations are put into the closure equations."""

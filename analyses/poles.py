@@ -64,9 +64,16 @@ class Poles(AbstractAnalysis):
                 INPUT,
                 Column("link", "", "the link that moves", "text"),
                 Column("relative_to", "", "the link it is seen from", "text"),
-                Column("ux", "", "pole axis, x in ground axes", scale="absolute"),
-                Column("uy", "", "pole axis, y in ground axes", scale="absolute"),
-                Column("uz", "", "pole axis, z in ground axes", scale="absolute"),
+                *(
+                    Column(
+                        f"u{axis}",
+                        "",
+                        f"pole axis, {axis} in ground axes",
+                        scale="absolute",
+                        turns="vector",
+                    )
+                    for axis in "xyz"
+                ),
                 Column(
                     "velocity_coefficient",
                     "",

@@ -69,9 +69,9 @@ AREA = "sr or sr rad"
 
 MODE = Column("working_mode", "", "signs of the working mode's legs", "text")
 PLACES = (
-    Column("x", "", "of the direction, or of the unit quaternion xyzw"),
-    Column("y", "", "of the direction or quaternion"),
-    Column("z", "", "of the direction or quaternion"),
+    Column("x", "", "of the direction, or of the unit quaternion xyzw", turns="otherwise"),
+    Column("y", "", "of the direction or quaternion", turns="otherwise"),
+    Column("z", "", "of the direction or quaternion", turns="otherwise"),
 )
 
 
