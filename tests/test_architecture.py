@@ -34,6 +34,7 @@ LAYERS = (
     ("trade",),
     ("figures", "view"),
     ("front",),
+    ("conformance",),
     ("plugin",),
     ("cli",),
 )

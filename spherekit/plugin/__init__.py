@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.tables import Table as Table
     from spherekit.analysis.tables import TableData as TableData
     from spherekit.analysis.tables import input_columns as input_columns
+    from spherekit.conformance import conformance as conformance
     from spherekit.conventions import Status as Status
     from spherekit.conventions import counted as counted
     from spherekit.conventions import listing as listing
