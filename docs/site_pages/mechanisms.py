@@ -43,8 +43,8 @@ PAGE = """\
 
 ![{name} on the unit sphere in a configuration of its first assembly mode]({name}.png)
 
-Links are arcs between the axes of their pairs, wheels and cams the curves that touch; dotted
-is what lies behind.
+Links are arcs between the axes of their pairs, wheels and cams the curves that touch;
+dotted is what lies behind.
 
 ## Numbers
 
