@@ -69,6 +69,7 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "misspelt.toml").write_text(misspelt, encoding="utf-8")
     (tmp_path / f"{PLUGIN}.py").write_text(tutorial()[0], encoding="utf-8")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(DOCS))  # helpers of code that the site runs
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("MPLBACKEND", "Agg")
     importlib.invalidate_caches()

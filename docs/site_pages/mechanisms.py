@@ -72,7 +72,8 @@ Which pole axis is found in which pass ([how the planner thinks](../../planner.m
 
 ```text
 spherekit view {name}
-spherekit run {name} --view
+spherekit run {name} --save {name}.rrd
+spherekit view {name}.rrd --web
 spherekit plan {name} --steps
 ```
 """

@@ -40,6 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         recordings,
     )
     parser.add_argument("--png", metavar="FILE", help="write a picture, no display needed")
+    parser.add_argument(
+        "--web",
+        action="store_true",
+        help="in a browser: serve the page on this computer until Ctrl-C",
+    )
     parser.add_argument("--sample", type=int, metavar="N", help="sample to show")
     parser.add_argument(
         "--front",
@@ -65,6 +70,8 @@ def execute(options: argparse.Namespace) -> int:
             f"{options.file}: a study asks for a run: `spherekit run {options.file} "
             "--view`; its mechanism alone is shown by `spherekit view MECHANISM.toml`"
         )
+    if options.web and options.png is not None:
+        raise OutputError("--web and --png: say one of them")
     if options.png is not None:
         from spherekit.view.screenshot import check_picture
 
@@ -103,6 +110,11 @@ def _of_mechanism(options: argparse.Namespace) -> int:
 
 
 def _of_recording(path: Path, options: argparse.Namespace) -> int:
+    if options.web:
+        from spherekit.view.web import serve_web
+
+        serve_web(path, lambda url: print(f"{url}  (Ctrl-C ends it)", file=sys.stderr))
+        return 0
     if options.png is None:
         from spherekit.view.viewer import open_viewer
 
