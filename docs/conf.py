@@ -35,6 +35,7 @@ exclude_patterns = [
 
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 4
+smartquotes = False  # would turn the mode -- and options into dashes
 nb_execution_mode = "force"
 nb_execution_timeout = 120
 nb_execution_raise_on_error = True

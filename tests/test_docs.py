@@ -256,7 +256,7 @@ def test_the_distribution_is_named_apart_from_its_package():
 
 def test_pictures_are_there_and_small():
     shown = re.findall(r"\(images/(\w+)\.png\)", PAGES["recordings.md"])
-    assert len(shown) == 5
+    assert len(shown) >= 5
     for name in shown:
         assert (DOCS / "images" / f"{name}.png").stat().st_size < 400_000
 
