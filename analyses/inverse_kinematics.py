@@ -89,13 +89,13 @@ class FoundPoses:
 class InverseKinematicsAnalysis(AbstractAnalysis):
     """Inputs of poses of an output in every working mode, or all poses at given inputs.
 
-    Poses are `poses`, numbers ``a:b:c`` joined by +; or the rows of a CSV or Parquet
-    `file`; or the grid over a `window`, ``NAME:FROM:TO:COUNT`` joined by +. `columns`
-    names what the numbers are, where that is not clear: ``x``, ``y``, ``z`` or
-    ``azimuth``, ``tilt`` of a pointing output, also ``phi``, ``gamma`` of a mid-plane
-    form; ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``, ``qz``,
-    ``qw``, a rotation vector ``rx``, ``ry``, ``rz`` or a matrix ``r11`` .. ``r33`` of
-    an orientation. With the names of the driven pairs the numbers are inputs, and the
+    Poses are `poses`, each ``name=number+name=number``, one after another; or the rows of
+    a CSV or Parquet `file`, in which `columns` are those to read where that is not clear;
+    or the grid over a `window`, ``NAME:FROM:TO:COUNT`` joined by +. The names are ``x``,
+    ``y``, ``z`` or ``azimuth``, ``tilt`` of a pointing output, also ``phi``, ``gamma`` of
+    a mid-plane form; ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``,
+    ``qz``, ``qw``, a rotation vector ``rx``, ``ry``, ``rz`` or a matrix ``r11`` .. ``r33``
+    of an orientation. With the names of the driven pairs the numbers are inputs, and the
     poses at these are found. `unit` of angles is deg or rad; a Parquet file may say its
     own.
 

@@ -26,8 +26,14 @@ from spherekit.plugin import (
     TableData,
     Text,
     input_columns,
+    listing,
 )
 from spherekit.plugin.rotations import (
+    AtDirection,
+    AtInputs,
+    AtMirror,
+    AtOrientation,
+    normals_of,
     quaternion,
 )
 from spherekit.plugin.workspace import (
@@ -51,6 +57,8 @@ from spherekit.plugin.workspace import (
     orientation_samples,
     orientation_workspaces,
 )
+
+from .pose_text import read_pose
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -87,8 +95,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
     the least angle to a singularity of type I or II. Links of a `width` on a sphere of a
     `radius`, in the same unit of length, are kept from touching. `tolerance` is the
     relative error of the area or volume, by default 1e-4 of directions and 1e-2 of
-    orientations. `pose` is judged: a direction x+y+z, a quaternion x+y+z+w for
-    orientations, or inputs in degrees, as many as there are.
+    orientations. `pose` is judged: ``name=number+name=number`` of x, y, z or
+    azimuth, tilt of a direction; azimuth, tilt, torsion, qx, qy, qz, qw or rx, ry, rz of
+    an orientation; phi, gamma; or all driven pairs.
     """
 
     name: ClassVar[str] = "workspace"
@@ -165,7 +174,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
     width: float = 0.0
     radius: float = 0.0
     tolerance: float = 0.0
-    pose: tuple[float, ...] = ()
+    pose: str = ""
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return nothing: poses are given, not traced. Bad parameters are refused here."""
@@ -436,27 +445,36 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
     def _given_pose(self, kinematics: ClosedKinematics) -> Floats:
         """Return the poses (k, 3) or (k, 4) to be judged."""
-        given = np.array(self.pose)
-        inputs = len(kinematics.mechanism.inputs)
         size = 3 if kinematics.points else 4
-        if not len(given):
+        if not self.pose:
             return np.zeros((0, size))
-        what = "a direction x+y+z" if kinematics.points else "a quaternion x+y+z+w"
-        if len(given) not in (size, inputs) or not np.all(np.isfinite(given)):
-            raise AnalysisError(
-                f"workspace: pose: {'+'.join(f'{v:g}' for v in given)} is neither {what} "
-                f"nor {inputs} inputs in degrees"
-            )
-        if len(given) == inputs:
-            found = kinematics.forward(np.radians(given)[None])
-            places = found.directions if kinematics.points else quaternion(found.rotations)
-            assert places is not None
-            _, first = np.unique(places, axis=0, return_index=True)
-            return np.asarray(places[np.sort(first)])
-        length = np.linalg.norm(given)
-        if length == 0.0:
-            raise AnalysisError(f"workspace: pose: {what} may not be 0 throughout")
-        return np.asarray(given[None] / length)
+        where = "workspace: pose"
+        names = tuple(item.pair for item in kinematics.mechanism.inputs)
+        pose = read_pose(self.pose, names, where)
+        match pose:
+            case AtInputs(inputs):
+                found = kinematics.forward(inputs[None])
+                places = (
+                    found.directions if kinematics.points else quaternion(found.rotations)
+                )
+                assert places is not None
+                _, first = np.unique(places, axis=0, return_index=True)
+                return np.asarray(places[np.sort(first)])
+            case AtDirection(direction) if kinematics.points:
+                return np.asarray(direction[None])
+            case AtOrientation(orientation) if not kinematics.points:
+                return np.asarray(quaternion(orientation[None]))
+            case AtMirror(phi, gamma) if kinematics.form is not None:
+                normals = normals_of(np.array([phi]), np.array([gamma]))
+                turned = kinematics.form.orientations(normals)
+                return np.asarray(turned @ np.array(kinematics.output.direction))
+        takes = "a direction (x, y, z or azimuth, tilt)"
+        if not kinematics.points:
+            takes = "an orientation (azimuth, tilt, torsion; qx, qy, qz, qw; rx, ry, rz)"
+        raise AnalysisError(
+            f'{where}: "{self.pose}" is no pose of output {kinematics.output.name}; it '
+            f"takes {takes} or all inputs ({listing(names)})"
+        )
 
     def _of_pose(self, batch: Batch) -> tuple[list[dict[str, Any]], list[str]]:
         """Return how each pose fares in each mode, with the nearest one that is reached."""
