@@ -28,6 +28,7 @@ from spherekit.plugin import (
     input_columns,
     listing,
     nearest,
+    numbered,
 )
 from spherekit.plugin.rotations import (
     azimuth_tilt,
@@ -60,6 +61,8 @@ PLACES = (
 )
 CHECKED = 200
 """Poses whose configurations are put into the closure equations."""
+MOST_TOLD = 3
+"""Poses whose configurations are told one by one."""
 SAME_VALUES = 1e-6
 """Configurations whose variables (rad) differ by less are one."""
 SOLVED_BY = Column(
@@ -261,7 +264,36 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             f"{counted(solved, 'configuration')} of {counted(count, 'pose')}, at most "
             f"{int(np.max(solutions, initial=0))} of one{_rest(found.solver)}",
         )
-        return Findings(figures, tuple(warnings), remarks)
+        return Findings(
+            figures, tuple(warnings), (*remarks, *self._told(batch.mechanism, found, rows))
+        )
+
+    def _told(
+        self, mechanism: Mechanism, found: FoundPoses, rows: InverseRows
+    ) -> list[str]:
+        """Return a line for each configuration and nearest pose, if these are few."""
+        lines: dict[str, list[str]] = {}
+        if len(np.unique(rows.pose)) > MOST_TOLD:
+            return []
+        inputs = [item.pair for item in mechanism.inputs]
+        for k in range(len(rows)):
+            name, mode = f"pose {rows.pose[k]}", str(rows.mode[k])
+            if rows.solved[k]:
+                values = np.degrees(rows.inputs[k])
+                told = ", ".join(
+                    f"{pair} = {value:.6g} deg"
+                    for pair, value in zip(inputs, values, strict=True)
+                )
+                lines.setdefault(f"{name}: {told}", []).append(mode)
+            elif np.isfinite(found.away[k]):
+                known = found.near[k][np.isfinite(found.near[k])]
+                near = ", ".join(f"{x:.6g}" for x in np.round(known, 6) + 0.0)
+                told = (
+                    f"out of reach; nearest is ({near}), "
+                    f"{np.degrees(found.away[k]):.4g} deg away"
+                )
+                lines.setdefault(f"{name}: {told}", []).append(mode)
+        return [f"{text}, {numbered('mode', modes)}" for text, modes in lines.items()]
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the poses on the sphere by number of solutions, and by worst measure."""

@@ -231,11 +231,18 @@ class WorkspaceAnalysis(AbstractAnalysis):
             else:
                 modes[label], words = self._of_orientations(batch, item)
             warnings += [f"mode {label}: {text}" for text in words]
-            remarks.append(f"mode {label}: {_in_words(modes[label])}")
+        alike: dict[str, list[str]] = {}
+        for label, own in modes.items():
+            alike.setdefault(own.get("same_as", label), []).append(label)
+        for first, labels in alike.items():
+            name = f"mode{'s' * (len(labels) > 1)} {', '.join(labels)}"
+            each = "each " * (len(labels) > 1)
+            remarks.append(f"{name}: {each}{_in_words(modes[first])}")
         figures["working_modes"] = modes
         if self.pose:
-            figures["pose"], words = self._of_pose(batch)
+            figures["pose"], words, said = self._of_pose(batch)
             warnings += words
+            remarks += said
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
@@ -476,12 +483,16 @@ class WorkspaceAnalysis(AbstractAnalysis):
             f"takes {takes} or all inputs ({listing(names)})"
         )
 
-    def _of_pose(self, batch: Batch) -> tuple[list[dict[str, Any]], list[str]]:
-        """Return how each pose fares in each mode, with the nearest one that is reached."""
+    def _of_pose(self, batch: Batch) -> tuple[list[dict[str, Any]], list[str], list[str]]:
+        """Return how each pose fares in each mode, with the nearest one that is reached.
+
+        And what to warn of, and what to say.
+        """
         kinematics, bounds = self._kinematics(batch), self._bounds(batch)
         names = [bound.name for bound in bounds] + [UNDEFINED]
         figures: list[dict[str, Any]] = []
         warnings: list[str] = []
+        within: dict[str, list[str]] = {}
         places = self._given_pose(kinematics)
         if not len(places):
             warnings.append("pose: the mechanism does not close at these inputs")
@@ -498,6 +509,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 }
                 figures.append(row)
                 if row["inside"] == "yes":
+                    margin = f"{np.degrees(row['margin_rad']):.4g} deg"
+                    text = f"{margin} from {row['limiting']}, pose ({shown}) is inside"
+                    within.setdefault(text, []).append(label)
                     continue
                 found = nearest_reachable(kinematics, bounds, item, place)
                 text = f"by {row['limiting']}"
@@ -515,7 +529,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"pose ({shown}) is outside in mode {', '.join(labels)}, {text}"
                 for text, labels in told.items()
             ]
-        return figures, warnings
+        said = [f"{text} in mode {', '.join(own)}" for text, own in within.items()]
+        return figures, warnings, said
 
     def _pages(self, batch: Batch, item: DirectionWorkspace, title: str) -> list[Scene]:
         """Return the page of the margin and that of the singularity measures."""
@@ -603,8 +618,6 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
 def _in_words(figures: Row) -> str:
     """Return what the findings of a mode say in a line."""
-    if "same_as" in figures:
-        return f"the same as mode {figures['same_as']}"
     if "volume" in figures:
         return (
             f"volume {figures['volume']:.6g} +- {figures['error']:.1g} of 8 pi^2 for all "

@@ -177,7 +177,7 @@ def test_a_portrait_has_one_frame_whatever_the_blocks():
     start = COURSES["loads"]
     result = sk.run(wound(), "eksergian", **start, block=50, recorder=listener)
     frame = result.frame()
-    assert listener.rows == [50, 50, 20]
+    assert sum(listener.rows) == 120
     for portrait in listener.portraits:
         assert portrait.x_range == (frame["q"].min(), frame["q"].max())
         assert portrait.y_range == (frame["dq"].min(), frame["dq"].max())

@@ -86,7 +86,7 @@ def test_written_files_read_back_equal(result, tmp_path):
     csv = pd.read_csv(
         tmp_path / "new" / "folder" / "poles.csv",
         dtype={"link": str, "relative_to": str, "moving": str},
-        float_precision="round_trip",
+        engine="python",  # reads the nearest float
     )
     for column in POLES:
         if frame[column].dtype == float:

@@ -114,10 +114,11 @@ def test_findings_count_and_warn_as_near_asks(rocker):
     assert not figures["checks_failed"] and not figures["notes"]
     wide = sk.run(four_bar(ROCKER), f"{NAME}:near=25", samples=61)
     none = sk.run(four_bar(ROCKER), f"{NAME}:near=0", samples=61)
-    assert not [w for w in findings_of(none)[1] if "comes within" in w]
-    near = [w for w in findings_of(wide)[1] if "comes within 25 deg" in w]
-    assert any("type II of output 4/1" in words for words in near)
-    assert len(near) >= len([w for w in warnings if "comes within" in w])
+    meets = "output 4/1 meets type II in the range: the locked input does not hold it there"
+    for own in (warnings, findings_of(none)[1], findings_of(wide)[1]):
+        assert f"{NAME}: {meets}" in own
+    assert not [w for w in findings_of(none)[1] if "without meeting" in w]
+    assert len(findings_of(wide)[1]) >= len(warnings)
 
 
 def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):

@@ -1,5 +1,6 @@
 """A run made ready: what is evaluated for whom, in blocks of how many samples."""
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -120,8 +121,19 @@ class Asked:
 
     @classmethod
     def of(cls, analyses: Sequence[AbstractAnalysis], mechanism: Mechanism) -> Self:
-        """Ask analyses what they need; errors as `declared`, but for plugins' own."""
+        """Ask analyses what they need; errors as `declared`, but for plugins' own.
+
+        Raises `AnalysisError` too where one is asked for twice: its tables have one place.
+        """
         own, refused = [], {}
+        counts = Counter(analysis.name for analysis in analyses)
+        for name, count in counts.items():
+            if count > 1:
+                raise AnalysisError(
+                    f"{name}: is asked for {count} times in one run, whose tables have one "
+                    "place; ask once, with lists joined by + (poles:only=31+42), or run "
+                    "twice"
+                )
         for analysis in analyses:
             try:
                 own.append(declared(analysis, mechanism))

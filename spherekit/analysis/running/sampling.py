@@ -232,7 +232,7 @@ def courses_of(
             tracer.mechanism,
             study.start,
             study.duration,
-            study.torque,
+            study.driving_torque,
             assembly_mode or 0,
             study.tolerance,
             engine,
@@ -292,11 +292,13 @@ def check_time(study: Study) -> None:
         With what does not fit, and with file and line if the study is from a file.
     """
     inputs = _inputs(study)
-    fault = time_fault(inputs, study.laws, study.duration, study.start, study.torque)
+    fault = time_fault(
+        inputs, study.laws, study.duration, study.start, study.driving_torque
+    )
     if fault is not None:
         raise study.fault(*fault)
-    if study.torque is not None:
-        drive = PairTorque(DRIVE, inputs[0], study.torque)
+    if study.driving_torque is not None:
+        drive = PairTorque(DRIVE, inputs[0], study.driving_torque)
         try:
             replace(study.mechanism, loads=(*study.mechanism.loads, drive))
         except ModelError as problem:
