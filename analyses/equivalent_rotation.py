@@ -128,9 +128,14 @@ class EquivalentRotation(AbstractAnalysis):
                     "rad",
                     "turn of the mid-plane, of a mid-plane symmetric architecture",
                 ),
-                Column("azimuth", "rad", "direction in which the output link is tilted"),
-                Column("tilt", "rad", "tilt of its z axis"),
-                Column("torsion", "rad", "its turn that is not a tilt"),
+                *(
+                    Column(name, "rad", meaning, turns="otherwise")
+                    for name, meaning in (
+                        ("azimuth", "direction in which the output link is tilted"),
+                        ("tilt", "tilt of its z axis"),
+                        ("torsion", "its turn that is not a tilt"),
+                    )
+                ),
                 INPUTS,
                 Column("dq_dtheta", "", "derivative of q by theta", per_input=True),
                 Column("departure", "rad", "angle from the pose turned exactly"),

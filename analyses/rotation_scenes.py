@@ -11,11 +11,10 @@ from spherekit.plugin import (
     Arrow,
     Axis,
     GreatCircle,
+    InputMarks,
     Mark,
     Mechanism,
     Output,
-    PlaneCurve,
-    Portrait,
     Primitive,
     Scene,
     Series,
@@ -60,14 +59,16 @@ class RotationScenes:
         """Return the page on which row k is sample k."""
         placed = self.place(samples.values)
         parts = self._stage(placed, samples.orientation)
-        for group, values, unit in (
-            ("driving angles", samples.inputs, "rad"),
-            ("rates of driving angles by theta", samples.rates, ""),
+        for kind, group, values, unit in (
+            ("q", "driving angles", samples.inputs, "rad"),
+            ("dq_dtheta", "rates of driving angles by theta", samples.rates, ""),
         ):
             for k, name in enumerate(self.turn.inputs):
-                path = f"plots/{group.split()[0]}/{name}"
+                path = f"plots/{kind}/{name}"
                 parts.append(Series(path, name, group, values[:, k], unit))
-        parts += self._portraits(samples.theta, samples.inputs)
+        lost = np.array(self.turn.crossings)[:, None]
+        if len(lost):
+            parts.append(InputMarks("marks/lost", "type II", lost, LOST_TONE))
         for label, values in (
             ("departure", samples.departure),
             ("drift of the axis", samples.drift),
@@ -148,35 +149,6 @@ class RotationScenes:
         if self.output.direction is not None:
             return [(self.output.name, np.array(self.output.direction))]
         return list(link_axes(self.mechanism)[self.output.link].items())
-
-    def _portraits(self, theta: Floats, inputs: Floats) -> list[Primitive]:
-        """Return each driving angle over theta, with the places of type II."""
-        whole = self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN))
-        lost = np.array(self.turn.crossings)
-        at = self.turn.at(lost).inputs if len(lost) else np.zeros((0, inputs.shape[1]))
-        parts: list[Primitive] = []
-        for k, name in enumerate(self.turn.inputs):
-            line = np.stack([whole.theta, whole.inputs[:, k]], axis=1)
-            parts.append(
-                Portrait(
-                    f"plots/driving/{name}",
-                    f"driving angle {name}",
-                    theta,
-                    inputs[:, k],
-                    "theta",
-                    name,
-                    (0.0, float(whole.theta[-1])),
-                    (float(np.nanmin(line[:, 1])), float(np.nanmax(line[:, 1]))),
-                    "rad",
-                    "rad",
-                    [PlaneCurve(line, PATH_TONE)],
-                    [
-                        Mark("type II singularity", np.array([t, q]), LOST_TONE)
-                        for t, q in zip(lost, at[:, k], strict=True)
-                    ],
-                )
-            )
-        return parts
 
 
 def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """Singularities: where a mechanism locks or loses control, and how near it comes."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -247,7 +247,7 @@ class SingularityAnalysis(AbstractAnalysis):
             for number, rows in batch.assembly_mode_rows().items()
         ]
         if np.any(np.isfinite(self._points(batch)["s"])):
-            pages.append(self._gallery(batch))
+            pages.insert(0, self._gallery(batch))
         return tuple(pages)
 
     def findings(self, batch: Batch) -> Findings:
@@ -504,12 +504,14 @@ class SingularityAnalysis(AbstractAnalysis):
                     label = f"{words}, output {output}"
                     angles = f"angles, form {form}"
                     parts.append(Series(f"{where}/{name}", label, angles, values, "rad"))
-        for output in range(len(self._found(batch).report.outputs)):
-            parts.append(self._input_output(batch, output, rows))
-        return [*parts, *self._marked(batch, rows)]
+        outputs = range(len(self._found(batch).report.outputs))
+        drawn = [self._input_output(batch, output, rows) for output in outputs]
+        return [*drawn, *parts, *self._marked(batch, rows)]
 
     def _marked(self, batch: Batch, rows: slice) -> list[Primitive]:
         """Return the inputs at which singularities of an assembly mode are."""
+        if batch.timed:
+            return []
         points = self._points(batch)
         mode = str(int(batch.assembly_mode[rows.start]))
         own = np.array([mode in each.split("+") for each in points["assembly_mode"]], bool)
@@ -607,6 +609,17 @@ class SingularityAnalysis(AbstractAnalysis):
                 f"{points['output'][k]} | {points['note'][k]} |"
             )
         parts.append(Text("list", "Singularities", "\n".join(lines)))
+        for output in range(len(found.report.outputs)):
+            whole = self._input_output(batch, output, slice(0, len(batch)))
+            own = points["output"] == names[output]
+            x = np.where(own, points["q"], np.nan)
+            y = np.full(n, np.nan)
+            for row in np.flatnonzero(own).tolist():
+                curve, s = places[row]
+                along = np.linspace(0.0, found.curves[curve].length, DRAWN)
+                line = whole.curves[curve].points
+                y[row] = line[int(np.argmin(np.abs(along - s))), 1]
+            parts.append(replace(whole, x=x, y=y))
         over = Axis("singularity", "", np.arange(n, dtype=float))
         return Scene("Singularities", tuple(parts), (over,))
 

@@ -32,8 +32,9 @@ LAYERS = (
     ("dynamics", "workspace"),
     ("analysis",),
     ("trade",),
-    ("view",),
+    ("figures", "view"),
     ("front",),
+    ("conformance",),
     ("plugin",),
     ("cli",),
 )
@@ -50,6 +51,8 @@ SIBLINGS = {
     "guidance": {"exact"},
     "engine": {"singular", "exact"},
     "dynamics": {"singular", "workspace"},
+    "figures": {"view", "trade"},
+    "view": {"figures"},
     "workspace": {"dynamics", "engine", "singular"},
 }
 HOME_OF = {
@@ -61,6 +64,7 @@ HOME_OF = {
     "filelock": {"files/lock.py"},
     "heyoka": {"engine/compiler.py"},
     "mpmath": {"exact/arithmetic.py"},
+    "matplotlib": {"figures/sdk.py"},
 }
 
 
@@ -234,7 +238,7 @@ def test_what_carries_a_run_takes_few_parameters():
     assert not too_many, "\n".join(too_many)
 
 
-LONG = {("recording.py", "start")}
+LONG = {("recording.py", "start"), ("figures.py", "start")}
 """What a recorder of a viewer is given once, by keyword."""
 
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import is_dataclass
+from itertools import groupby
 from typing import Any, get_args
 
 from spherekit.analysis.arguments import parameters
 from spherekit.analysis.contract import CONTRACT, AbstractAnalysis, Sweep
 from spherekit.analysis.faults import described
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.tables import COLUMNS, Column, Kind, Scale, Table
+from spherekit.analysis.tables import COLUMNS, Column, Kind, Scale, Table, Turns
 from spherekit.analysis.units import SYMBOLS, is_unit
 from spherekit.conventions import NAME_PATTERN, listing
 
@@ -82,6 +83,9 @@ def _tables(tables: tuple[Any, ...]) -> Iterator[str]:
                 yield f"table {table.name}: {column!r} is not a Column(...)"
                 return
             yield from _column(f"table {table.name}: column {column.name}", column)
+        ways = [column.turns for column in table.columns]
+        if any(len(list(own)) % 3 for way, own in groupby(ways) if way == "vector"):
+            yield f"table {table.name}: the columns of a vector come in threes: x, y, z"
         names = [column.name for column in table.columns]
         if len(set(names)) < len(names):
             yield f"table {table.name}: two columns have one name: {listing(names)}"
@@ -92,7 +96,8 @@ def _tables(tables: tuple[Any, ...]) -> Iterator[str]:
 def _column(where: str, column: Column) -> Iterator[str]:
     if not (isinstance(column.name, str) and NAME_PATTERN.fullmatch(column.name)):
         yield f"{where}: its name is not letters, digits and underscores"
-    for key, allowed in (("kind", get_args(Kind)), ("scale", get_args(Scale))):
+    for key, choices in (("kind", Kind), ("scale", Scale), ("turns", Turns)):
+        allowed = get_args(choices)
         if getattr(column, key) not in allowed:
             yield (
                 f"{where}: {key} is {getattr(column, key)!r}, allowed: {listing(allowed)}"

@@ -55,6 +55,11 @@ def _origin(entry: EntryPoint) -> str:
     return entry.dist.name if entry.dist is not None else "unknown distribution"
 
 
+def origin_of(name: str) -> str:
+    """Return the distributions that offer an analysis of this name, or nothing."""
+    return listing(_origin(entry) for entry in _entries().get(name, ()))
+
+
 def names() -> tuple[str, ...]:
     """Return the names of all installed analyses, broken ones too, sorted."""
     return tuple(sorted({*_entries(), *_added}))

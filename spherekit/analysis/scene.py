@@ -29,6 +29,21 @@ class Axis:
     """SI, rad, or empty for pure numbers."""
     values: Floats
     """(n,)"""
+    span: tuple[float, float] | None = None
+    """Least and greatest value of all blocks, if these are not all values."""
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Least and greatest value, of all blocks if that is said."""
+        if self.span is not None:
+            return self.span
+        known = self.values[np.isfinite(self.values)]
+        return (float(np.min(known)), float(np.max(known))) if len(known) else (0.0, 1.0)
+
+    @property
+    def words(self) -> str:
+        """The label with the unit."""
+        return titled(self.label, self.unit)
 
 
 @final
@@ -68,6 +83,25 @@ class Arrow:
 
 @final
 @dataclass(frozen=True)
+class Trace:
+    """The path that a direction leaves in the axes of a link, whole, turned with the link.
+
+    That of a pole is an axode: the fixed one in the axes of one of its links, the moving
+    one in those of the other.
+    """
+
+    path: str
+    label: str
+    directions: Floats
+    """(n, 3) unit vectors in link axes."""
+    number: int
+    """Position of the link in the mechanism; the viewer picks the colour by it."""
+    quaternions: Floats | None
+    """(n, 4) xyzw, link axes to ground axes; None for the ground."""
+
+
+@final
+@dataclass(frozen=True)
 class GreatCircle:
     """A great circle given by the normal of its plane."""
 
@@ -89,6 +123,10 @@ class Series:
     values: Floats
     """(n,)"""
     unit: str = ""
+    link: int | None = None
+    """Position of the link whose colour it has, if it is about one."""
+    resolution: float = 1e-9
+    """Differences below it are rounding, and not scaled up to a signal."""
 
     @property
     def heading(self) -> str:
@@ -101,13 +139,14 @@ class Series:
 class InputMarks:
     """Inputs at which something is, such as a singularity, for all plots of the page.
 
-    They are marked on the axes of what is drawn over the inputs.
+    They are marked on the axes of what is drawn over the inputs, or over what else the
+    scene says.
     """
 
     path: str
     label: str
     inputs: Floats
-    """(k, inputs) rad"""
+    """(k, axes), in the units of the axes: of the inputs rad."""
     tone: int = 0
 
 
@@ -212,7 +251,10 @@ class SphereMap:
 @final
 @dataclass(frozen=True)
 class Surface:
-    """A triangulated surface in a space of its own, with its axes named."""
+    """A triangulated surface in a space of its own, with its axes named.
+
+    Without triangles it is the vertices, seen as points, which `values` colour.
+    """
 
     path: str
     label: str
@@ -224,6 +266,35 @@ class Surface:
     tone: int = 0
     unit: str = ""
     """Of all three axes."""
+    values: Floats | None = None
+    """(v,), of what the label says."""
+    values_unit: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Diagram:
+    """Points and straight lines that move in a plane with one scale on both axes."""
+
+    path: str
+    label: str
+    x_label: str
+    y_label: str
+    x_range: tuple[float, float]
+    y_range: tuple[float, float]
+    names: Sequence[str]
+    """Of the points (k,)."""
+    places: Floats
+    """(n, k, 2), NaN where there is none."""
+    tones: Sequence[int]
+    """Of the points (k,)."""
+    lines: Floats
+    """(n, m, 3): a x + b y + c = 0 for each (a, b, c)."""
+    words: Sequence[str] = ()
+    """What is to be said of each row, if anything."""
+    readings: Floats | None = None
+    """(n, k, 2) rad: two angles of each point that are listed beside the plane."""
+    reading_names: tuple[str, str] = ("", "")
 
 
 @final
@@ -252,6 +323,7 @@ class Text:
 Primitive = (
     Body
     | Arrow
+    | Trace
     | GreatCircle
     | Series
     | InputMarks
@@ -259,6 +331,7 @@ Primitive = (
     | SphereCurves
     | SphereMap
     | Surface
+    | Diagram
     | Graph
     | Text
 )
@@ -289,6 +362,22 @@ class Scene:
         return replace(self, primitives=tuple(_thinned(p, chosen) for p in self.primitives))
 
 
+def plotted_range(values: Floats, resolution: float) -> tuple[float, float]:
+    """Return the range (low, high) of an axis for values (n,), some of them NaN.
+
+    It spans `resolution` at least, and that part of the largest value.
+    """
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return 0.0, 1.0
+    low, high = float(np.min(finite)), float(np.max(finite))
+    if high - low >= resolution * max(1.0, abs(low), abs(high)):
+        return low, high
+    middle = 0.5 * (low + high)
+    around = max(0.5 * abs(middle), 0.5)
+    return middle - around, middle + around
+
+
 def titled(label: str, unit: str) -> str:
     """Return the name of a quantity with its unit."""
     return f"{label}, {unit}" if unit else label
@@ -296,27 +385,43 @@ def titled(label: str, unit: str) -> str:
 
 def in_degrees(scene: Scene) -> Scene:
     """Return a scene whose angles, their rates and accelerations are in degrees."""
+    factors = [_degrees(axis.unit) for axis in scene.over]
+    along = np.array([factor for factor, _ in factors] or [np.degrees(1.0)])
     return replace(
         scene,
-        primitives=tuple(_in_degrees(item) for item in scene.primitives),
+        primitives=tuple(_in_degrees(item, along) for item in scene.primitives),
         over=tuple(
-            replace(axis, values=factor * axis.values, unit=unit)
-            for axis in scene.over
-            for factor, unit in (_degrees(axis.unit),)
+            replace(
+                axis,
+                values=factor * axis.values,
+                unit=unit,
+                span=None
+                if axis.span is None
+                else (factor * axis.span[0], factor * axis.span[1]),
+            )
+            for axis, (factor, unit) in zip(scene.over, factors, strict=True)
         ),
     )
 
 
-def _in_degrees(primitive: Primitive) -> Primitive:
+def _in_degrees(primitive: Primitive, along: Floats) -> Primitive:
+    """Return a primitive in degrees; `along` (axes,) are the factors of what it is over."""
     match primitive:
         case Series(values=values, unit=unit) | SphereMap(values=values, unit=unit):
             factor, unit = _degrees(unit)
             return replace(primitive, values=factor * values, unit=unit)
         case InputMarks(inputs=inputs):
-            return replace(primitive, inputs=np.degrees(inputs))
-        case Surface(vertices=vertices, unit=unit):
+            return replace(primitive, inputs=along * inputs)
+        case Surface(vertices=vertices, unit=unit, values=values):
             factor, unit = _degrees(unit)
-            return replace(primitive, vertices=factor * vertices, unit=unit)
+            painted, painted_unit = _degrees(primitive.values_unit)
+            return replace(
+                primitive,
+                vertices=factor * vertices,
+                unit=unit,
+                values=None if values is None else painted * values,
+                values_unit=painted_unit,
+            )
         case Portrait():
             (a, x_unit), (b, y_unit) = map(_degrees, (primitive.x_unit, primitive.y_unit))
             both = np.array([a, b])
@@ -349,8 +454,21 @@ def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
             return replace(primitive, quaternions=rows[chosen])
         case Arrow(directions=rows):
             return replace(primitive, directions=rows[chosen])
+        case Trace(directions=rows, quaternions=turns):
+            turned = None if turns is None else turns[chosen]
+            return replace(primitive, directions=rows[chosen], quaternions=turned)
         case GreatCircle(normals=rows):
             return replace(primitive, normals=rows[chosen])
+        case Diagram(places=places, lines=lines, words=words):
+            kept = [each for each, is_in in zip(words, chosen, strict=False) if is_in]
+            read = primitive.readings
+            return replace(
+                primitive,
+                places=places[chosen],
+                lines=lines[chosen],
+                words=kept,
+                readings=None if read is None else read[chosen],
+            )
         case Series(values=rows):
             return replace(primitive, values=rows[chosen])
         case Portrait(x=x, y=y):

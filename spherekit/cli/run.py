@@ -143,6 +143,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--save", metavar="X.rrd", help="write a recording")
     parser.add_argument(
+        "--figures",
+        nargs="?",
+        const="png",
+        choices=("png", "pdf", "svg"),
+        metavar="FORMAT",
+        help="draw figures into DIR/figures: png (default), pdf or svg",
+    )
+    parser.add_argument(
         "--log-every",
         type=int,
         metavar="K",
@@ -176,6 +184,7 @@ def execute(options: argparse.Namespace) -> int:
         make_folder(study.folder)
     try:
         with _stoppable(), _recorder(options, study) as recorder:
+            drawer = _drawer(options, recorder)
             setting = _accuracy(study, analyses, options)
             result = run(
                 _by_choice(study, setting),
@@ -186,11 +195,13 @@ def execute(options: argparse.Namespace) -> int:
                 engine=_engine(options, setting),
                 only_needed=options.only_needed,
                 tables=False,
-                recorder=recorder,
+                recorder=drawer.recorder if drawer else recorder,
                 log_every=options.log_every,
                 progress=_progress(options),
                 **setting,
             )
+            if drawer is not None and study.folder is not None:
+                drawer.write(study.folder, options.figures, options.quiet)
             _tell(options, study, result)
             if options.serve is not None:
                 _keep_serving(options, recorder)
@@ -302,6 +313,12 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
             options.format != "both",
             "--format",
             "tables: write them with -o DIR",
+        ),
+        (
+            study.folder,
+            options.figures is not None,
+            "--figures",
+            "a folder: give that of the run with -o",
         ),
         (study.start, options.engine != "auto", "--engine", "a simulation: give --start"),
         (
@@ -577,6 +594,15 @@ def _recorder(options: argparse.Namespace, study: "Study") -> Any:
         port=options.serve,
         url=options.connect,
     )
+
+
+def _drawer(options: argparse.Namespace, recorder: Any) -> Any:
+    """Return what keeps the scenes for figures, if these are wanted."""
+    if options.figures is None:
+        return None
+    from spherekit.cli.figures import FigureDrawer
+
+    return FigureDrawer(recorder)
 
 
 def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:

@@ -50,8 +50,9 @@ class Study:
         both ends included. With a duration alone the only input turns at 1 rad/s.
     start, torque, tolerance
         State of the only input at t = 0: the motion over `duration` then follows from the
-        loads and the `torque` (N m, a number or an expression) at the input, each step within
-        the tolerance (rad), from the `assembly_mode` (default 0) among all that there are.
+        loads and the `torque` (N m, a number or an expression) at the input, each step
+        within the tolerance (rad), from the `assembly_mode` (default 0) of all that there
+        are.
     verify
         How many rows are computed once more in 50 digits.
     degrees

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.scene import Arrow as Arrow
     from spherekit.analysis.scene import Axis as Axis
     from spherekit.analysis.scene import Body as Body
+    from spherekit.analysis.scene import Diagram as Diagram
     from spherekit.analysis.scene import Graph as Graph
     from spherekit.analysis.scene import GreatCircle as GreatCircle
     from spherekit.analysis.scene import InputMarks as InputMarks
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.scene import SphereMap as SphereMap
     from spherekit.analysis.scene import Surface as Surface
     from spherekit.analysis.scene import Text as Text
+    from spherekit.analysis.scene import Trace as Trace
     from spherekit.analysis.tables import ASSEMBLY_MODE as ASSEMBLY_MODE
     from spherekit.analysis.tables import INPUT as INPUT
     from spherekit.analysis.tables import INPUTS as INPUTS
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.tables import Table as Table
     from spherekit.analysis.tables import TableData as TableData
     from spherekit.analysis.tables import input_columns as input_columns
+    from spherekit.conformance import conformance as conformance
     from spherekit.conventions import Status as Status
     from spherekit.conventions import counted as counted
     from spherekit.conventions import listing as listing

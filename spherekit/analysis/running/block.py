@@ -13,6 +13,7 @@ from spherekit.analysis.running.recording import RecordingSession
 from spherekit.analysis.running.run_plan import RunPlan
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import EVENTS
+from spherekit.analysis.table_scenes import table_scenes
 from spherekit.errors import OutputError, SpherekitError
 from spherekit.motion.motion import Motion
 from spherekit.rates.field import PoleField
@@ -62,6 +63,7 @@ def evaluate_block(
             if stage is not None:
                 with ledger.stage(RECORDING):
                     scenes = scenes_of(analysis, batch)
+                    scenes = scenes or table_scenes(job.tables_of(analysis), tables, batch)
                     with faults_of(analysis.name, "showing its scene"):
                         stage.scenes(scenes, motion, analysis.name)
         except OutputError:

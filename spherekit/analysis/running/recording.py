@@ -120,7 +120,7 @@ class RecordingSession:
         """Start the recording of samples from `first` on."""
         mechanism = course.tracer.mechanism
         self._recorder, self._thinning = recorder, thinning
-        self._timed, self._first = course.timed, first
+        self._timed, self._first, self._extent = course.timed, first, course.extent
         self._shapes = link_shapes(mechanism)
         self._seen, self._logged_to = first, 0
         self._held: list[tuple[Scene, Motion]] = []
@@ -232,7 +232,7 @@ class RecordingSession:
         for scene in scenes:
             if not scene.over:
                 if k:
-                    shown = replace(scene, over=_axes(motion, self._timed), source=source)
+                    shown = replace(scene, over=self._axes(motion), source=source)
                     self._recorder.log(shown, motion.sample[:k], inputs, times)
                 continue
             count = len(scene.over[0].values)
@@ -242,19 +242,21 @@ class RecordingSession:
             )
             self._recorder.log(replace(scene, source=source), np.arange(count), *own)
 
+    def _axes(self, motion: Motion) -> tuple[Axis, ...]:
+        """Return what the samples of a block run over: the time, or each input."""
+        k = motion.samples
+        if self._times is not None and motion.timing is not None:
+            span = float(self._times[0]), float(self._times[-1])
+            return (Axis("time", "s", motion.timing.t[:k], span),)
+        names = [item.pair for item in motion.mechanism.inputs]
+        label = "input {}" if len(names) == 1 else "{}"
+        return tuple(
+            Axis(label.format(name), "rad", values, (float(low), float(high)))
+            for name, values, (low, high) in zip(
+                names, motion.inputs[:k].T, self._extent.inputs.T, strict=True
+            )
+        )
+
 
 def _no_portraits(scene: Scene) -> tuple[Primitive, ...]:
     return tuple(each for each in scene.primitives if not isinstance(each, Portrait))
-
-
-def _axes(motion: Motion, timed: bool) -> tuple[Axis, ...]:
-    """Return what the samples of a block run over: the time, or each input."""
-    k = motion.samples
-    if timed and motion.timing is not None:
-        return (Axis("time", "s", motion.timing.t[:k]),)
-    names = [item.pair for item in motion.mechanism.inputs]
-    label = "input {}" if len(names) == 1 else "{}"
-    return tuple(
-        Axis(label.format(name), "rad", values)
-        for name, values in zip(names, motion.inputs[:k].T, strict=True)
-    )
