@@ -488,8 +488,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
         if not kinematics.points:
             takes = "an orientation (azimuth, tilt, torsion; qx, qy, qz, qw; rx, ry, rz)"
         raise AnalysisError(
-            f'{where}: "{self.pose}" is no pose of output {kinematics.output.name}; it '
-            f"takes {takes} or all inputs ({listing(names)})"
+            f'{where}: "{self.pose}" does not say how output {kinematics.output.name} '
+            f"is posed; it takes {takes} or all inputs ({listing(names)})"
         )
 
     def _of_pose(self, batch: Batch) -> tuple[list[dict[str, Any]], list[str], list[str]]:

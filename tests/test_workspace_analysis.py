@@ -369,7 +369,10 @@ def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
         ({"working_mode": "+"}, "none of"),
         ({"working_mode": "9"}, "none of"),
         ({"output": "nose"}, "no output"),
-        ({"pose": "rx=1+ry=2+rz=3"}, "is no pose of output pointer; it takes a direction"),
+        (
+            {"pose": "rx=1+ry=2+rz=3"},
+            "is posed; it takes a direction",
+        ),
         ({"pose": "1+2+3+4"}, "is not name=number"),
         ({"pose": "x=0+y=0+z=0"}, "all numbers are 0"),
         ({"tolerance": "2"}, "relative error"),

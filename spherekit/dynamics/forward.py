@@ -108,8 +108,8 @@ def simulate(
     (3,)
     """
     mechanism = mechanism_of(mechanism)
-    problem = prepare(mechanism, start, until, torque, input_pair, assembly_mode, switches)
     _need_allowed(mechanism, engine, tolerance)
+    problem = prepare(mechanism, start, until, torque, input_pair, assembly_mode, switches)
     if scheme != "paper" and step is not None:
         raise SolveError('simulate: step does nothing without scheme = "paper"')
     if scheme == "paper":
@@ -136,8 +136,8 @@ def solving(
 
     See `simulate` for the parameters and errors.
     """
-    problem = prepare(mechanism, start, until, torque, None, assembly_mode, ())
     _need_allowed(mechanism, engine, tolerance)
+    problem = prepare(mechanism, start, until, torque, None, assembly_mode, ())
     return _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
 
 
