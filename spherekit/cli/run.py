@@ -19,6 +19,7 @@ from spherekit.cli.study import add_study_arguments, study_from
 from spherekit.cli.suggest import analyses as names_of_analyses
 from spherekit.cli.suggest import suggesting
 from spherekit.conventions import counted
+from spherekit.progress import Working
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -616,9 +617,12 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
 
 
 def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:
-    if options.quiet or not sys.stderr.isatty():
+    if options.quiet:
         return None
-    return Bar(time.monotonic)
+    if sys.stderr.isatty():
+        return Bar(time.monotonic)
+    working = Working("computing")
+    return lambda done, total: working.tell(lambda: f"{done} of {total} samples")
 
 
 class Bar:
