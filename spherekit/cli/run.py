@@ -622,7 +622,12 @@ def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:
     if sys.stderr.isatty():
         return Bar(time.monotonic)
     working = Working("computing")
-    return lambda done, total: working.tell(lambda: f"{done} of {total} samples")
+
+    def tell(done: int, total: int) -> None:
+        if done < total:
+            working.tell(lambda: f"{done} of {total} samples")
+
+    return tell
 
 
 class Bar:
