@@ -1,5 +1,7 @@
 """A simulation hands over its rows while it is solved: order of events, and same rows."""
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -149,7 +151,9 @@ def test_a_connected_viewer_has_rows_before_the_simulation_is_over(monkeypatch, 
         port = found.getsockname()[1]
     received = tmp_path / "received.rrd"
     words = ["-m", "rerun_cli", "--save", str(received), "--port", str(port)]
-    server = subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)
+    server = subprocess.Popen(
+        [sys.executable, *words], stderr=subprocess.DEVNULL, start_new_session=True
+    )
     held = []
 
     def wait(t):
@@ -164,7 +168,7 @@ def test_a_connected_viewer_has_rows_before_the_simulation_is_over(monkeypatch, 
         with RerunRecorder.connected(url, "four_bar") as recorder:
             simulated("numpy", recorder=recorder)
     finally:
-        server.terminate()
+        os.killpg(server.pid, signal.SIGTERM)  # the program behind it too
         server.wait()
     assert held == [True]
 
