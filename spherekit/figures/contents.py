@@ -198,7 +198,7 @@ def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     pages: dict[str, list[Scene]] = {}
     seen: set[bytes] = set()
     for scene in own:
-        pages.setdefault(_kind(scene.page) or "sphere", []).append(scene)
+        pages.setdefault(_kind(scene.page), []).append(scene)
     for name, scenes in pages.items():
         curves: dict[str, SphereCurves] = {}
         maps: dict[str, SphereMap] = {}
@@ -210,7 +210,7 @@ def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
         shown = OnSphere(list(maps.values()), list(curves.values()))
         if len(shown.focus()) and shown.content not in seen:
             seen.add(shown.content)
-            title = f"{name[:1].lower()}{name[1:]} on the sphere"
+            title = f"{name[:1].lower()}{name[1:]} on the sphere".strip()
             yield title, partial(draw_sphere, shown, sheet)
 
 
