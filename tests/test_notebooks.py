@@ -1,0 +1,55 @@
+"""The notebooks of the pages run, cell after cell, and what each cell ends with is shown."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+NOTEBOOKS = sorted((Path(__file__).parent.parent / "docs" / "notebooks").glob("*.md"))
+CELL = re.compile(r"^```\{code-cell\} ipython3\n(.*?)^```$", re.M | re.S)
+
+
+def shown(value):
+    """Return what a notebook would make of a value."""
+    for name in ("_repr_html_", "_repr_png_"):
+        text = getattr(value, name, lambda: None)()
+        if text:
+            return text
+    return repr(value)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_cells_run_and_show_something(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cells = CELL.findall(path.read_text(encoding="utf-8"))
+    assert len(cells) >= 8
+    names: dict[str, object] = {}
+    last = None
+    for number, cell in enumerate(cells):
+        tree = ast.parse(cell)
+        ends = isinstance(tree.body[-1], ast.Expr)
+        body = tree.body[:-1] if ends else tree.body
+        exec(compile(ast.Module(body, []), f"{path.name} cell {number}", "exec"), names)
+        if ends:
+            expression = ast.Expression(tree.body[-1].value)
+            last = eval(compile(expression, f"{path.name} cell {number}", "eval"), names)
+            assert shown(last)
+    said = CHECKS[path.stem]
+    assert said(names, last)
+
+
+def close(first, second, by):
+    return abs(first - second) < by
+
+
+CHECKS = {
+    "first_steps": lambda names, last: last,
+    "wrist": lambda names, last: (
+        any("30.9007" in text for text in last)
+        and names["pointed"]
+        and min(abs(d - names["wanted"]).max() for d in names["pointed"]) < 1e-12
+    ),
+    "dynamics": lambda names, last: close(names["work"], names["loads"], 1e-3),
+}
+"""What the text around the cells says of them."""
