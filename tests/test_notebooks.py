@@ -1,4 +1,4 @@
-"""The notebooks of the pages run, cell after cell, and what each cell ends with is shown."""
+"""The notebooks of the pages run, cell after cell, and what cells end with is shown."""
 
 import ast
 import re

@@ -26,7 +26,12 @@ def cells(plan: "Plan") -> list[list[str]]:
     """Return the Table's entries, row by row, without headings; empty where unplanned."""
     place = {body: k for k, body in enumerate(plan.bodies)}
     grid = [["" for _ in place] for _ in place]
-    starred = {pole for block in plan.blocks for pole in block.poles}
+    starred = {
+        pole
+        for block in plan.blocks
+        for pole, number in block.rounds.items()
+        if number == block.round
+    }
     for k in range(len(place)):
         grid[k][k] = SELF_MARK
     for (i, j), number in plan.rounds.items():
