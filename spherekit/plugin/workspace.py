@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
+    from spherekit.motion.assembly_modes import label_of as label_of
     from spherekit.region.region import Part as Part
     from spherekit.region.region import Region as Region
     from spherekit.region.region import find_region as find_region
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from spherekit.workspace.kinematics import ClosedKinematics as ClosedKinematics
     from spherekit.workspace.kinematics import OutputKinematics as OutputKinematics
     from spherekit.workspace.rows import InverseRows as InverseRows
-    from spherekit.workspace.rows import label_of as label_of
     from spherekit.workspace.rows import sense_of as sense_of
     from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
     from spherekit.workspace.workspace import Judged as Judged
