@@ -280,6 +280,9 @@ class _Gathering:
             for q in _scattered(input_grid):
                 if not self.assembly_modes:
                     self.probe(q[None])
+            if not self.probes:
+                words = "wheels put together in other ways were not looked for"
+                return replace(REFERENCE_ONLY, reason=f"{REFERENCE_ONLY.reason}; {words}")
             return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
         groups = solver.assembly.groups
         if all(group.is_dyad or has_elimination(group) for group in groups):
