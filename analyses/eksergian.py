@@ -19,10 +19,7 @@ from spherekit.plugin import (
     AnalysisError,
     Batch,
     Column,
-    CoordinateMotion,
     Findings,
-    Inertia,
-    Loads,
     Mechanism,
     Needs,
     Portrait,
@@ -32,9 +29,14 @@ from spherekit.plugin import (
     Status,
     Table,
     TableData,
+    listing,
+)
+from spherekit.plugin.dynamics import (
+    CoordinateMotion,
+    Inertia,
+    Loads,
     driving_torque,
     inertia,
-    listing,
     need_terms,
     total,
     used_links,
@@ -243,35 +245,43 @@ class Eksergian(AbstractAnalysis):
         names = [mass.link for mass in batch.mechanism.masses]
         loads = [load.name for load in batch.mechanism.loads]
         swing = 0.5 * masses.dB * batch.dq**2
-        curves = [("inertia", "B", masses.B), ("derivative", "dB/dq", masses.dB)]
-        for k, link in enumerate(names):
-            curves.append(("inertia", f"link {link}", masses.B_parts[:, k]))
-            curves.append(("derivative", f"link {link}", masses.dB_parts[:, k]))
-        curves.append(("torque", "tau", found.tau))
+        numbers = batch.mechanism.link_number
+        curves: list[tuple[str, str, Floats, int | None]] = [
+            ("torque", "tau", found.tau, None)
+        ]
         if batch.timed:
-            curves.append(("torque", "B ddq", masses.B * batch.ddq))
-        curves.append(("torque", "dB/dq dq²/2", swing))
+            curves.append(("torque", "B ddq", masses.B * batch.ddq, None))
+        curves.append(("torque", "dB/dq dq²/2", swing, None))
         for k, load in enumerate(loads):
-            curves.append(("torque", f"against {load}", -found.forces[:, k]))
+            curves.append(("torque", f"against {load}", -found.forces[:, k], None))
+        for group, letter, whole, parts in (
+            ("inertia", "B", masses.B, masses.B_parts),
+            ("derivative", "dB/dq", masses.dB, masses.dB_parts),
+        ):
+            curves.append((group, letter, whole, 0))
+            for k, link in enumerate(names):
+                curves.append((group, f"link {link}", parts[:, k], numbers[link]))
         titles = {
-            "inertia": "equivalent inertia, kg m2",
-            "derivative": "dB/dq, kg m2/rad",
-            "torque": "driving torque, N m",
+            "torque": ("driving torque", "N m"),
+            "inertia": ("equivalent inertia", "kg m2"),
+            "derivative": ("derivative of the inertia", "kg m2/rad"),
         }
         scenes = []
         for number, rows in batch.assembly_mode_rows().items():
-            parts: list[Primitive] = [
+            shown: list[Primitive] = [
                 Series(
                     f"plots/{group}/{re.sub(r'[^A-Za-z0-9]+', '_', label)}",
                     label,
-                    titles[group],
+                    titles[group][0],
                     values[rows],
+                    titles[group][1],
+                    link,
                 )
-                for group, label, values in curves
+                for group, label, values, link in curves
             ]
             if batch.timed:
-                parts.append(_phase_portrait(batch, rows))
-            scenes.append(Scene(number, tuple(parts)))
+                shown.append(_phase_portrait(batch, rows))
+            scenes.append(Scene(number, tuple(shown)))
         return tuple(scenes)
 
 
@@ -282,10 +292,12 @@ def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
         "phase portrait",
         q,
         dq,
-        "q, rad",
-        "dq, rad/s",
+        "q",
+        "dq",
         batch.q_range,
         batch.dq_range,
+        "rad",
+        "rad/s",
     )
 
 

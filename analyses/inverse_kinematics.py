@@ -12,32 +12,41 @@ from spherekit.plugin import (
     STATUS,
     AbstractAnalysis,
     AnalysisError,
+    Arrow,
+    Axis,
     Batch,
-    ClosedKinematics,
     Column,
     Findings,
     Floats,
-    InverseRows,
     Mechanism,
     Needs,
-    OutputKinematics,
+    Primitive,
     Scene,
     SphereMap,
     Status,
     Table,
     TableData,
     Text,
-    azimuth_tilt,
     counted,
     input_columns,
-    label_of,
+    link_bodies,
     listing,
     nearest,
+)
+from spherekit.plugin.rotations import (
+    azimuth_tilt,
+    quaternion,
+    tilt_torsion,
+)
+from spherekit.plugin.singularities import solver_of
+from spherekit.plugin.workspace import (
+    ClosedKinematics,
+    InverseRows,
+    OutputKinematics,
+    label_of,
     nearest_poses,
     output_kinematics,
-    quaternion,
     sense_of,
-    tilt_torsion,
 )
 
 from .pose_lists import Given, PoseList
@@ -45,15 +54,21 @@ from .pose_lists import Given, PoseList
 Row = dict[str, Any]
 
 POSE = Column("pose", "", "number of the pose or of the inputs given, from 0", "integer")
-PLACES = (
-    Column("x", "", "of the direction, or of the unit quaternion xyzw"),
-    Column("y", "", "of the direction or quaternion"),
-    Column("z", "", "of the direction or quaternion"),
-    Column("w", "", "of the quaternion; empty for directions"),
-    Column("azimuth", "rad", "of the direction, or in which the link is tilted"),
-    Column("tilt", "rad", "of the direction, or of the link's z axis"),
-    Column("torsion", "rad", "of the orientation; empty for directions"),
+PLACES = tuple(
+    Column(name, unit, meaning, turns="otherwise")
+    for name, unit, meaning in (
+        ("x", "", "of the direction, or of the unit quaternion xyzw"),
+        ("y", "", "of the direction or quaternion"),
+        ("z", "", "of the direction or quaternion"),
+        ("w", "", "of the quaternion; empty for directions"),
+        ("azimuth", "rad", "of the direction, or in which the link is tilted"),
+        ("tilt", "rad", "of the direction, or of the link's z axis"),
+        ("torsion", "rad", "of the orientation; empty for directions"),
+    )
 )
+DRAWN = 2000
+"""Solutions that are drawn, one a sample of their page."""
+LISTED = 40
 CHECKED = 200
 """Poses whose configurations are put into the closure equations."""
 SAME_VALUES = 1e-6
@@ -270,16 +285,33 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
         best = np.zeros(len(poses))
         np.maximum.at(best, rows.pose, np.nan_to_num(least))
-        angle = np.degrees(np.arcsin(np.clip(best, 0.0, 1.0)))
+        angle = np.arcsin(np.clip(best, 0.0, 1.0))
         triangles = _triangles(found.given.shape)
         words = Text("legend", "Poses", self._words(found, solutions))
 
-        def painted(name: str, values: Floats) -> SphereMap:
-            return SphereMap("poses/map", name, places, triangles, values)
+        def painted(name: str, values: Floats, unit: str) -> SphereMap:
+            return SphereMap("poses/map", name, places, triangles, values, unit)
 
+        solved = painted("solutions", solutions.astype(float), "")
+        order = np.lexsort((rows.mode, rows.pose))
+        shown = order[rows.solved[order]][:DRAWN]
+        if not len(shown):
+            return (Scene("Inverse", (solved, words)),)
+        every = range(len(batch.mechanism.pairs))
+        whole = found.solver.inverse(poses, self._modes(found.solver), every)
+        closure = solver_of(batch.mechanism).closure
+        placed = closure.at(whole.values[shown]).placed
+        number = batch.mechanism.link_number[found.solver.output.relative_to]
+        at = np.einsum("nij,nj->ni", placed[:, number], places[rows.pose[shown]])
+        assembled: tuple[Primitive, ...] = (
+            *link_bodies(batch.mechanism, placed),
+            Arrow("pose", "pose asked for", at, False, path_shown=False),
+            _listed(batch.mechanism, rows, shown),
+        )
+        over = Axis("solution", "", np.arange(float(len(shown))))
         return (
-            Scene("Inverse", (painted("solutions", solutions.astype(float)), words)),
-            Scene("Measure", (painted("angle to a singularity, deg", angle), words)),
+            Scene("Inverse", (solved, *assembled, words), (over,)),
+            Scene("Measure", (painted("angle to a singularity", angle, "rad"), words)),
         )
 
     @property
@@ -411,6 +443,21 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             "Measure: the best mode's least angle to a singularity of type I or II.",
         ]
         return "\n".join(lines)
+
+
+def _listed(mechanism: Mechanism, rows: InverseRows, shown: NDArray[np.int64]) -> Text:
+    """Return the solutions that samples of the page show, as Markdown."""
+    names = [item.pair for item in mechanism.inputs]
+    lines = [
+        "| sample | pose | mode | " + " | ".join(f"{name}, deg" for name in names) + " |",
+        "|---" * (3 + len(names)) + "|",
+    ]
+    for sample, row in enumerate(shown[:LISTED].tolist()):
+        inputs = " | ".join(f"{q:.6g}" for q in np.degrees(rows.inputs[row]))
+        lines.append(f"| {sample} | {rows.pose[row]} | {rows.mode[row]} | {inputs} |")
+    if len(shown) > LISTED:
+        lines += ["", f"and {len(shown) - LISTED} more, up to sample {len(shown) - 1}"]
+    return Text("solutions", "Solutions", "\n".join(lines))
 
 
 def _rest(solver: OutputKinematics) -> str:

@@ -11,14 +11,18 @@ from numpy.typing import NDArray
 from spherekit.plugin import (
     AnalysisError,
     Floats,
-    OutputKinematics,
     columns_of,
+    listing,
+    read_numbers,
+)
+from spherekit.plugin.rotations import (
     from_quaternion,
     from_tilt_torsion,
-    listing,
     normals_of,
     pointing,
-    read_numbers,
+)
+from spherekit.plugin.workspace import (
+    OutputKinematics,
 )
 
 from .pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION

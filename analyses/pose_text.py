@@ -4,6 +4,9 @@ import numpy as np
 
 from spherekit.plugin import (
     AnalysisError,
+    listing,
+)
+from spherekit.plugin.rotations import (
     AtDirection,
     AtInputs,
     AtMirror,
@@ -12,7 +15,6 @@ from spherekit.plugin import (
     Pose,
     from_quaternion,
     from_tilt_torsion,
-    listing,
 )
 
 DIRECTION = ("x", "y", "z")

@@ -9,22 +9,25 @@ from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Arrow,
-    FixedAxisRotation,
+    Axis,
     GreatCircle,
+    InputMarks,
     Mark,
     Mechanism,
-    MidPlaneArchitecture,
     Output,
-    Portrait,
     Primitive,
-    RotationSamples,
     Scene,
     Series,
     SphereCurves,
     Text,
+    link_bodies,
+)
+from spherekit.plugin.rotations import (
+    FixedAxisRotation,
+    MidPlaneArchitecture,
+    RotationSamples,
     Timetable,
     link_axes,
-    link_bodies,
 )
 
 Floats = NDArray[np.float64]
@@ -56,43 +59,48 @@ class RotationScenes:
         """Return the page on which row k is sample k."""
         placed = self.place(samples.values)
         parts = self._stage(placed, samples.orientation)
-        for group, values in (
-            ("driving angles, deg", np.degrees(samples.inputs)),
-            ("rates of driving angles by theta", samples.rates),
+        for kind, group, values, unit in (
+            ("q", "driving angles", samples.inputs, "rad"),
+            ("dq_dtheta", "rates of driving angles by theta", samples.rates, ""),
         ):
             for k, name in enumerate(self.turn.inputs):
-                path = f"plots/{group.split()[0]}/{name}"
-                parts.append(Series(path, name, group, values[:, k]))
-        parts += self._portraits(samples.theta, samples.inputs)
+                path = f"plots/{kind}/{name}"
+                parts.append(Series(path, name, group, values[:, k], unit))
+        lost = np.array(self.turn.crossings)[:, None]
+        if len(lost):
+            parts.append(InputMarks("marks/lost", "type II", lost, LOST_TONE))
         for label, values in (
-            ("departure", np.degrees(samples.departure)),
-            ("drift of the axis", np.degrees(samples.drift)),
+            ("departure", samples.departure),
+            ("drift of the axis", samples.drift),
         ):
             path = f"plots/{label.split()[0]}"
-            parts.append(Series(path, label, "departure from the fixed axis, deg", values))
+            group = "departure from the fixed axis"
+            parts.append(Series(path, label, group, values, "rad"))
         parts.append(
             Series("plots/type_2", "type_2", "transmission measure", samples.type_2)
         )
         parts.append(Text("words", "Rotation", self.words))
-        return Scene("Equivalent rotation", tuple(parts), len(samples.theta))
+        over = Axis("theta", "rad", samples.theta)
+        return Scene("Equivalent rotation", tuple(parts), (over,))
 
     def schedule(self, rows: Timetable) -> Scene:
         """Return the page on which rows are evenly spread over the duration."""
         found = self.turn.at(rows.theta)
         placed = self.place(found.values)
         parts = self._stage(placed, found.orientation)
-        for name, group, values in (
-            ("q", "driving angles in time, deg", rows.inputs),
-            ("dq", "driving speeds, deg/s", rows.rates),
-            ("ddq", "driving accelerations, deg/s2", rows.accelerations),
+        for name, group, values, unit in (
+            ("q", "driving angles in time", rows.inputs, "rad"),
+            ("dq", "driving speeds", rows.rates, "rad/s"),
+            ("ddq", "driving accelerations", rows.accelerations, "rad/s2"),
         ):
             for k, pair in enumerate(rows.names):
-                shown = np.degrees(values[:, k])
-                parts.append(Series(f"plots/{name}/{pair}", pair, group, shown))
+                path = f"plots/{name}/{pair}"
+                parts.append(Series(path, pair, group, values[:, k], unit))
         step = rows.t[-1] / (len(rows.t) - 1)
         words = f"{self.words}\n\nRow k of this page is at k x {step:.6g} s."
         parts.append(Text("words", "Rotation", words))
-        return Scene("Equivalent rotation in time", tuple(parts), len(rows.t))
+        over = Axis("time", "s", rows.t)
+        return Scene("Equivalent rotation in time", tuple(parts), (over,))
 
     def _stage(self, placed: Floats, orientation: Floats) -> list[Primitive]:
         """Return the links, the axis, arcs of the output, and mid-planes."""
@@ -141,34 +149,6 @@ class RotationScenes:
         if self.output.direction is not None:
             return [(self.output.name, np.array(self.output.direction))]
         return list(link_axes(self.mechanism)[self.output.link].items())
-
-    def _portraits(self, theta: Floats, inputs: Floats) -> list[Primitive]:
-        """Return each driving angle over theta, with the places of type II."""
-        whole = self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN))
-        lost = np.array(self.turn.crossings)
-        at = self.turn.at(lost).inputs if len(lost) else np.zeros((0, inputs.shape[1]))
-        x = np.degrees(whole.theta)
-        parts: list[Primitive] = []
-        for k, name in enumerate(self.turn.inputs):
-            y = np.degrees(whole.inputs[:, k])
-            parts.append(
-                Portrait(
-                    f"plots/driving/{name}",
-                    f"driving angle {name}",
-                    np.degrees(theta),
-                    np.degrees(inputs[:, k]),
-                    "theta, deg",
-                    f"{name}, deg",
-                    (0.0, float(x[-1])),
-                    (float(np.nanmin(y)), float(np.nanmax(y))),
-                    [(np.stack([x, y], axis=1), PATH_TONE)],
-                    [
-                        Mark("type II singularity", np.degrees([t, q]), LOST_TONE)
-                        for t, q in zip(lost, at[:, k], strict=True)
-                    ],
-                )
-            )
-        return parts
 
 
 def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:

@@ -9,35 +9,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.plugin import (
-    Aspects,
+    Axis,
     Batch,
-    Budget,
-    Claim,
-    CurveSeen,
-    Cut,
     Findings,
     Mark,
     Mechanism,
     Output,
-    OutputCoefficients,
+    PlaneCurve,
     Portrait,
     Primitive,
-    RowType,
     Scene,
     Series,
+    SphereCurves,
+    Surface,
+    counted,
+    input_columns,
+    numbered,
+)
+from spherekit.plugin.singularities import (
+    Aspects,
+    Budget,
+    Claim,
+    CurveSeen,
+    Cut,
+    OutputCoefficients,
+    RowType,
     SingularCurves,
     SingularPoints,
     SingularSurface,
-    SphereCurves,
-    Surface,
     TypeName,
     aspects,
     coefficients,
-    counted,
     cut,
-    input_columns,
     mid_plane_loci,
-    numbered,
     output_of,
     ranges_of,
     singular_curves,
@@ -256,14 +260,20 @@ class SeveralInputs:
         for number, rows in batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
             for output in self.outputs(batch.mechanism):
-                parts += self._plots(batch, output, rows)
                 if self._curves(batch, output):
                     parts.append(self._plane(batch, output, rows))
                     parts += self._on_sphere(batch, output)
-                for mesh in self._surfaces(batch, output):
-                    if len(mesh.triangles):
-                        parts.append(_surface(batch, output, mesh))
+                parts += self._plots(batch, output, rows)
             pages.append(Scene(number, tuple(parts)))
+        surfaces = tuple(
+            _surface(batch, output, mesh)
+            for output in self.outputs(batch.mechanism)
+            for mesh in self._surfaces(batch, output)
+            if len(mesh.triangles)
+        )
+        if surfaces:
+            step = Axis("surfaces", "", np.zeros(1))
+            pages.insert(0, Scene("Singular surfaces", surfaces, (step,)))
         return tuple(pages)
 
     def _plots(self, batch: Batch, output: Output, rows: slice) -> list[Primitive]:
@@ -277,25 +287,25 @@ class SeveralInputs:
                 parts.append(Series(where, label, group, values[rows, moved]))
         for kind, sizes in (("I", found.type_one), ("II", found.type_two)):
             where = f"plots/angles/{output.name}/{kind}"
-            values = np.degrees(_angle(sizes))[rows]
-            group = f"angles of {output.name}, deg"
-            parts.append(Series(where, f"to type {kind}", group, values))
+            values = _angle(sizes)[rows]
+            group = f"angles of {output.name}"
+            parts.append(Series(where, f"to type {kind}", group, values, "rad"))
         return parts
 
     def _plane(self, batch: Batch, output: Output, rows: slice) -> Portrait:
         """Return the singular curves in the plane of both inputs."""
-        curves: list[tuple[Floats, int]] = []
+        curves: list[PlaneCurve] = []
         marks: list[Mark] = []
         for found in self._curves(batch, output):
             for each in found.curves:
-                line = np.degrees(self._drawn(batch, each).inputs)
-                jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > 180.0
+                line = self._drawn(batch, each).inputs.copy()
+                jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > np.pi
                 line[np.any(jumps, axis=1)] = np.nan
-                curves.append((line, TONES[found.kind]))
-                both = np.degrees(each.both.inputs)
-                marks += [Mark("III", place, TONES["III"]) for place in both]
-        here = np.degrees(batch.inputs)
-        every = np.concatenate([here, *(line for line, _ in curves)])
+                curves.append(PlaneCurve(line, TONES[found.kind], f"type {found.kind}"))
+                both = each.both.inputs
+                marks += [Mark("type III", place, TONES["III"]) for place in both]
+        here = batch.inputs
+        every = np.concatenate([here, *(curve.points for curve in curves)])
         (left, bottom), (right, top) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
         first, second = batch.moving_inputs
         return Portrait(
@@ -303,10 +313,12 @@ class SeveralInputs:
             f"singular curves of {output.name} in the inputs",
             here[rows, 0],
             here[rows, 1],
-            f"{first}, deg",
-            f"{second}, deg",
+            first,
+            second,
             (float(left), float(right)),
             (float(bottom), float(top)),
+            "rad",
+            "rad",
             curves,
             marks,
         )
@@ -573,12 +585,13 @@ def _directions(points: SingularPoints) -> Floats:
 
 
 def _surface(batch: Batch, output: Output, mesh: SingularSurface) -> Surface:
-    a, b, c = (f"{pair}, deg" for pair in batch.moving_inputs)
+    a, b, c = batch.moving_inputs
     return Surface(
         f"plots/surface/{output.name}/{mesh.kind}",
         f"type {mesh.kind} of {output.name}",
-        np.degrees(mesh.points.inputs),
+        mesh.points.inputs,
         mesh.triangles,
         (a, b, c),
         TONES[mesh.kind],
+        "rad",
     )

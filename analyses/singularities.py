@@ -1,7 +1,7 @@
 """Singularities: where a mechanism locks or loses control, and how near it comes."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -15,30 +15,35 @@ from spherekit.plugin import (
     AbstractAnalysis,
     AnalysisError,
     Arrow,
+    Axis,
     Batch,
     Column,
     Findings,
     GreatCircle,
+    InputMarks,
     Mark,
     Mechanism,
     Needs,
+    PlaneCurve,
     Portrait,
     Primitive,
-    RelationAt,
-    RelationMeasures,
-    SampledSingularities,
     Scene,
     Series,
-    SingularPoint,
-    SixPoles,
     Status,
     Table,
     TableData,
     Text,
-    Type,
     counted,
     link_bodies,
     numbered,
+)
+from spherekit.plugin.singularities import (
+    RelationAt,
+    RelationMeasures,
+    SampledSingularities,
+    SingularPoint,
+    SixPoles,
+    Type,
     ordered_pole,
 )
 
@@ -52,6 +57,7 @@ MOST_INPUTS = 3
 """The freedoms that an output has at most."""
 LINE_TONE = 4
 TONES = {"I": 1, "II": 2, "III": 3, "apparent": 0}
+NUMBERED = ("I", "II", "III")
 RESTS = 1e-8
 """A rate by arc length below this is none."""
 DRAWN = 721
@@ -239,7 +245,7 @@ class SingularityAnalysis(AbstractAnalysis):
             for number, rows in batch.assembly_mode_rows().items()
         ]
         if np.any(np.isfinite(self._points(batch)["s"])):
-            pages.append(self._gallery(batch))
+            pages.insert(0, self._gallery(batch))
         return tuple(pages)
 
     def findings(self, batch: Batch) -> Findings:
@@ -476,38 +482,55 @@ class SingularityAnalysis(AbstractAnalysis):
                 label = f"{name}, output {output}"
                 parts.append(Series(f"{where}/{name}", label, group, relation[name][own]))
             for name, words in _ANGLES.items():
-                values = np.degrees(relation[name][own])
+                values = relation[name][own]
                 if np.any(np.isfinite(values)):
                     label = f"{words}, output {output}"
-                    angles = f"angles, form {form}, deg"
-                    parts.append(Series(f"{where}/{name}", label, angles, values))
-        for output in range(len(self._found(batch).report.outputs)):
-            parts.append(self._input_output(batch, output, rows))
+                    angles = f"angles, form {form}"
+                    parts.append(Series(f"{where}/{name}", label, angles, values, "rad"))
+        outputs = range(len(self._found(batch).report.outputs))
+        drawn = [self._input_output(batch, output, rows) for output in outputs]
+        return [*drawn, *parts, *self._marked(batch, rows)]
+
+    def _marked(self, batch: Batch, rows: slice) -> list[Primitive]:
+        """Return the inputs at which singularities of an assembly mode are."""
+        if batch.timed:
+            return []
+        points = self._points(batch)
+        mode = str(int(batch.assembly_mode[rows.start]))
+        own = np.array([mode in each.split("+") for each in points["assembly_mode"]], bool)
+        parts: list[Primitive] = []
+        for kind in dict.fromkeys(points["kind"][own].tolist()):
+            q = points["q"][own & (points["kind"] == kind)]
+            q = np.unique(q[np.isfinite(q)])[:, None]
+            if kind in NUMBERED:
+                parts.append(InputMarks(f"marks/{kind}", f"type {kind}", q, TONES[kind]))
         return parts
 
     def _input_output(self, batch: Batch, output: int, rows: slice) -> Portrait:
         """Return the output against the input, all curves drawn, singularities marked."""
         found = self._found(batch)
         links = found.report.outputs[output]
-        curves: list[tuple[Floats, int]] = []
+        curves: list[PlaneCurve] = []
         marks: list[Mark] = []
         x, y = np.full(len(batch), np.nan), np.full(len(batch), np.nan)
         for number, curve in enumerate(found.curves):
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
             q, turned = found.input_at(number, s), found.output_angle(number, output, s)
-            line = np.degrees(np.stack([q, turned], axis=1))
-            jumps = np.max(np.abs(np.diff(line, axis=0, prepend=line[:1])), axis=1) > 180.0
+            line = np.stack([q, turned], axis=1)
+            jumps = np.max(np.abs(np.diff(line, axis=0, prepend=line[:1])), axis=1) > np.pi
             line[jumps] = np.nan
-            curves.append((line, LINE_TONE))
+            curves.append(PlaneCurve(line, LINE_TONE))
             (own,) = np.nonzero(found.curve == number)
             nearest = np.clip(np.searchsorted(s, found.s[own]), 0, DRAWN - 1)
-            x[own], y[own] = np.degrees(batch.q[own]), line[nearest, 1]
+            x[own], y[own] = batch.q[own], line[nearest, 1]
             for point in found.report.points:
                 if point.curve == number and point.output == links:
                     place = line[int(np.argmin(np.abs(s - point.s)))]
                     if point.type is not Type.APPARENT and np.all(np.isfinite(place)):
-                        marks.append(Mark(str(point.type), place, TONES[str(point.type)]))
-        every = np.concatenate([line for line, _ in curves] or [np.zeros((1, 2))])
+                        kind = str(point.type)
+                        marks.append(Mark(f"type {kind}", place, TONES[kind]))
+        lines = [curve.points for curve in curves]
+        every = np.concatenate(lines or [np.zeros((1, 2))])
         (left, low), (right, high) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
         name = _named(batch.mechanism, links)
         return Portrait(
@@ -515,10 +538,12 @@ class SingularityAnalysis(AbstractAnalysis):
             f"output {name} against the input",
             x[rows],
             y[rows],
-            "input, deg",
-            f"output {name}, deg",
+            f"input {batch.moving_inputs[0]}",
+            f"output {name}",
             (float(left), float(right)),
             (float(low), float(high)),
+            "rad",
+            "rad",
             curves,
             marks,
         )
@@ -567,7 +592,19 @@ class SingularityAnalysis(AbstractAnalysis):
                 f"{points['output'][k]} | {points['note'][k]} |"
             )
         parts.append(Text("list", "Singularities", "\n".join(lines)))
-        return Scene("Singularities", tuple(parts), n)
+        for output in range(len(found.report.outputs)):
+            whole = self._input_output(batch, output, slice(0, len(batch)))
+            own = points["output"] == names[output]
+            x = np.where(own, points["q"], np.nan)
+            y = np.full(n, np.nan)
+            for row in np.flatnonzero(own).tolist():
+                curve, s = places[row]
+                along = np.linspace(0.0, found.curves[curve].length, DRAWN)
+                line = whole.curves[curve].points
+                y[row] = line[int(np.argmin(np.abs(along - s))), 1]
+            parts.append(replace(whole, x=x, y=y))
+        over = Axis("singularity", "", np.arange(n, dtype=float))
+        return Scene("Singularities", tuple(parts), (over,))
 
 
 _ANGLES = {

@@ -14,7 +14,7 @@ from benchmarks.special import AsWritten, special_mechanism
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import Arithmetic, Digits, wide
-from spherekit.exact.field import exact_direction, exact_field, field_rows
+from spherekit.exact.field import exact_direction, exact_field
 from spherekit.exact.rows import exact_rows
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
@@ -290,7 +290,7 @@ def _compared(
     exact = exact_rows(
         motion, rows, driven, AsWritten(numbers) if written else numbers, inputs=inputs
     )
-    given = field_rows(field, rows)
+    given = field.rows(rows)
     nearest = exact_field(exact, wanted, given)
     poles = list(given.direction)
     ways = [

@@ -1,3 +1,12 @@
 """The packages that pages, plugins and users import from; all others are inside."""
 
-PUBLIC = ("spherekit", "spherekit.plugin", "spherekit.view", "spherekit.engine")
+TOPICS = ("dynamics", "motion", "rotations", "singularities", "workspace")
+"""Modules of `spherekit.plugin`: what analyses of one topic compute with."""
+
+PUBLIC = (
+    "spherekit",
+    "spherekit.plugin",
+    *(f"spherekit.plugin.{topic}" for topic in TOPICS),
+    "spherekit.view",
+    "spherekit.engine",
+)

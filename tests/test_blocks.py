@@ -9,7 +9,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis.contract import AbstractAnalysis, Findings, Needs
-from spherekit.analysis.scene import Portrait, Scene, Series
+from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed
 from spherekit.model.dynamics import PairTorque
@@ -264,7 +264,10 @@ class Apart(AbstractAnalysis):
         return Findings({"third": 3.0}, (), ("Three.",))
 
     def scene(self, batch):
-        return (Scene("Apart", (Series("s", "s", "g", np.arange(4.0)),), rows=4),)
+        return (Scene("Apart", (Series("s", "s", "g", np.arange(4.0)),), (OWN,)),)
+
+
+OWN = Axis("row", "", np.arange(4.0))
 
 
 class Pages:

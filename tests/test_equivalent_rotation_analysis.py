@@ -541,7 +541,7 @@ def test_elbows_on_one_line_fix_no_plane():
 
 def test_page_of_a_rotation(table_3, listener):
     scene, rows = listener.pages["Equivalent rotation"]
-    assert scene.rows == rows == 4
+    assert len(scene.over[0].values) == rows == 4
     parts = {part.path: part for part in scene.primitives}
     assert sum(path.startswith("link/") for path in parts) == 10
     axis = parts["axis"].directions
@@ -558,14 +558,14 @@ def test_page_of_a_rotation(table_3, listener):
         (fixed,) = parts[f"mid_plane/{name}"].curves
         assert np.max(np.abs(fixed @ circle.normals[0 if name == "start" else -1])) < 1e-14
     assert len(parts["lost"].marks) == 1
-    assert len(parts["plots/driving/21"].marks) == 1
+    assert np.degrees(parts["marks/lost"].inputs) == pytest.approx(30.9007, abs=1e-4)
     assert "30.9007" in parts["words"].markdown
 
 
 def test_page_of_a_schedule(table_3, listener):
     scene, rows = listener.pages["Equivalent rotation in time"]
-    assert scene.rows == rows == 41
-    frame = table_3.frame("equivalent_rotation", "schedule", degrees=True)
+    frame = table_3.frame("equivalent_rotation", "schedule")
+    assert scene.over[0].values.tolist() == frame["t"].tolist() and rows == 41
     plots = {
         part.path: part.values for part in scene.primitives if isinstance(part, Series)
     }

@@ -20,7 +20,6 @@ from spherekit.exact.field import (
     exact_direction,
     exact_field,
     exact_motion,
-    field_rows,
 )
 from spherekit.exact.inertia import exact_inertia
 from spherekit.exact.linear import left_inverse
@@ -460,7 +459,7 @@ def test_fields_and_motions_of_reference_values(name):
     pairs = exact_rows_by_input(motion, chosen, driven)
     for exact, number in zip(pairs, driven, strict=True):
         wanted = request(made, made.pairs[number].name, poles, poles)
-        given = field_rows(evaluate(motion, wanted), chosen)
+        given = evaluate(motion, wanted).rows(chosen)
         found = exact_field(exact, wanted, given)
         slack = 60 * EPS * exact.condition
         for pole in poles:

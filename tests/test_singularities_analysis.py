@@ -124,7 +124,7 @@ def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
     result, pages = rocker
     frame = result.frame()
     page = pages["Singularities"]
-    assert page.rows == len(frame)
+    assert len(page.over[0].values) == len(frame)
     (words,) = (p.markdown for p in page.primitives if isinstance(p, Text))
     listed = [line for line in words.splitlines() if line.startswith("|")]
     assert len(listed) == 2 + len(frame)
@@ -133,10 +133,10 @@ def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
             p for p in pages[assembly_mode].primitives if isinstance(p, Portrait)
         )
         marked = sorted(mark.label for mark in portrait.marks)
-        assert marked == sorted(frame["kind"])
+        assert marked == sorted(f"type {kind}" for kind in frame["kind"])
         places = np.array([mark.place for mark in portrait.marks])
-        gaps = np.abs(np.degrees(frame["q"].to_numpy())[:, None] - places[:, 0])
-        assert np.max(np.min(gaps, axis=1)) < 1.0
+        gaps = np.abs(frame["q"].to_numpy()[:, None] - places[:, 0])
+        assert np.max(np.min(gaps, axis=1)) < np.radians(1.0)
 
 
 @pytest.mark.parametrize(

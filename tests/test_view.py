@@ -33,7 +33,6 @@ from spherekit.analysis.scene import (
     Text,
 )
 from spherekit.errors import OutputError
-from spherekit.view.blueprint import Layout, SeriesEntry
 from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.screenshot import screenshot
 from spherekit.view.shapes import path_on_sphere, quaternions_to
@@ -267,23 +266,23 @@ def test_files_grow_with_the_branches_and_not_with_their_square(tmp_path: Path) 
 def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(
     tmp_path: Path,
 ) -> None:
-    found = {}
+    found, entities = {}, set()
     for chunk in RrdReader(of_assembly_modes(tmp_path / "few.rrd", 2)).stream():
-        if chunk.is_static and "/plots/" in chunk.entity_path:
+        if chunk.is_static and chunk.entity_path.startswith("/x"):
+            entities.add(chunk.entity_path)
             batch = chunk.to_record_batch()
-            colour = batch.column("SeriesLines:colors").to_pylist()[0]
-            found[chunk.entity_path.removeprefix("/x/assembly_mode_")] = colour
-    curves = ("velocity/w31", "velocity/w41", "position/theta41")
-    first, second, other = [found[f"0/plots/{curve}"] for curve in curves]
-    assert first != second and first == other
-    assert [found[f"1/plots/{curve}"] for curve in curves] == [first, second, other]
-    layout = Layout("/x", "sample", 1.0, None)
-    layout.groups["few"] = [SeriesEntry(k, f"/{k}", "w") for k in range(60)]
-    layout.groups["many"] = [SeriesEntry(k, f"/{k}", "w") for k in range(61)]
-    layout.pages = {k: f"Mode {k}" for k in range(61)}
-    pages = layout.blueprint().root_container.contents
-    assert pages[-1].name == "Compare"
-    assert [plot.name for plot in pages[-1].contents] == ["few"]
+            for name in ("Points2D:colors", "LineStrips2D:colors"):
+                if "/charts/" in chunk.entity_path and name in batch.schema.names:
+                    found[chunk.entity_path] = batch.column(name).to_pylist()[0]
+    for mode in (0, 1):
+        chart = f"/x/assembly_mode_{mode}/charts/velocity_coefficients"
+        names = found[f"{chart}/legend"]
+        assert len(set(names)) == 2
+        assert names == [found[f"{chart}/curves/{k}"][0] for k in (0, 1)]
+    assert "/x/compare/position/curves/1" in entities
+    many = RrdReader(of_assembly_modes(tmp_path / "many.rrd", 31)).stream()
+    compared = {c.entity_path for c in many if c.entity_path.startswith("/x/compare/")}
+    assert {path.split("/")[3] for path in compared} == {"position"}
 
 
 def test_failed_samples_leave_nothing_on_the_screen(partial: Path) -> None:

@@ -12,7 +12,14 @@ from spherekit.analysis.registry import names
 from spherekit.files.read import load
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    *(
+        page
+        for page in sorted((ROOT / "docs").rglob("*.md"))
+        if "generated" not in page.parts
+    ),
+]
 SOURCES = [
     *sorted((ROOT / "spherekit").rglob("*.py")),
     *sorted((ROOT / "analyses").glob("*.py")),

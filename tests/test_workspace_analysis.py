@@ -442,7 +442,7 @@ def test_pages_show_map_border_and_areas(five_bar):
     request = "workspace:near=15,working_mode=++"
     sk.run(five_bar, [request], samples=2, recorder=watcher)
     assert {"Workspace", "Singularity"} <= set(watcher.pages)
-    for title, most in (("Workspace", 90.0), ("Singularity", 90.0)):
+    for title, most in (("Workspace", np.pi / 2), ("Singularity", np.pi / 2)):
         parts = watcher.pages[title]
         (shown,) = [part for part in parts if isinstance(part, SphereMap)]
         assert shown.triangles.max() < len(shown.vertices) == len(shown.values)
@@ -454,4 +454,4 @@ def test_pages_show_map_border_and_areas(five_bar):
         (words,) = [part.markdown for part in parts if isinstance(part, Text)]
         assert "Bounded by" in words and "type II at least 15 deg away" in words
     singular = next(p for p in watcher.pages["Singularity"] if isinstance(p, SphereMap))
-    assert singular.values[np.unique(singular.triangles)].min() > 14.999
+    assert singular.values[np.unique(singular.triangles)].min() > np.radians(14.999)

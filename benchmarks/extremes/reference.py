@@ -214,7 +214,7 @@ class Reference:
             at = last + 1
         rotations = np.empty((tree.count, 3, 3), dtype=object)
         rotations[0] = exact(np.eye(3))
-        for pair, parent, child in tree.assembly_modes:
+        for pair, parent, child in tree.placements:
             first, second = own[pair]
             across = first @ second.T
             ahead = tree.ends[pair][0] == parent

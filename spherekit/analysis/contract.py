@@ -24,7 +24,7 @@ from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.field import PoleField
 from spherekit.sphere.rotation import Floats
 
-Values = TypeVar("Values")
+Values = TypeVar("Values", bound=NDArray[Any])
 Made = TypeVar("Made")
 
 CONTRACT = 1
@@ -113,9 +113,10 @@ class Findings:
 class Batch:
     """Read-only view of a block of samples of all modes, limited to declared needs.
 
-    Rows run mode after mode, in each the samples in order; failed rows hold NaN.
-    `plans` has one plan for each input, which moves alone with the others locked; where
-    a method takes `moved`, it is the position of that input, the first by default.
+    Its arrays cannot be written to; copy one to change it. Rows run mode after mode, in
+    each the samples in order; failed rows hold NaN. `plans` has one plan for each input,
+    which moves alone with the others locked; where a method takes `moved`, it is the
+    position of that input, the first by default.
     `timed` says that the samples are times, by a law or from a start; without it an
     input that turns at 1 rad/s gives them their time.
 
@@ -140,7 +141,7 @@ class Batch:
     @property
     def sample(self) -> NDArray[np.int64]:
         """(n,) sample numbers."""
-        return self._motion.sample
+        return _sealed(self._motion.sample)
 
     @property
     def moving_inputs(self) -> tuple[str, ...]:
@@ -150,42 +151,42 @@ class Batch:
     @property
     def assembly_mode(self) -> NDArray[np.int64]:
         """(n,) assembly mode numbers."""
-        return self._motion.assembly_mode
+        return _sealed(self._motion.assembly_mode)
 
     @property
     def q(self) -> Floats:
         """(n,) variable of the driven pair, rad; `SolveError` with several inputs."""
-        return self._motion.q
+        return _sealed(self._motion.q)
 
     @property
     def inputs(self) -> Floats:
         """(n, inputs) variables of the driven pairs, rad."""
-        return self._motion.inputs
+        return _sealed(self._motion.inputs)
 
     @property
     def t(self) -> Floats:
         """(n,) time, s."""
-        return self._timing.t
+        return _sealed(self._timing.t)
 
     @property
     def dq(self) -> Floats:
         """(n,) rate of the driven pair, rad/s; `SolveError` with several inputs."""
-        return self._single(self._timing.dq)
+        return _sealed(self._single(self._timing.dq))
 
     @property
     def ddq(self) -> Floats:
         """(n,) its acceleration, rad/s2; `SolveError` with several inputs."""
-        return self._single(self._timing.ddq)
+        return _sealed(self._single(self._timing.ddq))
 
     @property
     def input_rates(self) -> Floats:
         """(n, inputs) rates of the driven pairs, rad/s."""
-        return self._timing.dq
+        return _sealed(self._timing.dq)
 
     @property
     def input_accelerations(self) -> Floats:
         """(n, inputs) accelerations of the driven pairs, rad/s2."""
-        return self._timing.ddq
+        return _sealed(self._timing.ddq)
 
     @property
     def q_range(self) -> tuple[float, float]:
@@ -204,17 +205,17 @@ class Batch:
     @property
     def residual(self) -> Floats:
         """(n,) closure residual, rad."""
-        return self._motion.residual
+        return _sealed(self._motion.residual)
 
     @property
     def closure_conditioning(self) -> Floats:
         """(n,) condition of the closure Jacobian without the inputs, in the 2-norm."""
-        return self._motion.conditioning
+        return _sealed(self._motion.conditioning)
 
     @property
     def status(self) -> NDArray[np.int8]:
         """(n,) codes of `spherekit.conventions.Status`."""
-        return run_status(self._motion, self._fields)
+        return _sealed(run_status(self._motion, self._fields))
 
     @property
     def tracer(self) -> Tracer:
@@ -295,7 +296,7 @@ class Batch:
 
         Of the largest of all links, or of 1, where that is smaller; 0 below about 1e-10.
         """
-        return self._found(moved).loss
+        return _sealed(self._found(moved).loss)
 
     def planes(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 2, 3) unit normals of the great circles that gave the pole."""
@@ -308,7 +309,7 @@ class Batch:
                 f'pair_value("{name}") was read; declare it in Needs(pair_values=...)'
             )
         (number,) = self.mechanism.variables_of(self.mechanism.pair_number[name])
-        return self._motion.values[:, number]
+        return _sealed(self._motion.values[:, number])
 
     def continued_value(self, name: str) -> Floats:
         """Return (n,) the variable of a pair, rad, as it goes on over all turns.
@@ -322,7 +323,7 @@ class Batch:
                 f'continued_value("{name}") was read; declare it in '
                 "Needs(continued_values=...)"
             )
-        return self._angles[name]
+        return _sealed(self._angles[name])
 
     def rotation(self, link: str) -> Floats:
         """Return (n, 3, 3) from link axes to ground axes."""
@@ -330,7 +331,7 @@ class Batch:
             raise UndeclaredNeed(
                 f'rotation("{link}") was read; declare it in Needs(rotations=...)'
             )
-        return self._motion.rotations[:, self.mechanism.link_number[link]]
+        return _sealed(self._motion.rotations[:, self.mechanism.link_number[link]])
 
     def angular_velocity(self, link: str, moved: int = 0) -> Floats:
         """Return (n, 3) of a link relative to the ground per unit rate of the input.
@@ -366,7 +367,7 @@ class Batch:
                 f'the angular velocity of link "{link}" was read; declare it in '
                 "Needs(link_rates=...)"
             )
-        return values[self.mechanism.link_number[link]]
+        return _sealed(values[self.mechanism.link_number[link]])
 
     @property
     def _timing(self) -> Timing:
@@ -403,7 +404,14 @@ class Batch:
                 f"the pole of links {links[pole[1]]} and {links[pole[0]]} was read; "
                 f"declare it in Needs({what}=...)"
             )
-        return values[pole]
+        return _sealed(values[pole])
+
+
+def _sealed(values: Values) -> Values:
+    """Return a view of an array that nobody can write to."""
+    seen = values.view()
+    seen.flags.writeable = False
+    return seen
 
 
 def _no_time() -> UndeclaredNeed:

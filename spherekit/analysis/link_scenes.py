@@ -87,7 +87,8 @@ def _variables(motion: Motion, rows: slice) -> list[Series]:
     ):
         jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
         shown = np.where(jumps, np.nan, values)
-        plots.append(Series(f"plots/variable/{name}", name, "pair variables, rad", shown))
+        path = f"plots/variable/{name}"
+        plots.append(Series(path, name, "pair variables", shown, "rad"))
     return plots
 
 

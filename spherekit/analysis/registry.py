@@ -7,16 +7,13 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, final
 
 from spherekit.analysis.arguments import given_in
-from spherekit.analysis.contract import CONTRACT, AbstractAnalysis
-from spherekit.analysis.result import MOTION
-from spherekit.analysis.tables import COLUMNS
-from spherekit.conventions import NAME_PATTERN, listing, nearest
+from spherekit.analysis.class_check import fault_of_class
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.faults import LOG, described, faults_of
+from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError, PluginError
 
 GROUP = "spherekit.analyses"
-
-TAKEN = (MOTION, COLUMNS.partition(".")[0])
-"""What no analysis is called: the stems of files that every run writes."""
 
 
 @final
@@ -56,6 +53,11 @@ def _entries() -> Mapping[str, list[EntryPoint]]:
 
 def _origin(entry: EntryPoint) -> str:
     return entry.dist.name if entry.dist is not None else "unknown distribution"
+
+
+def origin_of(name: str) -> str:
+    """Return the distributions that offer an analysis of this name, or nothing."""
+    return listing(_origin(entry) for entry in _entries().get(name, ()))
 
 
 def names() -> tuple[str, ...]:
@@ -104,44 +106,32 @@ def load(name: str) -> type[AbstractAnalysis]:
     entry = entries[0]
     try:
         cls = entry.load()
-    except BaseException as problem:
-        if isinstance(problem, KeyboardInterrupt):
-            raise
+    except (Exception, SystemExit) as problem:
+        LOG.debug("%s does not import", name, exc_info=True)
         raise PluginError(
             f"analysis {name} of {_origin(entry)} does not import ({entry.value}): "
-            f"{type(problem).__name__}: {problem}"
+            f"{described(problem)}"
         ) from problem
     _check(name, _origin(entry), cls)
     return cls  # type: ignore[no-any-return]
 
 
 def _check(name: str, origin: str, cls: Any) -> None:
-    def refuse(why: str) -> None:
-        raise PluginError(f"analysis {name} of {origin}: {why}")
-
-    if not (isinstance(cls, type) and issubclass(cls, AbstractAnalysis)):
-        refuse(f"{cls!r} is not a subclass of AbstractAnalysis")
-    if not NAME_PATTERN.fullmatch(name):
-        refuse("its name may hold letters, digits and underscores only")
-    for key in ("name", "version", "summary", "tables"):
-        if not hasattr(cls, key):
-            refuse(f"the class attribute `{key}` is missing")
-    if name in TAKEN:
-        refuse("its name is that of a file that every run writes")
-    if cls.name != name:
-        refuse(f"the class calls itself {cls.name!r}")
-    if cls.contract != CONTRACT:
-        refuse(f"written for contract {cls.contract}, this spherekit has {CONTRACT}")
-    if cls.__abstractmethods__:
-        refuse(f"methods missing: {listing(sorted(cls.__abstractmethods__))}")
+    fault = fault_of_class(cls)
+    if not fault and cls.name != name:
+        fault = f"the class calls itself {cls.name!r}"
+    if fault:
+        raise PluginError(f"analysis {name} of {origin}: {fault}")
 
 
 def create(request: str) -> AbstractAnalysis:
     """Return an analysis from ``NAME`` or ``NAME:key=value,key=value``.
 
     Lists are written ``a+b+c``. Unknown parameters and unreadable values raise
-    `AnalysisError` with what is allowed.
+    `AnalysisError` with what is allowed, a broken plugin `PluginError`.
     """
     name, _, text = request.partition(":")
     cls = load(name)
-    return cls(**given_in(text, cls, name))
+    given = given_in(text, cls, name)
+    with faults_of(name, "its constructor"):
+        return cls(**given)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.declared import declared
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import pole_of
@@ -10,10 +11,10 @@ from spherekit.rates.request import Request, request
 
 
 def needs_of(mechanism: Mechanism, analyses: Sequence[AbstractAnalysis]) -> Needs:
-    """Return what several analyses need together."""
+    """Return what several analyses need together; see `declared` for what it raises."""
     together = Needs()
     for analysis in analyses:
-        together = together.union(analysis.needs(mechanism))
+        together = together.union(declared(analysis, mechanism))
     return together
 
 

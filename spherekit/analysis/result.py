@@ -2,10 +2,10 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
 
 from spherekit.analysis.folder.journal import SUMMARY, RunFolder
 from spherekit.analysis.folder.store import AbstractStore, InMemory, OnDisk
@@ -27,8 +27,25 @@ from spherekit.files.atomic import make_folder, write_bytes
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 MOTION = "motion"
+
+Columns = Literal[1, 2]
+"""Columns of a journal over which a figure goes."""
+
+
+class Views(Protocol):
+    """What shows a run to people; the run is gone through again for each."""
+
+    def record(self, path: Path) -> None:
+        """Write a recording."""
+
+    def show(self) -> None:
+        """Put a recording into the page of a notebook."""
+
+    def figures(self, degrees: bool, columns: Columns) -> Mapping[str, "Figure"]:
+        """Return all figures by name, to be drawn when asked for."""
 
 
 @final
@@ -52,14 +69,14 @@ class RunResult:
 
     `summary` holds versions, hashes, tolerances, errors reached and times, ready for
     JSON. `failures` maps the name of an analysis that failed to its traceback. `files`
-    are those that a run with a folder has written, `record` makes a recording.
+    are those that a run with a folder has written, `views` makes figures and recordings.
     """
 
     results: Mapping[str, AnalysisResult]
     failures: Mapping[str, str] = field(default_factory=dict)
     summary: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
-    record: Callable[[Path], None] | None = field(default=None, compare=False)
+    views: Views | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         tables = listing(
@@ -145,12 +162,68 @@ class RunResult:
                 f"{path}: a recording is a file named *.rrd; tables go to a folder "
                 "by write(folder)"
             )
-        if self.record is None:
-            raise OutputError(
-                f"{path}: only what spherekit.run returns can be saved as a recording"
-            )
-        self.record(path)
+        self._views(str(path)).record(path)
         return path
+
+    def show(self) -> None:
+        """Show the recording in the page of a notebook, all of it, once more for each call.
+
+        Raises
+        ------
+        OutputError
+            If the package rerun-notebook is not installed.
+        """
+        self._views("show").show()
+
+    @overload
+    def plot(
+        self, subject: None = None, degrees: bool = True, columns: Columns = 2
+    ) -> Mapping[str, "Figure"]: ...
+
+    @overload
+    def plot(
+        self, subject: str, degrees: bool = True, columns: Columns = 2
+    ) -> "Figure": ...
+
+    @checked(AnalysisError)
+    def plot(
+        self, subject: str | None = None, degrees: bool = True, columns: Columns = 2
+    ) -> "Mapping[str, Figure] | Figure":
+        """Return figures for a paper, drawn by matplotlib from what the analyses show.
+
+        The run is gone through once more, as tables do not say what is to be seen.
+
+        Parameters
+        ----------
+        subject
+            Name of a figure, ``"poles/velocity coefficients"``, or the part of it after
+            the analysis, or the name of an analysis with one figure; by default a mapping
+            of all by their names.
+        degrees
+            Whether angles are in degrees instead of rad.
+        columns
+            Over how many columns of a journal the figure goes: 3.5 or 7.2 inches.
+
+        Raises
+        ------
+        AnalysisError
+            If there is no such figure.
+        OutputError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import spherekit as sk
+        >>> result = sk.run("four_bar", "poles", samples=91)
+        >>> result.plot("velocity coefficients").savefig("coefficients.pdf")
+        """
+        figures = self._views("plot").figures(degrees, columns)
+        return figures if subject is None else figures[subject]
+
+    def _views(self, what: str) -> Views:
+        if self.views is None:
+            raise OutputError(f"{what}: only what spherekit.run returns can be shown")
+        return self.views
 
     @checked(OutputError)
     def write(

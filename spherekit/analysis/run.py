@@ -16,7 +16,6 @@ from spherekit.analysis.folder.unfinished import (
     taken_up,
 )
 from spherekit.analysis.options import Subject, study_of, takes
-from spherekit.analysis.registry import create
 from spherekit.analysis.result import RunResult, result_of
 from spherekit.analysis.running.block import evaluate_block
 from spherekit.analysis.running.cost import RECORDING, Timer
@@ -27,7 +26,7 @@ from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import ORDINARY
 from spherekit.analysis.running.summary import actual_cost, summary_of
 from spherekit.analysis.running.verify import Verifier, faults
-from spherekit.analysis.study import analyses_of
+from spherekit.analysis.study import chosen
 from spherekit.analysis.tables import Files
 from spherekit.checked import checked
 from spherekit.errors import AnalysisError
@@ -82,8 +81,7 @@ def run(
     study, execution = study_of("run", subject, options, Execution)
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
-    chosen = [create(item) if isinstance(item, str) else item for item in analyses]
-    return executed(study, chosen or analyses_of(study), execution)
+    return executed(study, chosen(study, analyses), execution)
 
 
 def executed(

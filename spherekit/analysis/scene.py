@@ -2,7 +2,8 @@
 
 All arrays that follow the motion have the leading axis n = samples of one block of one
 assembly mode; directions and positions are in ground axes on the unit sphere. NaN rows are
-samples that failed: nothing is drawn there.
+samples that failed: nothing is drawn there. Quantities are in SI and rad, with their unit;
+`in_degrees` turns what is in rad for people.
 """
 
 from collections.abc import Sequence
@@ -12,8 +13,37 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.tables import IN_DEGREES
+
 Floats = NDArray[np.float64]
 TINY = 1e-300
+
+
+@final
+@dataclass(frozen=True)
+class Axis:
+    """What rows run over: an input, the time, or a quantity of an analysis."""
+
+    label: str
+    unit: str
+    """SI, rad, or empty for pure numbers."""
+    values: Floats
+    """(n,)"""
+    span: tuple[float, float] | None = None
+    """Least and greatest value of all blocks, if these are not all values."""
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Least and greatest value, of all blocks if that is said."""
+        if self.span is not None:
+            return self.span
+        known = self.values[np.isfinite(self.values)]
+        return (float(np.min(known)), float(np.max(known))) if len(known) else (0.0, 1.0)
+
+    @property
+    def words(self) -> str:
+        """The label with the unit."""
+        return titled(self.label, self.unit)
 
 
 @final
@@ -53,6 +83,25 @@ class Arrow:
 
 @final
 @dataclass(frozen=True)
+class Trace:
+    """The path that a direction leaves in the axes of a link, whole, turned with the link.
+
+    That of a pole is an axode: the fixed one in the axes of one of its links, the moving
+    one in those of the other.
+    """
+
+    path: str
+    label: str
+    directions: Floats
+    """(n, 3) unit vectors in link axes."""
+    number: int
+    """Position of the link in the mechanism; the viewer picks the colour by it."""
+    quaternions: Floats | None
+    """(n, 4) xyzw, link axes to ground axes; None for the ground."""
+
+
+@final
+@dataclass(frozen=True)
 class GreatCircle:
     """A great circle given by the normal of its plane."""
 
@@ -70,8 +119,35 @@ class Series:
     path: str
     label: str
     group: str
+    """What the quantity is."""
     values: Floats
     """(n,)"""
+    unit: str = ""
+    link: int | None = None
+    """Position of the link whose colour it has, if it is about one."""
+    resolution: float = 1e-9
+    """Differences below it are rounding, and not scaled up to a signal."""
+
+    @property
+    def heading(self) -> str:
+        """The quantity with its unit."""
+        return titled(self.group, self.unit)
+
+
+@final
+@dataclass(frozen=True)
+class InputMarks:
+    """Inputs at which something is, such as a singularity, for all plots of the page.
+
+    They are marked on the axes of what is drawn over the inputs, or over what else the
+    scene says.
+    """
+
+    path: str
+    label: str
+    inputs: Floats
+    """(k, axes), in the units of the axes: of the inputs rad."""
+    tone: int = 0
 
 
 @final
@@ -85,6 +161,17 @@ class Mark:
     label: str
     place: Floats
     tone: int = 0
+
+
+@final
+@dataclass(frozen=True)
+class PlaneCurve:
+    """A curve in the plane of a portrait, named if it has to be told from others."""
+
+    points: Floats
+    """(k, 2)"""
+    tone: int = 0
+    label: str = ""
 
 
 @final
@@ -107,9 +194,12 @@ class Portrait:
     x_range: tuple[float, float]
     """Least and greatest x of all blocks, which the frame spans."""
     y_range: tuple[float, float]
-    curves: Sequence[tuple[Floats, int]] = ()
-    """Polylines (k, 2), each with its tone."""
+    x_unit: str = ""
+    y_unit: str = ""
+    curves: Sequence[PlaneCurve] = ()
     marks: Sequence[Mark] = ()
+    logarithmic: bool = False
+    """Whether both axes are."""
 
     def placed(self) -> Floats:
         """Return the points (n, 2) in a frame that runs from 0 to 1 both ways."""
@@ -118,6 +208,10 @@ class Portrait:
     def framed(self, points: Floats) -> Floats:
         """Return points (n, 2) in a frame that runs from 0 to 1 both ways."""
         low, high = np.array([self.x_range, self.y_range]).T
+        if self.logarithmic:
+            points, low, high = (
+                np.log10(np.maximum(each, TINY)) for each in (points, low, high)
+            )
         return np.asarray((points - low) / np.maximum(high - low, TINY))
 
 
@@ -144,19 +238,23 @@ class SphereMap:
 
     path: str
     label: str
-    """What the value is, with its unit."""
+    """What the value is."""
     vertices: Floats
     """(v, 3) unit vectors."""
     triangles: NDArray[np.int64]
     """(t, 3) numbers of vertices."""
     values: Floats
     """(v,)"""
+    unit: str = ""
 
 
 @final
 @dataclass(frozen=True)
 class Surface:
-    """A triangulated surface in a space of its own, with its axes named."""
+    """A triangulated surface in a space of its own, with its axes named.
+
+    Without triangles it is the vertices, seen as points, which `values` colour.
+    """
 
     path: str
     label: str
@@ -166,6 +264,37 @@ class Surface:
     """(t, 3) numbers of vertices."""
     axes: tuple[str, str, str]
     tone: int = 0
+    unit: str = ""
+    """Of all three axes."""
+    values: Floats | None = None
+    """(v,), of what the label says."""
+    values_unit: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Diagram:
+    """Points and straight lines that move in a plane with one scale on both axes."""
+
+    path: str
+    label: str
+    x_label: str
+    y_label: str
+    x_range: tuple[float, float]
+    y_range: tuple[float, float]
+    names: Sequence[str]
+    """Of the points (k,)."""
+    places: Floats
+    """(n, k, 2), NaN where there is none."""
+    tones: Sequence[int]
+    """Of the points (k,)."""
+    lines: Floats
+    """(n, m, 3): a x + b y + c = 0 for each (a, b, c)."""
+    words: Sequence[str] = ()
+    """What is to be said of each row, if anything."""
+    readings: Floats | None = None
+    """(n, k, 2) rad: two angles of each point that are listed beside the plane."""
+    reading_names: tuple[str, str] = ("", "")
 
 
 @final
@@ -194,12 +323,15 @@ class Text:
 Primitive = (
     Body
     | Arrow
+    | Trace
     | GreatCircle
     | Series
+    | InputMarks
     | Portrait
     | SphereCurves
     | SphereMap
     | Surface
+    | Diagram
     | Graph
     | Text
 )
@@ -213,19 +345,107 @@ Page = int | str | None
 class Scene:
     """Primitives of one page: of an assembly mode, of a page of its own, or of every page.
 
-    `rows` is their number if they are not the samples of the run: they are then numbered
-    from 0 and spread evenly over its inputs or times.
+    `over` says what their rows run over where these are not the samples of the run, one
+    axis or several; the run fills in its inputs or times where they are. `source` is the
+    analysis that shows it, which the run fills in as well.
     """
 
     page: Page
     primitives: tuple[Primitive, ...]
-    rows: int | None = None
+    over: tuple[Axis, ...] = ()
+    source: str = ""
 
     def thinned(self, chosen: NDArray[np.bool_]) -> "Scene":
         """Return the scene at some of its samples (n,), or itself if its rows are none."""
-        if self.rows is not None:
+        if self.over:
             return self
         return replace(self, primitives=tuple(_thinned(p, chosen) for p in self.primitives))
+
+
+def plotted_range(values: Floats, resolution: float) -> tuple[float, float]:
+    """Return the range (low, high) of an axis for values (n,), some of them NaN.
+
+    It spans `resolution` at least, and that part of the largest value.
+    """
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return 0.0, 1.0
+    low, high = float(np.min(finite)), float(np.max(finite))
+    if high - low >= resolution * max(1.0, abs(low), abs(high)):
+        return low, high
+    middle = 0.5 * (low + high)
+    around = max(0.5 * abs(middle), 0.5)
+    return middle - around, middle + around
+
+
+def titled(label: str, unit: str) -> str:
+    """Return the name of a quantity with its unit."""
+    return f"{label}, {unit}" if unit else label
+
+
+def in_degrees(scene: Scene) -> Scene:
+    """Return a scene whose angles, their rates and accelerations are in degrees."""
+    factors = [_degrees(axis.unit) for axis in scene.over]
+    along = np.array([factor for factor, _ in factors] or [np.degrees(1.0)])
+    return replace(
+        scene,
+        primitives=tuple(_in_degrees(item, along) for item in scene.primitives),
+        over=tuple(
+            replace(
+                axis,
+                values=factor * axis.values,
+                unit=unit,
+                span=None
+                if axis.span is None
+                else (factor * axis.span[0], factor * axis.span[1]),
+            )
+            for axis, (factor, unit) in zip(scene.over, factors, strict=True)
+        ),
+    )
+
+
+def _in_degrees(primitive: Primitive, along: Floats) -> Primitive:
+    """Return a primitive in degrees; `along` (axes,) are the factors of what it is over."""
+    match primitive:
+        case Series(values=values, unit=unit) | SphereMap(values=values, unit=unit):
+            factor, unit = _degrees(unit)
+            return replace(primitive, values=factor * values, unit=unit)
+        case InputMarks(inputs=inputs):
+            return replace(primitive, inputs=along * inputs)
+        case Surface(vertices=vertices, unit=unit, values=values):
+            factor, unit = _degrees(unit)
+            painted, painted_unit = _degrees(primitive.values_unit)
+            return replace(
+                primitive,
+                vertices=factor * vertices,
+                unit=unit,
+                values=None if values is None else painted * values,
+                values_unit=painted_unit,
+            )
+        case Portrait():
+            (a, x_unit), (b, y_unit) = map(_degrees, (primitive.x_unit, primitive.y_unit))
+            both = np.array([a, b])
+            (left, right), (low, high) = primitive.x_range, primitive.y_range
+            return replace(
+                primitive,
+                x=a * primitive.x,
+                y=b * primitive.y,
+                x_range=(a * left, a * right),
+                y_range=(b * low, b * high),
+                x_unit=x_unit,
+                y_unit=y_unit,
+                curves=[replace(e, points=both * e.points) for e in primitive.curves],
+                marks=[replace(e, place=both * e.place) for e in primitive.marks],
+            )
+        case _:
+            return primitive
+
+
+def _degrees(unit: str) -> tuple[float, str]:
+    """Return by what numbers of a unit are multiplied for people, and their unit then."""
+    if unit not in IN_DEGREES:
+        return 1.0, unit
+    return float(np.degrees(1.0)), IN_DEGREES[unit]
 
 
 def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
@@ -234,8 +454,21 @@ def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
             return replace(primitive, quaternions=rows[chosen])
         case Arrow(directions=rows):
             return replace(primitive, directions=rows[chosen])
+        case Trace(directions=rows, quaternions=turns):
+            turned = None if turns is None else turns[chosen]
+            return replace(primitive, directions=rows[chosen], quaternions=turned)
         case GreatCircle(normals=rows):
             return replace(primitive, normals=rows[chosen])
+        case Diagram(places=places, lines=lines, words=words):
+            kept = [each for each, is_in in zip(words, chosen, strict=False) if is_in]
+            read = primitive.readings
+            return replace(
+                primitive,
+                places=places[chosen],
+                lines=lines[chosen],
+                words=kept,
+                readings=None if read is None else read[chosen],
+            )
         case Series(values=rows):
             return replace(primitive, values=rows[chosen])
         case Portrait(x=x, y=y):

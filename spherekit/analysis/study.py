@@ -1,14 +1,17 @@
 """The analyses that a study names, checked against their plugins."""
 
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import MISSING
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from spherekit.analysis.arguments import parameters
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.registry import load
+from spherekit.analysis.declared import declared
+from spherekit.analysis.faults import faults_of
+from spherekit.analysis.registry import create, load
+from spherekit.analysis.unusable import Unusable
 from spherekit.conventions import listing, nearest
 from spherekit.errors import PluginError, SpherekitError
 from spherekit.files.check import mismatch, shown
@@ -34,16 +37,44 @@ def analyses_of(study: Study) -> list[AbstractAnalysis]:
     PluginError
         If an analysis that is asked for cannot be used.
     """
+    named = study.analyses or {DEFAULT_ANALYSIS: {}}
+    return [_named(study, name, values) for name, values in named.items()]
+
+
+def chosen(
+    study: Study, asked: Sequence[str | AbstractAnalysis] = ()
+) -> list[AbstractAnalysis]:
+    """Return the analyses of a run: those asked for, else those that the study names.
+
+    For one that is broken there is an `Unusable` one, so that the others go on.
+
+    Raises
+    ------
+    AnalysisError, FileError
+        As `create` and `analyses_of`.
+    """
     found = []
-    for name, values in (study.analyses or {DEFAULT_ANALYSIS: {}}).items():
-        with _located(study, name):
-            cls = load(name)
-        given = _given(study, cls, values)
-        with _located(study, name):
-            analysis = cls(**given)
-            analysis.needs(study.mechanism)
-        found.append(analysis)
+    named = {} if asked else study.analyses or {DEFAULT_ANALYSIS: {}}
+    for item in [*asked, *named]:
+        if isinstance(item, AbstractAnalysis):
+            found.append(item)
+            continue
+        try:
+            found.append(create(item) if asked else _named(study, item, named[item]))
+        except PluginError as fault:
+            found.append(Unusable(item.partition(":")[0], str(fault)))
     return found
+
+
+def _named(study: Study, name: str, values: Mapping[str, Any]) -> AbstractAnalysis:
+    with _located(study, name):
+        cls = load(name)
+    given = _given(study, cls, values)
+    with _located(study, name):
+        with faults_of(name, "its constructor"):
+            analysis = cls(**given)
+        declared(analysis, study.mechanism)
+    return analysis
 
 
 @contextmanager

@@ -8,11 +8,11 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 
 Kind = Literal["number", "integer", "text", "status"]
 Scale = Literal["unit", "absolute", "largest", "none"]
+Turns = Literal["no", "vector", "otherwise"]
 
 TYPES = {"number": np.float64, "integer": np.int64, "status": np.int8}
 """Types of the columns of each kind but text."""
@@ -54,6 +54,11 @@ class Column:
     `scale` says how errors of its numbers are measured: ``"absolute"``, over the
     ``"largest"`` number of the run, or ``"none"`` for what describes the computation and
     is not a result. By the ``"unit"``: absolute for rad, within one turn, else the largest.
+
+    `turns` says what becomes of it where the mechanism is turned as a whole: ``"no"`` for
+    what no turn changes, ``"vector"`` for a component of a vector in ground axes, x, y, z
+    in successive columns, ``"otherwise"`` for what else depends on the ground's axes. Rows
+    of a table without samples are then others too.
     """
 
     name: str
@@ -62,6 +67,7 @@ class Column:
     kind: Kind = "number"
     per_input: bool = False
     scale: Scale = "unit"
+    turns: Turns = "no"
 
     def unit_in(self, degrees: bool) -> str:
         """Return the unit of its numbers in a table with angles in rad or degrees."""
@@ -98,24 +104,11 @@ class Table:
                     f"{column.meaning} {item.pair}",
                     column.kind,
                     scale=column.scale,
+                    turns=column.turns,
                 )
                 for item in inputs
             ]
         return replace(self, columns=tuple(columns))
-
-    def check(self, data: Mapping[str, NDArray[Any]], analysis: str) -> None:
-        """Raise `AnalysisError` if columns are missing, extra or of unequal length."""
-        names = [column.name for column in self.columns]
-        if list(data) != names:
-            raise AnalysisError(
-                f"{analysis}: table {self.name} was declared with columns {names}, but "
-                f"compute returned {list(data)}"
-            )
-        lengths = {name: len(values) for name, values in data.items()}
-        if len(set(lengths.values())) > 1:
-            raise AnalysisError(
-                f"{analysis}: table {self.name} has columns of unequal length: {lengths}"
-            )
 
     def typed(self, data: "TableData") -> dict[str, NDArray[Any]]:
         """Return columns in the type of their kind; text stays as it is."""

@@ -4,10 +4,27 @@ import argparse
 import json
 from dataclasses import MISSING
 
+from spherekit.cli.suggest import analyses as names_of_analyses
+from spherekit.cli.suggest import suggesting
+
+EXAMPLES = (
+    (
+        "spherekit analyses",
+        "what is installed",
+    ),
+    (
+        "spherekit analyses workspace",
+        "its parameters, tables and columns",
+    ),
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("name", nargs="?", metavar="NAME", help="describe this one")
+    suggesting(
+        parser.add_argument("name", nargs="?", metavar="NAME", help="describe this one"),
+        names_of_analyses,
+    )
     parser.add_argument("--json", action="store_true", help="as JSON")
 
 

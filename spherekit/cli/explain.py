@@ -7,22 +7,38 @@ from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.run import megabytes
 from spherekit.cli.study import add_study_arguments, study_from
+from spherekit.cli.suggest import analyses as names_of_analyses
+from spherekit.cli.suggest import suggesting
 from spherekit.conventions import counted
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.model.study import Study
 
+EXAMPLES = (
+    (
+        "spherekit explain stephenson -a poles:only=31",
+        "what one pole costs",
+    ),
+    (
+        "spherekit explain five_bar --samples 41x41 --recording",
+        "sizes of tables and of a recording over a grid",
+    ),
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_study_arguments(parser, timed=False)
-    parser.add_argument(
-        "-a",
-        "--analysis",
-        action="append",
-        metavar="NAME[:key=value,...]",
-        help="analysis to explain, may be repeated (default: the study's, or poles)",
+    suggesting(
+        parser.add_argument(
+            "-a",
+            "--analysis",
+            action="append",
+            metavar="NAME[:key=value,...]",
+            help="analysis to explain, may be repeated (default: the study's, or poles)",
+        ),
+        names_of_analyses,
     )
     parser.add_argument(
         "--only-needed",

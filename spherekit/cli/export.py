@@ -4,12 +4,26 @@ import argparse
 import sys
 from pathlib import Path
 
+from spherekit.cli.suggest import mechanisms, suggesting
 from spherekit.errors import OutputError
+
+EXAMPLES = (
+    (
+        "spherekit export four_bar --to model -o four_bar.npz",
+        "functions for use without the mechanism",
+    ),
+    (
+        "spherekit export four_bar --to mjcf --at 30",
+        "a MuJoCo model, posed at 30 deg",
+    ),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("file", metavar="FILE", help="path or shipped name")
+    suggesting(
+        parser.add_argument("file", metavar="FILE", help="path or shipped name"), mechanisms
+    )
     parser.add_argument(
         "--to",
         required=True,

@@ -4,6 +4,17 @@ import argparse
 import json
 import sys
 
+EXAMPLES = (
+    (
+        "spherekit mechanisms",
+        "names that commands take instead of a path",
+    ),
+    (
+        "spherekit mechanisms --json",
+        "the same for a program",
+    ),
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""

@@ -3,14 +3,36 @@
 import argparse
 import json
 
+from spherekit.cli.suggest import mechanisms, pairs, suggesting
+
+EXAMPLES = (
+    (
+        "spherekit plan stephenson",
+        "the Table: which pole is found in which pass",
+    ),
+    (
+        "spherekit plan stephenson --steps --for 5/2",
+        "how one pole is constructed",
+    ),
+    (
+        "spherekit plan five_bar --markdown",
+        "a Table for each input, for a document",
+    ),
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("file", metavar="FILE", help="path or shipped name")
-    parser.add_argument(
-        "--input",
-        metavar="PAIR",
-        help="the pair that moves (default: each input in turn, the others locked)",
+    suggesting(
+        parser.add_argument("file", metavar="FILE", help="path or shipped name"), mechanisms
+    )
+    suggesting(
+        parser.add_argument(
+            "--input",
+            metavar="PAIR",
+            help="the pair that moves (default: each input in turn, the others locked)",
+        ),
+        pairs,
     )
     parser.add_argument(
         "--for",

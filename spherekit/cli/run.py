@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 from spherekit.cli.study import add_study_arguments, study_from
+from spherekit.cli.suggest import analyses as names_of_analyses
+from spherekit.cli.suggest import suggesting
 from spherekit.conventions import counted
 
 if TYPE_CHECKING:
@@ -35,16 +37,42 @@ FORMATS: dict[str, tuple["Format", ...]] = {
     "parquet": ("parquet",),
 }
 
+EXAMPLES = (
+    (
+        "spherekit run four_bar",
+        "every pole axis in every assembly mode",
+    ),
+    (
+        "spherekit run four_bar -o out --save out/four_bar.rrd",
+        "tables and a recording",
+    ),
+    (
+        "spherekit run stephenson -a singularities -a poles:only=31",
+        "two analyses at once",
+    ),
+    (
+        "spherekit run five_bar --samples 21x21 -o grid",
+        "a grid of two inputs",
+    ),
+    (
+        "spherekit run four_bar -a eksergian --start q=0.3,dq=1 --duration 10",
+        "the motion that follows from the loads",
+    ),
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_study_arguments(parser)
-    parser.add_argument(
-        "-a",
-        "--analysis",
-        action="append",
-        metavar="NAME[:key=value,...]",
-        help="analysis to run, may be repeated (default: the study's, or poles)",
+    suggesting(
+        parser.add_argument(
+            "-a",
+            "--analysis",
+            action="append",
+            metavar="NAME[:key=value,...]",
+            help="analysis to run, may be repeated (default: the study's, or poles)",
+        ),
+        names_of_analyses,
     )
     parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
     parser.add_argument(
@@ -115,6 +143,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--save", metavar="X.rrd", help="write a recording")
     parser.add_argument(
+        "--figures",
+        nargs="?",
+        const="png",
+        choices=("png", "pdf", "svg"),
+        metavar="FORMAT",
+        help="draw figures into DIR/figures: png (default), pdf or svg",
+    )
+    parser.add_argument(
         "--log-every",
         type=int,
         metavar="K",
@@ -135,35 +171,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run, write, and print the summary."""
-    from spherekit.analysis.registry import create
     from spherekit.analysis.run import run
-    from spherekit.analysis.study import analyses_of
+    from spherekit.analysis.study import chosen
     from spherekit.errors import SpherekitError
     from spherekit.files.atomic import make_folder
 
     study = _wanted(options)
-    analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    analyses = chosen(study, options.analysis or ())
     _check_effect(study, options)
     made = study.folder is not None and not study.folder.exists()
     if study.folder is not None:
         make_folder(study.folder)
     try:
         with _stoppable(), _recorder(options, study) as recorder:
-            chosen = _accuracy(study, analyses, options)
+            drawer = _drawer(options, recorder)
+            setting = _accuracy(study, analyses, options)
             result = run(
-                _by_choice(study, chosen),
+                _by_choice(study, setting),
                 analyses,
                 folder=study.folder,
                 unfinished=_unfinished(options),
                 formats=FORMATS[options.format],
-                engine=_engine(options, chosen),
+                engine=_engine(options, setting),
                 only_needed=options.only_needed,
                 tables=False,
-                recorder=recorder,
+                recorder=drawer.recorder if drawer else recorder,
                 log_every=options.log_every,
                 progress=_progress(options),
-                **chosen,
+                **setting,
             )
+            if drawer is not None and study.folder is not None:
+                drawer.write(study.folder, options.figures, options.quiet)
             _tell(options, study, result)
             if options.serve is not None:
                 _keep_serving(options, recorder)
@@ -223,7 +261,8 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
             file=sys.stderr,
         )
     for name, why in result.failures.items():
-        print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
+        words = why.removeprefix(f"{name}: ")
+        print(f"spherekit: analysis {name} failed: {words}", file=sys.stderr)
     logged = summary.get("recording", {"one_of": 1, "from_sample": 0})
     if logged["one_of"] > 1 or logged["from_sample"] > 0:
         print(
@@ -270,6 +309,12 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
             options.format != "both",
             "--format",
             "tables: write them with -o DIR",
+        ),
+        (
+            study.folder,
+            options.figures is not None,
+            "--figures",
+            "a folder: give that of the run with -o",
         ),
         (study.start, options.engine != "auto", "--engine", "a simulation: give --start"),
         (
@@ -533,6 +578,15 @@ def _recorder(options: argparse.Namespace, study: "Study") -> Any:
         port=options.serve,
         url=options.connect,
     )
+
+
+def _drawer(options: argparse.Namespace, recorder: Any) -> Any:
+    """Return what keeps the scenes for figures, if these are wanted."""
+    if options.figures is None:
+        return None
+    from spherekit.cli.figures import FigureDrawer
+
+    return FigureDrawer(recorder)
 
 
 def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:

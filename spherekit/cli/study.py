@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from spherekit.cli.suggest import pairs, studies, suggesting
+
 if TYPE_CHECKING:
     from spherekit.model.laws import Law, Start
     from spherekit.model.study import Study
@@ -15,8 +17,11 @@ LAW_WORDS = {"start": "from", "stop": "to"}
 
 def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> None:
     """Declare what is run: a file, samples, inputs; if `timed`, laws and modes too."""
-    parser.add_argument(
-        "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
+    suggesting(
+        parser.add_argument(
+            "file", metavar="FILE|STUDY", help="mechanism or study: path or shipped name"
+        ),
+        studies,
     )
     parser.add_argument(
         "--samples",
@@ -25,11 +30,14 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         help="samples along the input's range, default 361; with several inputs on the "
         "straight path through their ranges, or on a grid with 41x21",
     )
-    parser.add_argument(
-        "--input",
-        action="append",
-        metavar="PAIR",
-        help="a driven pair, once for each freedom (default: the file's)",
+    suggesting(
+        parser.add_argument(
+            "--input",
+            action="append",
+            metavar="PAIR",
+            help="a driven pair, once for each freedom (default: the file's)",
+        ),
+        pairs,
     )
     if not timed:
         return

@@ -5,16 +5,31 @@ import json
 import sys
 from typing import Any
 
+from spherekit.cli.suggest import studies, suggesting
 from spherekit.errors import SpherekitError
+
+EXAMPLES = (
+    (
+        "spherekit validate four_bar",
+        "one of the shipped mechanisms",
+    ),
+    (
+        "spherekit validate wrist.toml study.toml",
+        "files of your own, each on a line",
+    ),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "files",
-        nargs="+",
-        metavar="FILE|STUDY",
-        help="mechanism or study: path or shipped name",
+    suggesting(
+        parser.add_argument(
+            "files",
+            nargs="+",
+            metavar="FILE|STUDY",
+            help="mechanism or study: path or shipped name",
+        ),
+        studies,
     )
     parser.add_argument("--json", action="store_true", help="one JSON object per file")
 

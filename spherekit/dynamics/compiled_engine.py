@@ -117,7 +117,7 @@ def by_taylor_series(
         problem.equation.closed,
     )
     seconds = time.perf_counter() - started
-    if not run.monotone_segments:
+    if not run.stretches:
         state = problem.equation.state(problem.values, problem.speed, problem.tangent)
         if _has_value(problem, 0.0, state, problem.tangent, problem.whole):
             raise EngineError(f"{mechanism.name}: at the start {NO_SERIES}")

@@ -137,7 +137,7 @@ def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
             axes[pair] if ends[pair][0] == parent else -axes[pair],
             float(values[mechanism.variables_of(pair)[0]]),
         )
-        for pair, parent, child in _depth_first(closure.tree.assembly_modes, 0)
+        for pair, parent, child in _depth_first(closure.tree.placements, 0)
     )
     cuts = tuple(
         LoopCut(pairs[k].name, links[ends[k][0]], links[ends[k][1]], axes[k])

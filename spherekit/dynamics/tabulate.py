@@ -28,7 +28,7 @@ from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, Tracer, motion_of
 from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev
 from spherekit.planning.poles import (
     CoaxialPole,
@@ -377,22 +377,7 @@ class _Sampler:
         return found
 
     def _as_motion(self, motion: CoordinateMotion) -> Motion:
-        n = len(motion.values)
-        nothing = np.zeros(n, dtype=np.int64)
-        return Motion(
-            mechanism=self.mechanism,
-            joints=self.tracer.solver.joints,
-            assembly=self.tracer.assembly,
-            assembly_modes=self.tracer.assembly_modes,
-            samples=n,
-            sample=nothing,
-            assembly_mode=nothing,
-            inputs=motion.values[:, [self.driven]],
-            values=motion.values,
-            rotations=motion.rotations,
-            status=motion.status,
-            residual=np.zeros(n),
-        )
+        return replace(motion_of(self.tracer.solver, motion.values), status=motion.status)
 
     def _note_senses(self) -> None:
         """Note the sense of every secondary axis along the curve.

@@ -97,7 +97,7 @@ class Run:
     """
 
     equation: CompiledEquation
-    monotone_segments: tuple[Stretch, ...]
+    stretches: tuple[Stretch, ...]
     passages: tuple[Passage, ...]
     end: RunEnd
     time: float
@@ -106,16 +106,16 @@ class Run:
     @cached_property
     def starts(self) -> Floats:
         """(steps,) times at which steps start (s)."""
-        return np.concatenate([each.starts for each in self.monotone_segments])
+        return np.concatenate([each.starts for each in self.stretches])
 
     @cached_property
     def lengths(self) -> Floats:
         """(steps,) their lengths (s)."""
-        return np.concatenate([each.lengths for each in self.monotone_segments])
+        return np.concatenate([each.lengths for each in self.stretches])
 
     @cached_property
     def _firsts(self) -> Floats:
-        return np.array([each.starts[0] for each in self.monotone_segments])
+        return np.array([each.starts[0] for each in self.stretches])
 
     def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Return states, their rates (n, states) and whole turns (n, variables).
@@ -124,12 +124,12 @@ class Run:
         and the work of each load, in units of the SI.
         """
         layout = self.equation.layout
-        width = self.monotone_segments[0].series.shape[1]
+        width = self.stretches[0].series.shape[1]
         states, rates = np.empty((len(t), width)), np.empty((len(t), width))
         turns = np.empty((len(t), layout.variables))
         owner = np.searchsorted(self._firsts, t, side="right") - 1
         for number in np.unique(np.maximum(owner, 0)):
-            stretch = self.monotone_segments[number]
+            stretch = self.stretches[number]
             every = np.flatnonzero(np.maximum(owner, 0) == number)
             turns[every] = stretch.turns
             for rows in np.split(every, range(BLOCK, len(every), BLOCK)):
@@ -227,7 +227,7 @@ class _Integration:
         self.stops = [v for stop in mechanism.stops for v in (stop.low, stop.high)]
         self.sides = np.zeros(equation.switches)
         self.first = np.array([*values, momentum / self.unit, *self.work])
-        self.monotone_segments: list[Stretch] = []
+        self.stretches: list[Stretch] = []
         self.time = 0.0
         self.longest = np.inf
         """Longest step that is tried, where longer ones missed what a load does."""
@@ -252,7 +252,7 @@ class _Integration:
                 break
         return Run(
             self.equation,
-            tuple(self.monotone_segments),
+            tuple(self.stretches),
             self._passages(),
             end,
             self.time,
@@ -308,7 +308,7 @@ class _Integration:
                 self.longest = GROWN * length
         if starts:
             kept = np.array(starts), np.array(lengths), np.array(series)
-            self.monotone_segments.append(Stretch(*kept, self.turns, self.unit, self.work))
+            self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
             first = np.ascontiguousarray(kept[2][:, : self.count, 0].T)
             tau = np.asarray(self.equation.tau(first))
             largest = float(np.max(np.sum(tau**2, axis=0)))
@@ -382,7 +382,7 @@ class _Integration:
         turns = np.round(values.astype(float) / FULL_TURN) * self.period
         values -= turns * FULL_TURN
         values -= turns * _FULL_TURN_REST
-        if self.monotone_segments and len(self.monotone_segments) % CLOSED == 0:
+        if self.stretches and len(self.stretches) % CLOSED == 0:
             values[:], gap = self.close(values.astype(float))
             self.drift = max(self.drift, gap)
         self.turns = self.turns + turns

@@ -95,7 +95,7 @@ def place_by_variables(
     tree = LoopTree.of(mechanism)
     angles = Angles(variables)
     placed = [ground_placement()] * len(mechanism.links)
-    for pair, parent, child in tree.assembly_modes:
+    for pair, parent, child in tree.placements:
         chain = pairs.chains[pair]
         ahead = tree.ends[pair][0] == parent
         placed[child] = placed_by(

@@ -4,7 +4,6 @@ An analysis computed once more from these shows the error of what it was compute
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,17 +143,6 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         for link, vectors in given_w.items():
             result[link] = np.where(np.isnan(vectors), np.nan, floats(own[:, link]))
     return made
-
-
-def field_rows(field: PoleField, rows: NDArray[Any]) -> PoleField:
-    """Return some rows of a field, chosen by a mask or by numbers."""
-    parts: dict[str, Any] = {
-        name: {key: array[rows] for key, array in value.items()}
-        if isinstance(value, dict)
-        else value[rows]
-        for name, value in vars(field).items()
-    }
-    return PoleField(**parts)
 
 
 def _above(

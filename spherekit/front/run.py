@@ -1,38 +1,77 @@
-"""A run whose result can be saved as a recording: it is gone through once more."""
+"""A run whose result can be seen: it is gone through once more for that."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec, final
 
 from spherekit.analysis import run as analysis
-from spherekit.analysis.result import RunResult
+from spherekit.analysis.result import Columns, RunResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from spherekit.analysis.running.recording import Recorder
+    from spherekit.figures.collector import Collector
 
 P = ParamSpec("P")
 
 ONCE = ("folder", "unfinished", "formats", "recorder", "progress", "verify", "tables")
-"""Arguments of a run that do not matter to its recording."""
+"""Arguments of a run that do not matter to what is seen of it."""
 
 
-def _recordable(function: Callable[P, RunResult]) -> Callable[P, RunResult]:
-    """Return a function that runs, with results that can be saved as a recording."""
+@final
+@dataclass
+class _Again:
+    """What shows a run by going through it once more; its scenes are kept for figures."""
+
+    name: str
+    go: Callable[["Recorder"], object]
+    _collected: list["Collector"] = field(default_factory=list)
+
+    def record(self, path: Path) -> None:
+        """Write a recording."""
+        from spherekit.view.rerun_view import RerunRecorder
+
+        with RerunRecorder(self.name, path=path) as recorder:
+            self.go(recorder)
+
+    def show(self) -> None:
+        """Put a recording into the page of a notebook."""
+        from spherekit.view.rerun_view import RerunRecorder
+
+        with RerunRecorder(self.name, notebook=True) as recorder:
+            self.go(recorder)
+
+    def figures(self, degrees: bool, columns: Columns) -> "Mapping[str, Figure]":
+        """Return all figures by name."""
+        from spherekit.figures.collector import Collector
+        from spherekit.figures.contents import figures_of
+
+        if not self._collected:
+            collector = Collector()
+            self.go(collector)
+            self._collected.append(collector)
+        (found,) = self._collected
+        return figures_of(found.scenes(), found.titles, degrees, columns)
+
+
+def _visible(function: Callable[P, RunResult]) -> Callable[P, RunResult]:
+    """Return a function that runs, with results that can be seen."""
 
     @wraps(function)
     def _run(*args: P.args, **kwargs: P.kwargs) -> RunResult:
         found = function(*args, **kwargs)
         again: dict[str, Any] = {k: v for k, v in kwargs.items() if k not in ONCE}
 
-        def record(path: Path) -> None:
-            from spherekit.view.rerun_view import RerunRecorder
+        def go(recorder: "Recorder") -> None:
+            again.update(recorder=recorder, tables=False)
+            function(*args, **again)  # type: ignore[call-arg]
 
-            with RerunRecorder(found.summary["mechanism"], path=path) as recorder:
-                again.update(recorder=recorder, tables=False)
-                function(*args, **again)  # type: ignore[call-arg]
-
-        return replace(found, record=record)
+        return replace(found, views=_Again(found.summary["mechanism"], go))
 
     return _run
 
 
-run = _recordable(analysis.run)
+run = _visible(analysis.run)

@@ -119,11 +119,6 @@ class MidPlaneArchitecture:
         pairs = self.mechanism.pairs
         return tuple(pairs[self.legs[k].base].name for k in self.plane.driven)
 
-    @property
-    def driven_variables(self) -> list[int]:
-        """Numbers of the driven variables."""
-        return [self.legs[k].base for k in self.plane.driven]
-
     def orientations(self, normals: Floats) -> Floats:
         """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
         return np.asarray(self.frame @ reflections(normals) @ self.image)

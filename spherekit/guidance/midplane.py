@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.conventions import REACH_SLACK
-from spherekit.sphere.mirror import mirror_angles, normals_of, upward
+from spherekit.sphere.mirror import upward
 from spherekit.sphere.rotation import Floats, cross
 
 ROWS = 8192
@@ -153,32 +153,6 @@ class MidPlane:
             second = -second / root
         return ReadingRates(self.senses * first, self.senses * second, moved)
 
-    def slopes(self, normals: Floats, modes: ArrayLike) -> Floats:
-        """Return the derivatives (n, 2, 3) of the normals by each driven reading.
-
-        The normal stays a unit vector across both driven elbows; NaN where these lie on
-        one line.
-        """
-        elbows, root = self.elbows(normals, modes)
-        driven = list(self.driven)
-        first, second = elbows[:, driven[0]], elbows[:, driven[1]]
-        volume = np.sum(cross(first, second) * normals, axis=1)
-        pushed = self.senses[driven] * root[:, driven]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            pushed = np.where(
-                np.abs(volume)[:, None] > REACH_SLACK, -pushed / volume[:, None], np.nan
-            )
-        ways = np.stack([cross(second, normals), cross(normals, first)], axis=1)
-        return np.asarray(pushed[..., None] * ways)
-
-    def forward_jacobian(self, normals: Floats, modes: ArrayLike) -> Floats:
-        """Return d(phi, gamma) / d(driven readings), (n, 2, 2)."""
-        slopes = self.slopes(normals, modes)
-        half = mirror_angles(normals)
-        turned = -2.0 * slopes[..., 0] / np.cos(0.5 * half.phi)[:, None]
-        tilted = 2.0 * slopes[..., 1] / np.cos(0.5 * half.gamma)[:, None]
-        return np.stack([turned, tilted], axis=1)
-
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
         """Return the driven readings (n, 2) rad in each mode of the driven legs.
 
@@ -216,28 +190,6 @@ class MidPlane:
             azimuth += 2.0 * np.pi * (azimuth <= -np.pi)
             found[mode] = self.senses[leg] * azimuth
         return found
-
-    def jacobian(self, phi: ArrayLike, gamma: ArrayLike, modes: ArrayLike) -> Floats:
-        """Return d(driven readings) / d(phi, gamma), (n, 2, 2), at angles (n,) rad.
-
-        The paper's eq. (23) is the same for omega instead of gamma.
-        """
-        phi = np.atleast_1d(np.asarray(phi, dtype=float))
-        gamma = np.atleast_1d(np.asarray(gamma, dtype=float))
-        normals = normals_of(phi, gamma)
-        x, y, z = normals.T
-        zero = np.zeros_like(x)
-        turn_x, turn_y = -0.5 * np.cos(0.5 * phi), 0.5 * np.cos(0.5 * gamma)
-        columns = []
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slopes = (
-                np.stack([turn_x, zero, -x * turn_x / z], axis=1),
-                np.stack([zero, turn_y, -y * turn_y / z], axis=1),
-            )
-            for slope in slopes:
-                rates = self.rates(normals, slope, np.zeros_like(slope), modes)
-                columns.append(rates.first[:, list(self.driven)])
-        return np.stack(columns, axis=2)
 
     def folds(self, normals: Floats, legs: Sequence[int] | None = None) -> Floats:
         """Return the angles (n, legs) rad between base and tip axes of each leg, or some.

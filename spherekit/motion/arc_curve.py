@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import Status
 from spherekit.motion.segments import CurvePoints, Segments
+from spherekit.motion.turns import less_periods
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.periodic import Periodic
 from spherekit.numeric.zeros import Zeros, zeros
@@ -193,9 +194,7 @@ class ArcCurve:
 
     def wrapped(self, differences: Floats) -> Floats:
         """Return differences of variables (..., variables) less whole periods."""
-        laps = np.round(differences / self.periods)
-        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
-        return np.asarray(differences - laps * finite)
+        return less_periods(differences, self.periods)
 
     def _lengths_at(self, which: NDArray[np.intp], along: Floats) -> Floats:
         """Return s (n,) where the projections on chords `which` (n,) are `along` (n,)."""

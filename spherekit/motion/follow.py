@@ -133,7 +133,7 @@ def _of_way(start: Nodes, paths: InputPaths, row: int) -> tuple[Floats, Floats]:
     """Return values and slopes by the input (k, variables) of a way, the start first."""
     nodes = [start]
     for rows, made in paths.trail or ():
-        nodes.append(made.take(np.flatnonzero(rows == row)))
+        nodes.append(made.rows(rows == row))
     return (
         np.concatenate([node.values for node in nodes]),
         np.concatenate([node.slope * node.direction for node in nodes]),

@@ -67,7 +67,7 @@ class Linearisation:
         placed = np.empty((len(self.values), self.tree.count, 3, 3))
         placed[:, 0] = np.eye(3)
         across = self.states.first @ transpose(self.states.second)
-        for pair, parent, child in self.tree.assembly_modes:
+        for pair, parent, child in self.tree.placements:
             ahead = self.tree.ends[pair][0] == parent
             turn = across[:, pair] if ahead else transpose(across[:, pair])
             placed[:, child] = placed[:, parent] @ turn

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
+from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.modes import find_assembly_modes
 from spherekit.motion.timing import Timing
+from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.sphere.rotation import Floats, cross, quaternion
@@ -35,7 +36,7 @@ enough for the caches; with half or twice as many a run takes the same time."""
 
 @final
 @dataclass(frozen=True)
-class Motion:
+class Motion(ArrayRows):
     """Configurations in rows: mode after mode, in each the samples in order.
 
     Row r belongs to assembly mode `assembly_modes[r // samples]`. Shapes: `sample`,
@@ -72,21 +73,10 @@ class Motion:
             f"{len(self.assembly_modes)} assembly modes; {found}>"
         )
 
-    def rows(self, chosen: NDArray[np.bool_]) -> "Motion":
+    def rows(self, chosen: Any) -> Self:
         """Return some rows only, as a motion of one nameless assembly mode."""
-        return replace(
-            self,
-            samples=int(np.sum(chosen)),
-            sample=self.sample[chosen],
-            assembly_mode=self.assembly_mode[chosen],
-            inputs=self.inputs[chosen],
-            values=self.values[chosen],
-            rotations=self.rotations[chosen],
-            status=self.status[chosen],
-            residual=self.residual[chosen],
-            timing=None if self.timing is None else self.timing.rows(chosen),
-            sense=None if self.sense is None else self.sense[chosen],
-        )
+        part = super().rows(chosen)
+        return replace(part, samples=len(part))
 
     def __len__(self) -> int:
         return len(self.inputs)

@@ -7,7 +7,7 @@ derivative by arc length. It is regular wherever the motion is unique, at the de
 centres of every pair too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -19,7 +19,9 @@ from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
+from spherekit.motion.newton import NewtonSteps
 from spherekit.numeric.hermite import hermite
+from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
 
 MOST_CORRECTIONS = 6
@@ -31,7 +33,7 @@ LARGEST_MISS = 0.05
 
 @final
 @dataclass(frozen=True)
-class CurvePoints:
+class CurvePoints(ArrayRows):
     """n points of a configuration curve, s its arc length in the variables (rad).
 
     `values`, `tangents` dv/ds of unit length and `bends` d2v/ds2 are (n, variables);
@@ -44,29 +46,11 @@ class CurvePoints:
     bends: Floats
     residual: Floats
 
-    def rows(self, rows: NDArray[np.intp] | slice) -> "CurvePoints":
-        """Return some of the points."""
-        return CurvePoints(
-            self.values[rows], self.tangents[rows], self.bends[rows], self.residual[rows]
-        )
-
     @property
     def reversed(self) -> "CurvePoints":
         """The same points, last first, with the curve run backwards."""
-        back = slice(None, None, -1)
-        return CurvePoints(
-            self.values[back], -self.tangents[back], self.bends[back], self.residual[back]
-        )
-
-    @staticmethod
-    def joined(parts: "list[CurvePoints]") -> "CurvePoints":
-        """Return the points of all parts in order."""
-        return CurvePoints(
-            np.concatenate([part.values for part in parts]),
-            np.concatenate([part.tangents for part in parts]),
-            np.concatenate([part.bends for part in parts]),
-            np.concatenate([part.residual for part in parts]),
-        )
+        back = self.rows(slice(None, None, -1))
+        return replace(back, tangents=-back.tangents)
 
 
 @final
@@ -120,41 +104,26 @@ def curve_points(
     return CurvePoints(values, tangents, bends, at.gap), equations
 
 
-@final
-@dataclass(frozen=True)
-class Corrected:
-    """Newton's result: values, the first step's size, and the second by the first."""
-
-    values: Floats
-    first_step: Floats
-    ratio: Floats
-
-
 def correct(
     closure: Closure, values: Floats, borders: Floats, targets: Floats
-) -> Corrected:
-    """Close the loops with border . values = target, by Newton's method.
+) -> tuple[Floats, NewtonSteps]:
+    """Return values that close the loops with border . values = target, and the steps.
 
     `values`, `borders` (n, variables), `targets` (n,). What does not converge is NaN or
     has a residual; the caller judges.
     """
-    n = len(values)
-    first, ratio = np.zeros(n), np.zeros(n)
-    for step in range(MOST_CORRECTIONS):
+    steps = NewtonSteps(len(values))
+    for _ in range(MOST_CORRECTIONS):
         at = closure.at(values)
         inverse = left_inverse(bordered(at.jacobian, borders))
         miss = targets - np.sum(borders * values, axis=1)
         change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
         change += inverse[:, :, -1] * miss[:, None]
         length = np.max(np.abs(change), axis=1)
-        values = values + change
-        if step == 0:
-            first = length
-        elif step == 1:
-            ratio = length / np.maximum(first, 1e-300)
+        values = values + change * steps.part(length)
         if not np.any(length > CORRECTED):
             break
-    return Corrected(values, first, ratio)
+    return values, steps
 
 
 @final
@@ -212,9 +181,9 @@ class Segments:
         chords, e = self.chords[which], self.directions[which]
         guess = self.predict(which, way / chords)
         targets = np.sum(e * self.nodes.values[which], axis=1) + way
-        found = correct(self.closure, guess, e, targets)
-        points, _ = curve_points(self.closure, found.values, e)
-        miss = np.max(np.abs(found.values - guess), axis=1)
+        values, _ = correct(self.closure, guess, e, targets)
+        points, _ = curve_points(self.closure, values, e)
+        miss = np.max(np.abs(values - guess), axis=1)
         good = (points.residual < CLOSURE_TOLERANCE) & (miss <= LARGEST_MISS * chords)
         for array in (points.values, points.tangents, points.bends, points.residual):
             array[~good] = np.nan

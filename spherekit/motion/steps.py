@@ -18,6 +18,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.continuation import Rows, Verification, follow_paths
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.pairs import contact_tracks
+from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2
@@ -40,7 +41,7 @@ curvatures, and to the end of an open profile (rad), to name it as the reason.""
 
 @final
 @dataclass(frozen=True)
-class Nodes:
+class Nodes(ArrayRows):
     """Closed configurations and how they change when the inputs move along directions.
 
     `direction` (n, inputs); `values`, `slope`, `bend` (n, variables): the variables and
@@ -55,17 +56,6 @@ class Nodes:
     bend: Floats
     sign: Floats
     reciprocal_condition: Floats
-
-    def take(self, rows: NDArray[np.intp]) -> "Nodes":
-        """Return some of the nodes."""
-        return Nodes(
-            self.direction[rows],
-            self.values[rows],
-            self.slope[rows],
-            self.bend[rows],
-            self.sign[rows],
-            self.reciprocal_condition[rows],
-        )
 
     def put(self, rows: NDArray[np.intp], new: "Nodes") -> None:
         """Replace some of the nodes."""
@@ -204,19 +194,19 @@ class InputPaths:
 
     def allowed(self, rows: Rows, step: Floats) -> Floats:
         """See `spherekit.motion.continuation`, as the further methods."""
-        return safe_step(self.at.take(rows), step)
+        return safe_step(self.at.rows(rows), step)
 
     def advance(self, rows: Rows, step: Floats) -> Floats:
         """Go on by steps, the last ones exactly to the inputs wanted."""
         self.tried += len(rows)
-        at, q = self.at.take(rows), self.q[rows]
+        at, q = self.at.rows(rows), self.q[rows]
         here = at.values[:, self.driven]
         rest = np.sum((q - here) * at.direction, axis=1)
         last = step >= rest * (1 - 1e-9)
         ahead = np.where(last, rest, step)
         goal = np.where(last[:, None], q, here + ahead[:, None] * at.direction)
         new, holds = _advanced(self.closure, self.driven, at, ahead, goal)
-        moved, new = rows[holds], new.take(np.flatnonzero(holds))
+        moved, new = rows[holds], new.rows(holds)
         self.at.put(moved, new)
         if self.trail is not None:
             self.trail.append((moved, new))

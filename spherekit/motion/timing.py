@@ -2,17 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
 from spherekit.model.laws import Law
+from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
 
 
 @final
 @dataclass(frozen=True)
-class Timing:
+class Timing(ArrayRows):
     """Times `t` (n,) in s, and the inputs' rates and accelerations there.
 
     `dq`, `ddq` (n, inputs) in rad/s and rad/s2; rows as in the motion.
@@ -21,10 +22,6 @@ class Timing:
     t: Floats
     dq: Floats
     ddq: Floats
-
-    def rows(self, chosen: Any) -> "Timing":
-        """Return some rows, chosen by a mask, a slice or numbers."""
-        return Timing(self.t[chosen], self.dq[chosen], self.ddq[chosen])
 
     def repeated(self, count: int) -> "Timing":
         """Return the rows so many times, one block after another."""

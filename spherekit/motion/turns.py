@@ -26,6 +26,12 @@ def into_range(
     return np.where(returns, np.where(nearer, below, above), q)
 
 
+def less_periods(differences: Floats, periods: Floats) -> Floats:
+    """Return differences of variables (..., variables) less whole periods."""
+    finite = np.where(np.isfinite(periods), periods, 0.0)
+    return np.asarray(differences - np.round(differences / periods) * finite)
+
+
 def turns_in_range(
     q: Floats, low: float, high: float, period: float
 ) -> tuple[Floats, NDArray[np.intp]]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import SINGULAR_RATIO
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
+from spherekit.numeric.rows import ArrayRows
 from spherekit.rates.errors import RateErrors, RoughErrors, rate_errors, rough_errors
 from spherekit.sphere.rotation import Floats
 
@@ -50,7 +51,7 @@ class LinkRates:
 
 @final
 @dataclass(frozen=True)
-class Equations:
+class Equations(ArrayRows):
     """The velocity equations of all rows of a motion, solved while one input moves.
 
     `rates`, `change` (n, variables): first and second derivatives of all variables by the
@@ -83,7 +84,7 @@ class Equations:
         off = np.zeros((2, len(near)))
         if np.any(near):
             whole = len(near) <= PIECE
-            errors = self.errors if whole else self.take(near).errors
+            errors = self.errors if whole else self.rows(near).errors
             rows = near if whole else np.ones(int(np.sum(near)), dtype=bool)
             off[:, near] = errors.largest(rows)[1:]
         return near, *off
@@ -126,7 +127,7 @@ class Equations:
             rows = np.flatnonzero(~left)
             yield (
                 rows,
-                self if len(rows) == len(left) else self.take(~left),
+                self if len(rows) == len(left) else self.rows(~left),
                 rough.take(rows),
             )
         rest = np.flatnonzero(left)
@@ -134,20 +135,8 @@ class Equations:
             rows = rest[start : start + PIECE]
             chosen = np.zeros(len(left), dtype=bool)
             chosen[rows] = True
-            part = self if len(rows) == len(left) else self.take(chosen)
+            part = self if len(rows) == len(left) else self.rows(chosen)
             yield rows, part, part.errors
-
-    def take(self, rows: NDArray[np.bool_]) -> "Equations":
-        """Return some of the rows."""
-        of_rows = (
-            self.rates,
-            self.change,
-            self.inverse,
-            self.w,
-            self.dw,
-            self.reciprocal_condition,
-        )
-        return Equations(self.motion.rows(rows), *(part[rows] for part in of_rows))
 
 
 def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRates:
@@ -160,7 +149,7 @@ def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRa
     near = ~(found.reciprocal_condition >= NEARLY_FLAT)
     reciprocal_condition = found.reciprocal_condition.copy()
     if np.any(near):
-        lost = np.isinf(found.take(near).loss)
+        lost = np.isinf(found.rows(near).loss)
         reciprocal_condition[near] = np.where(lost, 0.0, reciprocal_condition[near])
     return LinkRates(found.w, found.dw, reciprocal_condition)
 

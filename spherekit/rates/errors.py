@@ -167,7 +167,7 @@ def rough_errors(
     ways = np.zeros((tree.count, *size.shape[1:]))
     swept = np.zeros((tree.count, len(rates)))
     speed, bent = np.abs(rates.T), np.abs(change.T)
-    for pair, parent, child in tree.assembly_modes:
+    for pair, parent, child in tree.placements:
         (variable,) = motion.mechanism.variables_of(pair)
         ways[child] = ways[parent] + moved[variable]
         swept[child] = swept[parent] + speed[variable]
@@ -210,7 +210,7 @@ def rate_errors(
     def bodies(parts: Floats) -> Floats:
         """Return what links turn by (links, 3, ways, n), of `parts` of the variables."""
         found = np.zeros((tree.count, *parts.shape[1:]))
-        for pair, parent, child in tree.assembly_modes:
+        for pair, parent, child in tree.placements:
             found[child] = found[parent]
             for variable in owned[pair]:
                 if tree.ends[pair][0] == parent:

@@ -23,6 +23,7 @@ from spherekit.conventions import (
 from spherekit.errors import SolveError
 from spherekit.motion.motion import Motion
 from spherekit.numeric.hermite import cubic
+from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole, pole_of
 from spherekit.rates.bounds import Bounds, mended_and_bounded
 from spherekit.rates.core import Equations, LinkRates, driven_rates, equations
@@ -49,7 +50,7 @@ NEARLY_LOOSE = 0.1 / SINGULAR_RATIO
 
 @final
 @dataclass(frozen=True)
-class PoleField:
+class PoleField(ArrayRows):
     """Requested poles of a motion in which one input moves; rows as in the motion.
 
     NaN where the motion failed. Derivatives are by that input, the others held.

@@ -13,6 +13,7 @@ import numpy as np
 
 from spherekit.conventions import EPS
 from spherekit.numeric.brackets import bracketed_zeros
+from spherekit.numeric.rows import ArrayRows
 from spherekit.region.constraint_functions import Evaluator, chosen
 from spherekit.region.mesh import Bools, Indices
 from spherekit.sphere.rotation import Floats, arc, cross
@@ -32,7 +33,7 @@ AUDIT = 16
 
 @final
 @dataclass(frozen=True)
-class Chords:
+class Chords(ArrayRows):
     """Frames of chords (n,): their starts, directions, left sides, and arcs in rad."""
 
     start: Floats
@@ -47,21 +48,6 @@ class Chords:
         size = np.linalg.norm(side, axis=1, keepdims=True)
         left = np.where(size > 0.0, side / np.where(size > 0.0, size, 1.0), 0.0)
         return Chords(start, cross(left, start), left, arc(start, end))
-
-    def take(self, which: Indices | Bools) -> "Chords":
-        """Return some of the chords."""
-        return Chords(
-            self.start[which], self.along[which], self.left[which], self.length[which]
-        )
-
-    def with_more(self, more: "Chords") -> "Chords":
-        """Return these chords followed by others."""
-        return Chords(
-            np.concatenate([self.start, more.start]),
-            np.concatenate([self.along, more.along]),
-            np.concatenate([self.left, more.left]),
-            np.concatenate([self.length, more.length]),
-        )
 
     def at(self, u: Floats, height: Floats) -> Floats:
         """Return the points (n, ..., 3) at u and heights (n, ...)."""
@@ -106,7 +92,7 @@ def between(order: int, u: Floats) -> Floats:
 
 @final
 @dataclass
-class BoundarySegments:
+class BoundarySegments(ArrayRows):
     """Pieces (n,) of the border over chords: what bounds them and their heights.
 
     `margin` is the number of the margin that is 0 on each, `height` (n, 17) are the
@@ -164,11 +150,11 @@ class BoundarySegments:
         self, evaluate: Evaluator, which: Indices, order: int, height: Floats
     ) -> None:
         """Find the heights (m, order + 1) that are NaN, and the areas with them."""
-        chords, margin = self.chords.take(which), self.margin[which]
+        chords, margin = self.chords.rows(which), self.margin[which]
         long = chords.length > SHORTEST
         height[~long] = 0.0
         row, node = np.nonzero(np.isnan(height))
-        frame, number = chords.take(row), margin[row]
+        frame, number = chords.rows(row), margin[row]
         u = nodes(order)[node]
         guess = np.zeros(height.shape)
         if order > ORDERS[0]:
@@ -197,7 +183,7 @@ class BoundarySegments:
             some = self.order[which] == order
             known = self.height[which[some], : order + 1]
             height[some] = known @ between(order, u).T
-        places = self.chords.take(which).at(u, height)
+        places = self.chords.rows(which).at(u, height)
         rows = evaluate(places.reshape(-1, 3))
         own = chosen(rows, np.repeat(self.margin[which], len(u)))
         rows = (rows - own[:, None]).reshape(len(which), len(u), rows.shape[1])
@@ -209,37 +195,13 @@ class BoundarySegments:
             dips = np.any(np.minimum(lowest, b) < -evaluate.floor, axis=1)
         self.sound[which] &= ~np.any(dips, axis=1)
 
-    def take(self, which: Indices | Bools) -> "BoundarySegments":
-        """Return copies of some of the pieces."""
-        return BoundarySegments(
-            self.chords.take(which),
-            self.margin[which],
-            self.order[which],
-            self.height[which],
-            self.area[which],
-            self.error[which],
-            self.sound[which],
-        )
-
-    def with_more(self, more: "BoundarySegments") -> "BoundarySegments":
-        """Return these pieces followed by others."""
-        return BoundarySegments(
-            self.chords.with_more(more.chords),
-            np.concatenate([self.margin, more.margin]),
-            np.concatenate([self.order, more.order]),
-            np.concatenate([self.height, more.height]),
-            np.concatenate([self.area, more.area]),
-            np.concatenate([self.error, more.error]),
-            np.concatenate([self.sound, more.sound]),
-        )
-
     def chord_ends(self, which: Indices) -> Floats:
         """Return both ends (m, 2, 3) of the chords of some pieces."""
-        return self.chords.take(which).at(np.array([-1.0, 1.0]), np.zeros((len(which), 2)))
+        return self.chords.rows(which).at(np.array([-1.0, 1.0]), np.zeros((len(which), 2)))
 
     def points(self, which: Indices, order: int) -> Floats:
         """Return the nodes (m, order + 1, 3) of some pieces, all of that order."""
-        frames = self.chords.take(which)
+        frames = self.chords.rows(which)
         return frames.at(nodes(order), self.height[which, : order + 1])
 
     def curve(self, chain: Indices) -> Floats:
@@ -252,7 +214,7 @@ class BoundarySegments:
         own = place // step[:, None]
         height = np.take_along_axis(self.height[chain], own, axis=1)
         height[~self.sound[chain]] = 0.0
-        points = self.chords.take(chain).at(u, height)[shown]
+        points = self.chords.rows(chain).at(u, height)[shown]
         return np.concatenate([self.chords.start[chain[:1]], points])
 
 
@@ -274,7 +236,7 @@ def _heights(
         centre = np.where(widest > 0.0, np.clip(guess / widest, -1.0, 1.0), 0.0)
 
     def rows(part: Floats, which: Indices) -> Floats:
-        return evaluate(frame.take(which).at(u[which], part * widest[which]))
+        return evaluate(frame.rows(which).at(u[which], part * widest[which]))
 
     def value(part: Floats, which: Indices) -> Floats:
         return chosen(rows(part, which), number[which])

@@ -148,13 +148,9 @@ def labels(count: int, links: Indices) -> Indices:
 
     `links` (L, 2) join two things each; parts are numbered by their first thing.
     """
-    part = np.arange(count)
-    while True:
-        least = np.minimum(part[links[:, 0]], part[links[:, 1]])
-        before = part.copy()
-        np.minimum.at(part, part[links[:, 0]], least)
-        np.minimum.at(part, part[links[:, 1]], least)
-        part = part[part]
-        if np.array_equal(part, before):
-            break
-    return np.asarray(np.unique(part, return_inverse=True)[1])
+    # SciPy's graphs take long to import, and only some regions need them.
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    joined = coo_matrix((np.ones(len(links)), (links[:, 0], links[:, 1])), (count, count))
+    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.intp)

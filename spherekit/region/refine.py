@@ -224,7 +224,7 @@ class Refinement:
         )
         pieces.audit(self.evaluate, np.flatnonzero(self.contested[owner] & pieces.sound))
         self._doubt(owner, pieces)
-        self.pieces = self.pieces.with_more(pieces)
+        self.pieces = BoundarySegments.joined([self.pieces, pieces])
         self.owner = np.concatenate([self.owner, owner])
         self.start = np.concatenate([self.start, start, start[more]])
         self.stop = np.concatenate([self.stop, end, end[more]])
@@ -286,7 +286,7 @@ class Refinement:
         self.contested = kept & self.contested[origin]
         self.looked = kept & self.looked[origin]
         left = np.flatnonzero(place[self.owner] >= 0)
-        self.pieces = self.pieces.take(left)
+        self.pieces = self.pieces.rows(left)
         self.owner = place[self.owner[left]]
         self.start, self.stop = self.start[left], self.stop[left]
         self.leading = self.leading[left]

@@ -11,16 +11,16 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import EPS, Status
+from spherekit.conventions import EPS
 from spherekit.errors import PlanError
-from spherekit.model.joints import PairRates
 from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, Tracer, motion_of
 from spherekit.motion.segments import Bordered, CurvePoints
+from spherekit.numeric.rows import ArrayRows
 from spherekit.numeric.zeros import Zeros, zeros
 from spherekit.planning.poles import Plan, Pole, plan, pole_of
 from spherekit.rates.core import LinkRates
-from spherekit.rates.lines import evaluate_line_rates, evaluate_lines
+from spherekit.rates.lines import evaluate_lines
 from spherekit.sphere.rotation import Floats
 
 NEAR_REST = 1e-6
@@ -41,14 +41,13 @@ FOLLOWED = 0.1
 @final
 @dataclass(frozen=True)
 class Axis:
-    """Unit vectors (n, 3) along a pole, their derivatives by s, and error bounds (n,).
+    """Unit vectors (n, 3) along a pole, and error bounds (n,).
 
     NaN with an error of 1 where the links do not move relative to each other and nothing
     else says where their pole is.
     """
 
     unit: Floats
-    rate: Floats
     error: Floats
 
 
@@ -86,17 +85,16 @@ class SignedRate:
 @final
 @dataclass(frozen=True)
 class Moving:
-    """Points of a curve with the rates of their pairs and links by arc length."""
+    """Points of a curve with the rates of their links by arc length."""
 
     points: CurvePoints
     motion: Motion
-    turned: PairRates
     rates: LinkRates
 
 
 @final
 @dataclass(frozen=True)
-class _Seen:
+class _Seen(ArrayRows):
     """A pole's axis in either sense and its rate vector (k, 3) at rising places s (k,)."""
 
     s: Floats
@@ -112,13 +110,6 @@ class _Seen:
     def chain(self) -> Floats:
         """Signs (k,) with which each axis is turned to the side of the one before."""
         return np.cumprod(np.append(1.0, np.where(self.turns < 0.0, -1.0, 1.0)))
-
-    def with_more(self, more: "_Seen") -> "_Seen":
-        """Return both sets of places in order."""
-        s = np.concatenate([self.s, more.s])
-        order = np.argsort(s)
-        unit = np.concatenate([self.unit, more.unit])[order]
-        return _Seen(s[order], unit, np.concatenate([self.w, more.w])[order])
 
 
 @final
@@ -166,7 +157,7 @@ class AlongCurve:
         out = {}
         for pole, axis in found.items():
             sign = self.sense(pole).signs(s, axis.unit)[:, None]
-            out[pole] = Axis(sign * axis.unit, sign * axis.rate, axis.error)
+            out[pole] = Axis(sign * axis.unit, axis.error)
         return out
 
     def leaving(
@@ -174,10 +165,10 @@ class AlongCurve:
     ) -> tuple[dict[Pole, Axis], LinkRates]:
         """Return axes and rates at configurations with given motions (n, variables).
 
-        At a crossing of curves an assembly mode is given by its tangent. Second derivatives
-        and derivatives of axes are not known there: NaN.
+        At a crossing of curves each of them is given by its tangent. Second derivatives
+        are not known there: NaN.
         """
-        motion = self._motion(values)
+        motion = motion_of(self.tracer.solver, values)
         w = motion.linearisation.body_rates(tangents)
         rates = LinkRates(w, np.full_like(w, np.nan), np.ones(len(values)))
         wanted = {pole_of(*pole) for pole in poles}
@@ -186,8 +177,7 @@ class AlongCurve:
         for pole, number in self._primary.items():
             if pole in wanted:
                 unit = motion.axes[:, number]
-                nothing = np.full_like(unit, np.nan)
-                out[pole] = Axis(unit, nothing, np.full(len(unit), EPS))
+                out[pole] = Axis(unit, np.full(len(unit), EPS))
         return out, rates
 
     def sense(self, pole: Pole) -> Sense:
@@ -245,14 +235,13 @@ class AlongCurve:
         return self._kept[key]
 
     def _solved(self, points: CurvePoints) -> Moving:
-        motion = self._motion(points.values)
+        motion = motion_of(self.tracer.solver, points.values)
         at = motion.linearisation
         w = at.body_rates(points.tangents)
-        turned = at.turned(w)
         dw = at.body_rates(points.bends)
-        dw += at.tree.body_rates(turned.vectors, points.tangents)
+        dw += at.tree.body_rates(at.turned(w).vectors, points.tangents)
         reciprocal_condition = Bordered(at, points.tangents).reciprocal_condition
-        return Moving(points, motion, turned, LinkRates(w, dw, reciprocal_condition))
+        return Moving(points, motion, LinkRates(w, dw, reciprocal_condition))
 
     def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:
         """Return the plan for some poles; None where counting freedoms gives none."""
@@ -270,14 +259,12 @@ class AlongCurve:
         lines = None
         if planned is not None:
             lines = evaluate_lines(planned, moving.motion)
-            evaluate_line_rates(planned, lines, moving.motion, moving.turned)
         out = {}
         for pole in poles:
             axis = _along_rate(moving.rates, *pole)
             if lines is not None:
-                unit, rate = lines.unit[pole].T, lines.rate[pole].T
                 error = np.minimum(np.nan_to_num(lines.error[pole], nan=1.0), 1.0)
-                axis = _better(Axis(unit, rate, error), axis)
+                axis = _better(Axis(lines.unit[pole].T, error), axis)
             out[pole] = axis
         return out
 
@@ -298,7 +285,8 @@ class AlongCurve:
             added = self._seen(more, [pole])[pole] if len(more) else None
             if added is None or not len(added.s):
                 break
-            seen = seen.with_more(added)
+            both = _Seen.joined([seen, added])
+            seen = both.rows(np.argsort(both.s))
         if len(seen.s) < 2:
             ends = np.array([0.0, self.curve.length])
             return Sense(ends, np.zeros((2, 3)), ends[None])
@@ -351,26 +339,6 @@ class AlongCurve:
             out[i, j] = _Seen(s[known], axis.unit[known], w)
         return out
 
-    def _motion(self, values: Floats) -> Motion:
-        """Return configurations (n, variables) as a motion of one nameless mode."""
-        placed = self.closure.at(values).placed
-        n = len(values)
-        nothing = np.zeros(n, dtype=np.int64)
-        return Motion(
-            mechanism=self.tracer.mechanism,
-            joints=self.tracer.solver.joints,
-            assembly=self.tracer.assembly,
-            assembly_modes=self.tracer.assembly_modes,
-            samples=n,
-            sample=nothing,
-            assembly_mode=nothing,
-            inputs=values[:, [self.tracer.solver.single]],
-            values=values,
-            rotations=placed,
-            status=np.full(n, Status.OK, dtype=np.int8),
-            residual=np.zeros(n),
-        )
-
 
 def rounding_of(rates: LinkRates) -> Floats:
     """Return (n,) a bound of the rounding error of the rates of links.
@@ -397,17 +365,15 @@ def _along_rate(rates: LinkRates, i: int, j: int) -> Axis:
     swing = np.minimum(np.linalg.norm(rate, axis=1), 1.0 / np.maximum(error, EPS))
     away = rounding / growth + length / growth * (1.0 + np.nan_to_num(swing))
     away = np.minimum(np.nan_to_num(away, nan=1.0), 1.0)
-    nothing = np.full_like(limit, np.nan)
-    return _better(Axis(unit, rate, error), Axis(limit, nothing, away))
+    return _better(Axis(unit, error), Axis(limit, away))
 
 
 def _better(first: Axis, second: Axis) -> Axis:
     """Return at each row the axis with the smaller error bound, in doubt the first."""
-    take = (second.error < first.error)[:, None]
+    take = second.error < first.error
     return Axis(
-        np.where(take, second.unit, first.unit),
-        np.where(take, second.rate, first.rate),
-        np.where(take[:, 0], second.error, first.error),
+        np.where(take[:, None], second.unit, first.unit),
+        np.where(take, second.error, first.error),
     )
 
 

@@ -21,6 +21,8 @@ from spherekit.motion.arc_length import periods_of
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import walk
+from spherekit.motion.turns import less_periods
+from spherekit.region.mesh import labels
 from spherekit.singular.locus import Locus, Measure
 from spherekit.singular.points import TypeName
 from spherekit.singular.slices import configurations, solver_of
@@ -203,7 +205,7 @@ class _Spread:
         self.output = output
         self.values: list[Floats] = []
         self.rows: list[int] = []
-        self.parent: list[int] = []
+        self.joined: list[tuple[int, int]] = []
         self.at: dict[int, list[int]] = {}
         self.walked = self.singular = 0
 
@@ -211,25 +213,15 @@ class _Spread:
         """Return the singular configurations with something at rest."""
         return Locus(self.solver.closure, len(self.solver.driven), rest)
 
-    def root(self, node: int) -> int:
-        """Return the node that stands for all those joined to a node."""
-        while self.parent[node] != node:
-            self.parent[node] = self.parent[self.parent[node]]
-            node = self.parent[node]
-        return node
-
     def add(self, values: Floats, row: int) -> int:
         """Return the number of a configuration (V,) at a sample, new or known."""
         for known in self.at.setdefault(row, []):
-            away = values - self.values[known]
-            finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
-            away = away - np.round(away / self.periods) * finite
+            away = less_periods(values - self.values[known], self.periods)
             if np.max(np.abs(away)) < SAME:
                 return known
         node = len(self.values)
         self.values.append(values)
         self.rows.append(row)
-        self.parent.append(node)
         self.at[row].append(node)
         return node
 
@@ -256,9 +248,7 @@ class _Spread:
             self.singular += len(arrived_well) - int(np.sum(good))
             good[good] = self._clear(values[good], arrived[good])
             for k in np.flatnonzero(good):
-                node = self.add(arrived[k], int(stop[k]))
-                one, other = self.root(int(start[k])), self.root(node)
-                self.parent[max(one, other)] = min(one, other)
+                self.joined.append((int(start[k]), self.add(arrived[k], int(stop[k]))))
 
     def regular(self, values: Floats) -> NDArray[np.bool_]:
         """Return which configurations (n, V) are singular of no type that divides."""
@@ -297,8 +287,8 @@ def _labelled(
 ) -> Aspects:
     n = len(spread.values)
     values = np.array(spread.values).reshape(n, len(spread.periods))
-    roots = np.array([spread.root(node) for node in range(n)], dtype=np.int64)
-    unique, label, sizes = np.unique(roots, return_inverse=True, return_counts=True)
+    label = labels(n, np.array(spread.joined, dtype=np.intp).reshape(-1, 2))
+    sizes = np.bincount(label)
     order = np.argsort(-sizes, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -306,12 +296,12 @@ def _labelled(
     row = np.array(spread.rows, dtype=np.int64)
     signs = []
     for each in (InputsLocked(spread.solver.driven), rest):
-        sign = np.zeros(len(unique), dtype=np.int8)
+        sign = np.zeros(len(sizes), dtype=np.int8)
         if each is not None and n:
             locus = spread.locus(each)
-            sign = _signs(locus.measure(locus.space(values)), label, len(unique))
+            sign = _signs(locus.measure(locus.space(values)), label, len(sizes))
         signs.append(sign)
-    modes = np.zeros(len(unique), dtype=np.int64)
+    modes = np.zeros(len(sizes), dtype=np.int64)
     pairs, often = np.unique(np.stack([label, row]), axis=1, return_counts=True)
     np.maximum.at(modes, pairs[0], often)
     return Aspects(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
+from spherekit.motion.turns import less_periods
 from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.hermite import cubic, cubic_slope
 from spherekit.singular.locus import Locus, LocusPoints
@@ -93,10 +94,8 @@ class SingularCurve:
         found = np.zeros(len(values), dtype=bool)
         starts = self.nodes.values[:-1]
         middles = starts + 0.5 * self.chords[:, None] * self.directions
-        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
         for row, (given, motion) in enumerate(zip(values, motions, strict=True)):
-            away = given - middles
-            away = away - np.round(away / self.periods) * finite
+            away = less_periods(given - middles, self.periods)
             along = np.sum(away * self.directions, axis=1)
             beside = np.max(np.abs(away - along[:, None] * self.directions), axis=1)
             near = np.abs(along) < 0.51 * self.chords

@@ -77,7 +77,7 @@ class SingularCurves:
     configurations that no curve could be followed from: the locus crosses itself there, or
     fills a part of the configurations. `branching` (n, V) are
     configurations next to those in which slices end, as the motions of the mechanism
-    assembly mode there: its closure equations lose rank, and no type is defined.
+    part there: its closure equations lose rank, and no type is defined.
     """
 
     kind: TypeName

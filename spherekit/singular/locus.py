@@ -7,7 +7,7 @@ system: loops closed, J x = 0, E x = 0, |x| = 1, whose solutions have g - 1 dime
 Newton's method works in the tangent space of the loops, with exact second derivatives.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import REDUNDANT
+from spherekit.motion.newton import NewtonSteps
+from spherekit.numeric.rows import ArrayRows
 from spherekit.singular.stationarity import StationarityConstraint
 from spherekit.singular.tangent_space import TangentSpace, tangent_space
 from spherekit.sphere.rotation import Floats
@@ -50,7 +52,7 @@ class Measure:
 
 @final
 @dataclass(frozen=True)
-class LocusPoints:
+class LocusPoints(ArrayRows):
     """n points of a locus of k = g - 1 dimensions; NaN where Newton's method failed.
 
     Attributes
@@ -90,20 +92,6 @@ class LocusPoints:
     def good(self) -> NDArray[np.bool_]:
         """(n,) points on the locus."""
         return np.asarray(self.residual < ON_LOCUS)
-
-    def rows(self, rows: NDArray[np.intp] | slice) -> "LocusPoints":
-        """Return some of the points."""
-        return LocusPoints(*(getattr(self, item.name)[rows] for item in fields(self)))
-
-    @staticmethod
-    def joined(parts: "list[LocusPoints]") -> "LocusPoints":
-        """Return the points of all parts in order."""
-        return LocusPoints(
-            *(
-                np.concatenate([getattr(part, item.name) for part in parts])
-                for item in fields(LocusPoints)
-            )
-        )
 
 
 @final
@@ -173,7 +161,7 @@ class Locus:
             Steps that Newton's method may take.
         """
         n = len(values)
-        first, ratio = np.zeros(n), np.zeros(n)
+        steps = NewtonSteps(n, TRUST)
         last = np.full(n, np.inf)
         for step in range(most + 1):
             space = self.space(values, like)
@@ -191,13 +179,8 @@ class Locus:
             turned = np.einsum("ng,ngvw,nw->nv", ways, space.bends, motions)
             turned += space.along(change[:, self.freedoms :])
             size = np.maximum(np.max(np.abs(moved), axis=1), np.max(np.abs(turned), axis=1))
-            part = np.minimum(1.0, TRUST / np.maximum(size, 1e-300))[:, None]
+            part, last = steps.part(size), size
             values, motions = values + part * moved, motions + part * turned
-            if step == 0:
-                first = size
-            elif step == 1:
-                ratio = size / np.maximum(first, 1e-300)
-            last = size
         equations = equations[:, : self.rest.count + 1]
         tangents, turns, reciprocal_condition = self._tangents(space, motions, equations)
         bad = ~(residual < ON_LOCUS)
@@ -210,8 +193,8 @@ class Locus:
             turns,
             residual,
             reciprocal_condition,
-            first,
-            ratio,
+            steps.first,
+            steps.ratio,
             equations,
             space.basis,
         )

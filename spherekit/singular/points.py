@@ -1,6 +1,6 @@
 """Singular configurations as the inputs and the output see them."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol, final
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.turns import in_range, into_range
+from spherekit.numeric.rows import ArrayRows
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.stationarity import InputsLocked, OutputStationary
 from spherekit.sphere.rotation import Floats
@@ -17,7 +18,7 @@ TypeName = Literal["I", "II"]
 
 @final
 @dataclass(frozen=True)
-class SingularPoints:
+class SingularPoints(ArrayRows):
     """n singular configurations, as what stands still and what moves sees them.
 
     Attributes
@@ -51,15 +52,6 @@ class SingularPoints:
     input_rate: Floats
     output_rate: Floats
     residual: Floats
-
-    def rows(self, rows: NDArray[np.intp]) -> "SingularPoints":
-        """Return some of the points."""
-        own = {
-            item.name: getattr(self, item.name)[rows]
-            for item in fields(self)
-            if isinstance(getattr(self, item.name), np.ndarray)
-        }
-        return replace(self, **own)
 
 
 class CurveSeen(Protocol):

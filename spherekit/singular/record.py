@@ -119,7 +119,7 @@ class CrossingPoint:
     Attributes
     ----------
     crossing
-        Rank, freedoms and the directions of the assembly modes; None if it was not located.
+        Rank, freedoms and the directions of its curves; None if it was not located.
     ends
         The curves that end there: number of the curve, and whether at its start.
     values
@@ -129,7 +129,7 @@ class CrossingPoint:
     note
         What is not certain, with numbers, or an empty string.
     relations
-        For each output the relations on each assembly mode.
+        For each output the relations on each curve through it.
     """
 
     crossing: Crossing | None

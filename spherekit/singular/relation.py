@@ -63,8 +63,7 @@ class SixPoles:
 
     The vector of a pole is the same in both orders of its links, and the rate changes
     its sign: w_ab u_ab, the angular velocity of a relative to b, is -w_ba u_ab. NaN where
-    the two links are one. With derivatives in place of unit vectors the same object holds
-    their derivatives.
+    the two links are one.
     """
 
     os: Floats
@@ -106,8 +105,6 @@ class Relation:
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
         (n,), at most 1 in size; 0 where the vectors do not span what they have to.
-    dc, dd
-        (n,) their derivatives by what the vectors' derivatives were by, or NaN.
     """
 
     form: Form
@@ -115,8 +112,6 @@ class Relation:
     output: tuple[int, int]
     c: Floats
     d: Floats
-    dc: Floats
-    dd: Floats
 
     def residual(self, output_rate: Floats, input_rate: Floats) -> Floats:
         """Return (n,) by how much rates break the relation, relative to their size."""
@@ -125,32 +120,19 @@ class Relation:
         return np.asarray(gap / np.where(size > 0.0, size, 1.0))
 
 
-def form_i(links: FourLinks, poles: SixPoles, rates: SixPoles | None = None) -> Relation:
+def form_i(links: FourLinks, poles: SixPoles) -> Relation:
     """Return c w_os = d w_ir.
 
     With four links c = u_rs . (u_os x u_io) and d = u_rs . (u_ir x u_io) (Di Gregorio
     2012). Where links are one, three poles lie in a plane of unit normal n, the third
     one, p, is that of neither rate, and c = n . (u_os x p), d = +-n . (u_ir x p). Where
     (o, s) is (i, r) nothing is left but y' = q' or y' = -q'.
-
-    Parameters
-    ----------
-    links, poles
-        The links and their six poles.
-    rates
-        Derivatives of the poles' vectors, if c' and d' are wanted.
     """
     output = (links.o, links.s)
     i, r, o, s = links.i, links.r, links.o, links.s
     if not links.three:
-        make = _four_links(poles.rs, poles.os, poles.ir, poles.io)
-        if rates is None:
-            return _relation(Form.I, LinkCount.FOUR_LINKS, output, make)
-        change = _four_links_rate(
-            (poles.rs, poles.os, poles.ir, poles.io),
-            (rates.rs, rates.os, rates.ir, rates.io),
-        )
-        return _relation(Form.I, LinkCount.FOUR_LINKS, output, make, change)
+        c, d = (_dot(poles.rs, cross(u, poles.io)) for u in (poles.os, poles.ir))
+        return Relation(Form.I, LinkCount.FOUR_LINKS, output, c, d)
     if {i, r} == {o, s}:
         return _same_pole(Form.I, output, poles.ir, 1.0 if o == i else -1.0)
     third, sign = {
@@ -159,12 +141,10 @@ def form_i(links: FourLinks, poles: SixPoles, rates: SixPoles | None = None) -> 
         o == r: ("is_", -1.0),
         i == s: ("or_", -1.0),
     }[True]
-    return _three_links(Form.I, output, poles, rates, "os", third, sign)
+    return _three_links(Form.I, output, poles, "os", third, sign)
 
 
-def form_ii(
-    links: FourLinks, poles: SixPoles, rates: SixPoles | None = None
-) -> Relation | None:
+def form_ii(links: FourLinks, poles: SixPoles) -> Relation | None:
     """Return c w_or = d w_ir, or None where o is r and there is no such rate.
 
     With four links c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is) (Di Gregorio
@@ -177,19 +157,12 @@ def form_ii(
     if links.o == links.i:
         return _same_pole(Form.II, output, poles.ir, 1.0)
     if links.s == links.i:
-        return _three_links(Form.II, output, poles, rates, "or_", "os", 1.0)
+        return _three_links(Form.II, output, poles, "or_", "os", 1.0)
     if links.s == links.r:
-        return _three_links(Form.II, output, poles, rates, "or_", "io", 1.0)
+        return _three_links(Form.II, output, poles, "or_", "io", 1.0)
     normal = cross(poles.os, poles.is_)
-    make = _dot(poles.or_, normal), _dot(poles.ir, normal)
-    if rates is None:
-        return _relation(Form.II, LinkCount.FOUR_LINKS, output, make)
-    turned = cross(rates.os, poles.is_) + cross(poles.os, rates.is_)
-    change = (
-        _dot(rates.or_, normal) + _dot(poles.or_, turned),
-        _dot(rates.ir, normal) + _dot(poles.ir, turned),
-    )
-    return _relation(Form.II, LinkCount.FOUR_LINKS, output, make, change)
+    c, d = _dot(poles.or_, normal), _dot(poles.ir, normal)
+    return Relation(Form.II, LinkCount.FOUR_LINKS, output, c, d)
 
 
 def best_fourth(candidates: Mapping[int, tuple[Floats, Floats]]) -> int | None:
@@ -212,67 +185,19 @@ def best_fourth(candidates: Mapping[int, tuple[Floats, Floats]]) -> int | None:
     return max(sines, key=lambda link: (sines[link], -link))
 
 
-def _relation(
-    form: Form,
-    kind: LinkCount,
-    output: tuple[int, int],
-    make: tuple[Floats, Floats],
-    change: tuple[Floats, Floats] | None = None,
-) -> Relation:
-    c, d = make
-    if change is None:
-        change = np.full_like(c, np.nan), np.full_like(c, np.nan)
-    return Relation(form, kind, output, c, d, *change)
-
-
 def _same_pole(form: Form, output: tuple[int, int], like: Floats, sign: float) -> Relation:
     one = np.ones(len(like))
-    zero = np.zeros(len(like))
-    return Relation(form, LinkCount.SAME_POLE, output, one, sign * one, zero, zero)
-
-
-def _four_links(a: Floats, out: Floats, into: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return a . (out x b) and a . (into x b)."""
-    return _dot(a, cross(out, b)), _dot(a, cross(into, b))
-
-
-def _four_links_rate(
-    poles: tuple[Floats, Floats, Floats, Floats],
-    rates: tuple[Floats, Floats, Floats, Floats],
-) -> tuple[Floats, Floats]:
-    """Return the derivatives of what `_four_links` gives, by the product rule."""
-    a, out, into, b = poles
-    da, dout, dinto, db = rates
-    dc = _dot(da, cross(out, b)) + _dot(a, cross(dout, b) + cross(out, db))
-    dd = _dot(da, cross(into, b)) + _dot(a, cross(dinto, b) + cross(into, db))
-    return dc, dd
+    return Relation(form, LinkCount.SAME_POLE, output, one, sign * one)
 
 
 def _three_links(
-    form: Form,
-    output: tuple[int, int],
-    poles: SixPoles,
-    rates: SixPoles | None,
-    out: str,
-    third: str,
-    sign: float,
+    form: Form, output: tuple[int, int], poles: SixPoles, out: str, third: str, sign: float
 ) -> Relation:
-    """Return the relation of three poles in a plane, the output's, the input's, a third.
-
-    The normal has unit length, so that its own turning adds nothing to c' and d': the
-    cross products lie along it.
-    """
+    """Return the relation of three poles in a plane, the output's, the input's, a third."""
     y, q, p = getattr(poles, out), poles.ir, getattr(poles, third)
     normal = _plane_normal(y, q, p)
-    make = _dot(normal, cross(y, p)), sign * _dot(normal, cross(q, p))
-    if rates is None:
-        return _relation(form, LinkCount.THREE_LINKS, output, make)
-    dy, dq, dp = getattr(rates, out), rates.ir, getattr(rates, third)
-    change = (
-        _dot(normal, cross(dy, p) + cross(y, dp)),
-        sign * _dot(normal, cross(dq, p) + cross(q, dp)),
-    )
-    return _relation(form, LinkCount.THREE_LINKS, output, make, change)
+    c, d = _dot(normal, cross(y, p)), sign * _dot(normal, cross(q, p))
+    return Relation(form, LinkCount.THREE_LINKS, output, c, d)
 
 
 def _plane_normal(a: Floats, b: Floats, c: Floats) -> Floats:

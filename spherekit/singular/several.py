@@ -42,7 +42,7 @@ class RowType(IntEnum):
 
     At a LOOSE configuration inputs at rest allow a motion, but not of the output.
     BRANCHING: the mechanism has more freedoms there than inputs, so that several of its
-    motions assembly mode. UNKNOWN: no configuration.
+    motions part there. UNKNOWN: no configuration.
     """
 
     REGULAR = 0

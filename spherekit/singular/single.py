@@ -52,7 +52,7 @@ from spherekit.singular.roots import (
 )
 from spherekit.sphere.rotation import Floats, cross
 
-Make = Callable[[FourLinks, SixPoles, SixPoles | None], Relation | None]
+Make = Callable[[FourLinks, SixPoles], Relation | None]
 
 BESIDE = 100.0
 """Places nearer than this times their error bounds, but not within, are undecided."""
@@ -62,9 +62,8 @@ DECIDED_MISS = 1e-14
 """A crossing that is missed by more (rad) may be none: rounding of sizes decides."""
 SAME_CROSSING = 1e-7
 """Crossings whose variables differ by less (rad) are one."""
-ONE_ASSEMBLY_MODE = (
-    "c and d are those of this assembly mode: its motion says where the third pole is, "
-    "which the "
+ONE_CURVE = (
+    "c and d are those of this curve: its motion says where the third pole is, which the "
     "configuration leaves open"
 )
 ALWAYS = 1e-12
@@ -138,8 +137,7 @@ class SingleFreedom:
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve.
 
-        Derivatives are by arc length. c and d are NaN where an axis is not known, and
-        their derivatives also where it is known as a limit only.
+        Derivatives are by arc length. c and d are NaN where an axis is not known.
         """
         along = self.along[curve]
         links = self.first_links[output]
@@ -201,8 +199,7 @@ class SingleFreedom:
             pairs.append((second, form_ii))
         for links, make in pairs:
             six = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].unit)
-            turned = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].rate)
-            relation = make(links, six, turned)
+            relation = make(links, six)
             if relation is not None:
                 out.append((links, six, relation))
         return out
@@ -459,23 +456,23 @@ class SingleFreedom:
             )
         along = self.along[ends[0][0]]
         relations = tuple(
-            self._on_assembly_modes(along, crossing, output)
+            self._on_curves_through(along, crossing, output)
             for output in range(len(self.outputs))
         )
         return CrossingPoint(
             crossing, tuple(ends), values, not notes, "; ".join(notes), relations
         )
 
-    def _on_assembly_modes(
+    def _on_curves_through(
         self, along: AlongCurve, crossing: Crossing, output: int
     ) -> tuple[tuple[RelationAt, ...], ...]:
-        """Return the relations on each mode through a crossing, by its own motion."""
+        """Return the relations on each curve through a crossing, by its own motion."""
         count = len(crossing.tangents)
         if not count:
             return ()
         values = np.tile(crossing.values, (count, 1))
         axes, rates = along.leaving(values, crossing.tangents, self._poles(output))
-        assembly_modes: list[list[RelationAt]] = [[] for _ in range(count)]
+        curves: list[list[RelationAt]] = [[] for _ in range(count)]
         for links, six, relation in self._relations(output, axes):
             q, y = (
                 np.sum((rates.w[:, a] - rates.w[:, b]) * axes[pole_of(a, b)].unit, axis=1)
@@ -485,11 +482,11 @@ class SingleFreedom:
             judged = self._judged(
                 links, six, relation, q, y, errors, [Type.III] * count, [[]] * count
             )
-            for own, each in zip(assembly_modes, judged, strict=True):
-                if each.type is None and each.kind != LinkCount.SAME_POLE:
-                    each = replace(each, note=ONE_ASSEMBLY_MODE)
-                own.append(each)
-        return tuple(tuple(own) for own in assembly_modes)
+            for relations, relation_at in zip(curves, judged, strict=True):
+                if relation_at.type is None and relation_at.kind != LinkCount.SAME_POLE:
+                    relation_at = replace(relation_at, note=ONE_CURVE)
+                relations.append(relation_at)
+        return tuple(tuple(relations) for relations in curves)
 
     def _everywhere(self) -> int | None:
         """Return the freedoms of a mechanism that nowhere has just one, if it is one.
@@ -506,16 +503,6 @@ class SingleFreedom:
             known = np.concatenate([reference, known])
         freedoms = [solver.freedoms(values) for values in known]
         return min(freedoms) if freedoms and min(freedoms) > 1 else None
-
-
-def singularities(
-    tracer: Tracer,
-    curves: Sequence[ArcCurve],
-    outputs: Iterable[str | tuple[int | str, int | str]],
-    input: str | tuple[int | str, int | str] | None = None,
-) -> Singularities:
-    """Return all singularities on configuration curves; see `SingleFreedom`."""
-    return SingleFreedom(tracer, curves, outputs, input).report()
 
 
 def ordered_pole(

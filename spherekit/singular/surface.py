@@ -18,6 +18,7 @@ from spherekit.errors import AnalysisError
 from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
+from spherekit.motion.turns import less_periods
 from spherekit.singular.curves import ranges_of
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
@@ -196,7 +197,6 @@ class _Front:
         self.locus, self.view, self.side, self.most = locus, view, side, most
         self.budget = budget
         self.periods = periods_of(locus.closure)
-        self.finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
         self.parts: list[LocusPoints] = []
         self.values = np.zeros((0, len(self.periods)))
         self.motions = np.zeros((0, len(self.periods)))
@@ -214,8 +214,7 @@ class _Front:
 
     def away(self, origin: Floats, rows: NDArray[np.intp] | slice) -> Floats:
         """Return vertices (n, V) as seen from a configuration, less whole periods."""
-        difference = self.values[rows] - origin
-        return np.asarray(difference - np.round(difference / self.periods) * self.finite)
+        return less_periods(self.values[rows] - origin, self.periods)
 
     def near(self, values: Floats, motion: Floats, radius: float) -> NDArray[np.intp]:
         """Return the vertices within a radius on the same sheet of the surface."""

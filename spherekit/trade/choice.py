@@ -1,17 +1,19 @@
 """The setting of a run that is to meet a tolerance, and what it reaches at check rows."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.declared import declared
 from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import Setting
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.errors import AnalysisError
+from spherekit.errors import AnalysisError, PluginError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.trade.deviation import Deviation, worst
@@ -109,21 +111,23 @@ def choose(
     if stored:
         setting, predicted, why = _of_trades(stored, tolerance, study.count, "stored")
     elif study.count >= WORTH:
-        reading = [each for each in analyses if not each.trades and _reads(mechanism, each)]
-        trades = [
-            trade(study, each, settings=SHORT, checked=CHECKED, rounds=1)
-            for each in reading
-        ]
+        trades = []
+        for each in analyses:
+            with suppress(AnalysisError, PluginError):  # the run says what fails
+                if not each.trades and _reads(mechanism, each):
+                    own = trade(study, each, settings=SHORT, checked=CHECKED, rounds=1)
+                    trades.append(own)
         if trades:
             setting, predicted, why = _of_trades(trades, tolerance, study.count, "short")
     course = course_of(study)
     found: list[Deviation] = []
     rows = 0
     for each in analyses:
-        bench = Benchmark.of(course, each)
-        if bench.reads_poles and not each.trades:
-            own, rows = bench.checked(setting, CHECK_ROWS)
-            found += own
+        with suppress(AnalysisError, PluginError):
+            bench = Benchmark.of(course, each)
+            if bench.reads_poles and not each.trades:
+                deviations, rows = bench.checked(setting, CHECK_ROWS)
+                found += deviations
     largest = worst(found)
     return Choice(
         setting,
@@ -186,7 +190,7 @@ def stored_for(
 
 
 def _reads(mechanism: Mechanism, analysis: AbstractAnalysis) -> bool:
-    needs = analysis.needs(mechanism)
+    needs = declared(analysis, mechanism)
     return bool(needs.directions or needs.rates or needs.link_rates or needs.pair_rates)
 
 

@@ -8,7 +8,9 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.declared import declared
 from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.running.evaluation import Evaluation
@@ -75,7 +77,7 @@ class Benchmark:
     @staticmethod
     def of(course: Sampling, analysis: AbstractAnalysis) -> "Benchmark":
         """Return the bench of an analysis; `AnalysisError` for bad parameters."""
-        return Benchmark(course, analysis, analysis.needs(course.tracer.mechanism))
+        return Benchmark(course, analysis, declared(analysis, course.tracer.mechanism))
 
     @property
     def reads_poles(self) -> bool:
@@ -120,7 +122,7 @@ class Benchmark:
                     _turned(field, other, rows)
                     for field, other in zip(found, toward.fields, strict=True)
                 )
-            made = analysis.compute(self._batch(plans, motion, found, angles))
+            made = self._computed(self._batch(plans, motion, found, angles))
             for table in own:
                 store.add(analysis.name, table, made[table.name])
         whole = {table.name: store.table(analysis.name, table) for table in own}
@@ -158,8 +160,12 @@ class Benchmark:
         )
         plans = tuple(item.plan for item in wanted)
         angles = evaluation.angles(motion, AngleMemory())
-        given = self.analysis.compute(self._batch(plans, motion, fields, angles))
+        given = self._computed(self._batch(plans, motion, fields, angles))
         return self.deviations(given, reference.tables), len(motion)
+
+    def _computed(self, batch: Batch) -> Tables:
+        own = [table.of(batch.mechanism) for table in self.analysis.tables]
+        return computed(self.analysis, own, batch)
 
     def _batch(
         self,
@@ -194,7 +200,7 @@ class Benchmark:
         plans = tuple(item.plan for item in wanted)
         lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
         angles = AngleMemory().continued(better, self.needs.continued_values)
-        tables = self.analysis.compute(self._batch(plans, better, fields, angles))
+        tables = self._computed(self._batch(plans, better, fields, angles))
         return Reference(tables, fields, int(np.sum(lacking)))
 
     def deviations(self, given: Tables, reference: Tables) -> list[Deviation]:

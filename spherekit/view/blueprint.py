@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.scene import Page
-from spherekit.view import colours, entities
+from spherekit.view import charts, colours, entities
 from spherekit.view.sdk import rr, rrb
 from spherekit.view.timelines import SAMPLE, TIME
 
@@ -20,11 +20,11 @@ TURN_SECONDS = 12.0
 TRAIL = 24
 """Recent samples shown as dots behind a pole."""
 
-LEGEND_SHARE = 0.5
-"""Where modes are compared, the long legends stand beside the curves: so much of them."""
-
 MOST_COMPARED = 60
 """A plot of all assembly modes with more curves is left out: nobody can tell them apart."""
+
+SPACE_EYE = (1.9, -2.2, 1.3)
+"""From where a space of its own is seen, whose longest side is `entities.CUBE`."""
 
 EYE_DISTANCE = 3.0
 EYE_ASIDE = 0.3
@@ -34,14 +34,22 @@ STEEP = 0.8
 """A focus nearer to the z axis than this cosine is seen with x up instead of z."""
 
 
+Bounds = tuple[tuple[float, float], tuple[float, float]]
+
+
 @final
 @dataclass(frozen=True)
-class SeriesEntry:
-    """One series as the layout sees it."""
+class Plot:
+    """What stands beside the sphere as the layout sees it: a chart, or a space."""
 
     page: Page
     path: str
     label: str
+    answers: bool
+    bounds: Bounds | None
+    """What of the plane is seen; None for a space."""
+    compared: str = ""
+    """Path of the chart that it is compared by with those of other modes."""
 
 
 @final
@@ -53,9 +61,6 @@ class Panel:
     path: str
     label: str
     graph: bool
-
-
-Entry = TypeVar("Entry", SeriesEntry, Panel)
 
 
 @final
@@ -74,17 +79,22 @@ class Layout:
     trails: list[tuple[Page, str]] = field(default_factory=list)
     hidden: list[tuple[Page, str]] = field(default_factory=list)
     focus: Floats | None = None
-    groups: dict[str, list[SeriesEntry]] = field(default_factory=dict)
-    portraits: list[tuple[Page, str, str]] = field(default_factory=list)
-    surfaces: list[tuple[Page, str, str]] = field(default_factory=list)
+    answered: list[Page] = field(default_factory=list)
+    """The pages with what was asked for, in the order in which it came."""
+    plots: list[Plot] = field(default_factory=list)
+    scales: list[tuple[Page, str]] = field(default_factory=list)
+    compared: dict[str, str] = field(default_factory=dict)
+    """Titles of the charts in which modes are compared, by their paths."""
     panels: list[Panel] = field(default_factory=list)
 
     def blueprint(self) -> rrb.Blueprint:
         """Return the layout in rerun's terms."""
+        order = [page for page in self.answered if page in self.pages]
+        order += [page for page in self.pages if page not in self.answered]
         pages: list[rrb.Container] = [
-            self._page(page, title) for page, title in self.pages.items()
+            self._page(page, self.pages[page]) for page in order if page is not None
         ] or [self._page(None, "Mechanism")]
-        if len({e.page for own in self._compared().values() for e in own}) > 1:
+        if self.compared:
             pages.append(self._comparison())
         top = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
         first, last = self.span or (0, 360)
@@ -104,40 +114,29 @@ class Layout:
             auto_layout=False,
         )
 
-    def colour(self, group: str, entry: SeriesEntry) -> colours.Colour:
-        """Return the colour of a series: that of its position in the plot of its page."""
-        own = [each for each in self.groups[group] if each.page == entry.page]
-        return colours.series_colour(own.index(entry))
-
     def _page(self, page: Page, title: str) -> rrb.Container:
-        plots: list[rrb.View] = [
-            self._plot(group, _of(series, page))
-            for group, series in self.groups.items()
-            if _of(series, page)
-        ]
-        plots += [
-            self._portrait(path, label)
-            for owner, path, label in self.portraits
-            if owner in (None, page)
-        ]
-        plots += [
-            self._surface(path, label)
-            for owner, path, label in self.surfaces
-            if owner in (None, page)
-        ]
+        own = [plot for plot in self.plots if plot.page in (None, page)]
+        own.sort(key=lambda plot: not plot.answers)
+        plots = [self._plot(plot) for plot in own]
         ordered = _of(self.panels, page)
-        if isinstance(page, str):
-            ordered.sort(key=lambda panel: panel.page is None)
+        ordered.sort(key=lambda panel: panel.page is None)
         panels = [self._panel(panel) for panel in ordered]
         rows: list[rrb.View | rrb.Container] = [*plots[:1]]
         if len(plots) > 1:
             rows.append(_tabs(plots[1:]))
         if panels:
             rows.append(_tabs(panels))
-        has_solids = any(owner in (None, page) for owner, _ in self.solids)
+        own_page = (page,) if isinstance(page, str) else (None, page)
+        has_solids = any(owner in own_page for owner, _ in self.solids)
         if rows and not has_solids:
-            return rrb.Horizontal(*rows, name=title)
-        space = self._space(page, title)
+            beside = [rrb.Vertical(*rows[1:])] if len(rows) > 1 else []
+            return rrb.Horizontal(
+                rows[0], *beside, column_shares=[11, 9][: len(beside) + 1], name=title
+            )
+        space: rrb.View | rrb.Container = self._space(page, title)
+        scale = next((path for owner, path in self.scales if owner == page), None)
+        if scale is not None:
+            space = rrb.Vertical(space, self._scale(scale), row_shares=[9, 1], name=title)
         if not rows:
             return rrb.Horizontal(space, name=title)
         return rrb.Horizontal(space, rrb.Vertical(*rows), column_shares=[11, 9], name=title)
@@ -195,74 +194,31 @@ class Layout:
         """Return a place on a timeline as the viewer takes it."""
         return {"seconds": value} if timeline == TIME else {"seq": round(value)}
 
-    def _plot(
-        self, group: str, series: Sequence[SeriesEntry], mixed: bool = False
-    ) -> rrb.TimeSeriesView:
-        overrides: dict[Any, Any] = {}
-        order = list(self.pages)
-        for entry in series:
-            if mixed and entry.page is not None:
-                colour = colours.shaded(self.colour(group, entry), order.index(entry.page))
-                name = f"{entry.label}, {self.pages[entry.page]}"
-                lines = entities.series_lines(name, colour)
-                overrides[entry.path] = lines.visualizer()
-        return rrb.TimeSeriesView(
-            origin=self.root,
-            contents=[f"+ {entry.path}" for entry in series],
-            name=group,
-            axis_x=self._axis(LEGEND_SHARE if mixed else 0.0),
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
-            background=rrb.archetypes.PlotBackground(color=colours.BACKGROUND),
-            overrides=overrides,
-        )
+    def _plot(self, plot: Plot) -> rrb.View:
+        if plot.bounds is None:
+            return rrb.Spatial3DView(
+                origin=plot.path,
+                name=plot.label,
+                background=colours.BACKGROUND,
+                line_grid=False,
+                eye_controls=rrb.EyeControls3D(
+                    position=SPACE_EYE, look_target=(0, 0, -0.15), eye_up=(0, 0, 1)
+                ),
+            )
+        return _plane(plot.path, plot.label, plot.bounds, [plot.path])
 
-    def _axis(self, beyond: float) -> rrb.TimeAxis | None:
-        """Return the axis over the whole span, and a share of it beyond its end."""
-        if self.span is None:
-            return None
-        first, last = self.span
-        last = max(last, first + (self.step or 1)) + beyond * (last - first)
-        view_range = rr.TimeRange(
-            start=rr.TimeRangeBoundary.absolute(**self._ticks(self.timeline, first)),
-            end=rr.TimeRangeBoundary.absolute(**self._ticks(self.timeline, last)),
-        )
-        return rrb.TimeAxis(view_range=view_range)
-
-    def _compared(self) -> dict[str, list[SeriesEntry]]:
-        """Return the series of modes, which have the same samples, if not too many."""
-        found = {
-            group: [entry for entry in series if isinstance(entry.page, int)]
-            for group, series in self.groups.items()
-        }
-        return {
-            group: series
-            for group, series in found.items()
-            if 0 < len(series) <= MOST_COMPARED
-        }
+    def _scale(self, path: str) -> rrb.View:
+        return _plane(path, "Scale", charts.SCALE_BOUNDS, [path])
 
     def _comparison(self) -> rrb.Container:
-        plots = [
-            self._plot(group, series, mixed=True)
-            for group, series in self._compared().items()
-        ]
-        columns = 1 if len(plots) < 3 else 2
-        return rrb.Grid(*plots, grid_columns=columns, name="Compare")
-
-    def _portrait(self, path: str, label: str) -> rrb.View:
-        return rrb.Spatial2DView(
-            origin=path,
-            name=label,
-            background=colours.BACKGROUND,
-            visual_bounds=rrb.VisualBounds2D(
-                x_range=(-0.2 * entities.PORTRAIT[0], 1.1 * entities.PORTRAIT[0]),
-                y_range=(-1.1 * entities.PORTRAIT[1], 0.2 * entities.PORTRAIT[1]),
-            ),
-        )
-
-    def _surface(self, path: str, label: str) -> rrb.View:
-        return rrb.Spatial3DView(
-            origin=path, name=label, background=colours.BACKGROUND, line_grid=False
-        )
+        """Return the charts of all modes, each with the cursor of the first mode's."""
+        views = []
+        for path, title in self.compared.items():
+            first = next(plot for plot in self.plots if plot.compared == path)
+            paths = [path, f"{first.path}/cursor"]
+            views.append(_plane(path, title, charts.bounds(), paths))
+        columns = 1 if len(views) < 3 else 2
+        return rrb.Grid(*views, grid_columns=columns, name="Compare")
 
     def _panel(self, panel: Panel) -> rrb.View:
         if panel.graph:
@@ -278,7 +234,17 @@ class Layout:
         return rrb.TextDocumentView(origin=panel.path, name=panel.label)
 
 
-def _of(entries: Sequence[Entry], page: Page) -> list[Entry]:
+def _plane(path: str, name: str, seen: Bounds, paths: Sequence[str]) -> rrb.View:
+    return rrb.Spatial2DView(
+        origin=path,
+        name=name,
+        contents=[f"+ {each}/**" for each in paths],
+        background=colours.BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=seen[0], y_range=seen[1]),
+    )
+
+
+def _of(entries: Sequence[Panel], page: Page) -> list[Panel]:
     return [entry for entry in entries if entry.page in (None, page)]
 
 

@@ -4,6 +4,8 @@ The link colours are the set of Okabe and Ito (2008), lightened for a dark backg
 and without its yellow and orange, which are left to the pole axes.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -60,9 +62,12 @@ def link_colour(number: int) -> Colour:
     return LINKS[number % len(LINKS)]
 
 
-def series_colour(position: int) -> Colour:
-    """Return the colour of the series that came at `position` in its plot."""
-    return LINKS[1 + position % (len(LINKS) - 1)]
+def of_series(link: int | None, used: Sequence[Colour]) -> Colour:
+    """Return the colour of a series: that of its link, or one that its plot lacks."""
+    if link is not None:
+        return link_colour(link)
+    left = [each for each in LINKS[1:] if each not in used]
+    return left[0] if left else LINKS[1 + len(used) % (len(LINKS) - 1)]
 
 
 def shaded(colour: Colour, step: int) -> Colour:

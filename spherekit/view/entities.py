@@ -5,7 +5,7 @@ labels get an empty row there. The curves of a link stay in the recording for go
 its transform shrinks them to a point instead; the viewer ignores a scale of zero.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import assert_never
 
 import numpy as np
@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from spherekit.analysis.scene import (
     Arrow,
     Body,
+    Diagram,
     Floats,
     Graph,
     GreatCircle,
-    Mark,
+    InputMarks,
     Portrait,
     Primitive,
     Series,
@@ -25,8 +26,11 @@ from spherekit.analysis.scene import (
     SphereMap,
     Surface,
     Text,
+    Trace,
+    plotted_range,
+    titled,
 )
-from spherekit.view import colours, shapes
+from spherekit.view import charts, colours, diagrams, shapes
 from spherekit.view.sdk import rr
 
 Still = tuple[str, rr.AsComponents]
@@ -45,16 +49,15 @@ LABEL_HEIGHT = 1.09
 LINK_LABEL_HEIGHT = 1.15
 POINT = 0.001
 GRAPH_SIZE = (420.0, 220.0)
-PORTRAIT = (1.6, 1.0)
-"""Width and height of the frame of a portrait."""
+GRATICULE_LIFT = 1.006
 MAP_LIFT = 1.002
 """Maps lie just outside of the sphere, and inside of curves."""
-SCALE = (1.2, 1.48)
-"""Where on the z axis the colours of a map are explained."""
-SCALE_MARKS = 5
+MAP_RESOLUTION = 1e-6
 HIDDEN = 1e-6
-MOST_LABELS = 24
-"""With more marks than this, their labels are seen when they are pointed at."""
+NEAR = np.cos(np.radians(4.0))
+"""Pairs of a link with axes closer than this have one label."""
+CUBE = 1.6
+"""Side of the space that a surface fills if its axes differ."""
 
 
 def world() -> Iterator[Still]:
@@ -72,7 +75,7 @@ def world() -> Iterator[Still]:
     yield (
         "sphere/graticule",
         rr.LineStrips3D(
-            shapes.graticule(),
+            [GRATICULE_LIFT * line for line in shapes.graticule()],
             colors=colours.GRATICULE,
             radii=rr.Radius.ui_points(0.6),
         ),
@@ -117,10 +120,14 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
                     show_labels=False,
                 ),
             )
-        case Series():
+        case Series() | Trace() | InputMarks():
             return
         case Portrait():
-            yield from _still_portrait(primitive)
+            yield from charts.portrait(primitive)
+            dot = rr.Radius.ui_points(5.0)
+            yield "mark", rr.Points2D.from_fields(colors=colours.GOLD, radii=dot)
+        case Diagram():
+            yield from diagrams.still(primitive)
         case SphereCurves():
             yield from _still_curves(primitive)
         case SphereMap():
@@ -138,9 +145,15 @@ def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
 def moving(primitive: Primitive) -> Iterator[Moving]:
     """Yield the columns of one block of samples; nothing for what does not move."""
     match primitive:
-        case Body(quaternions=None) | SphereCurves() | SphereMap() | Surface():
+        case Body(quaternions=None) | Trace(quaternions=None):
             return
-        case Graph() | Text():
+        case SphereCurves() | SphereMap() | Surface():
+            return
+        case Trace(quaternions=quaternions) if quaternions is not None:
+            yield "", _turned(quaternions, present(quaternions))
+        case Diagram():
+            yield from diagrams.moving(primitive)
+        case Graph() | Text() | InputMarks():
             return
         case Body(quaternions=quaternions) if quaternions is not None:
             good = present(quaternions)
@@ -160,7 +173,7 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
             good = present(normals)
             yield "", _turned(shapes.quaternions_to(normals), good)
         case Portrait():
-            points = _in_plane(primitive.placed())
+            points = charts.in_frame(primitive.placed())
             good = present(points)
             columns = rr.Points2D.columns(positions=points[good])
             yield "mark", columns.partition(good.astype(np.int64))
@@ -175,11 +188,6 @@ def present(rows: Floats) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(rows).all(axis=1))
 
 
-def series_lines(label: str, colour: colours.Colour) -> rr.SeriesLines:
-    """Return the name and the colour of a curve; its plot decides on both."""
-    return rr.SeriesLines(names=label, colors=colour, widths=2.0)
-
-
 def path_lines(lines: list[Floats], primary: bool) -> rr.LineStrips3D:
     """Return the whole path that a pole leaves on the sphere."""
     colour = colours.SILVER if primary else colours.GOLD
@@ -187,6 +195,15 @@ def path_lines(lines: list[Floats], primary: bool) -> rr.LineStrips3D:
         [1.003 * line for line in lines],
         colors=colour,
         radii=rr.Radius.ui_points(0.7 if primary else 1.2),
+    )
+
+
+def trace_lines(lines: list[Floats], number: int) -> rr.LineStrips3D:
+    """Return the whole path of a direction in the axes of a link."""
+    return rr.LineStrips3D(
+        [1.006 * line for line in lines],
+        colors=colours.link_colour(number),
+        radii=rr.Radius.ui_points(1.8),
     )
 
 
@@ -227,10 +244,16 @@ def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
             "joints",
             rr.Points3D(lift * body.joints, colors=colours.PALE, radii=JOINT_RADIUS),
         )
-    where, words, tints = [], [], []
+    where: list[Floats] = []
+    words: list[str] = []
+    tints: list[colours.Colour] = []
     for joint, label in zip(body.joints, body.joint_labels, strict=True):
         if label and label not in labelled:
             labelled.add(label)
+            near = [k for k, at in enumerate(where) if at @ joint > NEAR * LABEL_HEIGHT]
+            if near:
+                words[near[0]] += f", {label}"
+                continue
             where.append(LABEL_HEIGHT * joint)
             words.append(label)
             tints.append(colours.PALE)
@@ -269,18 +292,25 @@ def _still_curves(item: SphereCurves) -> Iterator[Still]:
                 labels=[mark.label for mark in item.marks],
                 colors=[colours.tone(mark.tone) for mark in item.marks],
                 radii=rr.Radius.ui_points(4.0),
-                show_labels=len(item.marks) <= MOST_LABELS,
+                show_labels=len(item.marks) <= charts.MOST_LABELS,
             ),
         )
 
 
+def map_range(values: Floats, triangles: NDArray[np.int64]) -> tuple[float, float]:
+    """Return the least and greatest value that a map shows, of those in triangles."""
+    shown = values[np.unique(triangles)] if len(triangles) else values
+    low, high = plotted_range(shown, MAP_RESOLUTION)
+    if np.all(shown == np.round(shown)):
+        return min(float(np.min(shown)), 0.0), max(float(np.max(shown)), 1.0)
+    return low, high
+
+
 def _still_map(item: SphereMap) -> Iterator[Still]:
-    meshed = len(item.triangles) > 0
-    used = np.unique(item.triangles) if meshed else np.arange(len(item.vertices))
-    low, high = float(np.min(item.values[used])), float(np.max(item.values[used]))
-    parts = np.clip((item.values - low) / max(high - low, HIDDEN), 0.0, 1.0)
+    low, high = map_range(item.values, item.triangles)
+    parts = np.clip((np.nan_to_num(item.values) - low) / (high - low), 0.0, 1.0)
     places, tints = MAP_LIFT * item.vertices, colours.heat(parts)
-    if meshed:
+    if len(item.triangles):
         seen: rr.AsComponents = rr.Mesh3D(
             vertex_positions=places,
             triangle_indices=item.triangles,
@@ -290,47 +320,60 @@ def _still_map(item: SphereMap) -> Iterator[Still]:
     else:
         seen = rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(4.0))
     yield "", seen
-    scale = np.linspace(0.0, 1.0, SCALE_MARKS)
-    places = np.outer(SCALE[0] + (SCALE[1] - SCALE[0]) * scale, [0.0, 0.0, 1.0])
-    yield (
-        "scale",
-        rr.Points3D(
-            places,
-            colors=colours.heat(scale),
-            radii=rr.Radius.ui_points(6.0),
-        ),
-    )
-    words = [f"{low + (high - low) * part:.3g}" for part in scale]
-    words[-1] += f" {item.label}"
-    yield (
-        "scale/words",
-        rr.Points3D(places, labels=words, colors=colours.PALE, radii=0.0, show_labels=True),
-    )
 
 
 def _still_surface(surface: Surface) -> Iterator[Still]:
     low, high = np.min(surface.vertices, axis=0), np.max(surface.vertices, axis=0)
-    yield (
-        "",
-        rr.Mesh3D(
-            vertex_positions=surface.vertices,
-            triangle_indices=surface.triangles,
-            albedo_factor=(*colours.tone(surface.tone), 150),
-        ),
-    )
-    corners = np.array([low, *(np.where(np.eye(3)[k] > 0, high, low) for k in range(3))])
+    sides = np.where(high > low, high - low, 1.0)
+    scale = CUBE / sides
+    middle = 0.5 * (low + high)
+    places = (surface.vertices - middle) * scale
+    if len(surface.triangles):
+        normals = shapes.vertex_normals(places, surface.triangles)
+        yield (
+            "",
+            rr.Mesh3D(
+                vertex_positions=places,
+                triangle_indices=surface.triangles,
+                vertex_normals=normals,
+                albedo_factor=colours.tone(surface.tone),
+            ),
+        )
+    else:
+        tints: NDArray[np.uint8] | colours.Colour = colours.tone(surface.tone)
+        if surface.values is not None:
+            least, most = map_range(surface.values, surface.triangles)
+            tints = colours.heat(np.clip((surface.values - least) / (most - least), 0, 1))
+        yield "", rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(3.0))
+    ends = np.array([low - middle, high - middle]) * scale
     yield (
         "axes",
         rr.LineStrips3D(
-            [np.array([corners[0], end]) for end in corners[1:]],
+            shapes.box(*ends),
             colors=colours.GRATICULE,
-            labels=[
-                f"{name}: {a:.4g} to {b:.4g}"
-                for name, a, b in zip(surface.axes, low, high, strict=True)
-            ],
-            show_labels=True,
             radii=rr.Radius.ui_points(0.8),
         ),
+    )
+    where, words = [], []
+    for axis, name in enumerate(surface.axes):
+        corner = np.array([ends[0][0], ends[0][1], ends[0][2]])
+        if axis != 1:
+            corner[1 if axis == 0 else 0] = ends[0][1 if axis == 0 else 0]
+        else:
+            corner[0] = ends[1][0]
+        out = 0.06 * np.sign(corner) * (np.arange(3) != axis)
+        for value in (low[axis], high[axis]):
+            place = corner + out
+            place[axis] = (value - middle[axis]) * scale[axis] * 0.94
+            where.append(place)
+            words.append(f"{value:.4g}")
+        place = corner + 2.0 * out
+        place[axis] = 0.0
+        where.append(place)
+        words.append(titled(name, surface.unit))
+    yield (
+        "words",
+        rr.Points3D(where, labels=words, colors=colours.PALE, radii=0.0, show_labels=True),
     )
 
 
@@ -354,78 +397,3 @@ def _still_graph(graph: Graph) -> Iterator[Still]:
     )
     if graph.edges:
         yield "", rr.GraphEdges(list(graph.edges), graph_type="undirected")
-
-
-def portrait_lines(lines: list[Floats]) -> rr.LineStrips2D:
-    """Return the whole curve of a portrait from its placed points."""
-    return rr.LineStrips2D(
-        [_in_plane(line) for line in lines],
-        colors=colours.link_colour(1),
-        radii=rr.Radius.ui_points(1.0),
-    )
-
-
-def _in_plane(points: Floats) -> Floats:
-    """Return placed points (n, 2) where the viewer draws them: its y points down."""
-    return np.asarray(points * np.array(PORTRAIT) * np.array([1.0, -1.0]))
-
-
-def _still_portrait(portrait: Portrait) -> Iterator[Still]:
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
-    lines = [corners]
-    (left, right), (low, high) = portrait.x_range, portrait.y_range
-    if left < 0.0 < right:
-        zero = -left / (right - left)
-        lines.append(np.array([[zero, 0.0], [zero, 1.0]]))
-    if low < 0.0 < high:
-        zero = -low / (high - low)
-        lines.append(np.array([[0.0, zero], [1.0, zero]]))
-    yield (
-        "frame",
-        rr.LineStrips2D(
-            [_in_plane(line) for line in lines],
-            colors=colours.GRATICULE,
-            radii=rr.Radius.ui_points(0.6),
-        ),
-    )
-    words = {
-        (0.05, -0.07): f"{left:.4g}",
-        (0.5, -0.07): portrait.x_label,
-        (1.0, -0.07): f"{right:.4g}",
-        (-0.09, 0.04): f"{low:.4g}",
-        (-0.12, 0.5): portrait.y_label,
-        (-0.09, 1.0): f"{high:.4g}",
-    }
-    yield (
-        "words",
-        rr.Points2D(
-            _in_plane(np.array(list(words))),
-            labels=list(words.values()),
-            show_labels=True,
-            colors=colours.PALE,
-            radii=0.0,
-        ),
-    )
-    for number, (points, tone) in enumerate(portrait.curves):
-        yield (
-            f"curve_{number}",
-            rr.LineStrips2D(
-                [_in_plane(line) for line in shapes.unbroken(portrait.framed(points))],
-                colors=colours.tone(tone),
-                radii=rr.Radius.ui_points(1.0),
-            ),
-        )
-    if portrait.marks:
-        yield "marks", _plane_marks(portrait, portrait.marks)
-    yield "mark", rr.Points2D.from_fields(colors=colours.GOLD, radii=rr.Radius.ui_points(5))
-
-
-def _plane_marks(portrait: Portrait, marks: Sequence[Mark]) -> rr.Points2D:
-    places = portrait.framed(np.array([mark.place for mark in marks]))
-    return rr.Points2D(
-        _in_plane(places),
-        labels=[mark.label for mark in marks],
-        colors=[colours.tone(mark.tone) for mark in marks],
-        radii=rr.Radius.ui_points(4.0),
-        show_labels=len(marks) <= MOST_LABELS,
-    )

@@ -8,6 +8,7 @@ import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import final
 from urllib.parse import urlsplit
@@ -181,6 +182,34 @@ class ServedOutput(AbstractOutput):
     def close(self, keep: bool) -> str:
         """Stop the server."""
         self.stream.disconnect()
+        return ""
+
+
+@final
+class NotebookOutput(AbstractOutput):
+    """The page of a notebook; the recording is in it when it is whole."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self.stream = stream
+
+    def open(self) -> None:
+        """Check that notebooks can show recordings; data stay in memory until then."""
+        if find_spec("rerun_notebook") is None:
+            raise OutputError(
+                "a notebook shows recordings by the package rerun-notebook, which is not "
+                'installed; install it with: pip install "spherekit-mechanisms[notebook]", '
+                "or write a file with save(path)"
+            )
+
+    def flush(self) -> None:
+        """Nothing has to arrive before the end."""
+
+    def complete(self, rows: int) -> None:
+        """Hand the recording to the page, which empties it."""
+        rr.notebook_show(recording=self.stream)
+
+    def close(self, keep: bool) -> str:
+        """Let go of the recording."""
         return ""
 
 

@@ -5,6 +5,7 @@ import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
@@ -12,12 +13,16 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import (
     Arrow,
+    Axis,
     Body,
+    Diagram,
     Floats,
     Graph,
     GreatCircle,
+    InputMarks,
     Page,
     Portrait,
     Primitive,
@@ -27,18 +32,29 @@ from spherekit.analysis.scene import (
     SphereMap,
     Surface,
     Text,
+    Trace,
+    in_degrees,
+    titled,
 )
 from spherekit.errors import OutputError
-from spherekit.view import entities, shapes
-from spherekit.view.blueprint import MOST_COMPARED, Layout, Panel, SeriesEntry
+from spherekit.view import charts, colours, diagrams, entities, shapes
+from spherekit.view.blueprint import MOST_COMPARED, Layout, Panel, Plot
+from spherekit.view.charts import Chart, Curve
 from spherekit.view.outputs import (
     AbstractOutput,
     FileOutput,
+    NotebookOutput,
     ServedOutput,
     ViewerOutput,
 )
 from spherekit.view.sdk import rr
 from spherekit.view.timelines import SAMPLE, TIME, InputTimeline, input_timeline
+
+UNASKED = ("", MOTION)
+"""Sources of scenes that show what moves, and nothing that was asked for."""
+
+LIVE_SECONDS = 0.5
+"""A viewer that looks on gets the curves anew that often."""
 
 NOTES = """\
 # {name}
@@ -74,6 +90,7 @@ class RerunRecorder:
         path: Path | str | None = None,
         port: int | None = None,
         url: str | None = None,
+        notebook: bool = False,
     ) -> None:
         """Choose the places, any of them together: nothing is touched yet.
 
@@ -87,6 +104,8 @@ class RerunRecorder:
             Port of this computer at which viewers find the recording.
         url : str, optional
             Address of a viewer that runs already.
+        notebook : bool, optional
+            Whether the page of a notebook shows the recording when it is whole.
 
         """
         self.name = name
@@ -104,15 +123,22 @@ class RerunRecorder:
             self._outputs.append(ServedOutput(stream(), port))
         if url is not None:
             self._outputs.append(ViewerOutput(stream(), url))
+        if notebook:
+            self._outputs.append(NotebookOutput(stream()))
         if not self._outputs:
-            raise ValueError("a recorder needs a path, a port or a url")
+            raise ValueError("a recorder needs a path, a port, a url or a notebook")
         self._layout: Layout | None = None
         self._input: InputTimeline | None = None
+        self._span: tuple[float, float] | None = None
         self._seen: set[str] = set()
         self._labelled: dict[Page, set[str]] = {None: set()}
         self._paths: dict[str, tuple[bool, list[Floats]]] = {}
         self._row: int | None = None
         self._drawn: dict[str, list[Floats]] = {}
+        self._traces: dict[str, tuple[int, list[Floats]]] = {}
+        self._charts: dict[str, Chart] = {}
+        self._marks: dict[str, list[InputMarks]] = {}
+        self._live_drawn = 0.0
         self._rows = 0
         self._laid_out = 0
         self._entities: set[str] = set()
@@ -169,6 +195,8 @@ class RerunRecorder:
         try:
             if error is None:
                 self.finish()
+            elif self._charts and not self._finished:
+                self._draw_charts(self._outputs)
         finally:
             for output in self._outputs:
                 left = output.close(keep=self._rows > 0)
@@ -210,12 +238,14 @@ class RerunRecorder:
 
         """
         if times is not None and len(times) > 0:
-            span = float(times[0]), float(times[-1])
+            self._span = span = float(times[0]), float(times[-1])
             step = (span[1] - span[0]) / max(len(times) - 1, 1)
             layout = Layout(self.root, TIME, step, span)
             words = f"`{TIME}` is the time."
         elif inputs is not None and len(inputs) > 0:
             self._input = line = input_timeline(inputs)
+            degrees = np.degrees([np.min(inputs), np.max(inputs)])
+            self._span = float(degrees[0]), float(degrees[1])
             ticks = max(1, round((line.last - line.first) / max(len(inputs) - 1, 1)))
             layout = Layout(self.root, line.name, ticks, (line.first, line.last))
             words = line.describe()
@@ -236,9 +266,9 @@ class RerunRecorder:
         self._still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for suffix, archetype in entities.world():
             self._still(f"{self.root}/{suffix}", archetype)
-        for scene in scenes:
+        for scene in map(in_degrees, scenes):
             for primitive in scene.primitives:
-                self._introduce(scene.page, primitive)
+                self._introduce(scene.page, primitive, False)
         if scenes or layout.pages:
             self._introduce(None, Text("notes", "About", _about(self.name, words)))
         if layout.pages:
@@ -268,6 +298,12 @@ class RerunRecorder:
         layout = self._layout
         if layout is None or self._finished:
             raise ValueError("log is called after start and before the end")
+        scene = in_degrees(scene)
+        roomy = [
+            charts.roomy(p) if isinstance(p, Portrait) else p for p in scene.primitives
+        ]
+        scene = replace(scene, primitives=tuple(roomy))
+        answers = scene.source not in UNASKED
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
         if layout.timeline == TIME:
             if times is None or len(times) != len(samples):
@@ -278,13 +314,29 @@ class RerunRecorder:
                 raise ValueError("each sample needs its input value")
             ticks = self._input.ticks(inputs)
             lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
-        fresh = [self._introduce(scene.page, item) for item in scene.primitives]
+        for primitive in scene.primitives:
+            _check_rows(primitive, len(samples))
+        over = scene.over or self._axis(np.asarray(samples), inputs, times)
+        if len(over) > 1 and self._row is None and isinstance(scene.page, int):
+            over = (charts.along(over),)
+        touched: dict[str, list[str]] = {}
+        fresh = [
+            self._enter(scene, item, over, touched)
+            if isinstance(item, Series)
+            else self._introduce(scene.page, item, answers)
+            for item in scene.primitives
+        ]
+        if answers and scene.page is not None and scene.page not in layout.answered:
+            layout.answered.append(scene.page)
+            fresh.append(True)
         failed = np.zeros(len(samples), dtype=bool)
+        self._log_charts(touched, lines, over, len(samples))
         for primitive in scene.primitives:
             path = self._path(scene.page, primitive)
-            _check_rows(primitive, len(samples))
             for suffix, columns in entities.moving(primitive):
                 self._columns(_below(path, suffix), lines, columns, len(samples))
+            if isinstance(primitive, Trace):
+                self._traces[path][1].append(np.array(primitive.directions))
             if isinstance(primitive, Arrow) and path in self._paths:
                 self._paths[path][1].append(np.array(primitive.directions))
             if isinstance(primitive, Portrait) and path in self._drawn:
@@ -298,15 +350,147 @@ class RerunRecorder:
             self._columns(where, lines, columns, len(samples))
         if any(fresh):
             self._lay_out()
+        live = [out for out in self._outputs if not isinstance(out, FileOutput)]
+        if live and time.monotonic() - self._live_drawn > LIVE_SECONDS:
+            self._draw_charts(live)
+            self._live_drawn = time.monotonic()
         self._each(lambda output: output.flush())
+
+    def _enter(
+        self,
+        scene: Scene,
+        item: Series,
+        over: tuple[Axis, ...],
+        touched: dict[str, list[str]],
+    ) -> bool:
+        """Add a block of a series to its chart, now `touched`; return if that is new."""
+        title = charts.in_signs(item.heading)
+        if len(over) > 1:
+            title = f"{item.label}: {title}"
+        where = f"{self._base(scene.page)}/charts/{_slug(title)}"
+        is_new = where not in self._charts
+        if is_new:
+            self._charts[where] = Chart(title, over)
+            self._place_chart(scene, where, title)
+        path = self._path(scene.page, item)
+        curve = self._charts[where].add(path, item)
+        curve.values.append(np.array(item.values))
+        curve.places.append(tuple(axis.values for axis in over))
+        touched.setdefault(where, []).append(path)
+        return is_new
+
+    def _log_charts(
+        self,
+        touched: Mapping[str, Sequence[str]],
+        lines: Sequence[rr.TimeColumn],
+        over: tuple[Axis, ...],
+        count: int,
+    ) -> None:
+        """Log the cursors and legends of charts that got a block of some series."""
+        rows = [axis.values for axis in over]
+        for where, paths in touched.items():
+            chart = self._charts[where]
+            if f"{where}/cursor" not in self._seen:
+                self._seen.add(f"{where}/cursor")
+                self._still(f"{where}/cursor", charts.cursor_style(chart))
+            self._columns(f"{where}/cursor", lines, chart.cursor(rows), count)
+            curves = [chart.curves[path] for path in paths]
+            self._log_legend(f"{where}/legend", chart, paths, curves, lines)
+
+    def _axis(
+        self, samples: NDArray[np.int64], inputs: Floats | None, times: Floats | None
+    ) -> tuple[Axis, ...]:
+        """Return what a scene that does not say it is plotted over."""
+        if times is not None and self._span is not None:
+            return (Axis("time", "s", times, self._span),)
+        if inputs is not None and self._span is not None:
+            return (Axis("input", "deg", np.degrees(inputs), self._span),)
+        number = samples.astype(float)
+        low, high = np.min(number, initial=np.inf), np.max(number, initial=-np.inf)
+        return (Axis("sample", "", number, (float(low), float(high))),)
+
+    def _log_legend(
+        self,
+        path: str,
+        chart: Chart,
+        paths: Sequence[str],
+        curves: Sequence[Curve],
+        lines: Sequence[rr.TimeColumn],
+    ) -> None:
+        """Log the names of curves with their values at each row."""
+        places, tints = chart.legend(paths)
+        if path not in self._seen:
+            self._seen.add(path)
+            self._still(path, charts.legend_style(places, tints))
+        words = charts.legend_words([(c.label, c.values[-1], c.resolution) for c in curves])
+        rows = len(curves[0].values[-1])
+        columns = rr.Points2D.columns(labels=words).partition([len(curves)] * rows)
+        self._columns(path, lines, columns, rows)
+
+    def _place_chart(self, scene: Scene, where: str, title: str) -> None:
+        layout = self._layout
+        assert layout is not None
+        compared = ""
+        if isinstance(scene.page, int) and len(self._charts[where].over) == 1:
+            compared = f"{self.root}/compare/{where.rsplit('/', 1)[1]}"
+        layout.plots.append(
+            Plot(
+                scene.page,
+                where,
+                title,
+                scene.source not in UNASKED,
+                charts.bounds(),
+                compared,
+            )
+        )
+
+    def _draw_charts(self, outputs: Sequence[AbstractOutput]) -> None:
+        """Draw all curves and maps as far as they are known, and those of all modes."""
+        for where, chart in self._charts.items():
+            base = where.partition("/charts/")[0]
+            for suffix, archetype in chart.drawn(self._marks.get(base, ())):
+                self._still(f"{where}/{suffix}", archetype, outputs)
+        layout = self._layout
+        if layout is None:
+            return
+        for path, own in self._compared().items():
+            whole = charts.compared([self._charts[plot.path] for plot in own])
+            layout.compared[path] = whole.title
+            for suffix, archetype in whole.drawn():
+                self._still(f"{path}/{suffix}", archetype, outputs)
+            places, tints = whole.legend(list(self._charts[own[0].path].curves))
+            names = [curve.label for curve in self._charts[own[0].path].curves.values()]
+            self._still(
+                f"{path}/legend", charts.legend_style(places, tints, names), outputs
+            )
+
+    def _compared(self) -> dict[str, list[Plot]]:
+        """Return the charts of several modes that are alike, if not of too many curves."""
+        layout = self._layout
+        assert layout is not None
+        alike: dict[str, list[Plot]] = {}
+        for plot in layout.plots:
+            if plot.compared:
+                alike.setdefault(plot.compared, []).append(plot)
+        return {
+            path: own
+            for path, own in alike.items()
+            if len(own) > 1
+            and sum(len(self._charts[plot.path].curves) for plot in own) <= MOST_COMPARED
+        }
 
     def finish(self) -> None:
         """Record the path of every pole, and make all files final; once is enough."""
         if self._finished:
             return
-        if self._laid_out != len(self._seen):
+        self._draw_charts(self._outputs)
+        if self._laid_out != len(self._seen) or (self._layout and self._layout.compared):
             self._lay_out(final=True)
         self._finished = True
+        for path, (number, traced) in self._traces.items():
+            lines = shapes.path_on_sphere(np.concatenate(traced), self._row)
+            if lines:
+                self._still(f"{path}/curve", entities.trace_lines(lines, number))
         for path, (primary, blocks) in self._paths.items():
             whole = np.concatenate(blocks) if blocks else np.zeros((0, 3))
             lines = shapes.path_on_sphere(whole, self._row)
@@ -316,7 +500,7 @@ class RerunRecorder:
             line = np.concatenate(points)
             parts = shapes.unbroken(line)
             if parts:
-                self._still(f"{path}/curve", entities.portrait_lines(parts))
+                self._still(f"{path}/curve", charts.portrait_line(line, colours.TONES[1]))
         self._each(lambda output: output.complete(self._rows))
 
     def serve_until_interrupted(self) -> None:
@@ -333,12 +517,12 @@ class RerunRecorder:
             return self.root
         if isinstance(page, int):
             return f"{self.root}/assembly_mode_{page}"
-        return f"{self.root}/{re.sub(r'[^A-Za-z0-9]+', '_', page).strip('_').lower()}"
+        return f"{self.root}/{_slug(page)}"
 
     def _path(self, page: Page, primitive: Primitive) -> str:
         return f"{self._base(page)}/{primitive.path.strip('/')}"
 
-    def _introduce(self, page: Page, primitive: Primitive) -> bool:
+    def _introduce(self, page: Page, primitive: Primitive, answers: bool = True) -> bool:
         """Log what stays of a primitive seen for the first time; return if it was."""
         path = self._path(page, primitive)
         if path in self._seen:
@@ -347,7 +531,7 @@ class RerunRecorder:
         labelled = self._labelled.setdefault(page, set(self._labelled[None]))
         for suffix, archetype in entities.still(primitive, labelled):
             self._still(_below(path, suffix), archetype)
-        self._place(page, path, primitive)
+        self._place(page, path, primitive, answers)
         return True
 
     def _introduce_status(self, page: Page, path: str) -> bool:
@@ -359,7 +543,7 @@ class RerunRecorder:
             self._layout.solids.append((page, path))
         return True
 
-    def _place(self, page: Page, path: str, primitive: Primitive) -> None:
+    def _place(self, page: Page, path: str, primitive: Primitive, answers: bool) -> None:
         """Give a new primitive its place in the window."""
         layout = self._layout
         if layout is None:
@@ -368,8 +552,15 @@ class RerunRecorder:
             title = f"Assembly mode {page}" if isinstance(page, int) else page
             layout.pages.setdefault(page, title)
         match primitive:
-            case Body() | GreatCircle() | SphereCurves() | SphereMap():
+            case Body() | GreatCircle() | SphereCurves():
                 layout.solids.append((page, path))
+            case SphereMap(label=label, unit=unit):
+                layout.solids.append((page, path))
+                values = entities.map_range(primitive.values, primitive.triangles)
+                self._place_scale(page, values, titled(label, unit))
+            case Trace(number=number):
+                layout.solids.append((page, path))
+                self._traces[path] = (number, [])
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
                 layout.solids.append((page, path))
                 if not shown:
@@ -378,21 +569,33 @@ class RerunRecorder:
                     self._paths[path] = (primary, [])
                 if shown and path_shown and not primary:
                     layout.trails.append((page, f"{path}/trail"))
-            case Portrait(curves=curves):
-                layout.portraits.append((page, path, primitive.label))
+            case Portrait(curves=curves, label=label):
+                layout.plots.append(Plot(page, path, label, answers, charts.bounds()))
                 if not curves:
                     self._drawn[path] = []
+            case Diagram(label=label):
+                seen = diagrams.bounds(primitive)
+                layout.plots.append(Plot(page, path, label, answers, seen))
             case Surface(label=label):
-                layout.surfaces.append((page, path, label))
-            case Series(group=group, label=label):
-                entry = SeriesEntry(page, path, label)
-                layout.groups.setdefault(group, []).append(entry)
-                lines = entities.series_lines(label, layout.colour(group, entry))
-                self._still(path, lines)
+                layout.plots.append(Plot(page, path, label, answers, None))
+            case Series():
+                return
+            case InputMarks():
+                self._marks.setdefault(self._base(page), []).append(primitive)
             case Graph():
                 layout.panels.append(Panel(page, path, "Links and pairs", True))
             case Text(label=label):
                 layout.panels.append(Panel(page, path, label, False))
+
+    def _place_scale(self, page: Page, span: tuple[float, float], label: str) -> None:
+        """Log the colours of a map below the sphere, once for a page."""
+        path = f"{self._base(page)}/scale"
+        if self._layout is None or path in self._seen:
+            return
+        self._seen.add(path)
+        self._layout.scales.append((page, path))
+        for suffix, archetype in charts.horizontal_scale(*span, label):
+            self._still(f"{path}/{suffix}", archetype)
 
     def _lay_out(self, final: bool = False) -> None:
         """Send the layout to viewers; to files when it has grown fourfold, and in the end.
@@ -412,9 +615,14 @@ class RerunRecorder:
             for output in reached:
                 output.stream.send_blueprint(blueprint)
 
-    def _still(self, path: str, archetype: rr.AsComponents) -> None:
+    def _still(
+        self,
+        path: str,
+        archetype: rr.AsComponents,
+        outputs: Sequence[AbstractOutput] | None = None,
+    ) -> None:
         self._entities.add(path)
-        for output in self._outputs:
+        for output in self._outputs if outputs is None else outputs:
             output.stream.log(path, archetype, static=True)
 
     def _columns(
@@ -450,6 +658,10 @@ def _about(name: str, timeline: str) -> str:
     return NOTES.format(name=name, timeline=timeline, compared=MOST_COMPARED)
 
 
+def _slug(title: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", title).strip("_").lower() or "plot"
+
+
 def _below(path: str, suffix: str) -> str:
     return f"{path}/{suffix}" if suffix else path
 
@@ -460,6 +672,8 @@ def _check_rows(primitive: Primitive, count: int) -> None:
         case Body(quaternions=rows) if rows is not None:
             found = len(rows)
         case Arrow(directions=rows) | GreatCircle(normals=rows) | Series(values=rows):
+            found = len(rows)
+        case Trace(directions=rows) | Diagram(places=rows):
             found = len(rows)
         case Portrait(x=rows):
             found = len(rows)

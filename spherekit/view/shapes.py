@@ -48,6 +48,38 @@ def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, NDArray[np.u
     return vertices, np.concatenate([upper, lower]).astype(np.uint32)
 
 
+def box(low: Floats, high: Floats) -> list[Floats]:
+    """Return the twelve edges (2, 3) of a box between two corners."""
+    edges = []
+    for axis in range(3):
+        for corner in range(4):
+            a = np.array(low)
+            one, other = (axis + 1) % 3, (axis + 2) % 3
+            a[one] = high[one] if corner & 1 else low[one]
+            a[other] = high[other] if corner & 2 else low[other]
+            b = a.copy()
+            b[axis] = high[axis]
+            edges.append(np.array([a, b]))
+    return edges
+
+
+def vertex_normals(vertices: Floats, triangles: NDArray[np.int64]) -> Floats:
+    """Return unit normals (v, 3) of a mesh, means of those of the triangles around.
+
+    Where these have no common side, they are turned to agree with the first one.
+    """
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    flat = np.cross(b - a, c - a)
+    summed = np.zeros_like(vertices)
+    for k in range(3):
+        corner = triangles[:, k]
+        against = np.sum(summed[corner] * flat, axis=1) < 0.0
+        np.add.at(summed, corner, np.where(against[:, None], -flat, flat))
+    length = np.linalg.norm(summed, axis=1, keepdims=True)
+    upright = np.array([0.0, 0.0, 1.0])
+    return np.where(length > 0.0, summed / np.where(length > 0.0, length, 1.0), upright)
+
+
 def graticule(step_deg: int = 30) -> list[Floats]:
     """Return the meridians and parallels every `step_deg` degrees."""
     circle = unit_circle()

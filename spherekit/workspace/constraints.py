@@ -189,7 +189,7 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit,
         found.setdefault(key, _Between()).narrow(item.low, item.high, "apart")
     bounds: list[AngleLimit] = []
     for (one, other), between in found.items():
-        name = "/".join(kinematics.name_of(pair) for pair in (one, other))
+        name = "/".join(kinematics.name_of(pair) for pair in sorted((one, other)))
         if between.low > between.high:
             raise _refusal(
                 mechanism,

@@ -61,7 +61,7 @@ def taken_up(
         If there is unfinished work that is not to be gone on with, is of another run, or
         is damaged.
     """
-    standing = RunState([SignMemory() for _ in job.requests])
+    standing = RunState([SignMemory() for _ in job.requests], failures=dict(job.refused))
     if place is None:
         return standing, InMemory() if tables else Nowhere()
     if not place.unfinished or unfinished == "discard":

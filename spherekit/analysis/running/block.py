@@ -1,9 +1,10 @@
 """One block of a run: evaluated, given to all analyses, and handed over."""
 
-import traceback
 from collections.abc import Mapping
 
+from spherekit.analysis.computed import computed, findings_of, scenes_of
 from spherekit.analysis.contract import Batch
+from spherekit.analysis.faults import faults_of
 from spherekit.analysis.folder.store import AbstractStore
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.cost import AXES, RECORDING, Timer
@@ -12,7 +13,8 @@ from spherekit.analysis.running.recording import RecordingSession
 from spherekit.analysis.running.run_plan import RunPlan
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import EVENTS
-from spherekit.errors import SpherekitError
+from spherekit.analysis.table_scenes import table_scenes
+from spherekit.errors import OutputError, SpherekitError
 from spherekit.motion.motion import Motion
 from spherekit.rates.field import PoleField
 from spherekit.sphere.rotation import Floats
@@ -55,28 +57,24 @@ def evaluate_block(
         )
         try:
             with ledger.stage(f"analysis {analysis.name}"):
-                tables = dict(analysis.compute(batch))
-                for table in job.tables_of(analysis):
-                    table.check(tables[table.name], analysis.name)
-                findings = analysis.findings(batch)
+                tables = computed(analysis, job.tables_of(analysis), batch)
                 before = standing.findings.get(analysis.name)
-                if before is not None:
-                    findings = analysis.joined(before, findings)
-            with ledger.stage(RECORDING):
-                scenes = analysis.scene(batch) if stage is not None else ()
+                findings = findings_of(analysis, batch, before)
+            if stage is not None:
+                with ledger.stage(RECORDING):
+                    scenes = scenes_of(analysis, batch)
+                    scenes = scenes or table_scenes(job.tables_of(analysis), tables, batch)
+                    with faults_of(analysis.name, "showing its scene"):
+                        stage.scenes(scenes, motion, analysis.name)
+        except OutputError:
+            raise
         except SpherekitError as problem:
             standing.failures[analysis.name] = str(problem)
-            continue
-        except Exception:  # a plugin's own fault must not lose the others' results
-            standing.failures[analysis.name] = traceback.format_exc()
             continue
         standing.findings[analysis.name] = findings
         for table in job.tables_of(analysis):
             store.add(analysis.name, table, tables[table.name])
             standing.count(analysis.name, table.name, tables[table.name])
-        if stage is not None:
-            with ledger.stage(RECORDING):
-                stage.scenes(scenes, motion)
     if job.motion_tables:
         store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, found))
         standing.count(MOTION, MOTION, {"sample": motion.sample})

@@ -59,7 +59,8 @@ def expected(
     able = [analysis for analysis in analyses if analysis.rowwise]
     course = course_of(few, follow=traced(study, analyses, Execution()))
     job = job_of(course, able, None, ORDINARY, all_links=False)
-    standing, store = RunState([SignMemory() for _ in job.requests]), InMemory()
+    signs, store = [SignMemory() for _ in job.requests], InMemory()
+    standing = RunState(signs, failures=dict(job.refused))
     for motion in job.evaluation.blocks(job.block):
         evaluate_block(job, motion, standing, store, None, Timer())
     tried = standing.tally.configurations

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from spherekit.analysis.contract import AbstractAnalysis, Needs
-from spherekit.errors import AnalysisError
+from spherekit.analysis.declared import declared
+from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
@@ -42,7 +43,10 @@ def needed_part(study: Study, analyses: Sequence[AbstractAnalysis]) -> Mechanism
         )
     wanted: frozenset[int] = frozenset()
     for analysis in analyses:
-        needs = analysis.needs(mechanism)
+        try:
+            needs = declared(analysis, mechanism)
+        except PluginError:
+            continue  # the run says so
         links = links_of(mechanism, needs)
         if needs.tracer or not links:
             raise AnalysisError(

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.link_scenes import link_shapes, motion_scenes, static_scene
+from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.scene import Scene
+from spherekit.analysis.scene import Axis, Scene
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion
@@ -114,7 +115,7 @@ class RecordingSession:
         """Start the recording of samples from `first` on."""
         mechanism = course.tracer.mechanism
         self._recorder, self._thinning = recorder, thinning
-        self._timed, self._first = course.timed, first
+        self._timed, self._first, self._extent = course.timed, first, course.extent
         self._shapes = link_shapes(mechanism)
         logged = np.flatnonzero(thinning.chosen(np.arange(len(course))))
         inputs, times = course.inputs, course.t
@@ -152,32 +153,47 @@ class RecordingSession:
             return
         if not np.all(own):
             motion = replace(motion.rows(chosen), samples=int(np.sum(own)))
-        self._log(motion_scenes(motion, self._shapes, self._timed), motion)
+        self._log(motion_scenes(motion, self._shapes, self._timed), motion, MOTION)
 
-    def scenes(self, scenes: Sequence[Scene], motion: Motion) -> None:
-        """Log what an analysis shows of a block."""
+    def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
+        """Log what an analysis of this name shows of a block."""
         chosen = self._thinning.chosen(motion.sample)
         own = chosen[: motion.samples]
         if not np.all(own):
             motion = replace(motion.rows(chosen), samples=int(np.sum(own)))
             scenes = [scene.thinned(own) for scene in scenes]
-        self._log(scenes, motion)
+        self._log(scenes, motion, source)
 
-    def _log(self, scenes: Sequence[Scene], motion: Motion) -> None:
+    def _log(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         k = motion.samples
         single = motion.inputs.shape[1] == 1 and not self._timed
         inputs = motion.q[:k] if single else None
         timing = motion.timing
         times = timing.t[:k] if timing is not None and self._timed else None
         for scene in scenes:
-            if scene.rows is None:
+            if not scene.over:
                 if k:
-                    self._recorder.log(scene, motion.sample[:k], inputs, times)
+                    shown = replace(scene, over=self._axes(motion), source=source)
+                    self._recorder.log(shown, motion.sample[:k], inputs, times)
                 continue
+            count = len(scene.over[0].values)
             own = (
-                None
-                if line is None
-                else np.linspace(line[0], line[-1], scene.rows + 1)[:-1]
+                None if line is None else np.linspace(line[0], line[-1], count + 1)[:-1]
                 for line in (self._inputs, self._times)
             )
-            self._recorder.log(scene, np.arange(scene.rows), *own)
+            self._recorder.log(replace(scene, source=source), np.arange(count), *own)
+
+    def _axes(self, motion: Motion) -> tuple[Axis, ...]:
+        """Return what the samples of a block run over: the time, or each input."""
+        k = motion.samples
+        if self._times is not None and motion.timing is not None:
+            span = float(self._times[0]), float(self._times[-1])
+            return (Axis("time", "s", motion.timing.t[:k], span),)
+        names = [item.pair for item in motion.mechanism.inputs]
+        label = "input {}" if len(names) == 1 else "{}"
+        return tuple(
+            Axis(label.format(name), "rad", values, (float(low), float(high)))
+            for name, values, (low, high) in zip(
+                names, motion.inputs[:k].T, self._extent.inputs.T, strict=True
+            )
+        )

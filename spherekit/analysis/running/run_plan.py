@@ -1,13 +1,14 @@
 """A run made ready: what is evaluated for whom, in blocks of how many samples."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, reduce
 from typing import Any, final
 
 from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.declared import declared
 from spherekit.analysis.folder.resource_check import need_memory
-from spherekit.analysis.requests import needs_of, requests_for
+from spherekit.analysis.requests import requests_for
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.evaluation import Evaluation
 from spherekit.analysis.running.motion_table import motion_table
@@ -15,7 +16,7 @@ from spherekit.analysis.running.run_state import identity_of
 from spherekit.analysis.running.sampling import EVENTS, Sampling
 from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import Table
-from spherekit.errors import AnalysisError
+from spherekit.errors import AnalysisError, PluginError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Plan
 from spherekit.rates.request import Request
@@ -26,7 +27,8 @@ from spherekit.rates.request import Request
 class RunPlan:
     """What a run evaluates: `needs` of each of the `analyses`, a request for each input.
 
-    Of `block` samples at once.
+    Of `block` samples at once. `refused` says of analyses that break the contract why they
+    are not asked.
     """
 
     course: Sampling
@@ -35,6 +37,7 @@ class RunPlan:
     requests: tuple[Request, ...]
     block: int
     evaluation: Evaluation
+    refused: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def mechanism(self) -> Mechanism:
@@ -54,7 +57,11 @@ class RunPlan:
     @property
     def at_once(self) -> tuple[str, ...]:
         """Names of the analyses that look at all samples at once."""
-        return tuple(analysis.name for analysis in self.analyses if analysis.at_once)
+        return tuple(
+            analysis.name
+            for analysis in self.analyses
+            if analysis.at_once and analysis.name not in self.refused
+        )
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -100,21 +107,27 @@ def job_of(
     Raises
     ------
     AnalysisError, EngineError, PlanError
-        If an analysis or the setting does not apply, or all samples at once need more
-        memory than there is.
+        If an analysis refuses the mechanism, the setting does not apply, or all samples at
+        once need more memory than there is.
     """
     mechanism, tracer = course.tracer.mechanism, course.tracer
-    own = tuple(analysis.needs(mechanism) for analysis in analyses)
+    own, refused = [], {}
+    for analysis in analyses:
+        try:
+            own.append(declared(analysis, mechanism))
+        except PluginError as fault:
+            refused[analysis.name] = str(fault)
+            own.append(Needs())
     _need_times(course, analyses, own)
-    together = needs_of(mechanism, analyses)
+    together = reduce(Needs.union, own, Needs())
     wanted = requests_for(mechanism, together, tracer.by_rank)
     evaluation = Evaluation(setting, course, wanted, together, all_links)
-    whole = [analysis.name for analysis in analyses if analysis.at_once]
+    whole = [each.name for each in analyses if each.name not in refused and each.at_once]
     if whole:
         block = len(course)
         need_memory(mechanism, block * len(tracer.assembly_modes), whole)
     block = min(block or tracer.block, len(course))
-    return RunPlan(course, tuple(analyses), own, wanted, block, evaluation)
+    return RunPlan(course, tuple(analyses), tuple(own), wanted, block, evaluation, refused)
 
 
 def _need_times(

@@ -9,13 +9,14 @@ rows replaced.
 """
 
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import Batch, Needs
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.run_plan import RunPlan
@@ -34,12 +35,11 @@ from spherekit.exact.field import (
     exact_direction,
     exact_field,
     exact_motion,
-    field_rows,
 )
 from spherekit.exact.rows import ExactRows, exact_rows_by_input
 from spherekit.motion.continued import TURN
 from spherekit.motion.motion import Motion
-from spherekit.motion.timing import Timing
+from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.poles import Pole
 from spherekit.rates.field import PoleField
 from spherekit.rates.request import Request
@@ -48,17 +48,6 @@ from spherekit.sphere.rotation import Floats
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Multiples of it, without their whole parts, are spread evenly over 0 to 1."""
 
-ROW_ARRAYS = (
-    "sample",
-    "assembly_mode",
-    "inputs",
-    "values",
-    "rotations",
-    "status",
-    "residual",
-    "sense",
-)
-"""What a motion has for every row, beside its timing."""
 
 Read = tuple[Motion, tuple[PoleField, ...], Mapping[str, Floats]]
 """What a batch reads: a motion, its poles, and variables that go on."""
@@ -74,7 +63,7 @@ OPEN = 100.0
 
 @final
 @dataclass(frozen=True)
-class _Kept:
+class _Kept(ArrayRows):
     """Rows of a motion with fields and continued angles, and what they are chosen by."""
 
     motion: Motion
@@ -83,16 +72,6 @@ class _Kept:
     spread: Floats
     bound: Floats
     condition: Floats
-
-    def take(self, rows: NDArray[np.bool_]) -> "_Kept":
-        return _Kept(
-            self.motion.rows(rows),
-            tuple(field_rows(field, rows) for field in self.fields),
-            {name: angle[rows] for name, angle in self.angles.items()},
-            self.spread[rows],
-            self.bound[rows],
-            self.condition[rows],
-        )
 
     def worst(self) -> list[int]:
         """Return the rows with the largest residual, bound and condition."""
@@ -145,7 +124,7 @@ class Verifier:
         if not np.any(good):
             return
         own = motion.rows(good)
-        found = tuple(field_rows(field, good) for field in fields)
+        found = tuple(field.rows(good) for field in fields)
         turned = {name: angle[good] for name, angle in angles.items()}
         number = own.assembly_mode * self._samples + own.sample
         bound = np.full(len(own), np.nan)
@@ -154,10 +133,10 @@ class Verifier:
                 bound = np.fmax(bound, field.error[pole])
         spread = (number + 1) * GOLDEN % 1.0
         new = _Kept(own, found, turned, spread, bound, own.conditioning)
-        new = new.take(new.chosen(self._count))
+        new = new.rows(new.chosen(self._count))
         if self._kept is not None:
             new = _together(self._kept, new)
-        self._kept = new.take(new.chosen(self._count))
+        self._kept = new.rows(new.chosen(self._count))
 
     def verdict(self, failed: Collection[str] = ()) -> dict[str, Any]:
         """Return what is to be said of the rows, ready for JSON.
@@ -202,18 +181,22 @@ class Verifier:
             if analysis.at_once and self._whole is not None:
                 both = self._whole, _replaced(self._whole, rows, *alone[1])
             try:
+                own = [table.of(motion.mechanism) for table in analysis.tables]
                 first, second = (
-                    analysis.compute(
-                        Batch(motion.mechanism, self._plans, needs, *each, self._timed)
+                    computed(
+                        analysis,
+                        own,
+                        Batch(motion.mechanism, self._plans, needs, *each, self._timed),
                     )
                     for each in both
                 )
-            except Exception:  # a plugin's own fault must not lose the run's results
+            except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
                 continue
-            for declared in analysis.tables:
-                table, name = declared.of(motion.mechanism), declared.name
-                pairs.append((analysis.name, table, first[name], second[name]))
+            pairs += [
+                (analysis.name, table, first[table.name], second[table.name])
+                for table in own
+            ]
         columns = [item for each in pairs for item in _compared(rows, *each)]
         told = [item for item in columns if item["compared"]]
         worst = max(told, key=lambda item: float(item["in_roundings"]))
@@ -566,33 +549,8 @@ def _place(item: Mapping[str, Any]) -> str:
 
 def _together(one: _Kept, other: _Kept) -> _Kept:
     """Return the rows of two blocks, mode after mode, in each the samples in order."""
-    places = [
-        np.concatenate([getattr(each.motion, name) for each in (one, other)])
-        for name in ("sample", "assembly_mode")
-    ]
-    order = np.lexsort(tuple(places))
-
-    def joined(parts: Sequence[Any]) -> Any:
-        if parts[0] is None:
-            return None
-        if isinstance(parts[0], dict):
-            return {key: joined([part[key] for part in parts]) for key in parts[0]}
-        return np.concatenate(parts)[order]
-
-    def of(first: Any, second: Any, names: Iterable[str]) -> dict[str, Any]:
-        return {n: joined([getattr(first, n), getattr(second, n)]) for n in names}
-
-    a, b = one.motion, other.motion
-    timing = None
-    if a.timing is not None and b.timing is not None:
-        timing = Timing(**of(a.timing, b.timing, vars(a.timing)))
-    motion = replace(a, samples=len(order), timing=timing, **of(a, b, ROW_ARRAYS))
-    fields = tuple(
-        PoleField(**of(first, second, vars(first)))
-        for first, second in zip(one.fields, other.fields, strict=True)
-    )
-    rest = of(one, other, ("angles", "spread", "bound", "condition"))
-    return _Kept(motion, fields, **rest)
+    both = _Kept.joined([one, other])
+    return both.rows(np.lexsort((both.motion.sample, both.motion.assembly_mode)))
 
 
 def _largest(values: Floats) -> float:

@@ -1,0 +1,36 @@
+"""Parameters, tables and sources of every shipped analysis, from its class."""
+
+from collections.abc import Iterator
+from dataclasses import MISSING
+
+from spherekit.analysis.arguments import parameters
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.registry import load, names
+
+
+def pages() -> Iterator[tuple[str, str]]:
+    """Yield a part for the page of each analysis."""
+    for name in names():
+        yield f"analyses/{name}.md", "\n".join(_part(load(name)))
+
+
+def _part(cls: type[AbstractAnalysis]) -> Iterator[str]:
+    yield "---\norphan: true\n---\n"
+    yield f"# {cls.name}: parameters, tables and sources\n"
+    yield f"{cls.summary.capitalize()}.\n"
+    yield "| parameter | value | default |\n|---|---|---|"
+    for key, (shown, default) in parameters(cls).items():
+        said = "required" if default is MISSING else f"`{default!r}`"
+        yield f"| `{key}` | {_cell(shown)} | {said} |"
+    for table in cls.tables:
+        yield f"\n## Table `{table.name}`\n\n{table.meaning}\n"
+        yield "| column | unit | meaning |\n|---|---|---|"
+        for column in table.columns:
+            yield f"| `{column.name}` | {column.unit} | {_cell(column.meaning)} |"
+    yield "\n## Sources\n"
+    yield from (f"- {text}" for text in cls.cites)
+    yield ""
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")

@@ -1,0 +1,150 @@
+"""What an analysis gives for a batch: as it was declared, or refused in a sentence."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings
+from spherekit.analysis.faults import faults_of
+from spherekit.analysis.scene import Scene
+from spherekit.analysis.tables import TYPES, Column, Table, TableData
+from spherekit.conventions import listing
+from spherekit.errors import PluginError
+
+_WORDS = {
+    "number": "numbers",
+    "integer": "whole numbers",
+    "status": "codes of Status",
+    "text": "texts",
+}
+
+
+def computed(
+    analysis: AbstractAnalysis, tables: Sequence[Table], batch: Batch
+) -> dict[str, TableData]:
+    """Return the tables of a batch, columns in the types of their kinds.
+
+    Raises
+    ------
+    PluginError
+        If `compute` fails, or its tables are not those declared.
+    SpherekitError
+        With which the analysis, or what it reads, says that it does not apply.
+    """
+    with faults_of(analysis.name, "compute"):
+        given = analysis.compute(batch)
+    names = [table.name for table in tables]
+    if not isinstance(given, Mapping) or sorted(map(str, given)) != sorted(names):
+        what = listing(given) if isinstance(given, Mapping) else type(given).__name__
+        raise PluginError(
+            f"{analysis.name}: compute returned {what or 'no tables'}, it has to return "
+            f"the declared tables by name: {listing(names)}"
+        )
+    found: dict[str, TableData] = {}
+    for table in tables:
+        where = f"{analysis.name}: table {table.name}"
+        found[table.name] = own = _columns(where, table, given[table.name])
+        rows = len(next(iter(own.values())))
+        if analysis.rowwise and table.in_assembly_modes and rows % max(len(batch), 1):
+            raise PluginError(
+                f"{where} has {rows} rows for the {len(batch)} of the batch; give each "
+                "sample of each assembly mode as many rows as the others, NaN where it "
+                "failed"
+            )
+    return found
+
+
+def _columns(where: str, table: Table, data: Any) -> dict[str, NDArray[Any]]:
+    names = [column.name for column in table.columns]
+    if not isinstance(data, Mapping) or list(data) != names:
+        found = list(data) if isinstance(data, Mapping) else f"a {type(data).__name__}"
+        raise PluginError(
+            f"{where} was declared with columns {names}, but compute returned {found}"
+        )
+    made = {
+        c.name: _typed(f"{where}: column {c.name}", c, data[c.name]) for c in table.columns
+    }
+    lengths = {name: len(values) for name, values in made.items()}
+    if len(set(lengths.values())) > 1:
+        raise PluginError(f"{where} has columns of unequal length: {lengths}")
+    return made
+
+
+def _typed(where: str, column: Column, data: Any) -> NDArray[Any]:
+    try:
+        values = np.asarray(data)
+    except ValueError:
+        raise PluginError(f"{where} is no array of one number or text a row") from None
+    if values.ndim != 1:
+        raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
+    if column.kind == "text":
+        fits = values.dtype.kind == "U" or all(isinstance(each, str) for each in values)
+        made = values if values.dtype.kind == "U" else values.astype(str)
+    elif column.kind == "number":
+        fits = values.dtype.kind in "fiub"
+        made = values.astype(float, copy=False) if fits else values
+    else:
+        fits = values.dtype.kind in "iub" or (
+            values.dtype.kind == "f" and bool(np.all(values == np.floor(values)))
+        )
+        made = values.astype(TYPES[column.kind], copy=False) if fits else values
+    if not fits and len(values):
+        raise PluginError(
+            f"{where} was declared to hold {_WORDS[column.kind]}, but holds "
+            f"{values[0].item() if hasattr(values[0], 'item') else values[0]!r}"
+        )
+    return made if fits else values.astype(TYPES.get(column.kind, str))
+
+
+def findings_of(
+    analysis: AbstractAnalysis, batch: Batch, before: Findings | None
+) -> Findings:
+    """Return what is found in a batch, joined with what was found `before`.
+
+    Raises
+    ------
+    PluginError
+        If that fails, or is not ready for JSON.
+    """
+    with faults_of(analysis.name, "findings"):
+        found = analysis.findings(batch)
+    if before is not None and isinstance(found, Findings):
+        with faults_of(analysis.name, "joined"):
+            found = analysis.joined(before, found)
+    if not isinstance(found, Findings):
+        raise PluginError(
+            f"{analysis.name}: findings returned a {type(found).__name__}, it has to "
+            "return Findings(...)"
+        )
+    with faults_of(analysis.name, "findings: making JSON of its figures"):
+        json.dumps(dict(found.figures))
+    for key in ("warnings", "remarks"):
+        texts = getattr(found, key)
+        if not isinstance(texts, tuple) or not all(isinstance(t, str) for t in texts):
+            raise PluginError(
+                f"{analysis.name}: findings: {key} are {texts!r}, they have to be a tuple "
+                "of texts"
+            )
+    return found
+
+
+def scenes_of(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...]:
+    """Return what is to be seen of a batch.
+
+    Raises
+    ------
+    PluginError
+        If that fails, or is not made of scenes.
+    """
+    with faults_of(analysis.name, "scene"):
+        found = tuple(analysis.scene(batch))
+    for scene in found:
+        if not isinstance(scene, Scene):
+            raise PluginError(
+                f"{analysis.name}: scene returned a {type(scene).__name__}, it has to "
+                "return a tuple of Scene(...)"
+            )
+    return found

@@ -1,0 +1,87 @@
+"""What an analysis declares to read of a mechanism, checked before it is planned."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from spherekit.analysis.class_check import fault_of_class
+from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.faults import faults_of
+from spherekit.analysis.unusable import Unusable
+from spherekit.conventions import listing, nearest
+from spherekit.errors import PluginError
+from spherekit.model.mechanism import Mechanism
+
+_POLES = ("directions", "rates", "planes")
+_PAIRS = ("pair_values", "continued_values", "pair_rates")
+_LINKS = ("rotations", "link_rates")
+
+
+def declared(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
+    """Return what an analysis needs of a mechanism.
+
+    Raises
+    ------
+    PluginError
+        If the analysis breaks the contract: its class, or the types, links or pairs in
+        what it returns.
+    SpherekitError
+        With which it refuses the mechanism, or its parameters.
+    """
+    name = getattr(analysis, "name", type(analysis).__name__)
+    known = isinstance(analysis, Unusable)
+    fault = "" if known else fault_of_class(type(analysis))
+    if not fault:
+        with faults_of(name, "needs"):
+            found = analysis.needs(mechanism)
+        fault = _fault(found, mechanism)
+    if fault:
+        raise PluginError(f"{name}: {fault}")
+    return found
+
+
+def _fault(found: Any, mechanism: Mechanism) -> str:
+    if not isinstance(found, Needs):
+        return f"needs returns {_a(found)}, it has to return Needs(...)"
+    for item in fields(Needs):
+        value = getattr(found, item.name)
+        where = f"Needs({item.name}=...)"
+        if isinstance(item.default, bool):
+            if not isinstance(value, bool):
+                return f"{where} is {_a(value)}, it has to be True or False"
+            continue
+        if not isinstance(value, frozenset):
+            return f"{where} is {_a(value)}, it has to be a frozenset"
+        for each in value:
+            fault = _fault_of_item(item.name, each, mechanism)
+            if fault:
+                return f"{where} holds {each!r}{fault}"
+    return ""
+
+
+def _fault_of_item(what: str, item: Any, mechanism: Mechanism) -> str:
+    """Return what is wrong with a pole, pair or link that is declared, or nothing."""
+    if what in _POLES:
+        count = len(mechanism.links)
+        whole = isinstance(item, tuple) and len(item) == 2
+        if not (whole and all(isinstance(k, int | np.integer) for k in item)):
+            return ", which is not a pole; pole_of(link, other) makes one of link numbers"
+        if not all(0 <= k < count for k in item):
+            return f", but the links of {mechanism.name} have the numbers 0 to {count - 1}"
+        return "" if item[0] < item[1] else "; pole_of(link, other) puts the smaller first"
+    names = mechanism.link_number if what in _LINKS else mechanism.pair_number
+    kind = "link" if what in _LINKS else "pair"
+    if item not in names:
+        hint = nearest(item, names) if isinstance(item, str) else ""
+        return (
+            f", but {mechanism.name} has no {kind} of that name{hint or ';'} "
+            f"{kind}s: {listing(names)}"
+        )
+    if what in _PAIRS and mechanism.pair(item).kind.freedoms > 1:
+        return ", a pair with two variables, which has no single one"
+    return ""
+
+
+def _a(value: Any) -> str:
+    return f"a {type(value).__name__}"

@@ -1,0 +1,55 @@
+"""Mistakes of analyses: what one raises becomes a sentence that says where it was."""
+
+import logging
+import sysconfig
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from spherekit.errors import PluginError, SpherekitError
+
+LOG = logging.getLogger("spherekit.plugins")
+"""Gets the trace of every mistake, at the level of debugging."""
+
+NOT_TO_BLAME = (str(Path(__file__).parent.parent), str(Path(str(np.__file__)).parent))
+STANDARD = sysconfig.get_path("stdlib")
+INSTALLED = sysconfig.get_path("purelib")
+
+
+@contextmanager
+def faults_of(analysis: str, what: str) -> Iterator[None]:
+    """Turn whatever a plugin raises into `PluginError`; errors of spherekit stay.
+
+    Parameters
+    ----------
+    analysis
+        Its name.
+    what
+        What of it is asked, such as ``"compute"``.
+    """
+    try:
+        yield
+    except SpherekitError:
+        raise
+    except (Exception, SystemExit) as problem:
+        LOG.debug("%s: %s", analysis, what, exc_info=True)
+        raise PluginError(f"{analysis}: {what} raises {described(problem)}") from problem
+
+
+def described(problem: BaseException) -> str:
+    """Return an exception with the last line of a plugin's own that led to it."""
+    words = str(problem).strip().partition("\n")[0]
+    frames = traceback.extract_tb(problem.__traceback__)
+    own = [frame for frame in frames if _is_own(frame.filename)]
+    where = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
+    return f"{type(problem).__name__}{': ' if words else ''}{words}{where}"
+
+
+def _is_own(filename: str) -> bool:
+    """Return whether a file is neither spherekit's, NumPy's nor Python's."""
+    if filename.startswith((*NOT_TO_BLAME, "<")):
+        return False
+    return filename.startswith(INSTALLED) or not filename.startswith(STANDARD)

@@ -1,0 +1,27 @@
+"""The units that columns may have: SI units without prefixes, their products and powers."""
+
+import re
+
+SYMBOLS = frozenset(
+    ("1", "rad", "sr", "s", "m", "kg", "N", "J", "W", "Hz", "Pa", "K", "A", "V", "C")
+)
+
+_POWER = re.compile(r"([A-Za-z]+|1)(\d?)")
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit such as ``kg m2/rad``, or empty for pure numbers.
+
+    Several by ``or`` are units of one column whose rows differ in kind.
+    """
+    return not text or all(_is_single(each) for each in text.split(" or "))
+
+
+def _is_single(text: str) -> bool:
+    parts = [part.split() for part in text.split("/")]
+    matches = [_POWER.fullmatch(symbol) for part in parts for symbol in part]
+    return (
+        len(parts) <= 2
+        and all(parts)
+        and all(found is not None and found[1] in SYMBOLS for found in matches)
+    )

@@ -1,0 +1,135 @@
+"""Tables of an analysis compared: where they differ, in words."""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.tables import Column, Table, TableData
+from spherekit.sphere.rotation import Floats
+
+BLOCKS = 1e-10
+"""Numbers from other blocks may differ by so much, of the largest of their column or 1."""
+VARIANTS = 1e-6
+"""Numbers from a mechanism said otherwise: roundings grow where it is nearly singular."""
+
+
+def difference(
+    table: Table,
+    one: TableData,
+    other: TableData,
+    within: float = BLOCKS,
+    rotation: Floats | None = None,
+) -> str:
+    """Return the first column in which tables differ, in words, or nothing.
+
+    What describes the computation is compared where the mechanism is said the same. With
+    a `rotation` (3, 3) vectors of the first are turned by it, and what else depends on axes
+    is left out. Where rows are not those of samples, they are other rows in other axes, and
+    none is compared.
+    """
+    others = any(column.turns == "otherwise" for column in table.columns)
+    if rotation is not None and others and not table.in_assembly_modes:
+        return ""
+    rows = [len(next(iter(data.values()))) for data in (one, other)]
+    if rows[0] != rows[1]:
+        return f"table {table.name} has {rows[1]} rows instead of {rows[0]}"
+    for column, first, second in _pairs(table, one, other, rotation):
+        if within >= VARIANTS and column.scale == "none":
+            continue
+        off = _off(column, first, second, within)
+        if off is not None:
+            return (
+                f"table {table.name}, column {column.name}, row {off}: {second[off]} "
+                f"instead of {first[off]}"
+            )
+    return ""
+
+
+def _pairs(
+    table: Table, one: TableData, other: TableData, rotation: Floats | None
+) -> Iterator[tuple[Column, NDArray[Any], NDArray[Any]]]:
+    """Yield columns to be compared, the vectors of the first table turned."""
+    vector: list[Column] = []
+    for column in table.columns:
+        if rotation is None or column.kind == "text" or column.turns == "no":
+            yield column, one[column.name], other[column.name]
+            continue
+        if column.turns == "vector":
+            vector.append(column)
+        if len(vector) == 3:
+            components = np.stack([one[each.name] for each in vector])
+            for each, turned in zip(vector, rotation @ components, strict=True):
+                yield each, turned, other[each.name]
+            vector = []
+
+
+def _off(
+    column: Column, one: NDArray[Any], other: NDArray[Any], within: float
+) -> int | None:
+    """Return the first row in which columns differ, if there is one."""
+    if column.kind != "number":
+        wrong = one != other
+    else:
+        sizes = np.abs(one[np.isfinite(one)])
+        scale = max(1.0, float(np.max(sizes, initial=0.0)))
+        with np.errstate(invalid="ignore"):
+            away = other - one
+            if column.unit == "rad":
+                away = np.remainder(away + np.pi, 2.0 * np.pi) - np.pi
+            close = np.abs(away) <= within * scale
+        wrong = ~(close | (one == other) | (np.isnan(one) & np.isnan(other)))
+    return int(np.argmax(wrong)) if np.any(wrong) else None
+
+
+def in_words(data: TableData, words: Mapping[str, str]) -> TableData:
+    """Return a table in whose texts words are replaced, such as names of links."""
+
+    def put(text: str) -> str:
+        return re.sub(r"\w+", lambda found: words.get(found[0], found[0]), text)
+
+    return {
+        name: np.array([put(text) for text in values.tolist()], dtype=str)
+        if values.dtype.kind == "U"
+        else values
+        for name, values in data.items()
+    }
+
+
+def matched(
+    table: Table, one: TableData, other: TableData, numbers: Mapping[str, int]
+) -> tuple[TableData, TableData] | str:
+    """Return the rows that two tables share whose rows may have another order, or words.
+
+    Rows are told apart by texts and whole numbers. Where a row is of one link relative to
+    another, it is left out if the order of these links is not the same: it may then be
+    that of the second relative to the first. `numbers` are those of links in the second.
+    """
+    keys = [c for c in table.columns if c.kind in ("text", "integer")]
+    found: list[dict[tuple[Any, ...], list[int]]] = []
+    for data in (one, other):
+        own: dict[tuple[Any, ...], list[int]] = {}
+        columns = [data[column.name].tolist() for column in keys]
+        for row, key in enumerate(zip(*columns, strict=True)):
+            own.setdefault(key, []).append(row)
+        found.append(own)
+    if not keys or any(len(rows) > 1 for own in found for rows in own.values()):
+        return one, other
+    rows: list[tuple[int, int]] = []
+    for key, (row,) in found[0].items():
+        if key in found[1]:
+            rows.append((row, found[1][key][0]))
+        elif not _is_of_two_links(key, numbers):
+            return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
+    order = np.array(rows, dtype=int).reshape(-1, 2)
+    return (
+        {name: values[order[:, 0]] for name, values in one.items()},
+        {name: values[order[:, 1]] for name, values in other.items()},
+    )
+
+
+def _is_of_two_links(key: tuple[Any, ...], numbers: Mapping[str, int]) -> bool:
+    words = [w for cell in key if isinstance(cell, str) for w in re.findall(r"\w+", cell)]
+    return sum(word in numbers for word in words) > 1

@@ -1,0 +1,436 @@
+"""The lines of a conformance check, each a question with what was seen."""
+
+import inspect
+import json
+import math
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.analysis.class_check import fault_of_class
+from spherekit.analysis.computed import computed, findings_of, scenes_of
+from spherekit.analysis.contract import AbstractAnalysis, Findings, Needs
+from spherekit.analysis.declared import declared
+from spherekit.analysis.execution import Execution
+from spherekit.analysis.faults import faults_of
+from spherekit.analysis.registry import create, load, origin_of
+from spherekit.analysis.run import executed
+from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableData
+from spherekit.conformance.comparison import BLOCKS, VARIANTS, difference, in_words, matched
+from spherekit.conformance.report import Line, Report
+from spherekit.conformance.trial import Trial, failed_at
+from spherekit.conformance.variants import NotTurnedError, renamed, turned
+from spherekit.conventions import counted, listing
+from spherekit.errors import PluginError, SpherekitError, UndeclaredNeed
+from spherekit.files.read import mechanism_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
+from spherekit.sphere.rotation import Floats, from_quaternion
+
+SIZES = (1, 4)
+"""Samples in a block that are tried against all at once."""
+
+TURN = np.asarray(from_quaternion(np.array([[0.1, -0.7, 0.5, 0.5]]))[0])
+"""By which mechanisms are turned."""
+
+FIRST = ("installed", "metadata", "needs", "runs", "reads", "inputs", "tables", "findings")
+"""Lines after which nothing else is looked at where they fail."""
+
+READ_ONLY = "read-only"
+"""A word in what NumPy says of an array that cannot be written to."""
+
+ASKED = ("compute", "findings", "scene")
+
+Subject = type[AbstractAnalysis] | AbstractAnalysis | str
+Check = Callable[[Trial], str]
+
+
+class NotAppliesError(Exception):
+    """A check does not apply; says why."""
+
+
+@final
+class Examination:
+    """An analysis looked at, line by line."""
+
+    def __init__(
+        self, subject: Subject, mechanisms: Sequence[str | Mechanism], samples: int
+    ) -> None:
+        self._subject = subject
+        self._asked = mechanisms
+        self._samples = samples
+        self._trials: list[Trial] = []
+        self._notes: list[str] = []
+        self._lines: list[Line] = []
+        self._analysis: AbstractAnalysis | None = None
+
+    def report(self) -> Report:
+        """Return all lines."""
+        self._add("installed", self._installed)
+        self._add("metadata", self._metadata)
+        self._add("needs", self._needs)
+        self._add("runs", self._runs)
+        for name, check in (
+            ("reads", _reads),
+            ("inputs", _inputs),
+            ("tables", _tables),
+            ("findings", _findings),
+            ("blocks", _blocks),
+            ("failed rows", _failed_rows),
+            ("rotation", _rotation),
+            ("names", _names),
+            ("scene", _scene),
+        ):
+            self._add(name, lambda check=check: self._on_all(check))  # type: ignore[misc]
+        named = self._subject if isinstance(self._subject, str) else self._class.__name__
+        return Report(named, tuple(self._lines))
+
+    @property
+    def _class(self) -> Any:
+        return self._subject if isinstance(self._subject, type) else type(self._subject)
+
+    def _add(self, name: str, look: Callable[[], str]) -> None:
+        """Add a line: what is seen, or what is wrong."""
+        unmet = [e.name for e in self._lines if e.verdict == "FAILS" and e.name in FIRST]
+        if unmet:
+            self._lines.append(Line(name, "not checked", f"after {unmet[0]}"))
+            return
+        try:
+            self._lines.append(Line(name, "holds", look()))
+        except NotAppliesError as why:
+            self._lines.append(Line(name, "not checked", str(why)))
+        except SpherekitError as fault:
+            self._lines.append(Line(name, "FAILS", str(fault)))
+
+    def _installed(self) -> str:
+        if isinstance(self._subject, str):
+            self._analysis = create(self._subject)
+            self._subject = self._analysis
+            return f"from {origin_of(self._analysis.name)}"
+        name = getattr(self._class, "name", "")
+        where = origin_of(name) if isinstance(name, str) else ""
+        if not where:
+            raise NotAppliesError("no installed distribution offers it by its name")
+        found = load(name)
+        if found is not self._class:
+            raise PluginError(f"{where} offers another class by the name {name}: {found}")
+        return f"from {where}"
+
+    def _metadata(self) -> str:
+        fault = fault_of_class(self._class)
+        if fault:
+            raise PluginError(fault)
+        for key in ("version", "summary"):
+            if not getattr(self._class, key).strip():
+                raise PluginError(f"the class attribute `{key}` is empty")
+        if not inspect.getdoc(self._class):
+            raise PluginError("the class has no docstring, which tells its parameters")
+        if isinstance(self._subject, AbstractAnalysis):
+            self._analysis = self._subject
+        else:
+            with faults_of(self._class.name, "its constructor"):
+                try:
+                    self._analysis = self._class()
+                except TypeError as problem:
+                    raise PluginError(
+                        f"{problem}; give the check an object with its parameters"
+                    ) from None
+        return f"{self._class.name} {self._class.version}: {self._class.summary}"
+
+    def _needs(self) -> str:
+        """Ask what is needed again and again: it has to be the same and change nothing."""
+        assert self._analysis is not None
+        refused = []
+        for item in self._asked:
+            mechanism = mechanism_of(item)
+            before = repr(self._analysis)
+            try:
+                first = declared(self._analysis, mechanism)
+            except PluginError:
+                raise
+            except SpherekitError as refusal:
+                refused.append(f"{mechanism.name} ({refusal})")
+                continue
+            again = [
+                declared(self._analysis, each) for each in (mechanism, replace(mechanism))
+            ]
+            if any(each != first for each in again):
+                raise PluginError(
+                    f"needs gives something else when it is asked again for "
+                    f"{mechanism.name}: {_changed(first, again)}"
+                )
+            if repr(self._analysis) != before:
+                raise PluginError("needs changes the parameters of the analysis")
+            self._trials.append(Trial(self._analysis, mechanism, self._samples))
+        if not self._trials:
+            raise PluginError(f"it refuses every mechanism: {'; '.join(refused)}")
+        self._notes += refused
+        asked = listing(
+            item.name
+            for item in fields(self._trials[0].job.needs[0])
+            if getattr(self._trials[0].job.needs[0], item.name)
+        )
+        return asked or "nothing of the samples"
+
+    def _runs(self) -> str:
+        """Compute for every mechanism; keep those that it does not refuse."""
+        able = []
+        for trial in self._trials:
+            try:
+                _ask(trial, "compute")
+            except PluginError as fault:
+                if READ_ONLY not in str(fault):
+                    raise
+            except UndeclaredNeed:
+                pass
+            except SpherekitError as refusal:
+                self._notes.append(f"{trial.mechanism.name} ({refusal})")
+                continue
+            able.append(trial)
+        self._trials = able
+        if not able:
+            raise PluginError(f"it refuses every mechanism: {'; '.join(self._notes)}")
+        note = f"on {listing(trial.mechanism.name for trial in able)}"
+        return note + (f"; refuses {'; '.join(self._notes)}" if self._notes else "")
+
+    def _on_all(self, check: Check) -> str:
+        """Ask a question of every mechanism; what applies to none is not checked."""
+        notes, without = [], []
+        for trial in self._trials:
+            try:
+                notes.append(check(trial))
+            except NotAppliesError as why:
+                without.append(f"{trial.mechanism.name}: {why}")
+            except PluginError as fault:
+                raise PluginError(f"{trial.mechanism.name}: {fault}") from fault
+        if not notes:
+            raise NotAppliesError("; ".join(dict.fromkeys(without)))
+        return "; ".join(filter(None, dict.fromkeys([*notes, *without])))
+
+
+def _ask(trial: Trial, method: str) -> None:
+    """Ask one thing of an analysis for all samples at once."""
+    (batch,) = trial.batches(len(trial.course))
+    with faults_of(trial.analysis.name, method):
+        getattr(trial.analysis, method)(batch)
+
+
+def _changed(first: Needs, again: Sequence[Needs]) -> str:
+    names = [item.name for item in fields(Needs)]
+    return listing(
+        name
+        for name in names
+        if any(getattr(each, name) != getattr(first, name) for each in again)
+    )
+
+
+def _reads(trial: Trial) -> str:
+    """Nothing is read that was not declared, nor found in another way."""
+    for method in ASKED:
+        try:
+            _ask(trial, method)
+        except UndeclaredNeed as fault:
+            raise PluginError(f"{method}: {fault}") from fault
+        except SpherekitError:
+            pass  # another line says so
+    if trial.needs.tracer:
+        return "all configurations, by the tracer"
+    size = len(trial.course)
+    try:
+        expected, _ = trial.whole
+    except SpherekitError:
+        return ""
+    found, _ = trial.given(size, shown=trial.only_declared)
+    _same(trial, expected, found, "where what was not declared is NaN")
+    return ""
+
+
+def _inputs(trial: Trial) -> str:
+    """What is read is left as it was."""
+    for method in ASKED:
+        try:
+            _ask(trial, method)
+        except SpherekitError as fault:
+            if READ_ONLY in str(fault):
+                raise PluginError(
+                    f"{method} writes to an array that it was given to read; copy it first "
+                    f"({fault})"
+                ) from fault
+    return ""
+
+
+def _tables(trial: Trial) -> str:
+    """Tables have the columns, types and rows that were declared."""
+    (batch,) = trial.batches(len(trial.course))
+    tables = trial.job.tables_of(trial.analysis)
+    given = computed(trial.analysis, tables, batch)
+    for table in tables:
+        if not table.in_assembly_modes:
+            continue
+        data = given[table.name]
+        places = zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True)
+        counts = Counter(places)
+        wanted = set(zip(batch.sample.tolist(), batch.assembly_mode.tolist(), strict=True))
+        if counts and (set(counts) != wanted or len(set(counts.values())) > 1):
+            raise PluginError(
+                f"table {table.name} has not the same number of rows for every sample of "
+                "every assembly mode; a row that fails is kept, with NaN"
+            )
+    return ""
+
+
+def _findings(trial: Trial) -> str:
+    """What is found is ready for JSON."""
+    (batch,) = trial.batches(len(trial.course))
+    findings_of(trial.analysis, batch, None)
+    return ""
+
+
+def _blocks(trial: Trial) -> str:
+    """Other blocks give the same rows and findings."""
+    if not trial.analysis.reads_samples:
+        raise NotAppliesError("it reads no samples")
+    if not trial.analysis.rowwise:
+        raise NotAppliesError("it is asked for all samples at once")
+    expected, findings = trial.whole
+    for size in SIZES:
+        found, own = trial.given(size)
+        where = f"in blocks of {counted(size, 'sample')}"
+        _same(trial, expected, found, where)
+        if not _alike(_plain(own), _plain(findings)):
+            raise PluginError(
+                f"findings {where} are {own.figures}, of all samples {findings.figures}"
+            )
+    return f"of {' and '.join(map(str, SIZES))} samples"
+
+
+def _plain(findings: Findings) -> Any:
+    return json.loads(json.dumps(asdict(findings)))
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Return whether values from JSON are the same but for roundings."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(one[k], other[k]) for k in one)
+    if isinstance(one, list) and isinstance(other, list):
+        pairs = zip(one, other, strict=False)
+        return len(one) == len(other) and all(_alike(*pair) for pair in pairs)
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-9) or one != one
+    return bool(one == other)
+
+
+def _failed_rows(trial: Trial) -> str:
+    """A row without a configuration says so, and no other row changes."""
+    if not trial.analysis.reads_samples:
+        raise NotAppliesError("it reads no samples")
+    course = trial.course
+    row = len(course) // 2
+    expected, _ = trial.whole
+    found, _ = trial.given(len(course), failed_at(row))
+    batch = trial.batches(len(course))[0]
+    sample, mode = batch.sample[row], batch.assembly_mode[row]
+    compared = False
+    for table in trial.job.tables_of(trial.analysis):
+        if not table.in_assembly_modes:
+            continue
+        one, other = expected[table.name], found[table.name]
+        own = (one[SAMPLE.name] == sample) & (one[ASSEMBLY_MODE.name] == mode)
+        if len(own) != len(other[SAMPLE.name]):
+            raise PluginError(f"table {table.name} loses rows where one fails")
+        first, second = ({k: v[~own] for k, v in each.items()} for each in (one, other))
+        fault = difference(table, first, second)
+        if fault:
+            raise PluginError(f"where another row fails, {fault}")
+        for column in table.columns:
+            before, now = one[column.name][own], other[column.name][own]
+            if column.kind == "number" and np.any(np.isfinite(now) & (now != before)):
+                raise PluginError(
+                    f"table {table.name}, column {column.name}: {now[0]} where the "
+                    "configuration is missing; it has to be NaN"
+                )
+        compared = compared or bool(np.any(own))
+    if not compared:
+        raise NotAppliesError("no table has rows of samples")
+    return ""
+
+
+def _rotation(trial: Trial) -> str:
+    """The mechanism turned as a whole gives the same, with vectors turned."""
+    try:
+        other = replace(trial, mechanism=turned(trial.mechanism, TURN))
+    except NotTurnedError as why:
+        raise NotAppliesError(str(why)) from None
+    _same(trial, trial.whole[0], other.whole[0], "turned as a whole", TURN)
+    return ""
+
+
+def _names(trial: Trial) -> str:
+    """Links of other names, and in another order, give the same rows."""
+    mechanism = trial.mechanism
+    for order in (mechanism.links[1:], mechanism.links[:0:-1]):
+        names = {link: f"body_{k}" for k, link in enumerate((mechanism.ground, *order))}
+        analysis = with_names(trial.analysis, names)
+        other = Trial(analysis, renamed(mechanism, names), trial.samples)
+        back = {new: old for old, new in names.items()}
+        numbers = {old: other.mechanism.link_number[new] for old, new in names.items()}
+        for table in trial.job.tables_of(trial.analysis):
+            own = in_words(other.whole[0][table.name], back)
+            both = matched(table, trial.whole[0][table.name], own, numbers)
+            fault = both if isinstance(both, str) else difference(table, *both, VARIANTS)
+            if fault:
+                raise PluginError(f"with other names or numbers of links, {fault}")
+    return ""
+
+
+def with_names(analysis: AbstractAnalysis, names: Mapping[str, str]) -> AbstractAnalysis:
+    """Return an analysis whose parameters name links, and poles, as they are called now."""
+
+    def put(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(put, value))
+        parts = value.split("/") if isinstance(value, str) else [value]
+        known = all(isinstance(part, str) and part in names for part in parts)
+        return "/".join(names[part] for part in parts) if known else value
+
+    own = fields(analysis)  # type: ignore[arg-type]
+    changes = {item.name: put(getattr(analysis, item.name)) for item in own}
+    return replace(analysis, **changes)  # type: ignore[type-var]
+
+
+def _scene(trial: Trial) -> str:
+    """What is to be seen can be recorded, in the viewer's strict mode."""
+    from spherekit.view.rerun_view import RerunRecorder
+
+    mechanism = trial.mechanism
+    study = Study(mechanism.name, mechanism, samples=trial.samples)
+    (batch,) = trial.batches(len(trial.course))
+    count = len(scenes_of(trial.analysis, batch))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.rrd"
+        with RerunRecorder.to_file(path, mechanism.name) as recorder:
+            result = executed(study, [trial.analysis], Execution(recorder=recorder))
+    for fault in result.failures.values():
+        raise PluginError(fault)
+    return counted(count, "page") if count else "nothing is shown"
+
+
+def _same(
+    trial: Trial,
+    expected: Mapping[str, TableData],
+    found: Mapping[str, TableData],
+    where: str,
+    rotation: Floats | None = None,
+) -> None:
+    """Raise `PluginError` where tables differ."""
+    for table in trial.job.tables_of(trial.analysis):
+        tables = expected[table.name], found[table.name]
+        within = BLOCKS if rotation is None else VARIANTS
+        fault = difference(table, *tables, within, rotation)
+        if fault:
+            raise PluginError(f"{where}, {fault}")

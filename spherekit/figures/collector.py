@@ -1,0 +1,105 @@
+"""A recorder that keeps the scenes of a run, its blocks put together again."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.analysis.scene import (
+    Arrow,
+    Axis,
+    Body,
+    Diagram,
+    Floats,
+    GreatCircle,
+    Page,
+    Portrait,
+    Primitive,
+    Scene,
+    Series,
+)
+
+
+@final
+@dataclass
+class Collector:
+    """What a run tells a recorder, as whole scenes in the order in which they came.
+
+    `titles` are the names of the assembly modes by their numbers.
+    """
+
+    titles: dict[int, str] = field(default_factory=dict)
+    _blocks: dict[tuple[str, Page], list[Scene]] = field(default_factory=dict)
+
+    def start(
+        self,
+        scenes: Sequence[Scene],
+        inputs: Floats | None,
+        *,
+        assembly_modes: Mapping[int, str] | None = None,
+        properties: Mapping[str, str] | None = None,
+        focus: Floats | None = None,
+        row: int | None = None,
+        times: Floats | None = None,
+    ) -> None:
+        """Take the names of the assembly modes, and what does not move."""
+        del inputs, properties, focus, row, times
+        self.titles = dict(assembly_modes or {})
+        for scene in scenes:
+            self._blocks.setdefault((scene.source, scene.page), []).append(scene)
+
+    def log(
+        self,
+        scene: Scene,
+        samples: Any,
+        inputs: Floats | None = None,
+        times: Floats | None = None,
+    ) -> None:
+        """Take one block of one page."""
+        del samples, inputs, times
+        self._blocks.setdefault((scene.source, scene.page), []).append(scene)
+
+    def scenes(self) -> tuple[Scene, ...]:
+        """Return the scenes, each of all its blocks."""
+        return tuple(_joined(blocks) for blocks in self._blocks.values())
+
+
+def _joined(blocks: Sequence[Scene]) -> Scene:
+    """Return one scene of successive blocks."""
+    parts: dict[tuple[type, str], list[Primitive]] = {}
+    for scene in blocks:
+        for primitive in scene.primitives:
+            parts.setdefault((type(primitive), primitive.path), []).append(primitive)
+    over = tuple(
+        Axis(axes[0].label, axes[0].unit, np.concatenate([axis.values for axis in axes]))
+        for axes in zip(*(scene.over for scene in blocks), strict=True)
+    )
+    primitives = tuple(_whole(own) for own in parts.values())
+    return Scene(blocks[0].page, primitives, over, blocks[0].source)
+
+
+def _whole(parts: Sequence[Any]) -> Primitive:
+    """Return one primitive of those of successive blocks."""
+    first: Primitive = parts[0]
+    if len(parts) == 1:
+        return first
+
+    def rows(name: str) -> Floats:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    match first:
+        case Series():
+            return replace(first, values=rows("values"))
+        case Arrow():
+            return replace(first, directions=rows("directions"))
+        case GreatCircle():
+            return replace(first, normals=rows("normals"))
+        case Body(quaternions=turned) if turned is not None:
+            return replace(first, quaternions=rows("quaternions"))
+        case Portrait():
+            return replace(first, x=rows("x"), y=rows("y"))
+        case Diagram():
+            return replace(first, places=rows("places"), lines=rows("lines"))
+        case _:
+            return first

@@ -1,0 +1,150 @@
+"""One quantity against another: input-output curves, phase portraits, singular curves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.analysis.scene import Axis, Floats, Mark, Page, Portrait, titled
+from spherekit.figures import style
+from spherekit.figures.curves import TURNS, page_look
+from spherekit.figures.labels import placed_labels
+from spherekit.figures.sdk import Axes, Figure, Line2D, LogLocator, NullFormatter
+from spherekit.figures.sheet import Sheet, line_between, spot, spot_look, stroke, ticks_of
+
+MOST_KINDS = 5
+"""With more names of marks each is written beside its mark."""
+RATIO = 0.72
+AROUND = 0.03
+FEW_DECADES = 1e3
+"""An axis shorter than that has ticks at 1, 2 and 5."""
+
+
+@final
+@dataclass(frozen=True)
+class Plane:
+    """A portrait of a page, and what its rows run over."""
+
+    page: Page
+    portrait: Portrait
+    over: tuple[Axis, ...]
+
+    @property
+    def is_path(self) -> bool:
+        """Whether its rows follow each other, and are not those of a grid or single."""
+        return len(self.portrait.x) > 1 and len(self.over) < 2
+
+    @property
+    def shows(self) -> bool:
+        """Whether there is anything to be drawn."""
+        return bool(self.portrait.curves or self.portrait.marks or self.is_path)
+
+
+def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
+    """Return one figure of a portrait in all pages: their curves, marks and rows."""
+    first = planes[0].portrait
+    curves = {
+        curve.points.tobytes(): curve for each in planes for curve in each.portrait.curves
+    }
+    marks = {
+        (mark.label, mark.place.tobytes()): mark
+        for each in planes
+        for mark in each.portrait.marks
+    }
+    kinds = {mark.label: mark.tone for mark in marks.values()}
+    entries: list[tuple[str, Line2D]] = []
+    traced = [each for each in planes if each.is_path]
+    if len(traced) > 1:
+        entries += [(sheet.title(e.page), stroke(*page_look(e.page))) for e in traced]
+    named = {
+        curve.label: (curve.tone, len(curve.points) == 1)
+        for curve in curves.values()
+        if curve.label
+    }
+    entries += [
+        (label, spot(tone) if is_spot else stroke(style.tone_colour(tone)))
+        for label, (tone, is_spot) in named.items()
+    ]
+    if len(kinds) <= MOST_KINDS:
+        entries += [(label, spot(tone)) for label, tone in sorted(kinds.items())]
+    with style.look():
+        figure, (panel,), _ = sheet.panels(1, RATIO, sheet.legend_rows(entries))
+        for curve in curves.values():
+            look = {"color": style.tone_colour(curve.tone), "label": curve.label or "_"}
+            line_between(panel, curve.points, look | {"linewidth": 0.9, "zorder": 1.5})
+        for each in traced:
+            _trace(panel, each)
+        for mark in marks.values():
+            panel.plot(*mark.place, zorder=4.0, **spot_look(mark.tone))
+        _frame(panel, first)
+        sheet.legend(figure, entries)
+        if len(kinds) > MOST_KINDS:
+            figure.draw_without_rendering()
+            _label(panel, list(marks.values()))
+    return figure
+
+
+def _trace(panel: Axes, each: Plane) -> None:
+    """Draw the rows of a page in its colour, from a dot on."""
+    portrait = each.portrait
+    colour, dashes = page_look(each.page)
+    line = np.stack([portrait.x, portrait.y], axis=1)
+    for column, unit in ((0, portrait.x_unit), (1, portrait.y_unit)):
+        turn = TURNS.get(unit)
+        if turn is not None:
+            jumps = np.abs(np.diff(line[:, column])) >= 0.5 * turn
+            line = np.insert(line, np.nonzero(jumps)[0] + 1, np.nan, axis=0)
+    look = {"color": colour, "linestyle": dashes, "linewidth": 1.4, "zorder": 2.5}
+    drawn = line_between(panel, line, look)
+    drawn.set_gid(f"mode {each.page}" if isinstance(each.page, int) else None)
+    known = line[np.isfinite(line).all(axis=1)]
+    if len(known) and not portrait.curves:
+        panel.plot(*known[0], "o", color=colour, markersize=4.0, zorder=3.0)
+
+
+def _frame(panel: Axes, portrait: Portrait) -> None:
+    panel.set_xlabel(titled(portrait.x_label, style.in_signs(portrait.x_unit)))
+    panel.set_ylabel(titled(portrait.y_label, style.in_signs(portrait.y_unit)))
+    if portrait.logarithmic:
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_axisbelow(True)
+        panel.grid(True, which="major", color="#e8e8e8", linewidth=0.5)
+        panel.set_xlim(*portrait.x_range)
+        panel.set_ylim(*portrait.y_range)
+        left, right = portrait.x_range
+        if right < FEW_DECADES * left:
+            panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            panel.xaxis.set_major_formatter("{x:g}")
+            panel.xaxis.set_minor_formatter(NullFormatter())
+        return
+    for (low, high), limit in (
+        (portrait.x_range, panel.set_xlim),
+        (portrait.y_range, panel.set_ylim),
+    ):
+        around = AROUND * (high - low) or 0.05 * max(abs(low), 1.0)
+        limit(low - around, high + around)
+    ticks_of(panel, portrait.x_unit, "x")
+    ticks_of(panel, portrait.y_unit, "y")
+
+
+def _label(panel: Axes, marks: Sequence[Mark]) -> None:
+    """Write the name of every mark beside it, where it covers nothing."""
+    places: Floats = panel.transData.transform(np.array([mark.place for mark in marks]))
+    texts = [mark.label for mark in marks]
+    dots = panel.figure.dpi / 72.0
+    for mark, place, at in zip(
+        marks, places, placed_labels(texts, places, 6.5 * dots), strict=True
+    ):
+        offset = (at - place) / dots
+        panel.annotate(
+            mark.label,
+            mark.place.tolist(),
+            xytext=offset.tolist(),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=6.5,
+            color=style.tone_colour(mark.tone),
+        )

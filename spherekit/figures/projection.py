@@ -1,0 +1,90 @@
+"""The sphere on paper: Lambert's equal-area and the stereographic azimuthal projection.
+
+Both keep the directions from the centre. At the angle t from it a point is 2 sin(t/2) off
+in the former, which keeps areas, and 2 tan(t/2) in the latter, which keeps angles (J. P.
+Snyder, Map Projections: A Working Manual, USGS 1395, 1987, chapters 21 and 24).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+TINY = 1e-300
+
+
+@final
+@dataclass(frozen=True)
+class Projection:
+    """A map about a centre; `radius` gives the distance from it at an angle in rad."""
+
+    name: str
+    radius: Callable[[Floats], Floats]
+
+
+def _equal_area(angle: Floats) -> Floats:
+    return np.asarray(2.0 * np.sin(angle / 2.0))
+
+
+def _stereographic(angle: Floats) -> Floats:
+    return np.asarray(2.0 * np.tan(angle / 2.0))
+
+
+EQUAL_AREA = Projection("equal-area (Lambert)", _equal_area)
+STEREOGRAPHIC = Projection("stereographic", _stereographic)
+
+
+@final
+@dataclass(frozen=True)
+class Centre:
+    """A centre of maps on an axis of the ground: its name, and right, up, out (3, 3)."""
+
+    name: str
+    frame: Floats
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """Names of the axes of the ground that point right and up."""
+        right, up = (AXES[int(np.argmax(np.abs(axis)))] for axis in self.frame[:2])
+        return right, up
+
+    def angles(self, directions: Floats) -> Floats:
+        """Return the angles (n,) rad of directions (n, 3) from the centre."""
+        across = directions @ self.frame[:2].T
+        size = np.hypot(across[:, 0], across[:, 1])
+        return np.asarray(np.arctan2(size, directions @ self.frame[2]))
+
+    def placed(self, directions: Floats, projection: Projection) -> Floats:
+        """Return places (n, 2) of directions (n, 3), the sphere seen from outside."""
+        across = directions @ self.frame[:2].T
+        size = np.hypot(across[:, 0], across[:, 1])[:, None]
+        radius = projection.radius(self.angles(directions))[:, None]
+        return np.asarray(across * radius / np.maximum(size, TINY))
+
+
+def centre_of(directions: Floats) -> Centre:
+    """Return the axis of the ground that is nearest to the middle of directions (n, 3)."""
+    mean = np.nanmean(directions, axis=0) if len(directions) else np.array([0.0, 0.0, 1.0])
+    out = int(np.argmax(np.abs(mean)))
+    return centre_at(out, positive=mean[out] >= 0.0)
+
+
+def centre_at(out: int, positive: bool) -> Centre:
+    """Return the centre on axis number `out` of the ground, or on its other end."""
+    right, up = (out + 1) % 3, (out + 2) % 3
+    if positive:
+        return Centre(f"+{AXES[out]}", np.eye(3)[[right, up, out]])
+    frame = np.eye(3)[[up, right, out]]
+    frame[2] *= -1.0
+    return Centre(f"-{AXES[out]}", frame)
+
+
+def opposite(centre: Centre) -> Centre:
+    """Return the centre on the other side."""
+    out = int(np.argmax(np.abs(centre.frame[2])))
+    return centre_at(out, positive=centre.frame[2, out] < 0.0)

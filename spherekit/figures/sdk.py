@@ -1,0 +1,40 @@
+"""The one place that imports matplotlib: figures are drawn without a display."""
+
+from spherekit.errors import OutputError
+
+try:
+    from matplotlib import style
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import BoundaryNorm, Normalize
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle
+    from matplotlib.patheffects import withStroke
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+    from matplotlib.tri import Triangulation
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+except ImportError as error:
+    raise OutputError(
+        "figures need matplotlib, which is not installed; install it with: "
+        'pip install "spherekit-mechanisms[plot]"'
+    ) from error
+
+__all__ = [
+    "Axes",
+    "BoundaryNorm",
+    "Circle",
+    "Figure",
+    "Line2D",
+    "LineCollection",
+    "LogLocator",
+    "MaxNLocator",
+    "Normalize",
+    "NullFormatter",
+    "Poly3DCollection",
+    "ScalarMappable",
+    "Triangulation",
+    "style",
+    "withStroke",
+]

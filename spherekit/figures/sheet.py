@@ -1,0 +1,177 @@
+"""A figure with its panels, its legend beside them, and its axes with units."""
+
+import base64
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any, ParamSpec, final
+
+import numpy as np
+
+from spherekit.analysis.scene import Axis, Floats, Page, titled
+from spherekit.figures import style
+from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator
+
+P = ParamSpec("P")
+
+DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)
+LONG = 60.0
+"""Degrees from which on an axis has these steps."""
+LEGEND_ROW = 0.17
+"""Inches that a row of the legend takes."""
+HEADING = 0.25
+"""Inches of a panel's title and the name of its axis."""
+SCREEN = 160
+"""Dots per inch in a notebook."""
+
+
+def _in_look(function: Callable[P, None]) -> Callable[P, None]:
+    """Return a function that draws in the look of spherekit."""
+
+    @wraps(function)
+    def _drawn(*args: P.args, **options: P.kwargs) -> None:
+        with style.look():
+            function(*args, **options)
+
+    return _drawn
+
+
+@final
+class Drawing(Figure):
+    """A matplotlib figure in the look of spherekit, shown in notebooks as it is."""
+
+    savefig = _in_look(Figure.savefig)
+
+    def _repr_png_(self) -> bytes:
+        return as_bytes(self)
+
+
+def as_bytes(figure: Figure) -> bytes:
+    """Return a figure as a PNG picture for the screen."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=SCREEN)
+    return buffer.getvalue()
+
+
+def as_data_url(figure: Figure) -> str:
+    """Return a figure as the address of a picture in a page."""
+    return "data:image/png;base64," + base64.b64encode(as_bytes(figure)).decode()
+
+
+@final
+@dataclass(frozen=True)
+class Sheet:
+    """How figures of a run are drawn: over one or two columns, modes by their titles."""
+
+    columns: style.Columns
+    titles: Mapping[int, str]
+
+    @property
+    def width(self) -> float:
+        """Inches."""
+        return style.WIDTHS[self.columns]
+
+    def title(self, page: Page) -> str:
+        """Return what a page is called in legends."""
+        if isinstance(page, int):
+            return (
+                self.titles.get(page, f"Mode {page}")
+                .replace("Mode", "mode")
+                .replace("-", "−")
+            )
+        return page or ""
+
+    def grid(self, count: int) -> tuple[int, int]:
+        """Return rows and columns of so many panels."""
+        across = min(count, style.PANELS[self.columns])
+        if (self.columns == 1 and count > 4) or (count == 4 and self.columns == 2):
+            across = 2
+        return -(-count // across), across
+
+    def figure(self, rows: int, row: float, legend: int = 0) -> Drawing:
+        """Return an empty figure with rows of panels `row` inches high."""
+        height = rows * row + LEGEND_ROW * legend
+        return Drawing(figsize=(self.width, height), layout="constrained")
+
+    def panels(
+        self, count: int, ratio: float, legend: int = 0
+    ) -> tuple[Drawing, list[Axes], int]:
+        """Return a figure with so many panels, and how many are side by side.
+
+        `ratio` is the height of a panel over its width, `legend` the rows of a legend.
+        """
+        rows, across = self.grid(count)
+        widest = 0.55 if across == 1 and self.columns == 2 else 1.0
+        row = self.width / across * ratio * widest
+        figure = self.figure(rows, row + HEADING, legend)
+        axes = figure.subplots(rows, across, squeeze=False).ravel().tolist()
+        for spare in axes[count:]:
+            spare.remove()
+        return figure, axes[:count], across
+
+    def legend(self, figure: Figure, entries: Sequence[tuple[str, Line2D]]) -> None:
+        """Put a legend below the panels."""
+        if entries:
+            figure.legend(
+                [line for _, line in entries],
+                [label for label, _ in entries],
+                loc="outside lower center",
+                ncols=min(len(entries), self.legend_columns(entries)),
+                handlelength=2.2,
+                columnspacing=1.4,
+            )
+
+    def legend_columns(self, entries: Sequence[tuple[str, Any]]) -> int:
+        """Return how many entries of a legend stand side by side."""
+        longest = max((len(label) for label, _ in entries), default=1)
+        return max(1, int(self.width / (0.062 * longest + 0.5)))
+
+    def legend_rows(self, entries: Sequence[tuple[str, Any]]) -> int:
+        """Return how many rows a legend has."""
+        return -(-len(entries) // self.legend_columns(entries)) if entries else 0
+
+
+def stroke(colour: str, dashes: Any = "-", width: float = 1.1) -> Line2D:
+    """Return what a legend shows of a curve."""
+    return Line2D([], [], color=colour, linestyle=dashes, linewidth=width)
+
+
+def spot(tone: int) -> Line2D:
+    """Return what a legend shows of a mark."""
+    return Line2D([], [], **spot_look(tone))
+
+
+def spot_look(tone: int) -> dict[str, Any]:
+    """Return how marks of a kind are drawn."""
+    return {
+        "linestyle": "none",
+        "marker": style.tone_marker(tone),
+        "markersize": 4.0,
+        "markerfacecolor": style.tone_colour(tone),
+        "markeredgecolor": "white",
+        "markeredgewidth": 0.5,
+    }
+
+
+def label_x(panel: Axes, axis: Axis) -> None:
+    """Name the x axis, with its unit; its ends are those of the rows."""
+    panel.set_xlabel(titled(axis.label, style.in_signs(axis.unit)))
+    known = axis.values[np.isfinite(axis.values)]
+    if len(known) and np.ptp(known) > 0.0:
+        panel.set_xlim(float(np.min(known)), float(np.max(known)))
+    ticks_of(panel, axis.unit, "x")
+
+
+def ticks_of(panel: Axes, unit: str, which: str, most: int = 6) -> None:
+    """Put ticks at round numbers, of many degrees at those that part a turn."""
+    low, high = getattr(panel, f"get_{which}lim")()
+    in_turns = unit == "deg" and high - low >= LONG
+    steps = DEGREE_STEPS if in_turns else (1, 2, 2.5, 5, 10)
+    getattr(panel, f"{which}axis").set_major_locator(MaxNLocator(nbins=most, steps=steps))
+
+
+def line_between(panel: Axes, points: Floats, look: Mapping[str, Any]) -> Line2D:
+    """Draw a polyline (n, 2), with gaps where it is NaN, in a look of matplotlib."""
+    (line,) = panel.plot(points[:, 0], points[:, 1], **look)
+    return line

@@ -1,0 +1,18 @@
+"""What analyses of forces compute with: inertia, loads and the driving torque."""
+
+from typing import TYPE_CHECKING
+
+from spherekit.lazily import offered as _offered
+
+if TYPE_CHECKING:
+    from spherekit.dynamics.forces import Loads as Loads
+    from spherekit.dynamics.inertia import Inertia as Inertia
+    from spherekit.dynamics.inertia import inertia as inertia
+    from spherekit.dynamics.inverse import driving_torque as driving_torque
+    from spherekit.dynamics.inverse import need_terms as need_terms
+    from spherekit.dynamics.inverse import total as total
+    from spherekit.dynamics.kinematics import CoordinateMotion as CoordinateMotion
+    from spherekit.model.actions import used_links as used_links
+    from spherekit.model.actions import used_pairs as used_pairs
+
+__all__, __getattr__, __dir__ = _offered(__name__, __file__)

@@ -1,0 +1,36 @@
+"""What analyses of singularities compute with: places, relations, curves, aspects."""
+
+from typing import TYPE_CHECKING
+
+from spherekit.lazily import offered as _offered
+
+if TYPE_CHECKING:
+    from spherekit.budget import Budget as Budget
+    from spherekit.guarantee import Claim as Claim
+    from spherekit.guidance.loci import mid_plane_loci as mid_plane_loci
+    from spherekit.singular.aspects import Aspects as Aspects
+    from spherekit.singular.aspects import aspects as aspects
+    from spherekit.singular.curves import SingularCurves as SingularCurves
+    from spherekit.singular.curves import ranges_of as ranges_of
+    from spherekit.singular.curves import singular_curves as singular_curves
+    from spherekit.singular.points import CurveSeen as CurveSeen
+    from spherekit.singular.points import SingularPoints as SingularPoints
+    from spherekit.singular.points import TypeName as TypeName
+    from spherekit.singular.record import RelationAt as RelationAt
+    from spherekit.singular.record import SingularPoint as SingularPoint
+    from spherekit.singular.record import Type as Type
+    from spherekit.singular.relation import SixPoles as SixPoles
+    from spherekit.singular.sampled import RelationMeasures as RelationMeasures
+    from spherekit.singular.sampled import SampledSingularities as SampledSingularities
+    from spherekit.singular.several import OutputCoefficients as OutputCoefficients
+    from spherekit.singular.several import RowType as RowType
+    from spherekit.singular.several import coefficients as coefficients
+    from spherekit.singular.single import ordered_pole as ordered_pole
+    from spherekit.singular.slices import Cut as Cut
+    from spherekit.singular.slices import cut as cut
+    from spherekit.singular.slices import solver_of as solver_of
+    from spherekit.singular.stationarity import output_of as output_of
+    from spherekit.singular.surface import SingularSurface as SingularSurface
+    from spherekit.singular.surface import singular_surface as singular_surface
+
+__all__, __getattr__, __dir__ = _offered(__name__, __file__)

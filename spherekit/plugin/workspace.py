@@ -1,0 +1,36 @@
+"""What analyses of reach compute with: inverse kinematics, constraints, regions."""
+
+from typing import TYPE_CHECKING
+
+from spherekit.lazily import offered as _offered
+
+if TYPE_CHECKING:
+    from spherekit.motion.assembly_modes import label_of as label_of
+    from spherekit.region.region import Part as Part
+    from spherekit.region.region import Region as Region
+    from spherekit.region.region import find_region as find_region
+    from spherekit.workspace.constraints import AngleLimit as AngleLimit
+    from spherekit.workspace.constraints import AxesLimit as AxesLimit
+    from spherekit.workspace.constraints import Constraints as Constraints
+    from spherekit.workspace.constraints import PairLimit as PairLimit
+    from spherekit.workspace.constraints import bounds_of as bounds_of
+    from spherekit.workspace.inverse import closed_kinematics as closed_kinematics
+    from spherekit.workspace.inverse import output_kinematics as output_kinematics
+    from spherekit.workspace.kinematics import ClosedKinematics as ClosedKinematics
+    from spherekit.workspace.kinematics import OutputKinematics as OutputKinematics
+    from spherekit.workspace.rows import InverseRows as InverseRows
+    from spherekit.workspace.rows import sense_of as sense_of
+    from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
+    from spherekit.workspace.workspace import Judged as Judged
+    from spherekit.workspace.workspace import OrientationWorkspace as OrientationWorkspace
+    from spherekit.workspace.workspace import chosen_modes as chosen_modes
+    from spherekit.workspace.workspace import direction_workspaces as direction_workspaces
+    from spherekit.workspace.workspace import judge as judge
+    from spherekit.workspace.workspace import nearest_poses as nearest_poses
+    from spherekit.workspace.workspace import nearest_reachable as nearest_reachable
+    from spherekit.workspace.workspace import orientation_samples as orientation_samples
+    from spherekit.workspace.workspace import (
+        orientation_workspaces as orientation_workspaces,
+    )
+
+__all__, __getattr__, __dir__ = _offered(__name__, __file__)

@@ -1,0 +1,487 @@
+"""Plots over a quantity and maps over two, drawn in the plane: the viewer has none.
+
+A chart is `WIDTH` x `HEIGHT` units, y down, one unit a pixel of the pictures in it; the
+frame of its axes has its upper left corner at the origin, and the legend is beside it.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.scene import (
+    Axis,
+    Floats,
+    InputMarks,
+    Mark,
+    Portrait,
+    Series,
+    plotted_range,
+    titled,
+)
+from spherekit.conventions import listing
+from spherekit.view import colours, shapes
+from spherekit.view.sdk import rr
+
+WIDTH, HEIGHT = 930.0, 372.0
+LEFT, TOP, BOTTOM = 92.0, 16.0, 66.0
+LEGEND = 205.0
+"""Width of one column of the legend."""
+LINE = 25.0
+"""Height of one line of it."""
+LABEL = 14.0
+"""The viewer writes a label so far below its point."""
+FRAME_HEIGHT = HEIGHT - TOP - BOTTOM
+PORTRAIT_WIDTH = WIDTH - LEFT - LEGEND
+MOST_LABELS = 24
+"""With more marks than this, their labels are seen when they are pointed at."""
+BAR = (24.0, 20.0)
+"""Between a map and its scale of colours, and the width of that."""
+PADDING = 0.05
+OUTLYING = 3.0
+"""A map whose outer values span so many times the others' range shows the others'."""
+TICKS = 5
+MOST_COLUMNS = 2
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+ANGLE_STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 360.0)
+
+SCALE_BOUNDS = ((-40.0, WIDTH + 40.0), (-44.0, 58.0))
+"""What a view of a scale of colours shows."""
+
+Drawn = tuple[str, rr.AsComponents]
+"""Path below the chart, and what is logged there."""
+
+
+@final
+@dataclass
+class Curve:
+    """One series of a chart, growing block by block."""
+
+    label: str
+    colour: colours.Colour
+    resolution: float
+    values: list[Floats] = field(default_factory=list)
+    places: list[tuple[Floats, ...]] = field(default_factory=list)
+
+    @property
+    def whole(self) -> tuple[list[Floats], Floats]:
+        """The places on each axis, and the values, of all blocks."""
+        rows = [np.concatenate(each) for each in zip(*self.places, strict=True)]
+        return rows, np.concatenate(self.values)
+
+
+@final
+@dataclass
+class Chart:
+    """Curves over one axis, or one series over two: a map."""
+
+    title: str
+    over: tuple[Axis, ...]
+    curves: dict[str, Curve] = field(default_factory=dict)
+    columns: int = 0
+    """Of the legend, if not as many as its curves need."""
+
+    @property
+    def is_map(self) -> bool:
+        """Whether it is over two quantities."""
+        return len(self.over) > 1
+
+    @property
+    def width(self) -> float:
+        """The width of the frame, beside which the legend has its place."""
+        if self.is_map:
+            return WIDTH - LEFT - LEGEND
+        if not self.columns:
+            most = int(FRAME_HEIGHT / LINE)
+            self.columns = min(-(-len(self.curves) // most), MOST_COLUMNS)
+        return WIDTH - LEFT - self.columns * LEGEND
+
+    def add(self, path: str, series: Series) -> Curve:
+        """Return the curve of a series, a new one in a colour of its own."""
+        if path not in self.curves:
+            used = [curve.colour for curve in self.curves.values()]
+            colour = colours.of_series(series.link, used)
+            self.curves[path] = Curve(series.label, colour, series.resolution)
+        return self.curves[path]
+
+    def across(self, values: Floats) -> Floats:
+        """Return where values on the first axis are in the frame."""
+        return np.asarray(self.width * _part(values, *self.over[0].extent))
+
+    def cursor(self, rows: Sequence[Floats]) -> Iterable[rr.ComponentColumn]:
+        """Return a line that moves through the plot, or a mark that moves on the map."""
+        x = self.across(rows[0])
+        if self.is_map:
+            y = FRAME_HEIGHT * (1.0 - _part(rows[1], *self.over[1].extent))
+            return rr.Points2D.columns(positions=np.stack([x, y], axis=1))
+        ends = np.zeros((len(x), 2, 2))
+        ends[:, :, 0] = x[:, None]
+        ends[:, 1, 1] = FRAME_HEIGHT
+        return rr.LineStrips2D.columns(strips=list(ends))
+
+    def legend(self, paths: Sequence[str]) -> tuple[Floats, list[colours.Colour]]:
+        """Return where the names (k, 2) of some curves are, and their colours."""
+        most = int(FRAME_HEIGHT / LINE)
+        places, tints = [], []
+        if self.is_map:
+            x = self.width + 0.5 * LEGEND
+            tints = [curve.colour for curve in self.curves.values()]
+            return np.array([[x, FRAME_HEIGHT + 27.0]]), tints
+        for number, (path, curve) in enumerate(self.curves.items()):
+            if path in paths:
+                column, row = divmod(number, most)
+                x = self.width + (column + 0.5) * LEGEND
+                places.append((x, LINE * (row + 0.5) - LABEL))
+                tints.append(curve.colour)
+        return np.array(places).reshape(-1, 2), tints
+
+    def drawn(self, marks: Sequence[InputMarks] = ()) -> Iterator[Drawn]:
+        """Yield what stands still: the frame, the curves or the map, marks, words."""
+        if self.is_map:
+            yield from self._map()
+            return
+        curves = [(curve, *curve.whole) for curve in self.curves.values()]
+        resolution = max(curve.resolution for curve, _, _ in curves)
+        every = np.concatenate([values for _, _, values in curves])
+        low, high = plotted_range(every, resolution)
+        around = PADDING * (high - low)
+        low, high = low - around, high + around
+        yield from frame(self.width, _Side.of(self.over[0]), _Side("", (low, high), False))
+        for number, (curve, rows, values) in enumerate(curves):
+            y = FRAME_HEIGHT * (1.0 - _part(values, low, high))
+            lines = shapes.unbroken(np.stack([self.across(rows[0]), y], axis=1))
+            if lines:
+                strips = rr.LineStrips2D(
+                    lines, colors=curve.colour, radii=rr.Radius.ui_points(1.0)
+                )
+                yield f"curves/{number}", strips
+        if self.over[0].unit == "deg":
+            yield from self._marked(marks)
+
+    def _marked(self, marks: Sequence[InputMarks]) -> Iterator[Drawn]:
+        """Yield a line at each place on the axis where something is, with its name."""
+        for number, each in enumerate(marks):
+            if each.inputs.shape[1:] != (1,):
+                continue
+            x = self.across(each.inputs[:, 0])
+            x = x[(x >= 0.0) & (x <= self.width)]
+            tint = colours.tone(each.tone)
+            lines = [np.array([[at, 0.0], [at, FRAME_HEIGHT]]) for at in x]
+            yield (
+                f"marks/{number}",
+                rr.LineStrips2D(lines, colors=tint, radii=rr.Radius.ui_points(0.9)),
+            )
+            yield (
+                f"marks/{number}/words",
+                rr.Points2D(
+                    np.stack(
+                        [x, np.full_like(x, LINE * (number % 2) - 0.4 * LINE)], axis=1
+                    ),
+                    labels=[each.label] * len(x),
+                    colors=tint,
+                    radii=0.0,
+                    show_labels=len(x) <= MOST_LABELS,
+                ),
+            )
+
+    def _map(self) -> Iterator[Drawn]:
+        (curve,) = self.curves.values()
+        x, y, cells = gridded(*curve.whole)
+        first, second = (_Side.of(axis) for axis in self.over[:2])
+        yield from frame(self.width, first, second, lined=False)
+        low, high = plotted_range(_without_ends(cells), curve.resolution)
+        across = _nearest(x, first.span, round(self.width))
+        down = _nearest(y, second.span, round(FRAME_HEIGHT))[::-1]
+        shown = cells[np.ix_(across, down)].T
+        part = np.clip(_part(np.nan_to_num(shown), low, high), 0.0, 1.0)
+        size = len(down), len(across) + round(sum(BAR)), 3
+        picture = np.full(size, colours.BACKGROUND, dtype=np.uint8)
+        body = colours.heat(part.ravel()).reshape(*shown.shape, 3)
+        body[~np.isfinite(shown)] = colours.BACKGROUND
+        picture[:, : len(across)] = body
+        scale = colours.heat(np.linspace(1.0, 0.0, len(down)))
+        picture[:, -round(BAR[1]) :] = scale[:, None]
+        yield "map", rr.Image(picture)
+        step, values = ticks(low, high, False)
+        edge = self.width + sum(BAR) + 40.0
+        down_to = FRAME_HEIGHT * (1.0 - _part(values, low, high)) - LABEL
+        yield (
+            "scale",
+            _words(
+                [(edge, y, written(v, step)) for y, v in zip(down_to, values, strict=True)]
+            ),
+        )
+
+
+def _without_ends(cells: Floats) -> Floats:
+    """Return the values of a map without those that would leave no colours for the rest.
+
+    Rates grow beyond all bounds towards singularities.
+    """
+    known = cells[np.isfinite(cells)]
+    if not len(known):
+        return known
+    low, high = np.quantile(known, [0.03, 0.97])
+    if np.ptp(known) < OUTLYING * (high - low):
+        return known
+    return np.asarray(known[(known >= low) & (known <= high)])
+
+
+def compared(modes: Sequence[Chart]) -> Chart:
+    """Return the chart of all modes: the first in full colours, others lighter."""
+    first = modes[0]
+    found = Chart(first.title, first.over)
+    for step, chart in enumerate(modes):
+        for path, curve in chart.curves.items():
+            found.curves[path] = replace(curve, colour=colours.shaded(curve.colour, step))
+    found.columns = first.columns
+    return found
+
+
+def cursor_style(chart: Chart) -> rr.AsComponents:
+    """Return how the cursor of a chart looks."""
+    if chart.is_map:
+        return rr.Points2D.from_fields(colors=colours.GOLD, radii=rr.Radius.ui_points(5.0))
+    return rr.LineStrips2D.from_fields(
+        colors=colours.SILVER, radii=rr.Radius.ui_points(0.6)
+    )
+
+
+def legend_style(
+    places: Floats, tints: Sequence[colours.Colour], names: Sequence[str] | None = None
+) -> rr.AsComponents:
+    """Return where the names of curves stand; the names too if they do not change."""
+    count = len(places)
+    return rr.Points2D.from_fields(
+        positions=places,
+        colors=tints,
+        radii=[0.0] * count,
+        show_labels=True,
+        labels=None if names is None else list(names)[:count],
+    )
+
+
+@final
+@dataclass(frozen=True)
+class _Side:
+    """An axis of a frame: its words, its span, and whether that is of degrees."""
+
+    words: str
+    span: tuple[float, float]
+    degrees: bool
+    logarithmic: bool = False
+
+    def ticks(self) -> Iterator[tuple[float, str]]:
+        """Yield the places of ticks from 0 to 1, and their words."""
+        if self.logarithmic:
+            low, high = np.log10(self.span)
+            for power in range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1):
+                yield (power - low) / max(high - low, 1e-300), f"1e{power}"
+            return
+        step, values = ticks(*self.span, self.degrees)
+        for value, part in zip(values, _part(values, *self.span), strict=True):
+            yield float(part), written(value, step)
+
+    @classmethod
+    def of(cls, axis: Axis) -> "_Side":
+        return cls(in_signs(axis.words), axis.extent, axis.unit == "deg")
+
+
+def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Drawn]:
+    """Yield the box with its lines, and the words at its axes."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
+    lines = [corners * [width, FRAME_HEIGHT]]
+    words: list[tuple[float, float, str]] = []
+    for part, text in x.ticks():
+        lines.append(np.array([[width * part, 0.0], [width * part, FRAME_HEIGHT]]))
+        words.append((width * part, FRAME_HEIGHT + 4.0, text))
+    words.append((0.5 * width, FRAME_HEIGHT + 27.0, x.words))
+    for part, text in y.ticks():
+        level = FRAME_HEIGHT * (1.0 - part)
+        lines.append(np.array([[0.0, level], [width, level]]))
+        words.append((-0.5 * LEFT, level - LABEL, text))
+    if y.words:
+        words.append((width + 0.5 * LEGEND, FRAME_HEIGHT + 4.0, f"up: {y.words}"))
+    yield (
+        "frame",
+        rr.LineStrips2D(
+            lines if lined else lines[:1],
+            colors=colours.GRATICULE,
+            radii=rr.Radius.ui_points(0.5),
+        ),
+    )
+    yield "words", _words(words)
+
+
+def roomy(item: Portrait) -> Portrait:
+    """Return a portrait whose curves do not touch its frame."""
+    if item.logarithmic:
+        return item
+    low, high = item.y_range
+    around = PADDING * (high - low)
+    return replace(item, y_range=(low - around, high + around))
+
+
+def portrait(item: Portrait) -> Iterator[Drawn]:
+    """Yield the frame of a portrait, its curves and marks."""
+    sides = [
+        _Side(in_signs(titled(label, unit)), span, unit.startswith("deg"), item.logarithmic)
+        for label, unit, span in (
+            (item.x_label, item.x_unit, item.x_range),
+            (item.y_label, item.y_unit, item.y_range),
+        )
+    ]
+    yield from frame(PORTRAIT_WIDTH, sides[0], sides[1])
+    for number, curve in enumerate(item.curves):
+        placed = item.framed(curve.points)
+        yield f"curve_{number}", portrait_line(placed, colours.tone(curve.tone))
+    named = {each.label: colours.tone(each.tone) for each in item.curves if each.label}
+    if named:
+        x = PORTRAIT_WIDTH + 0.5 * LEGEND
+        lines = [(x, LINE * (k + 0.5) - LABEL) for k in range(len(named))]
+        tints = list(named.values())
+        yield "legend", legend_style(np.array(lines), tints, list(named))
+    if item.marks:
+        places = item.framed(np.array([mark.place for mark in item.marks]))
+        yield "marks", _marked(in_frame(places), item.marks)
+
+
+def portrait_line(placed: Floats, colour: colours.Colour) -> rr.LineStrips2D:
+    """Return a curve of a portrait from its placed points (n, 2)."""
+    return rr.LineStrips2D(
+        [in_frame(line) for line in shapes.unbroken(placed)],
+        colors=colour,
+        radii=rr.Radius.ui_points(1.0),
+    )
+
+
+def in_frame(placed: Floats) -> Floats:
+    """Return points placed from 0 to 1 both ways in the frame of a portrait."""
+    return np.stack(
+        [PORTRAIT_WIDTH * placed[:, 0], FRAME_HEIGHT * (1.0 - placed[:, 1])], axis=1
+    )
+
+
+def _marked(places: Floats, marks: Sequence[Mark]) -> rr.Points2D:
+    return rr.Points2D(
+        places,
+        labels=[mark.label for mark in marks],
+        colors=[colours.tone(mark.tone) for mark in marks],
+        radii=rr.Radius.ui_points(4.0),
+        show_labels=len(marks) <= MOST_LABELS,
+    )
+
+
+def horizontal_scale(low: float, high: float, label: str) -> Iterator[Drawn]:
+    """Yield a scale of colours from left to right, `WIDTH` long, with its words."""
+    picture = np.empty((24, round(WIDTH), 3), dtype=np.uint8)
+    picture[:] = colours.heat(np.linspace(0.0, 1.0, round(WIDTH)))
+    yield "bar", rr.Image(picture)
+    step, values = ticks(low, high, False)
+    words = [
+        (WIDTH * (value - low) / max(high - low, 1e-300), 26.0, written(value, step))
+        for value in values
+    ]
+    yield "words", _words([*words, (0.5 * WIDTH, -44.0, label)])
+
+
+def gridded(rows: Sequence[Floats], values: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the two first axes of a grid and its values (x, y), NaN where there is none.
+
+    Of further axes the middle value is taken.
+    """
+    chosen = np.ones(len(values), dtype=bool)
+    for further in rows[2:]:
+        known = np.unique(further)
+        chosen &= further == known[len(known) // 2]
+    x, across = np.unique(rows[0][chosen], return_inverse=True)
+    y, up = np.unique(rows[1][chosen], return_inverse=True)
+    cells = np.full((len(x), len(y)), np.nan)
+    cells[across, up] = values[chosen]
+    return x, y, cells
+
+
+def ticks(low: float, high: float, degrees: bool) -> tuple[float, Floats]:
+    """Return a round step, and its multiples between two values, about `TICKS` of them."""
+    wanted = (high - low) / TICKS
+    if not (np.isfinite(wanted) and wanted > 0.0):
+        return 1.0, np.array([low])
+    power = 10.0 ** np.floor(np.log10(wanted))
+    steps = [power * each for each in STEPS]
+    if degrees and wanted >= 1.0:
+        steps = [*ANGLE_STEPS, *(360.0 * power * each for each in STEPS)]
+    step = min(steps, key=lambda each: abs(np.log(each / wanted)))
+    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    return float(step), np.arange(first, last + 1.0) * step
+
+
+def written(value: float, step: float) -> str:
+    """Return a tick's number with the digits that its step has."""
+    if value == 0.0 or abs(value) < 1e-9 * step:
+        return "0"
+    if not 1e-4 <= step < 1e6:
+        return f"{value:.4g}"
+    digits = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
+    if abs(round(step * 10**digits) - step * 10**digits) > 1e-6:
+        digits += 1
+    return f"{value:.{digits}f}".replace("-", "\u2212")
+
+
+def legend_words(curves: Sequence[tuple[str, Floats, float]]) -> list[str]:
+    """Return the names with their values, row after row, of (label, values, resolution)."""
+    columns = [
+        [f"{label}  {_number(value, resolution)}" for value in values.tolist()]
+        for label, values, resolution in curves
+    ]
+    return [words for row in zip(*columns, strict=True) for words in row]
+
+
+def along(over: Sequence[Axis]) -> Axis:
+    """Return the axis of samples on a path of several inputs: the first one that moves."""
+    first = next((axis for axis in over if axis.extent[0] < axis.extent[1]), over[0])
+    others = listing(axis.label for axis in over if axis is not first)
+    return replace(first, label=f"input {first.label} with {others}")
+
+
+def in_signs(words: str) -> str:
+    """Return units as people write them."""
+    for plain, sign in (("m2", "m²"), ("/s2", "/s²")):
+        words = words.replace(plain, sign)
+    return words
+
+
+def bounds() -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return what of the plane a view of a chart shows."""
+    return (-LEFT, WIDTH - LEFT), (-TOP, HEIGHT - TOP)
+
+
+def _number(value: float, resolution: float) -> str:
+    if value != value:
+        return "\u2013"
+    if abs(value) < resolution:
+        return "0"
+    return f"{value:.4g}".replace("-", "\u2212")
+
+
+def _words(words: Sequence[tuple[float, float, str]]) -> rr.Points2D:
+    return rr.Points2D(
+        [place[:2] for place in words],
+        labels=[place[2] for place in words],
+        colors=colours.PALE,
+        radii=0.0,
+        show_labels=True,
+    )
+
+
+def _part(values: Floats, low: float, high: float) -> Floats:
+    return np.asarray((values - low) / (high - low if high > low else 1.0))
+
+
+def _nearest(known: Floats, span: tuple[float, float], pixels: int) -> NDArray[np.int64]:
+    """Return the number of the known value nearest to each pixel of a span."""
+    low, high = span
+    at = low + (high - low) * (np.arange(pixels) + 0.5) / pixels
+    between = 0.5 * (known[1:] + known[:-1])
+    return np.searchsorted(between, at).astype(np.int64)

@@ -1,0 +1,153 @@
+"""Help that loads little, examples that are real, new files, shells that complete."""
+
+import json
+import os
+import pty
+import re
+import select
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import spherekit as sk
+from spherekit.cli.grammar import COMMANDS, parser
+from spherekit.cli.main import main
+from spherekit.cli.new import FILES
+from spherekit.cli.new_mechanism import KINDS
+
+BIN = Path(sys.executable).parent
+HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "rerun", "networkx", "jsonschema", "mpmath"}
+
+
+def helps():
+    """The words of each subcommand."""
+    return [(), *((name,) for name in COMMANDS), *(("new", what) for what in FILES)]
+
+
+@pytest.mark.parametrize("words", helps())
+def test_help_loads_no_library_and_none_but_its_own_command(words):
+    code = (
+        "import sys; from spherekit.cli.main import main\n"
+        f"try: main([*{words!r}, '--help'])\n"
+        "except SystemExit: print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    text, _, loaded = done.stdout.rstrip().rpartition("\n")
+    loaded = set(loaded.split())
+    assert not HEAVY & loaded
+    others = {f"spherekit.cli.{name}" for name in COMMANDS} - {"spherekit.cli.run"}
+    assert not (others - {f"spherekit.cli.{word}" for word in words}) & loaded
+    assert "examples:\n  # " in text
+
+
+@pytest.mark.parametrize("words", helps())
+def test_examples_in_help_are_understood(words, capsys):
+    with pytest.raises(SystemExit):
+        main([*words, "--help"])
+    shown = capsys.readouterr().out.partition("examples:\n")[2]
+    lines = re.findall(r"^  (?!# )(.*)$", shown, re.M)
+    assert len(lines) >= 2
+    for line in lines:
+        found = re.search(r"spherekit ([^|)]*)", line)
+        parser().parse_args(shlex.split(found[1]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_new_mechanism_runs_as_it_is(kind, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "mechanism", "mine", "--kind", kind]) == 0
+    made = sk.load(tmp_path / "mine.toml")
+    assert made.name == "mine"
+    assert made.outputs
+    assert len(re.findall(r"^# ", (tmp_path / "mine.toml").read_text(), re.M)) >= 6
+    command = capsys.readouterr().err.partition("then: spherekit ")[2].split()
+    assert main([*command, "--samples", "9", "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)["status"]) == {"OK"}
+
+
+def test_what_is_commented_out_in_a_new_mechanism_reads_too(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    main(["new", "mechanism", "mine", "-q"])
+    text = (tmp_path / "mine.toml").read_text()
+    head, mark, tail = text.partition("# [mass.rocker]")
+    tail = re.sub(r"^# ?", "", mark + tail, flags=re.M)
+    (tmp_path / "mine.toml").write_text(head + tail)
+    made = sk.load("mine.toml")
+    assert made.loads and made.masses and made.stops
+
+
+def test_a_new_mechanism_like_another_moves_like_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "mechanism", "deep/mine", "--like", "watt", "-q"]) == 1
+    Path("deep").mkdir()
+    assert main(["new", "mechanism", "deep/mine", "--like", "watt", "-q"]) == 0
+    made, old = sk.load("deep/mine.toml"), sk.load("watt")
+    assert (made.name, made.pairs, made.links) == ("mine", old.pairs, old.links)
+
+
+def test_a_new_file_never_replaces_one(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text("mine")
+    assert main(["new", "mechanism", "mine"]) == 1
+    assert "mine.toml: is there already" in capsys.readouterr().err
+    assert Path("mine.toml").read_text() == "mine"
+
+
+CASES = {
+    "spherekit expl": "explain",
+    "spherekit run double_b": "double_butterfly",
+    "spherekit run four_bar -a eks": "eksergian",
+    "spherekit run four_bar --asse": "--assembly-mode",
+}
+
+
+def environment():
+    path = f"{BIN}{os.pathsep}{os.environ['PATH']}"
+    return {**os.environ, "PATH": path, "TERM": "dumb", "PS1": "$ "}
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_shell_completes_words(shell):
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
+    bare = {"bash": ["--norc", "--noprofile"], "zsh": ["-f"]}[shell]
+    begin = {"bash": "", "zsh": "autoload -Uz compinit; compinit -u; "}[shell]
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execvpe(shell, [shell, *bare, "-i"], environment())
+    try:
+        code = f'{begin}eval "$(spherekit completion {shell})"; echo rea""dy\n'
+        os.write(terminal, code.encode())
+        assert "ready" in until(terminal, "ready")
+        for typed, whole in CASES.items():
+            os.write(terminal, f"{typed}\t".encode())
+            assert whole in until(terminal, whole), typed
+            os.write(terminal, b"\x15")
+    finally:
+        os.close(terminal)
+        os.waitpid(child, 0)
+
+
+def until(terminal, word, limit=20.0):
+    """What a terminal shows until a word is there."""
+    seen, end = "", time.monotonic() + limit
+    while word not in seen and time.monotonic() < end:
+        if select.select([terminal], [], [], 0.2)[0]:
+            seen += os.read(terminal, 4096).decode(errors="replace")
+    return seen
+
+
+def test_fish_completes_words():
+    if shutil.which("fish") is None:
+        pytest.skip("fish is not installed")
+    for typed, whole in CASES.items():
+        code = f"spherekit completion fish | source; complete -C '{typed}'"
+        done = subprocess.run(
+            ["fish", "-c", code], capture_output=True, text=True, env=environment()
+        )
+        assert whole in done.stdout.split(), (typed, done.stdout, done.stderr)

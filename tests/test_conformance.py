@@ -1,0 +1,146 @@
+"""The conformance check of plugins, and runs with plugins that do not pass it."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from broken_plugins import BROKEN, UNNOTICED, Sound
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.conformance.examine import TURN, Examination
+from spherekit.conformance.variants import renamed, turned
+from spherekit.errors import PluginError
+from spherekit.motion.motion import Tracer
+from spherekit.plugin import conformance, registered
+
+BROKEN_AT_IMPORT = {
+    "raises_at_import": ("raises_at_import:Thing", "RuntimeError: not today"),
+    "wrong_entry_point": ("broken_plugins:NoSuchClass", "NoSuchClass"),
+    "not_an_analysis": ("broken_plugins:TABLE", "not a subclass of AbstractAnalysis"),
+}
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """A folder with a distribution whose entry points lead to nothing that works."""
+    (tmp_path / "raises_at_import.py").write_text('raise RuntimeError("not today")\n')
+    info = tmp_path / "broken-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    lines = [f"{name} = {target}\n" for name, (target, _) in BROKEN_AT_IMPORT.items()]
+    text = "".join(["[spherekit.analyses]\n", *lines])
+    (info / "entry_points.txt").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+
+def failing(subject):
+    report = Examination(subject, ["four_bar"], 5).report()
+    return [line.name for line in report.failing], report
+
+
+def test_a_sound_analysis_conforms():
+    report = conformance(Sound)
+    verdicts = {line.name: line.verdict for line in report}
+    assert verdicts.pop("installed") == "not checked"
+    assert set(verdicts.values()) == {"holds"}, str(report)
+    assert re.search(r"^blocks +holds +of 1 and 4 samples$", str(report), re.M)
+
+
+@pytest.mark.parametrize("broken", BROKEN, ids=lambda cls: cls.name)
+def test_each_broken_one_fails_its_line(broken):
+    names, report = failing(broken)
+    assert names == [BROKEN[broken]], str(report)
+    assert "Traceback" not in str(report)
+
+
+@pytest.mark.parametrize("name", BROKEN_AT_IMPORT)
+def test_what_does_not_load_fails_as_installed(name, installed):
+    names, report = failing(name)
+    assert names == ["installed"]
+    assert BROKEN_AT_IMPORT[name][1] in report["installed"].note
+
+
+def test_all_failing_lines_are_raised():
+    broken = {cls.name: cls for cls in BROKEN}
+
+    class Both(broken["keeps_its_axes"], broken["scene_raises"]):
+        """Broken twice."""
+
+        name = "both"
+
+    with pytest.raises(PluginError, match=r"(?s)Both does not .*rotation: .*scene: "):
+        conformance(Both, mechanisms=["four_bar"])
+
+
+def run(name, folder, capsys):
+    """Run a plugin and `poles`; return exit status, and what is said on stderr."""
+    recording = str(folder / "x.rrd")
+    asked = ["-a", name, "-a", "poles", "--samples", "5", "-o", str(folder / "out")]
+    status = main(["run", "four_bar", *asked, "--save", recording])
+    assert (folder / "out" / "poles.csv").read_text().count("\n") == 1 + 5 * 2 * 6
+    said = [
+        line
+        for line in capsys.readouterr().err.splitlines()
+        if line.startswith("spherekit: ")
+    ]
+    return status, said
+
+
+@pytest.mark.parametrize("broken", BROKEN, ids=lambda cls: cls.name)
+def test_no_mistake_stops_a_run(broken, tmp_path, capsys):
+    with registered(broken):
+        status, said = run(broken.name, tmp_path, capsys)
+    if broken in UNNOTICED:
+        assert (status, said) == (0, [])
+        return
+    (sentence,) = said
+    assert status == 4
+    assert re.match(rf"spherekit: analysis {broken.name} failed: \w", sentence)
+    assert "Traceback" not in sentence and len(sentence) < 400
+
+
+@pytest.mark.parametrize("name", BROKEN_AT_IMPORT)
+def test_nothing_that_does_not_load_stops_a_run(name, installed, tmp_path, capsys):
+    status, (sentence,) = run(name, tmp_path, capsys)
+    assert status == 4 and BROKEN_AT_IMPORT[name][1] in sentence
+
+
+def test_the_trace_is_shown_when_asked_for(tmp_path, capsys):
+    raises = next(cls for cls in BROKEN if cls.name == "raises")
+    with registered(raises):
+        main(["run", "four_bar", "-a", "raises", "--samples", "5", "--traceback"])
+    assert "in compute\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "roller_cam", "eight_bar_04"])
+def test_a_mechanism_turned_or_renamed_is_the_same(name):
+    """By the axes and orientations of its configurations."""
+    given = replace(sk.load(name), loads=())
+    names = {given.ground: "base"} | {link: f"b_{link}" for link in given.links[:0:-1]}
+    motions = [
+        Tracer(made, samples=4, search=False).motion()
+        for made in (given, turned(given, TURN), renamed(given, names))
+    ]
+    first, other, third = motions
+    np.testing.assert_allclose(other.axes, first.axes @ TURN.T, atol=1e-12)
+    np.testing.assert_allclose(third.axes, first.axes, atol=1e-12)
+
+
+SHIPPED = {
+    "poles": "four_bar",
+    "eksergian": "four_bar",
+    "singularities:output=4/1": "four_bar",
+    "workspace": "five_bar",
+    "inverse_kinematics:columns=21+51,poses=77.5:77.5+70:75": "five_bar",
+    "equivalent_rotation:start=21=70+51=72,end=21=77.5+51=77.5": "five_bar",
+}
+"""With parameters that mean the same in any axes: poses by inputs."""
+
+
+@pytest.mark.parametrize("asked", SHIPPED, ids=lambda asked: asked.partition(":")[0])
+def test_shipped_analyses_conform(asked):
+    report = conformance(asked, mechanisms=[SHIPPED[asked]], samples=5)
+    left_out = {line.name for line in report if line.verdict == "not checked"}
+    assert left_out <= {"blocks", "failed rows"}, str(report)

@@ -1,0 +1,354 @@
+"""Figures: what is drawn is what tables say, and what is known of maps holds on them."""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Series
+from spherekit.analysis.tables import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
+from spherekit.cli.main import main
+from spherekit.errors import AnalysisError
+from spherekit.figures import style
+from spherekit.figures.contents import figures_of
+from spherekit.figures.labels import placed_labels
+from spherekit.figures.projection import (
+    EQUAL_AREA,
+    STEREOGRAPHIC,
+    centre_at,
+    centre_of,
+    opposite,
+)
+
+CAP = 0.4
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    return sk.run("four_bar", ["poles", "singularities"], samples=73)
+
+
+def drawn(panel):
+    """Return the curves of modes in a panel: (number, points (n, 2)), by their marks."""
+    return {
+        int(line.get_gid().split()[1]): line.get_xydata()
+        for line in panel.lines
+        if line.get_gid()
+    }
+
+
+def legend_of(figure):
+    """Return the colour of each entry of a figure's legend."""
+    (legend,) = figure.legends
+    return {
+        text.get_text(): line.get_color()
+        for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+    }
+
+
+def test_curves_are_the_columns_of_the_table(four_bar):
+    figure = four_bar.plot("poles/velocity coefficients")
+    frame = four_bar.frame("poles")
+    panels = {panel.get_title(): panel for panel in figure.axes}
+    assert set(panels) == {f"ω{pole}/ω21" for pole in ("31", "41", "32", "42", "43")}
+    for title, panel in panels.items():
+        link, reference = title[1], title[2]
+        for mode, points in drawn(panel).items():
+            rows = frame[
+                (frame["assembly_mode"] == mode)
+                & (frame["link"] == link)
+                & (frame["relative_to"] == reference)
+            ]
+            assert points[:, 0] == pytest.approx(np.degrees(rows["q"].to_numpy()))
+            assert points[:, 1] == pytest.approx(rows["velocity_coefficient"].to_numpy())
+        assert panel.get_xlim() == pytest.approx((0.0, 360.0))
+    assert figure.axes[-1].get_xlabel() == "input 21, deg"
+    assert figure.axes[0].get_ylabel() == "velocity coefficients"
+    assert four_bar.plot("acceleration coefficients").axes[0].get_ylabel().endswith("1/rad")
+
+
+def test_angles_are_in_radians_where_asked(four_bar):
+    figure = four_bar.plot("output 4/1 against the input", degrees=False)
+    (panel,) = figure.axes
+    assert panel.get_xlabel() == "input 21, rad" and panel.get_ylabel() == "output 4/1, rad"
+    for points in drawn(panel).values():
+        assert np.nanmax(points[:, 0]) == pytest.approx(2.0 * np.pi)
+
+
+def test_a_mode_has_one_colour_in_all_figures(four_bar):
+    seen = {}
+    for figure in four_bar.plot().values():
+        for panel in figure.axes:
+            for line in panel.lines:
+                if line.get_gid():
+                    seen.setdefault(line.get_gid(), set()).add(line.get_color())
+        colours = legend_of(figure)
+        assert {colours["mode 0 (+)"], colours["mode 1 (−)"]} == set(style.MODES[:2])
+    assert seen == {"mode 0": {style.MODES[0]}, "mode 1": {style.MODES[1]}}
+
+
+def test_singularities_are_marked_in_all_plots_over_the_input(four_bar):
+    frame = four_bar.frame("singularities")
+    places = np.degrees(np.sort(frame["q"].to_numpy()))
+    for name in ("velocity coefficients", "angles, form i"):
+        for panel in four_bar.plot(name).axes:
+            spots = [
+                line.get_xydata()[0] for line in panel.lines if line.get_marker() == "v"
+            ]
+            assert np.sort(np.array(spots)[:, 0]) == pytest.approx(places)
+            for x, y in spots:  # on the curve of a mode
+                ways = [np.interp(x, *points.T) for points in drawn(panel).values()]
+                assert np.min(np.abs(np.array(ways) - y)) < 1e-9
+    assert "type I" in legend_of(four_bar.plot("velocity coefficients"))
+    (panel,) = four_bar.plot("output 4/1 against the input").axes
+    spots = [line.get_xdata()[0] for line in panel.lines if len(line.get_xdata()) == 1]
+    assert np.sort(spots) == pytest.approx(places, abs=0.5)
+
+
+def test_rows_without_a_configuration_are_gaps():
+    made = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 80.0})
+    result = sk.run(made, "poles", samples=73)
+    frame = result.frame("poles")
+    assert (frame["status"] != "OK").any()
+    (panel, *_) = result.plot("velocity coefficients").axes
+    link, reference = panel.get_title()[1:3]
+    for mode, points in drawn(panel).items():
+        rows = frame[
+            (frame["assembly_mode"] == mode)
+            & (frame["link"] == link)
+            & (frame["relative_to"] == reference)
+        ]
+        for (x, y), known in zip(
+            points, np.isfinite(rows["velocity_coefficient"]), strict=True
+        ):
+            assert np.isfinite(y) == known and np.isfinite(x)
+
+
+def circle(pole, angle, count=4000):
+    """Return points (count, 3) at an angle from a direction."""
+    pole = pole / np.linalg.norm(pole)
+    across = np.cross(pole, np.eye(3)[int(np.argmin(np.abs(pole)))])
+    across /= np.linalg.norm(across)
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)[:, None]
+    ring = np.cos(turn) * across + np.sin(turn) * np.cross(pole, across)
+    return np.cos(angle) * pole + np.sin(angle) * ring
+
+
+POLES = np.random.default_rng(1).normal(size=(6, 3))
+
+
+@pytest.mark.parametrize("pole", POLES)
+def test_the_lambert_map_keeps_the_area_of_a_cap(pole):
+    x, y = centre_of(pole[None]).placed(circle(pole, CAP), EQUAL_AREA).T
+    area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    assert area == pytest.approx(2.0 * np.pi * (1.0 - np.cos(CAP)), rel=1e-5)
+
+
+@pytest.mark.parametrize("pole", POLES)
+def test_the_stereographic_map_keeps_angles_and_circles(pole):
+    centre = centre_of(pole[None])
+    u = pole / np.linalg.norm(pole)
+    a = np.cross(u, [0.3, -0.8, 0.5])
+    b = np.cross(u, a) + 0.7 * a
+    step = 1e-6
+    moved = np.stack([u + step * v for v in (a, b)] + [u - step * v for v in (a, b)])
+    moved /= np.linalg.norm(moved, axis=1)[:, None]
+    p = centre.placed(moved, STEREOGRAPHIC)
+    s, t = p[0] - p[2], p[1] - p[3]
+    angle = np.arctan2(s[0] * t[1] - s[1] * t[0], s @ t)
+    wanted = np.arctan2(u @ np.cross(a, b), a @ b)  # seen from outside: the same sense
+    assert angle == pytest.approx(wanted, abs=1e-8)
+    ring = centre.placed(circle(pole, CAP), STEREOGRAPHIC)
+    middle = np.mean([ring.max(axis=0), ring.min(axis=0)], axis=0)
+    assert np.ptp(np.linalg.norm(ring - middle, axis=1)) < 1e-5
+
+
+def test_a_centre_is_an_axis_of_the_ground_and_its_sides_point_along_others():
+    for out in range(3):
+        for positive in (True, False):
+            centre = centre_at(out, positive)
+            assert np.linalg.det(centre.frame) == pytest.approx(1.0)
+            right, up = ("xyz".index(name) for name in centre.sides)
+            for axis, to in ((right, (1.0, 0.0)), (up, (0.0, 1.0))):
+                place = centre.placed(np.eye(3)[[axis]], EQUAL_AREA)[0]
+                assert place == pytest.approx(np.sqrt(2.0) * np.array(to))
+            assert opposite(opposite(centre)).name == centre.name
+
+
+def series(values, unit="rad", label="a", group="angle"):
+    return Series(f"plots/{label}", label, group, np.asarray(values, float), unit)
+
+
+def one_figure(primitives, over, page=0):
+    scene = Scene(page, tuple(primitives), over, "made")
+    (figure,) = figures_of([scene], {0: "Mode 0"}).values()
+    return figure
+
+
+OVER = (Axis("input", "rad", np.linspace(0.0, 1.0, 50)),)
+
+
+def test_rounding_noise_is_not_scaled_up():
+    noise = 1e-15 * np.random.default_rng(0).normal(size=50)
+    (panel,) = one_figure([series(0.3 + noise)], OVER).axes
+    low, high = panel.get_ylim()
+    assert low < np.degrees(0.3) < high and high - low > 1.0
+    (panel,) = one_figure([series(3e-5 * np.sin(OVER[0].values), "N m")], OVER).axes
+    assert panel.get_ylim()[1] < 4e-5
+
+
+def test_a_pole_of_a_curve_is_a_gap_and_leaves_the_frame():
+    x = np.linspace(-1.0, 1.0, 100)
+    over = (Axis("input", "", x),)
+    (panel,) = one_figure([series(1e-3 / x + x, "")], over).axes
+    (points,) = drawn(panel).values()
+    assert np.sum(np.isnan(points[:, 1])) == 0
+    (panel,) = one_figure([series(1.0 / x**3, "")], over).axes
+    (points,) = drawn(panel).values()
+    low, high = panel.get_ylim()
+    (gap,) = np.nonzero(np.isnan(points[:, 1]))
+    assert len(gap) == 1 and points[gap[0] - 1, 1] < low < high < points[gap[0] + 1, 1]
+
+
+def test_a_grid_of_inputs_is_a_map_with_its_zeros():
+    a, b = np.meshgrid(np.linspace(0.0, 1.0, 6), np.linspace(1.0, 3.0, 5), indexing="ij")
+    over = (Axis("left", "rad", a.ravel()), Axis("right", "rad", b.ravel()))
+    values = (a - 0.5).ravel()
+    panel, bar = one_figure([series(values, "", "c", "c")], over).axes
+    (mesh,) = [each for each in panel.collections if each.get_array() is not None][:1]
+    assert np.asarray(mesh.get_array()).reshape(5, 6) == pytest.approx((a - 0.5).T)
+    assert panel.get_xlabel() == "left, deg" and panel.get_ylabel() == "right, deg"
+    zeros = [p.vertices for each in panel.collections[1:] for p in each.get_paths()]
+    assert np.concatenate(zeros)[:, 0] == pytest.approx(np.degrees(0.5))
+    assert bar.get_ylabel() == "c"
+    (panel,) = one_figure(
+        [series(values, "", "c", "c")],
+        tuple(Axis(axis.label, axis.unit, np.sort(axis.values)) for axis in over),
+    ).axes
+    assert panel.get_xlabel() == "path of the inputs, deg"
+
+
+def test_a_logarithmic_portrait_names_its_marks_where_nothing_is_covered():
+    x = 10.0 ** np.linspace(-3.0, 0.0, 9)
+    marks = [Mark(f"setting {k}", np.array([t, t**2])) for k, t in enumerate(x)]
+    curve = PlaneCurve(np.stack([x, x**2], axis=1), 1, "linear")
+    chart = Portrait(
+        "chart", "work", x[:1], x[:1] ** 2, "time", "error", (1e-3, 1.0), (1e-6, 1.0),
+        x_unit="s", curves=[curve], marks=marks, logarithmic=True,
+    )  # fmt: skip
+    figure = one_figure([chart], OVER, "Trade")
+    figure.draw_without_rendering()
+    (panel,) = figure.axes
+    assert panel.get_xscale() == panel.get_yscale() == "log"
+    assert panel.get_xlabel() == "time, s"
+    boxes = [text.get_window_extent() for text in panel.texts]
+    assert len(boxes) == 9
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    assert list(legend_of(figure)) == ["linear"]
+
+
+def test_labels_of_crowded_points_do_not_cover_each_other():
+    places = np.random.default_rng(3).uniform(0.0, 100.0, (12, 2))
+    found = placed_labels(["ab"] * 12, places, 6.0)
+    gaps = np.abs(found[:, None] - found[None])
+    apart = (gaps[..., 0] > 4.0) | (gaps[..., 1] > 5.9)
+    assert np.all(apart | np.eye(12, dtype=bool))
+
+
+def test_the_border_of_a_workspace_is_on_both_maps(tmp_path):
+    result = sk.run(
+        "five_bar", "workspace:near=15,working_mode=++,tolerance=0.1", samples=2
+    )
+    figure = result.plot("workspace on the sphere")
+    border = result.frame("workspace", "boundary")[["x", "y", "z"]].to_numpy()
+    maps = [panel for panel in figure.axes if "about" in panel.get_title()]
+    assert len(maps) == 4
+    for panel in maps:
+        name = panel.get_title().split("about ")[1].replace("−", "-")
+        centre = centre_at("xyz".index(name[1]), name[0] == "+")
+        angles = centre.angles(border)
+        radius = (
+            2.0 * np.sin(angles / 2)
+            if "Lambert" in panel.get_title()
+            else (2.0 * np.tan(angles / 2))
+        )
+        own = np.concatenate([line.get_xydata() for line in panel.lines])
+        sizes = np.sort(np.hypot(*own.T))
+        inside = radius[angles < np.radians(90.0)]
+        near = sizes[np.clip(np.searchsorted(sizes, inside), 1, len(sizes) - 1)]
+        assert np.max(np.minimum(np.abs(near - inside), 1.0)) < 0.02
+    assert figure.axes[-1].get_ylabel() == "margin, deg"
+    assert any("at least 15 deg" in label for label in legend_of(figure))
+
+
+@dataclass(frozen=True)
+class Bare(AbstractAnalysis):
+    """An analysis that says nothing of what is to be seen."""
+
+    name: ClassVar[str] = "bare"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "a column"
+    rowwise: ClassVar[bool] = True
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table("bare", "", (SAMPLE, ASSEMBLY_MODE, INPUT, Column("v", "rad", "some angle"))),
+    )
+
+    def needs(self, mechanism):
+        return Needs()
+
+    def compute(self, batch):
+        return {
+            "bare": {
+                "sample": batch.sample,
+                "assembly_mode": batch.assembly_mode,
+                "q": batch.q,
+                "v": np.sin(batch.q) + batch.assembly_mode,
+            }
+        }
+
+
+def test_an_analysis_without_a_scene_has_its_columns_drawn_over_blocks():
+    result = sk.run("four_bar", Bare(), samples=41, block=17)
+    figures = result.plot()
+    assert list(figures) == ["bare/some angle"]
+    (panel,) = figures["some angle"].axes
+    assert panel.get_ylabel() == "some angle, deg"
+    for mode, points in drawn(panel).items():
+        assert points[:, 1] == pytest.approx(
+            np.degrees(np.sin(np.radians(points[:, 0])) + mode)
+        )
+
+
+def test_an_unknown_figure_is_refused_with_those_there_are(four_bar):
+    with pytest.raises(AnalysisError, match="did you mean"):
+        four_bar.plot("velocity coeficients")
+    with pytest.raises(AnalysisError, match="several figures are meant by 'poles'"):
+        four_bar.plot("poles")
+    assert "velocity coefficients" in repr(four_bar.plot())
+
+
+def test_run_draws_figures_into_its_folder(tmp_path, capsys):
+    folder = tmp_path / "out"
+    words = ["run", "four_bar", "--samples", "19", "-o", str(folder), "--figures", "svg"]
+    assert main(words) == 0
+    made = sorted(path.name for path in (folder / "figures").iterdir())
+    assert "poles_velocity_coefficients.svg" in made and len(made) == 3
+    assert "3 figures in" in capsys.readouterr().err
+    assert main(["run", "four_bar", "--figures"]) == 1
+    assert "--figures does nothing without" in capsys.readouterr().err
+
+
+def test_without_matplotlib_it_says_what_to_install():
+    code = (
+        "import sys; sys.modules['matplotlib'] = None\n"
+        "import spherekit as sk\n"
+        "try:\n    sk.run('four_bar', 'poles', samples=5).plot()\n"
+        "except sk.SpherekitError as error:\n    print(error)\n"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert 'pip install "spherekit-mechanisms[plot]"' in out.stdout

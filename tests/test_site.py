@@ -1,0 +1,117 @@
+"""The site builds without a network and a warning; its links, formulas and search work."""
+
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from public_packages import PUBLIC
+
+ROOT = Path(__file__).parent.parent
+SOME = ("four_bar", "stephenson", "bevel_differential")
+"""Mechanisms that the site is built with here; all of them take minutes."""
+OFFLINE = """
+import socket, sys
+
+def refuse(self, address):
+    if self.family != socket.AF_UNIX and address[0] not in ("127.0.0.1", "::1"):
+        raise OSError(f"the build of the site asks for {address}")
+    return connect(self, address)
+
+connect, socket.socket.connect = socket.socket.connect, refuse
+from sphinx.cmd.build import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+pytestmark = pytest.mark.slow
+
+
+class Page(HTMLParser):
+    """What a page links to, loads, and can be jumped to."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.links, self.loads, self.anchors = [], [], set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        named = dict(attrs)
+        self.anchors |= {named[key] for key in ("id", "name") if named.get(key)}
+        if tag == "a" and named.get("href"):
+            self.links.append(named["href"])
+        if tag in ("img", "script", "iframe") and named.get("src"):
+            self.loads.append(named["src"])
+        if tag == "link" and named.get("rel") in ("stylesheet", "preload", "icon"):
+            self.loads.append(named["href"])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site as it is built from nothing, without a network, warnings being errors."""
+    home = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-c", OFFLINE, "-W", "--keep-going", "-q", "-b", "html"]
+    command += ["-D", f"site_mechanisms={','.join(SOME)}", "-d", str(home / "trees")]
+    command += [str(ROOT / "docs"), str(home / "html")]
+    built = subprocess.run(command, capture_output=True, text=True, timeout=900, cwd=ROOT)
+    assert built.returncode == 0, built.stderr[-4000:]
+    return home / "html"
+
+
+@pytest.fixture(scope="module")
+def pages(site):
+    found = [path for path in site.rglob("*.html") if "_static" not in path.parts]
+    return {path: Page(path.read_text("utf-8")) for path in found}
+
+
+def test_every_link_within_the_site_leads_somewhere(site, pages):
+    checked = 0
+    for path, page in pages.items():
+        for link in [*page.links, *page.loads]:
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            assert target.exists(), f"{path.relative_to(site)}: {link}"
+            if parts.fragment and target in pages:
+                assert unquote(parts.fragment) in pages[target].anchors, f"{path}: {link}"
+            checked += 1
+    assert checked > 1000
+
+
+def test_pages_load_nothing_from_elsewhere(site, pages):
+    for path, page in pages.items():
+        for load in page.loads:
+            assert not urlsplit(load).netloc, f"{path.relative_to(site)}: {load}"
+
+
+def test_formulas_have_their_renderer(site, pages):
+    theory = pages[site / "theory.html"]
+    (renderer,) = [load for load in theory.loads if "mathjax" in load.lower()]
+    assert (site / urlsplit(renderer).path).stat().st_size > 100_000
+    assert 'class="math' in (site / "theory.html").read_text("utf-8")
+
+
+def test_search_knows_words_and_names(site):
+    text = (site / "searchindex.js").read_text("utf-8")
+    index = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\);?", text.strip(), re.S)[1])
+    pages = index["docnames"]
+    for word, page in (
+        ("eksergian", "dynamics"),
+        ("kennedi", "planner"),
+        ("wiper", "first_mechanism"),
+    ):
+        found = [index[terms].get(word, []) for terms in ("terms", "titleterms")]
+        numbers = {n for part in found for n in ([part] if isinstance(part, int) else part)}
+        assert pages.index(page) in numbers, word
+    assert set(PUBLIC) <= set(index["objects"])
+
+
+def test_mechanisms_have_their_page_with_numbers_and_file(site):
+    for name in SOME:
+        text = (site / "generated" / "mechanisms" / f"{name}.html").read_text("utf-8")
+        for asked in ("mobility", "assembly modes", "angle_unit", "■"):
+            assert asked in text, (name, asked)
