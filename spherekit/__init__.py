@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from spherekit.front.export import export as export
     from spherekit.front.plan import plan as plan
     from spherekit.front.run import run as run
+    from spherekit.front.trade import trade as trade
     from spherekit.guidance.follow import follow_rotation as follow_rotation
     from spherekit.guidance.follow import follow_to as follow_to
     from spherekit.guidance.schedule import quickest as quickest
@@ -75,7 +76,6 @@ if TYPE_CHECKING:
     from spherekit.output.inverse import InverseKinematics as InverseKinematics
     from spherekit.planning.poles import Plan as Plan
     from spherekit.planning.table import as_text as table  # noqa: F401
-    from spherekit.trade.trade import trade as trade
     from spherekit.version import __version__ as __version__
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__)

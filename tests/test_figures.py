@@ -97,8 +97,13 @@ def test_singularities_are_marked_in_all_plots_over_the_input(four_bar):
     places = np.degrees(np.sort(frame["q"].to_numpy()))
     for name in ("velocity coefficients", "angles, form i"):
         for panel in four_bar.plot(name).axes:
-            ruled = [x[0] for x in (ln.get_xdata() for ln in panel.lines) if x[0] == x[-1]]
-            assert np.sort(ruled) == pytest.approx(places)
+            spots = [
+                line.get_xydata()[0] for line in panel.lines if line.get_marker() == "v"
+            ]
+            assert np.sort(np.array(spots)[:, 0]) == pytest.approx(places)
+            for x, y in spots:  # on the curve of a mode
+                ways = [np.interp(x, *points.T) for points in drawn(panel).values()]
+                assert np.min(np.abs(np.array(ways) - y)) < 1e-9
     assert "type I" in legend_of(four_bar.plot("velocity coefficients"))
     (panel,) = four_bar.plot("output 4/1 against the input").axes
     spots = [line.get_xdata()[0] for line in panel.lines if len(line.get_xdata()) == 1]

@@ -311,7 +311,7 @@ def test_the_command_says_what_is_reached(capsys, tmp_path):
     rows = json.loads((tmp_path / "trade.json").read_text())["settings"]
     lines = (tmp_path / "trade.csv").read_text().splitlines()
     assert len(lines) == 1 + len(rows)
-    assert (tmp_path / "trade.svg").read_text().startswith("<svg")
+    assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")
     assert main(["trade", "four_bar", "-a", "pols"]) == 1
     assert 'did you mean "poles"?' in capsys.readouterr().err
     assert main(["trade", "four_bar", "--tol", "0"]) == 1

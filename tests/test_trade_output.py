@@ -1,13 +1,13 @@
 """A trade as people see it: the table, the chart, and where both are written."""
 
 import re
-import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
 from spherekit.analysis.running.setting import Setting
 from spherekit.cli.main import main
-from spherekit.trade.chart import LETTER, labels, svg
+from spherekit.figures.contents import figures_of
+from spherekit.trade.chart import scene
 from spherekit.trade.record import Measured, Trade
 from spherekit.trade.text import as_text, seconds
 
@@ -68,39 +68,34 @@ def test_columns_of_times_end_at_the_right():
     assert "does not apply: compiled: no heyoka" in lines
 
 
-def test_labels_lie_near_their_points_and_not_on_each_other():
-    random = np.random.default_rng(3)
-    places = np.array([300.0, 400.0]) + 25.0 * random.random((9, 2))
-    texts = ["1", "2", "32", "64", "128", "4096", "7", "8", "9"]
-    found = labels(texts, places)
-    assert np.linalg.norm(found - places, axis=1).max() < 40.0
-    half = np.array([[0.31 * LETTER * len(text), 0.4 * LETTER] for text in texts])
-    for i in range(len(texts)):
-        for j in range(i):
-            gap = np.abs(found[i] - found[j]) - half[i] - half[j]
-            assert gap.max() > 0.0, (texts[i], texts[j])
-
-
 def test_everything_is_in_the_chart():
     trade = made()
     for tolerance in (None, 1e-5, 1e-30, 1e5):
-        picture = ElementTree.fromstring(svg(trade, tolerance))
-        texts = [node for node in picture.iter() if node.tag.endswith("}text")]
-        width, height = float(picture.get("width")), float(picture.get("height"))
-        for node in picture.iter():
-            for name, most in [("x", width), ("cx", width), ("y", height), ("cy", height)]:
-                assert 0.0 <= float(node.get(name, 0.0)) <= most
-        words = [node.text for node in texts]
-        assert sum(word.startswith("tolerance") for word in words) == (
+        (chart, _) = scene(trade, tolerance).primitives
+        labels = [curve.label for curve in chart.curves]
+        assert any(label.startswith("cubic") for label in labels)
+        assert sum(label.startswith("tolerance") for label in labels) == (
             tolerance is not None
         )
         chosen = None if tolerance is None else trade.cheapest(tolerance)
-        rings = [word for word in words if word.startswith("ring: ")]
-        assert rings == ([] if chosen is None else [f"ring: taken, {chosen.name}"])
-        circles = [node for node in picture.iter() if node.tag.endswith("}circle")]
-        assert len(circles) == 12 + 8 + len(rings)
+        assert [mark.label == "taken" for mark in chart.marks].count(True) == (
+            chosen is not None
+        )
+        places = np.array([mark.place for mark in chart.marks])
+        assert np.all(places[:, 0] > chart.x_range[0])
+        assert np.all(places[:, 1] < chart.y_range[1])
+        (figure,) = figures_of([scene(trade, tolerance)], {}).values()
+        figure.draw_without_rendering()
+        (panel,) = figure.axes
+        frame = panel.get_window_extent()
+        written = [text.get_window_extent() for text in panel.texts]
+        assert len(written) == len(chart.marks)
+        assert sum(frame.overlaps(box) for box in written) == len(written)
+        assert not any(
+            a.overlaps(b) for k, a in enumerate(written[:12]) for b in written[:k]
+        )
     empty = Trade("m", "poles", 9, 9, 9, "truth", 2e-16, 1, (), (), {})
-    assert ElementTree.fromstring(svg(empty)) is not None
+    assert scene(empty).primitives
 
 
 def test_places_are_refused_before_anything_is_measured(tmp_path, capsys):

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from importlib.util import find_spec
 from typing import Any
 
 from spherekit.cli.study import add_study_arguments, study_from
@@ -50,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="DIR",
-        help="write trade.csv, trade.json and trade.svg here",
+        help="write trade.csv and trade.json here, and trade.png if matplotlib is there",
     )
     parser.add_argument("--save", metavar="X.rrd", help="write a recording of the chart")
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
@@ -61,9 +62,9 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.analysis.registry import create
     from spherekit.analysis.study import analyses_of
     from spherekit.errors import AnalysisError
+    from spherekit.front.trade import trade
     from spherekit.trade.record import check_tolerance
     from spherekit.trade.text import as_text
-    from spherekit.trade.trade import trade
 
     study = study_from(options)
     if options.tol is not None:
@@ -107,16 +108,20 @@ def _check_places(options: argparse.Namespace) -> None:
 
 def _write(found: Any, options: argparse.Namespace) -> None:
     from spherekit.files.atomic import make_folder, write_text
-    from spherekit.trade.chart import svg
     from spherekit.trade.text import as_csv
 
     folder = make_folder(options.output)
     data = json.dumps(found.as_dict(options.tol), indent=2, ensure_ascii=False)
     write_text(folder / "trade.csv", as_csv(found))
     write_text(folder / "trade.json", data + "\n")
-    write_text(folder / "trade.svg", svg(found, options.tol))
+    note = "3 files"
+    if find_spec("matplotlib") is None:
+        note = '2 files, and no figure without matplotlib: pip install "{}[plot]",'
+        note = note.format("spherekit-mechanisms")
+    else:
+        found.plot(options.tol).savefig(folder / "trade.png")
     if not options.quiet:
-        print(f"3 files in {folder}", file=sys.stderr)
+        print(f"{note} in {folder}", file=sys.stderr)
 
 
 def _record(found: Any, options: argparse.Namespace) -> None:

@@ -5,6 +5,8 @@ from functools import partial
 from html import escape
 from typing import Any, TypeVar, final
 
+import numpy as np
+
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
@@ -123,7 +125,11 @@ def _series(
 ) -> Iterator[tuple[str, Draw]]:
     groups = _grouped(own, Series, lambda scene, item: (_kind(scene.page), item.group))
     for (_, name), items in groups.items():
-        lines = [(scene, item) for scene, item in items if scene.over]
+        lines = [
+            (scene, item)
+            for scene, item in items
+            if scene.over and np.any(np.isfinite(item.values))
+        ]
         if not lines:
             continue
         over = lines[0][0].over
@@ -184,7 +190,8 @@ def _planes(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     groups = _grouped(own, Portrait, lambda scene, item: (_kind(scene.page), item.label))
     for (_, name), items in groups.items():
         planes = [Plane(scene.page, item, scene.over) for scene, item in items]
-        yield name, partial(draw_plane, planes, sheet)
+        if any(each.shows for each in planes):
+            yield name, partial(draw_plane, planes, sheet)
 
 
 def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:

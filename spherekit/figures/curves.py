@@ -10,14 +10,25 @@ from spherekit.analysis.scene import Axis, Floats, InputMarks, Page, Series, tit
 from spherekit.figures import style
 from spherekit.figures.ranges import broken, scale_of, shown_range
 from spherekit.figures.sdk import Axes, Figure, Line2D
-from spherekit.figures.sheet import Sheet, label_x, line_between, stroke, ticks_of
+from spherekit.figures.sheet import (
+    Sheet,
+    label_x,
+    line_between,
+    spot,
+    spot_look,
+    stroke,
+    ticks_of,
+)
 
 MOST_IN_ONE = 7
 """Quantities of one mode that share a panel."""
 RATIO = 0.68
 TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
-DASH = 3.0
-"""Length of a dash in points of curves that lie on each other."""
+DASH = 5.0
+"""Length of a dash of curves that lie on each other, in widths of their lines."""
+ALIKE = 0.003
+"""Curves nearer to each other than this part of the frame lie on each other."""
+RULE: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.0}
 
 
 @final
@@ -49,7 +60,7 @@ def draw_curves(
         entries += [(sheet.title(page), stroke(*page_look(page))) for page in pages]
     own = [(page, each) for page, each in marks if page in pages and len(each.inputs)]
     named = {each.label: each for _, each in own}
-    entries += [(label, _rule(each.tone)) for label, each in named.items()]
+    entries += [(label, spot(each.tone)) for label, each in named.items()]
     count = 1 if together else len(labels)
     with style.look():
         figure, panels, across = sheet.panels(count, RATIO, sheet.legend_rows(entries))
@@ -59,17 +70,16 @@ def draw_curves(
         for k, panel in enumerate(panels):
             shown = curves if together else _of(curves, labels[k])
             _panel(panel, shown, scale, labels if together else None)
+            for page, each in own:
+                for curve in shown:
+                    if curve.page == page:
+                        _mark(panel, curve, each)
             heading = shown[0].series
             if count > 1:
                 panel.set_title(labels[k])
             if k % across == 0:
                 words = titled(heading.group, style.in_signs(heading.unit))
                 panel.set_ylabel(_wrapped(words))
-            for position in sorted({float(q) for _, e in own for q in e.inputs[:, 0]}):
-                tone = next(e.tone for _, e in own if position in e.inputs[:, 0])
-                left, right = panel.get_xlim()
-                if left <= position <= right:
-                    panel.axvline(position, **_rule_look(tone))
             if k + across < count:
                 panel.set_xlabel("")
         sheet.legend(figure, entries)
@@ -90,20 +100,18 @@ def _panel(
     unit = curves[0].series.unit
     resolution = max(curve.series.resolution for curve in curves)
     low, high = shown_range(every, scale, resolution)
-    drawn: list[tuple[Floats, int]] = []
-    for curve in curves:
+    alike = _alike([curve.series.values for curve in curves], high - low)
+    for k, curve in enumerate(curves):
         if labels is None:
             colour, dashes = page_look(curve.page)
         else:
             colour, dashes = style.series_look(labels.index(curve.series.label))
-        values = curve.series.values
-        under = sum(_alike(values, other, high - low) for other, _ in drawn)
-        drawn.append((values, under))
-        if under and labels is None:
-            dashes = (0, (DASH, DASH * under))
-        points = np.stack([curve.axis.values, values], axis=1)
+        place, count = alike[k]
+        if place and labels is None:
+            dashes = (DASH * place, (DASH, DASH * (count - 1)))
+        points = np.stack([curve.axis.values, curve.series.values], axis=1)
         look = {"color": colour, "linestyle": dashes, "label": curve.series.label}
-        look |= {"zorder": 2.0 + 0.01 * len(drawn)}
+        look |= {"zorder": 2.0 + 0.01 * k, "dash_capstyle": "butt"}
         line = line_between(panel, broken(points, (low, high), TURNS.get(unit)), look)
         line.set_gid(f"mode {curve.page}" if isinstance(curve.page, int) else None)
     known = every[np.isfinite(every)]
@@ -125,30 +133,44 @@ def _panel(
         panel.axhline(0.0, color=style.FAINT, linewidth=0.6, zorder=0.5)
 
 
-def _alike(one: Floats, other: Floats, span: float) -> bool:
+def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
+    """Mark places on a curve; where it has none in the frame, on the whole height."""
+    (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
+    order = np.argsort(curve.axis.values)
+    x, y = curve.axis.values[order], curve.series.values[order]
+    for position in marks.inputs[:, 0].tolist():
+        if not left <= position <= right:
+            continue
+        value = float(np.interp(position, x, y))
+        if low <= value <= high:
+            panel.plot([position], [value], zorder=4.0, **spot_look(marks.tone))
+        else:
+            colour = style.tone_colour(marks.tone)
+            panel.axvline(position, color=colour, **RULE)
+
+
+def _alike(every: Sequence[Floats], span: float) -> list[tuple[int, int]]:
+    """Return of each curve which of those it is that it lies on, and how many these are."""
+    leader: list[int] = []
+    for k, values in enumerate(every):
+        found = (n for n in range(k) if leader[n] == n and _same(values, every[n], span))
+        leader.append(next(found, k))
+    return [
+        (leader[:k].count(leader[k]), leader.count(leader[k])) for k in range(len(every))
+    ]
+
+
+def _same(one: Floats, other: Floats, span: float) -> bool:
     """Return whether curves of as many rows cannot be told apart where both are."""
     if len(one) != len(other):
         return False
     gap = np.abs(one - other)
     gap = gap[np.isfinite(gap)]
-    return bool(len(gap)) and float(np.quantile(gap, 0.9)) < 0.003 * span
+    return bool(len(gap)) and float(np.quantile(gap, 0.9)) < ALIKE * span
 
 
 def _of(curves: Sequence[Curve], label: str) -> list[Curve]:
     return [curve for curve in curves if curve.series.label == label]
-
-
-def _rule(tone: int) -> Line2D:
-    return Line2D([], [], **_rule_look(tone))
-
-
-def _rule_look(tone: int) -> dict[str, Any]:
-    return {
-        "color": style.tone_colour(tone),
-        "linestyle": (0, (1, 1.5)),
-        "linewidth": 0.9,
-        "zorder": 1.0,
-    }
 
 
 def _wrapped(words: str, most: int = 30) -> str:

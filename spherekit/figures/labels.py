@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 TURNS = np.radians([45, 135, 0, -45, 90, -90, -135, 180])
-REACHES = (1.1, 1.7, 2.5, 3.5)
+REACHES = (1.35, 1.9, 2.6, 3.5)
 """How far from its point a label is looked for, in sizes of its letters."""
 ASPECT = 0.31
 """Half the width of a letter over the size of letters."""

@@ -10,13 +10,15 @@ from spherekit.analysis.scene import Axis, Floats, Mark, Page, Portrait, titled
 from spherekit.figures import style
 from spherekit.figures.curves import TURNS, page_look
 from spherekit.figures.labels import placed_labels
-from spherekit.figures.sdk import Axes, Figure, Line2D
+from spherekit.figures.sdk import Axes, Figure, Line2D, LogLocator, NullFormatter
 from spherekit.figures.sheet import Sheet, line_between, spot, spot_look, stroke, ticks_of
 
 MOST_KINDS = 5
 """With more names of marks each is written beside its mark."""
 RATIO = 0.72
 AROUND = 0.03
+FEW_DECADES = 1e3
+"""An axis shorter than that has ticks at 1, 2 and 5."""
 
 
 @final
@@ -27,6 +29,16 @@ class Plane:
     page: Page
     portrait: Portrait
     over: tuple[Axis, ...]
+
+    @property
+    def is_path(self) -> bool:
+        """Whether its rows follow each other, and are not those of a grid or single."""
+        return len(self.portrait.x) > 1 and len(self.over) < 2
+
+    @property
+    def shows(self) -> bool:
+        """Whether there is anything to be drawn."""
+        return bool(self.portrait.curves or self.portrait.marks or self.is_path)
 
 
 def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
@@ -42,11 +54,18 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     }
     kinds = {mark.label: mark.tone for mark in marks.values()}
     entries: list[tuple[str, Line2D]] = []
-    traced = [each for each in planes if _is_path(each)]
+    traced = [each for each in planes if each.is_path]
     if len(traced) > 1:
         entries += [(sheet.title(e.page), stroke(*page_look(e.page))) for e in traced]
-    named = {curve.label: curve.tone for curve in curves.values() if curve.label}
-    entries += [(label, stroke(style.tone_colour(k))) for label, k in named.items()]
+    named = {
+        curve.label: (curve.tone, len(curve.points) == 1)
+        for curve in curves.values()
+        if curve.label
+    }
+    entries += [
+        (label, spot(tone) if is_spot else stroke(style.tone_colour(tone)))
+        for label, (tone, is_spot) in named.items()
+    ]
     if len(kinds) <= MOST_KINDS:
         entries += [(label, spot(tone)) for label, tone in sorted(kinds.items())]
     with style.look():
@@ -64,11 +83,6 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
             figure.draw_without_rendering()
             _label(panel, list(marks.values()))
     return figure
-
-
-def _is_path(each: Plane) -> bool:
-    """Return whether rows follow each other, and are not those of a grid or single."""
-    return len(each.portrait.x) > 1 and len(each.over) < 2
 
 
 def _trace(panel: Axes, each: Plane) -> None:
@@ -95,9 +109,15 @@ def _frame(panel: Axes, portrait: Portrait) -> None:
     if portrait.logarithmic:
         panel.set_xscale("log")
         panel.set_yscale("log")
+        panel.set_axisbelow(True)
         panel.grid(True, which="major", color="#e8e8e8", linewidth=0.5)
         panel.set_xlim(*portrait.x_range)
         panel.set_ylim(*portrait.y_range)
+        left, right = portrait.x_range
+        if right < FEW_DECADES * left:
+            panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            panel.xaxis.set_major_formatter("{x:g}")
+            panel.xaxis.set_minor_formatter(NullFormatter())
         return
     for (low, high), limit in (
         (portrait.x_range, panel.set_xlim),

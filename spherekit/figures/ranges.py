@@ -12,14 +12,18 @@ BEYOND = 1.0
 AROUND = 0.05
 """Half the range about what does not change, over its scale."""
 MARGIN = 0.05
-UNITS = {"": 1.0, "rad": 1.0, "deg": 57.3}
-"""Scales of pure numbers and angles, whose size says whether they are noise."""
+DIMENSIONAL = ("kg", "N", "W", "J", "m")
+"""Parts of units of quantities that may be as small as a mechanism is."""
 
 
 def scale_of(values: Floats, unit: str) -> float:
-    """Return the scale of a quantity: the largest number, of angles at least one."""
+    """Return the scale of a quantity: the largest number, at least one of angles and rates.
+
+    Their size says whether they are noise, that of a torque or an inertia does not.
+    """
     known = np.abs(values[np.isfinite(values)])
-    return max(float(np.max(known, initial=0.0)), UNITS.get(unit, 0.0))
+    largest = float(np.max(known, initial=0.0))
+    return largest if any(part in unit for part in DIMENSIONAL) else max(largest, 1.0)
 
 
 def shown_range(

@@ -13,14 +13,16 @@ from spherekit.figures.sheet import Sheet, stroke, ticks_of
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
     """Return a figure of surfaces in the same space."""
+    meshed = [each for each in surfaces if len(each.triangles)]
+    clouds = [each for each in surfaces if not len(each.triangles)]
     entries = [
-        (each.label, stroke(style.tone_colour(each.tone), width=4.0)) for each in surfaces
+        (each.label, stroke(style.tone_colour(each.tone), width=4.0)) for each in meshed
     ]
     with style.look():
         size = min(sheet.width, 4.5)
         figure = sheet.figure(1, size, sheet.legend_rows(entries))
         panel: Any = figure.add_subplot(projection="3d")
-        for each in surfaces:
+        for each in meshed:
             panel.add_collection3d(
                 Poly3DCollection(
                     each.vertices[each.triangles],
@@ -30,6 +32,12 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                     linewidths=0.0,
                 )
             )
+        for each in clouds:
+            colour = style.tone_colour(each.tone) if each.values is None else each.values
+            dots = panel.scatter(*each.vertices.T, c=colour, cmap=style.HEAT, s=3.0)
+            if each.values is not None:
+                bar = figure.colorbar(dots, ax=panel, shrink=0.7, pad=0.12, aspect=28)
+                bar.set_label(titled(each.label, style.in_signs(each.values_unit)))
         every = np.concatenate([each.vertices for each in surfaces])
         first = surfaces[0]
         for which, name, column in zip("xyz", first.axes, every.T, strict=True):

@@ -1,13 +1,18 @@
 """What a trade found: settings with their times and errors, and the cheapest of them."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, TypeVar, final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import numpy as np
 
+from spherekit.analysis.result import Columns
 from spherekit.analysis.running.setting import Setting
+from spherekit.checked import checked as judged
 from spherekit.errors import AnalysisError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Way = TypeVar("Way")
 
@@ -77,7 +82,7 @@ class Trade:
     measured, `reference` what they are measured against, and `floor` how well that is
     known itself. `derivatives` is the order of the rates' derivatives that the analysis
     reads, and no more is computed; None where no rates are. `made_for` says which run it
-    was made for, see `spherekit.trade.stored`.
+    was made for, see `spherekit.trade.stored`; `draw` makes its figure.
     """
 
     mechanism: str
@@ -91,6 +96,9 @@ class Trade:
     columns: tuple[tuple[str, str, float], ...]
     settings: tuple[Measured, ...]
     made_for: Mapping[str, Any]
+    draw: "Callable[[Trade, float | None, Columns], Figure] | None" = field(
+        default=None, compare=False
+    )
 
     def __repr__(self) -> str:
         best = ", ".join(f"{each.name} ({each.error:.1e})" for each in self.pareto[:3])
@@ -131,6 +139,24 @@ class Trade:
             if MARGIN * each.error <= tolerance
         }
         return recommended(within) if within else None
+
+    @judged(AnalysisError)
+    def plot(self, tolerance: float | None = None, columns: Columns = 2) -> "Figure":
+        """Return the work-precision figure, for one or two columns of a journal.
+
+        A tolerance is a line in it, and what is taken for that is marked.
+
+        Raises
+        ------
+        AnalysisError
+            If the tolerance is not a positive number, or the trade was not measured by
+            `spherekit.trade`.
+        OutputError
+            If matplotlib is not installed.
+        """
+        if self.draw is None:
+            raise AnalysisError("plot: only what spherekit.trade returns can be drawn")
+        return self.draw(self, tolerance, columns)
 
     def as_dict(self, tolerance: float | None = None) -> dict[str, Any]:
         """Return everything ready for JSON."""
