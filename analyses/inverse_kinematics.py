@@ -12,12 +12,15 @@ from spherekit.plugin import (
     STATUS,
     AbstractAnalysis,
     AnalysisError,
+    Arrow,
+    Axis,
     Batch,
     Column,
     Findings,
     Floats,
     Mechanism,
     Needs,
+    Primitive,
     Scene,
     SphereMap,
     Status,
@@ -26,6 +29,7 @@ from spherekit.plugin import (
     Text,
     counted,
     input_columns,
+    link_bodies,
     listing,
     nearest,
 )
@@ -34,6 +38,7 @@ from spherekit.plugin.rotations import (
     quaternion,
     tilt_torsion,
 )
+from spherekit.plugin.singularities import solver_of
 from spherekit.plugin.workspace import (
     ClosedKinematics,
     InverseRows,
@@ -61,6 +66,9 @@ PLACES = tuple(
         ("torsion", "rad", "of the orientation; empty for directions"),
     )
 )
+DRAWN = 2000
+"""Solutions that are drawn, one a sample of their page."""
+LISTED = 40
 CHECKED = 200
 """Poses whose configurations are put into the closure equations."""
 SAME_VALUES = 1e-6
@@ -284,8 +292,25 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         def painted(name: str, values: Floats, unit: str) -> SphereMap:
             return SphereMap("poses/map", name, places, triangles, values, unit)
 
+        solved = painted("solutions", solutions.astype(float), "")
+        order = np.lexsort((rows.mode, rows.pose))
+        shown = order[rows.solved[order]][:DRAWN]
+        if not len(shown):
+            return (Scene("Inverse", (solved, words)),)
+        every = range(len(batch.mechanism.pairs))
+        whole = found.solver.inverse(poses, self._modes(found.solver), every)
+        closure = solver_of(batch.mechanism).closure
+        placed = closure.at(whole.values[shown]).placed
+        number = batch.mechanism.link_number[found.solver.output.relative_to]
+        at = np.einsum("nij,nj->ni", placed[:, number], places[rows.pose[shown]])
+        assembled: tuple[Primitive, ...] = (
+            *link_bodies(batch.mechanism, placed),
+            Arrow("pose", "pose asked for", at, False, path_shown=False),
+            _listed(batch.mechanism, rows, shown),
+        )
+        over = Axis("solution", "", np.arange(float(len(shown))))
         return (
-            Scene("Inverse", (painted("solutions", solutions.astype(float), ""), words)),
+            Scene("Inverse", (solved, *assembled, words), (over,)),
             Scene("Measure", (painted("angle to a singularity", angle, "rad"), words)),
         )
 
@@ -418,6 +443,21 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             "Measure: the best mode's least angle to a singularity of type I or II.",
         ]
         return "\n".join(lines)
+
+
+def _listed(mechanism: Mechanism, rows: InverseRows, shown: NDArray[np.int64]) -> Text:
+    """Return the solutions that samples of the page show, as Markdown."""
+    names = [item.pair for item in mechanism.inputs]
+    lines = [
+        "| sample | pose | mode | " + " | ".join(f"{name}, deg" for name in names) + " |",
+        "|---" * (3 + len(names)) + "|",
+    ]
+    for sample, row in enumerate(shown[:LISTED].tolist()):
+        inputs = " | ".join(f"{q:.6g}" for q in np.degrees(rows.inputs[row]))
+        lines.append(f"| {sample} | {rows.pose[row]} | {rows.mode[row]} | {inputs} |")
+    if len(shown) > LISTED:
+        lines += ["", f"and {len(shown) - LISTED} more, up to sample {len(shown) - 1}"]
+    return Text("solutions", "Solutions", "\n".join(lines))
 
 
 def _rest(solver: OutputKinematics) -> str:

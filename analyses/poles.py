@@ -24,12 +24,24 @@ from spherekit.plugin import (
     Primitive,
     Scene,
     Series,
+    Status,
     Table,
     TableData,
     all_poles,
     parse_pole,
     pole_of,
 )
+from spherekit.plugin.rotations import link_axes
+
+from .pole_scenes import (
+    PAIR_TONE,
+    POLE_TONE,
+    Chart,
+    axode_traces,
+    construction,
+)
+
+Floats = NDArray[np.float64]
 
 MANY = 6
 """With more poles than this, those to the ground and the shown one are seen at first."""
@@ -43,7 +55,8 @@ class Poles(AbstractAnalysis):
     With several inputs these are of each single-freedom mechanism in which one input
     moves and the others are locked; the motion of all is their sum (superposition).
     `only` lists the poles wanted, such as ``31+42``; all by default. `circles` is the pole
-    whose two great circles are drawn; by default the first secondary one.
+    whose two great circles are drawn; by default the first secondary one. `axodes` lists
+    the poles whose axodes are drawn: the cones that roll on each other.
     """
 
     name: ClassVar[str] = "poles"
@@ -70,6 +83,15 @@ class Poles(AbstractAnalysis):
                         "",
                         f"pole axis, {axis} in ground axes",
                         scale="absolute",
+                        turns="vector",
+                    )
+                    for axis in "xyz"
+                ),
+                *(
+                    Column(
+                        f"du{axis}_dq",
+                        "1/rad",
+                        f"derivative of u{axis} by q",
                         turns="vector",
                     )
                     for axis in "xyz"
@@ -118,6 +140,7 @@ class Poles(AbstractAnalysis):
 
     only: tuple[str, ...] = ()
     circles: str = ""
+    axodes: tuple[str, ...] = ()
 
     def poles(self, mechanism: Mechanism) -> tuple[Pole, ...]:
         """Return the wanted poles as pairs of link numbers."""
@@ -134,14 +157,30 @@ class Poles(AbstractAnalysis):
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the wanted poles with their rates, derivatives and great circles."""
-        wanted = frozenset(self.poles(mechanism))
+        drawn = self._drawn(mechanism)
+        wanted = frozenset(self.poles(mechanism)) | frozenset(drawn)
         shown = self.shown(mechanism)
+        planes = frozenset() if shown is None else frozenset([shown])
+        stepwise = self._stepwise(mechanism)
+        if stepwise:
+            planes = wanted - _primary(mechanism)
+        turned = {mechanism.links[link] for pole in drawn for link in pole}
         return Needs(
             directions=wanted,
             rates=wanted,
             derivatives=True,
-            planes=frozenset() if shown is None else frozenset([shown]),
+            planes=planes,
+            link_rates=frozenset(mechanism.links[k] for pole in wanted for k in pole),
+            rotations=frozenset(mechanism.links) if stepwise else frozenset(turned),
         )
+
+    def _drawn(self, mechanism: Mechanism) -> tuple[Pole, ...]:
+        """Return the poles whose axodes are drawn."""
+        return tuple(parse_pole(mechanism, text) for text in self.axodes)
+
+    def _stepwise(self, mechanism: Mechanism) -> bool:
+        """Return whether the construction is shown step by step: of all poles, by one."""
+        return not self.only and len(mechanism.inputs) == 1
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table `poles`."""
@@ -159,6 +198,7 @@ class Poles(AbstractAnalysis):
 
         directions = np.stack([batch.direction(*pole) for pole in wanted], axis=1)
         directions = directions.reshape(n * k, 3)
+        turns = np.stack([_turn(batch, pole) for pole in wanted], axis=1).reshape(n * k, 3)
         links, pairs = np.array(mechanism.links), np.array(batch.moving_inputs)
         return {
             "poles": {
@@ -170,6 +210,7 @@ class Poles(AbstractAnalysis):
                 "ux": directions[:, 0],
                 "uy": directions[:, 1],
                 "uz": directions[:, 2],
+                **{f"du{axis}_dq": turns[:, c] for c, axis in enumerate("xyz")},
                 "velocity_coefficient": per_pole(
                     [batch.velocity_coefficient(*pole) for pole in wanted]
                 ),
@@ -193,13 +234,24 @@ class Poles(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return arrows along the poles, great circles of one, coefficient plots."""
         inputs = range(len(batch.moving_inputs))
-        return tuple(
+        pages = [
             Scene(
                 number,
                 tuple(part for moved in inputs for part in self._parts(batch, rows, moved)),
             )
             for number, rows in batch.assembly_mode_rows().items()
-        )
+        ]
+        known = np.flatnonzero(batch.status == Status.OK)
+        first = len(batch) > 0 and int(batch.sample[0]) == 0
+        if first and len(known) and self._stepwise(batch.mechanism):
+            names = {
+                pole: f"P{_short(batch.mechanism, pole)}"
+                for pole in self.poles(batch.mechanism)
+            }
+            own = known[batch.assembly_mode[known] == batch.assembly_mode[known[0]]]
+            chart, row = _chart(batch), int(own[len(own) // 3])
+            pages.append(construction(batch, batch.plans[0], chart, row, names))
+        return tuple(pages)
 
     def _parts(self, batch: Batch, rows: slice, moved: int) -> list[Primitive]:
         """Return what is seen of one assembly mode while one input moves."""
@@ -248,8 +300,22 @@ class Poles(AbstractAnalysis):
                 per = "" if order == "velocity" else "1/rad"
                 link = pole[1] if pole[0] == 0 else None
                 parts.append(Series(where, letter, group, values[rows], per, link))
+        if not moved:
+            for pole in self._drawn(mechanism):
+                parts += axode_traces(batch, pole, f"P{_short(mechanism, pole)}", rows)
         if shown is not None:
             normals = batch.planes(*shown, moved)[rows]
+            first_seen = sorted(wanted, key=lambda pole: (pole in primary, pole[0] != 0))
+            parts.append(
+                _chart(batch).diagram(
+                    [f"P{_short(mechanism, pole)}" for pole in first_seen],
+                    np.stack(
+                        [batch.direction(*p, moved)[rows] for p in first_seen], axis=1
+                    ),
+                    [PAIR_TONE if p in primary else POLE_TONE for p in first_seen],
+                    normals,
+                )
+            )
             parts += [
                 GreatCircle(
                     f"construction/{home}circle_{k}",
@@ -259,6 +325,41 @@ class Poles(AbstractAnalysis):
                 for k in (0, 1)
             ]
         return parts
+
+
+def _turn(batch: Batch, pole: tuple[int, int, int]) -> Floats:
+    """Return (n, 3) 1/rad: the derivative of a pole axis by the input.
+
+    From w_j - w_i = r u and its derivative; of the axis of an R pair, which its links
+    carry, u' = w_i x u also where these stand still relative to each other.
+    """
+    i, j, moved = pole
+    mechanism = batch.mechanism
+    u = batch.direction(i, j, moved)
+    rate = batch.velocity_coefficient(i, j, moved)
+    second = batch.acceleration_coefficient(i, j, moved)
+    low, high = mechanism.links[i], mechanism.links[j]
+    carried = [
+        pair.kind.has_axis
+        for pair, ends in zip(mechanism.pairs, mechanism.ends, strict=True)
+        if pole_of(*ends) == (i, j)
+    ]
+    if any(carried):
+        return np.cross(batch.angular_velocity(low, moved), u)
+    change = batch.angular_velocity_dq(high, moved) - batch.angular_velocity_dq(low, moved)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = (change - second[:, None] * u) / rate[:, None]
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def _chart(batch: Batch) -> Chart:
+    mechanism = batch.mechanism
+    own = [
+        axis
+        for name, axis in link_axes(mechanism)[mechanism.links[0]].items()
+        if name in mechanism.pair_number
+    ]
+    return Chart(mechanism, np.array(own).reshape(-1, 3))
 
 
 def _short(mechanism: Mechanism, pole: Pole) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.plugin import (
+    Axis,
     Batch,
     Findings,
     Mark,
@@ -259,14 +260,20 @@ class SeveralInputs:
         for number, rows in batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
             for output in self.outputs(batch.mechanism):
-                parts += self._plots(batch, output, rows)
                 if self._curves(batch, output):
                     parts.append(self._plane(batch, output, rows))
                     parts += self._on_sphere(batch, output)
-                for mesh in self._surfaces(batch, output):
-                    if len(mesh.triangles):
-                        parts.append(_surface(batch, output, mesh))
+                parts += self._plots(batch, output, rows)
             pages.append(Scene(number, tuple(parts)))
+        surfaces = tuple(
+            _surface(batch, output, mesh)
+            for output in self.outputs(batch.mechanism)
+            for mesh in self._surfaces(batch, output)
+            if len(mesh.triangles)
+        )
+        if surfaces:
+            step = Axis("surfaces", "", np.zeros(1))
+            pages.insert(0, Scene("Singular surfaces", surfaces, (step,)))
         return tuple(pages)
 
     def _plots(self, batch: Batch, output: Output, rows: slice) -> list[Primitive]:

@@ -1,7 +1,7 @@
 """Singularities: where a mechanism locks or loses control, and how near it comes."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -245,7 +245,7 @@ class SingularityAnalysis(AbstractAnalysis):
             for number, rows in batch.assembly_mode_rows().items()
         ]
         if np.any(np.isfinite(self._points(batch)["s"])):
-            pages.append(self._gallery(batch))
+            pages.insert(0, self._gallery(batch))
         return tuple(pages)
 
     def findings(self, batch: Batch) -> Findings:
@@ -592,6 +592,17 @@ class SingularityAnalysis(AbstractAnalysis):
                 f"{points['output'][k]} | {points['note'][k]} |"
             )
         parts.append(Text("list", "Singularities", "\n".join(lines)))
+        for output in range(len(found.report.outputs)):
+            whole = self._input_output(batch, output, slice(0, len(batch)))
+            own = points["output"] == names[output]
+            x = np.where(own, points["q"], np.nan)
+            y = np.full(n, np.nan)
+            for row in np.flatnonzero(own).tolist():
+                curve, s = places[row]
+                along = np.linspace(0.0, found.curves[curve].length, DRAWN)
+                line = whole.curves[curve].points
+                y[row] = line[int(np.argmin(np.abs(along - s))), 1]
+            parts.append(replace(whole, x=x, y=y))
         over = Axis("singularity", "", np.arange(n, dtype=float))
         return Scene("Singularities", tuple(parts), (over,))
 

@@ -21,6 +21,7 @@ from spherekit.plugin import (
     Scene,
     SphereCurves,
     SphereMap,
+    Surface,
     Sweep,
     Table,
     TableData,
@@ -28,7 +29,10 @@ from spherekit.plugin import (
     input_columns,
 )
 from spherekit.plugin.rotations import (
+    from_quaternion,
+    from_tilt_torsion,
     quaternion,
+    tilt_torsion,
 )
 from spherekit.plugin.workspace import (
     AngleLimit,
@@ -63,6 +67,9 @@ COARSE = 1e-2
 """Relative error of the volume of a set of orientations, if nothing else is asked for."""
 FINE = 1e-4
 """Relative error of the area of a set of directions, if nothing else is asked for."""
+
+ROWS, COLUMNS, TORSIONS = 24, 48, 36
+"""Tilts, azimuths and torsions at which orientations are drawn."""
 
 AREA = "sr or sr rad"
 """The unit of a set of directions, or of orientations."""
@@ -230,16 +237,18 @@ class WorkspaceAnalysis(AbstractAnalysis):
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return a page for each set of directions: its border, margin and measures."""
+        """Return a page for each set: of directions its border, margin and measures.
+
+        Of orientations how far the link can turn about each direction, and the margin.
+        """
         pages = []
-        own = [
-            item
-            for item in self._found(batch)
-            if isinstance(item, DirectionWorkspace) and item.same_as is None
-        ]
+        own = [item for item in self._found(batch) if item.same_as is None]
         for item in own:
             title = "Workspace" if len(own) == 1 else f"Workspace {label_of(item.signs)}"
-            pages += self._pages(batch, item, title)
+            if isinstance(item, DirectionWorkspace):
+                pages += self._pages(batch, item, title)
+            else:
+                pages.append(self._of_all_turns(batch, item, title))
         return tuple(pages)
 
     @property
@@ -531,6 +540,59 @@ class WorkspaceAnalysis(AbstractAnalysis):
             ),
         ]
 
+    def _of_all_turns(self, batch: Batch, item: OrientationWorkspace, title: str) -> Scene:
+        """Return the turns reached about each direction of the z axis, and all margins.
+
+        The margins are in the space of tilt and torsion, tilts as polar coordinates.
+        """
+        kinematics, bounds = self._kinematics(batch), self._bounds(batch)
+        vertices, triangles, azimuth, tilt = _sphere()
+        torsion = 2.0 * np.pi * np.arange(TORSIONS) / TORSIONS
+        angles = np.stack(
+            [
+                np.repeat(azimuth, TORSIONS),
+                np.repeat(tilt, TORSIONS),
+                np.tile(torsion, len(vertices)),
+            ],
+            axis=1,
+        )
+        turned = quaternion(from_tilt_torsion(angles))
+        inside = judge(kinematics, bounds, item.signs, turned).inside
+        reached = 2.0 * np.pi * inside.reshape(-1, TORSIONS).mean(axis=1)
+        judged, places = self._judged(batch, item)
+        within = judged.inside
+        found = tilt_torsion(from_quaternion(places[within]))
+        flat = found[:, 1:2] * np.stack([np.cos(found[:, 0]), np.sin(found[:, 0])], axis=1)
+        seen: list[Primitive] = [
+            SphereMap("workspace/map", "turn reached", vertices, triangles, reached, "rad")
+        ]
+        if np.any(within):
+            seen.append(
+                Surface(
+                    "workspace/margins",
+                    "margin of orientations",
+                    np.column_stack([flat, found[:, 2]]),
+                    np.zeros((0, 3), dtype=np.int64),
+                    ("tilt to x", "tilt to y", "torsion"),
+                    unit="rad",
+                    values=judged.margin[within],
+                    values_unit="rad",
+                )
+            )
+        size = item.orientations
+        words = [
+            f"# Orientations of {kinematics.output.name}",
+            "",
+            f"Mode {label_of(item.signs)}: {'; '.join(kinematics.legs)}.",
+            "",
+            f"Volume {size.volume:.6g}, error at most {size.error:.2g}, of 8 pi^2 = "
+            f"{8.0 * np.pi**2:.6g} for all orientations.",
+            "",
+            "Sphere: the z axis of the link points there, and about it the link turns by "
+            "so much in all.",
+        ]
+        return Scene(title, (*seen, Text("legend", "Volume", "\n".join(words))))
+
     def _curves(self, region: Region, names: Sequence[str]) -> list[Primitive]:
         """Return the border by the limits that end it, each named on its longest arc."""
         lines: dict[int, list[Floats]] = {}
@@ -540,7 +602,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
         curves: list[Primitive] = []
         for tone, (number, own) in enumerate(sorted(lines.items()), 1):
             longest = max(own, key=_length)
-            mark = Mark(names[number], longest[len(longest) // 2], tone)
+            short = names[number].partition(" (")[0]
+            mark = Mark(short, longest[len(longest) // 2], tone)
             path = f"workspace/border/{number + 1}"
             curves.append(SphereCurves(path, names[number], own, tone, [mark]))
         return curves
@@ -581,6 +644,28 @@ class WorkspaceAnalysis(AbstractAnalysis):
         ]
         numbers = {arc.margin for each in region.boundaries for arc in each.arcs}
         return "\n".join([*lines, *(f"- {names[number]}" for number in sorted(numbers))])
+
+
+def _sphere() -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
+    """Return vertices and triangles of a sphere, with the azimuth and tilt of each."""
+    tilts, turns = (
+        np.linspace(0.0, np.pi, ROWS + 1),
+        np.linspace(0.0, 2.0 * np.pi, COLUMNS + 1),
+    )
+    tilt, azimuth = (each.ravel() for each in np.meshgrid(tilts, turns, indexing="ij"))
+    sine = np.sin(tilt)
+    vertices = np.stack(
+        [sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(tilt)], axis=1
+    )
+    corner = (np.arange(ROWS)[:, None] * (COLUMNS + 1) + np.arange(COLUMNS)).ravel()
+    below = corner + COLUMNS + 1
+    triangles = np.concatenate(
+        [
+            np.stack([corner, below, corner + 1], axis=1),
+            np.stack([corner + 1, below, below + 1], axis=1),
+        ]
+    )
+    return vertices, triangles, azimuth, tilt
 
 
 def _in_words(figures: Row) -> str:

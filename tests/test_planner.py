@@ -73,7 +73,14 @@ def test_two_eight_bars_are_indeterminate_and_completed():
         planned = plan(mechanism(chain, random_axes(np.random.default_rng(number), 10)))
         assert set(planned.rounds) == set(all_poles(8))
         if planned.blocks:
-            stuck.append((number, len(planned.blocks[0].poles)))
+            (block,) = planned.blocks
+            stuck.append((number, len(block.poles)))
+            known = {step.pole for step in planned.steps if hasattr(step, "pole")}
+            known = {p for p in known if planned.rounds[p] < block.round} | {block.opening}
+            for step in block.passes:  # with one pole more, two lines give each other one
+                assert len(step.via) >= 2 and set(step.sources) <= known
+                known.add(step.pole)
+            assert set(block.poles) <= known
     # the double butterfly (no pole by A-K) and the single flier (two of 18)
     assert stuck == [(6, 16), (9, 18)]
 

@@ -292,6 +292,9 @@ class Diagram:
     """(n, m, 3): a x + b y + c = 0 for each (a, b, c)."""
     words: Sequence[str] = ()
     """What is to be said of each row, if anything."""
+    readings: Floats | None = None
+    """(n, k, 2) rad: two angles of each point that are listed beside the plane."""
+    reading_names: tuple[str, str] = ("", "")
 
 
 @final
@@ -458,8 +461,13 @@ def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
             return replace(primitive, normals=rows[chosen])
         case Diagram(places=places, lines=lines, words=words):
             kept = [each for each, is_in in zip(words, chosen, strict=False) if is_in]
+            read = primitive.readings
             return replace(
-                primitive, places=places[chosen], lines=lines[chosen], words=kept
+                primitive,
+                places=places[chosen],
+                lines=lines[chosen],
+                words=kept,
+                readings=None if read is None else read[chosen],
             )
         case Series(values=rows):
             return replace(primitive, values=rows[chosen])

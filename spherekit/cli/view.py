@@ -1,16 +1,23 @@
-"""`spherekit view`: a recording in the viewer, or as a picture."""
+"""`spherekit view`: a recording or a mechanism in the viewer, or as a picture."""
 
 import argparse
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 from spherekit.cli.suggest import recordings, suggesting
+from spherekit.conventions import listing
 from spherekit.errors import OutputError
 
 MARK = b"RRF"
 """What every recording of rerun starts with."""
 
 EXAMPLES = (
+    (
+        "spherekit view four_bar",
+        "a mechanism before any run: links, pairs, arcs, zero positions",
+    ),
     (
         "spherekit view out",
         "the recording in the folder of a run",
@@ -25,7 +32,11 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     suggesting(
-        parser.add_argument("file", metavar="FILE|DIR", help="X.rrd, or a folder with one"),
+        parser.add_argument(
+            "file",
+            metavar="FILE|DIR",
+            help="X.rrd, a folder with one, or a mechanism: X.toml or a shipped name",
+        ),
         recordings,
     )
     parser.add_argument("--png", metavar="FILE", help="write a picture, no display needed")
@@ -47,7 +58,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Open the viewer, or write the picture."""
-    path = find_recording(options.file)
+    from spherekit.files.library import STUDY_SUFFIX
+
+    if options.file.endswith(STUDY_SUFFIX):
+        raise OutputError(
+            f"{options.file}: a study asks for a run: `spherekit run {options.file} "
+            "--view`; its mechanism alone is shown by `spherekit view MECHANISM.toml`"
+        )
+    if options.png is not None:
+        from spherekit.view.screenshot import check_picture
+
+        check_picture(Path(options.png), _size(options.size))
+    if is_mechanism(options.file):
+        return _of_mechanism(options)
+    return _of_recording(find_recording(options.file, options.quiet), options)
+
+
+def is_mechanism(name: str) -> bool:
+    """Return whether a name is that of a mechanism file, or of a shipped mechanism."""
+    from spherekit.files.library import shipped
+
+    path = Path(name)
+    if path.suffix == ".toml":
+        return True
+    return not path.exists() and any(name in pack.files for pack in shipped())
+
+
+def _of_mechanism(options: argparse.Namespace) -> int:
+    """Show a mechanism as its file has it, without a run."""
+    from spherekit.files.read import load
+    from spherekit.view.preview import preview
+
+    mechanism = load(options.file)
+    folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
+    path = folder / f"{mechanism.name}.rrd"
+    try:
+        note = preview(mechanism, path)
+        if note and not options.quiet:
+            print(f"{mechanism.name}: {note}", file=sys.stderr)
+        return _of_recording(path, options)
+    finally:
+        if options.png is not None or not path.exists():  # a viewer still reads it
+            shutil.rmtree(folder)
+
+
+def _of_recording(path: Path, options: argparse.Namespace) -> int:
     if options.png is None:
         from spherekit.view.viewer import open_viewer
 
@@ -57,31 +112,37 @@ def execute(options: argparse.Namespace) -> int:
         return 0
     from spherekit.view.screenshot import screenshot
 
-    try:
-        width, height = (int(part) for part in options.size.lower().split("x"))
-    except ValueError:
-        raise OutputError(
-            f"--size {options.size!r}: write WIDTHxHEIGHT, as 1600x1000"
-        ) from None
     screenshot(
         path,
         Path(options.png),
         sample=options.sample,
-        size=(width, height),
+        size=_size(options.size),
         view="3D" if options.only_3d else "all",
         front=options.front,
     )
     return 0
 
 
-def find_recording(name: str) -> Path:
+def _size(text: str) -> tuple[int, int]:
+    try:
+        width, height = (int(part) for part in text.lower().split("x"))
+    except ValueError:
+        raise OutputError(f"--size {text!r}: write WIDTHxHEIGHT, as 1600x1000") from None
+    return width, height
+
+
+def find_recording(name: str, quiet: bool = False) -> Path:
     """Return the recording that a path or a folder stands for."""
     path = Path(name)
     if path.is_dir():
         found = sorted(path.glob("*.rrd"))
         if not found:
             raise OutputError(f"{name}: the folder holds no recording; run with --save")
-        return max(found, key=lambda item: item.stat().st_mtime)
+        taken = max(found, key=lambda item: item.stat().st_mtime)
+        if len(found) > 1 and not quiet:
+            others = listing(item.name for item in found if item != taken)
+            print(f"{taken}: the newest; also there: {others}", file=sys.stderr)
+        return taken
     if not path.is_file():
         raise OutputError(f"{name}: no such recording; make one: run FILE --save X.rrd")
     try:

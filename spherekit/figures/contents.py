@@ -188,8 +188,11 @@ def _marks(scenes: Sequence[Scene], over: Sequence[Axis]) -> list[tuple[Page, In
 
 def _planes(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     groups = _grouped(own, Portrait, lambda scene, item: (_kind(scene.page), item.label))
-    for (_, name), items in groups.items():
+    of_modes = {name for page, name in groups if not page}
+    for (page, name), items in groups.items():
         planes = [Plane(scene.page, item, scene.over) for scene, item in items]
+        if page and name in of_modes:  # the same once more, for a page of its own
+            continue
         if any(each.shows for each in planes):
             yield name, partial(draw_plane, planes, sheet)
 
@@ -217,7 +220,13 @@ def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
 def _surfaces(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     groups = _grouped(own, Surface, lambda scene, item: item.axes)
     for number, items in enumerate(groups.values()):
-        surfaces = list({item.path: item for _, item in items}.values())
+        surfaces = [
+            item
+            for item in {item.path: item for _, item in items}.values()
+            if len(item.triangles)
+        ]
+        if not surfaces:
+            continue
         name = "surfaces" if len(groups) == 1 else f"surfaces {number + 1}"
         yield name, partial(draw_surfaces, surfaces, sheet)
 

@@ -26,6 +26,9 @@ MAX_KEYS = 30000
 MAX_VALUES = 200000
 """Most values in the arrays of a file."""
 
+MOST_FAULTS = 8
+"""Most faults of a file that are told at once."""
+
 _HEADER = re.compile(r"^[ \t]*\[[^,=\n]*\][ \t]*(?:#.*)?$", re.M)
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _MORE_PARTS = rf"(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_NESTING}}}"
@@ -81,15 +84,13 @@ class Document:
         """Return the error to raise about a key path."""
         return self._error(self.sentence(path, message))
 
-    def faults(
-        self, found: Iterable[tuple[KeyPath, str]], limit: int = 8
-    ) -> FileError | ModelError:
+    def faults(self, found: Iterable[tuple[KeyPath, str]]) -> FileError | ModelError:
         """Return one error for several faults, one a line, in the order of the file."""
         unique = dict.fromkeys(sorted(found, key=lambda item: self.line(item[0])))
         sentences = [self.sentence(path, message) for path, message in unique]
-        if len(sentences) > limit:
-            rest = len(sentences) - limit
-            sentences[limit:] = [f"{self.name}: and {rest} more faults"]
+        if len(sentences) > MOST_FAULTS:
+            rest = len(sentences) - MOST_FAULTS
+            sentences[MOST_FAULTS:] = [f"{self.name}: and {rest} more faults"]
         return self._error("\n".join(sentences))
 
     @property

@@ -115,7 +115,7 @@ class FollowedRotation:
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
         wanted = rotation(self.axis, theta) @ self.start
         predicted, allowed = self._predict(np.minimum(theta, self.reached))
-        near, _, _ = corrected(self.target, predicted, wanted, self.exact)
+        near, _ = corrected(self.target, predicted, wanted, self.exact)
         beyond = theta > self.reached
         hold = _conditions(near.system)
         if not self.exact:
@@ -173,9 +173,7 @@ class FollowedRotation:
             x = np.cos(k * np.pi / POINTS)
             points = 0.5 * (low + high) + 0.5 * (high - low) * x
             wanted = rotation(self.axis, points) @ self.start
-            around, _, _ = corrected(
-                self.target, self._predict(points)[0], wanted, self.exact
-            )
+            around, _ = corrected(self.target, self._predict(points)[0], wanted, self.exact)
             known = around.rates(self.axis)
             distance = theta[rows, None] - points
             distance[distance == 0.0] = 1e-300
@@ -310,7 +308,7 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
             f"{name}: the configuration to start from does not close: its residual is "
             f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
         )
-    near, _, _ = corrected(target, values[None], near.reached, False)
+    near, _ = corrected(target, values[None], near.reached, False)
     sizes = np.linalg.svd(near.at.jacobian[0], compute_uv=False)
     held = np.any(sizes[count - target.freedoms :] > UNFIXED * np.max(sizes, initial=0.0))
     if held or not near.loop_conditioning[0] > UNFIXED:

@@ -18,6 +18,7 @@ import numpy as np
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.guidance.nearest import Optimality, Target
 from spherekit.motion.continuation import Rows, Verification, follow_paths
+from spherekit.motion.newton import NewtonSteps
 from spherekit.motion.steps import determinant_sign
 from spherekit.numeric.hermite import hermite
 from spherekit.sphere.poses import rotation
@@ -36,6 +37,8 @@ reach, where variables go as the square root of the way left."""
 VERIFIED = Verification()
 """The change of the equations is that of their eigenvalues."""
 CORRECTIONS = 8
+LARGEST_CHANGE = 0.5
+"""Largest change of a variable (rad) in one step of Newton's method."""
 SETTLED = 1e-10
 """A Newton step (rad) below this leaves an error that its square bounds."""
 STATIONARY = 1e-11
@@ -167,16 +170,16 @@ class March:
         """End the way at its last node."""
         self.end = self._why(self.nodes[-1])
 
-    def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[Node], Floats, Floats]:
+    def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[Node], NewtonSteps]:
         wanted = rotation(self.axis, theta) @ self.start
-        near, first, ratio = corrected(self.target, guess, wanted, self.exact)
+        near, steps = corrected(self.target, guess, wanted, self.exact)
         rates = near.rates(self.axis)
         made = []
         for row, angle in enumerate(theta):
             one = self.target.at(near.values[row : row + 1], wanted[row : row + 1])
             slope, bend = rates.first[row], rates.second[row]
             made.append(Node(float(angle), one, slope, bend, bool(rates.follows[row])))
-        return made, first, ratio
+        return made, steps
 
     def _advance(self, at: Node, goal: float) -> Node | None:
         """Return the node at an angle if the way there passes all tests."""
@@ -184,11 +187,9 @@ class March:
         guess = at.taylor(np.array([0.5, 1.0]) * step)
         if not np.all(np.isfinite(guess)):
             return None
-        (middle, node), first, ratio = self._nodes(
-            np.array([at.theta + 0.5 * step, goal]), guess
-        )
+        (middle, node), steps = self._nodes(np.array([at.theta + 0.5 * step, goal]), guess)
         moved = float(np.max(np.abs(node.values - at.values)))
-        if not np.all(VERIFIED.corrected(first, ratio, moved)):
+        if not np.all(VERIFIED.corrected(steps.first, steps.ratio, moved)):
             return None
         for each in (middle, node):
             if not self._holds(each) or each.follows != at.follows:
@@ -225,15 +226,15 @@ class March:
             goal = at.theta + way
             if goal > self.angle:
                 return None
-            (node,), first, _ = self._nodes(np.array([goal]), at.taylor(np.array([way])))
+            (node,), steps = self._nodes(np.array([goal]), at.taylor(np.array([way])))
             moved = float(np.max(np.abs(node.values - at.values)))
-            if not self._holds(node) or first[0] > VERIFIED.correction * moved:
+            if not self._holds(node) or steps.first[0] > VERIFIED.correction * moved:
                 continue
             if not node.condition > LEAP_FROM * way:
                 continue
             places = at.theta + way * np.array([0.2, 0.4, 0.6, 0.8])
             guess = np.stack([self._between(at, node, place) for place in places])
-            inner, _, _ = self._nodes(places, guess)
+            inner, _ = self._nodes(places, guess)
             off = [
                 np.max(np.abs(each.values - one))
                 for each, one in zip(inner, guess, strict=True)
@@ -284,7 +285,7 @@ class March:
         def determinant(theta: float) -> float:
             guess = self._between(at, node, theta)[None]
             wanted = rotation(self.axis, np.array([theta])) @ self.start
-            near, _, _ = corrected(self.target, guess, wanted, self.exact)
+            near, _ = corrected(self.target, guess, wanted, self.exact)
             return float(np.linalg.det(near.at.jacobian[0][:, free]))
 
         return float(brentq(determinant, at.theta, node.theta, xtol=1e-13))
@@ -298,24 +299,17 @@ class March:
 
 def corrected(
     target: Target, values: Floats, wanted: Floats, exact: bool
-) -> tuple[Optimality, Floats, Floats]:
+) -> tuple[Optimality, NewtonSteps]:
     """Return the nearest configurations by Newton's method from values (n, variables).
 
-    With the size (n,) of the first step and the ratio of the second to the first.
     `exact` says that the output link can follow.
     """
-    n = len(values)
-    first, ratio = np.zeros(n), np.zeros(n)
+    steps = NewtonSteps(len(values), LARGEST_CHANGE)
     near = target.at(values, wanted)
-    for step in range(CORRECTIONS):
+    for _ in range(CORRECTIONS):
         change = np.nan_to_num(near.exact_step() if exact else near.step())
         length = np.max(np.abs(change), axis=1)
-        change *= np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None]
-        if step == 0:
-            first = length
-        elif step == 1:
-            ratio = length / np.maximum(first, 1e-300)
-        near = target.at(near.values + change, wanted)
+        near = target.at(near.values + change * steps.part(length), wanted)
         if not np.any(length > SETTLED):
             break
-    return near, first, ratio
+    return near, steps

@@ -164,7 +164,7 @@ def _started(closure: Closure, values: Floats) -> _Node:
         )
     border = _motion(closure, values)
     target = np.array([border @ values])
-    values = correct(closure, values[None], border[None], target).values
+    values, _ = correct(closure, values[None], border[None], target)
     point, equations = curve_points(closure, values, border[None])
     node = _Node(point, equations.rebordered(0, point.tangents[0]))
     if not node.reciprocal_condition > SINGULAR:
@@ -219,12 +219,12 @@ class _ArcPath(CurvePath[_Node]):
         tests, parts = self.verification, way * STEP_PARTS
         borders = np.stack([at.tangent, at.tangent])
         targets = float(at.tangent @ at.values) + parts
-        found = correct(self.closure, taylor(at, parts), borders, targets)
-        if not np.all(np.isfinite(found.values)):
+        values, steps = correct(self.closure, taylor(at, parts), borders, targets)
+        if not np.all(np.isfinite(values)):
             return None
-        if not np.all(tests.corrected(found.first_step, found.ratio, way)):
+        if not np.all(tests.corrected(steps.first, steps.ratio, way)):
             return None
-        points, equations = curve_points(self.closure, found.values, borders)
+        points, equations = curve_points(self.closure, values, borders)
         if not np.all(points.residual < CLOSURE_TOLERANCE):
             return None
         change = equations.jacobian - at.equations.jacobian
@@ -233,9 +233,9 @@ class _ArcPath(CurvePath[_Node]):
             return None
         last = points.rows(slice(1, 2))
         chord = Segments(self.closure, CurvePoints.joined([at.point, last]))
-        along = (found.values[0] - at.values) @ chord.directions[0] / chord.chords
+        along = (values[0] - at.values) @ chord.directions[0] / chord.chords
         middle = chord.predict(np.zeros(1, dtype=np.intp), along)[0]
-        miss = float(np.max(np.abs(middle - found.values[0])))
+        miss = float(np.max(np.abs(middle - values[0])))
         if not tests.predicted(miss, way, 8.0 * EPS / at.reciprocal_condition):
             return None
         node = _Node(last, equations.rebordered(1, last.tangents[0]))

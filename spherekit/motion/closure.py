@@ -18,6 +18,7 @@ from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import REDUNDANT, LoopTree
+from spherekit.motion.newton import NewtonSteps
 from spherekit.sphere.rotation import Floats
 
 
@@ -78,7 +79,7 @@ class Closure:
         values = values.copy()
         n = len(values)
         residual = np.full(n, np.inf)
-        first_step, ratio = np.zeros(n), np.zeros(n)
+        steps = NewtonSteps(n, trust)
         active = np.arange(n)
         best = values.copy()
         for step in range(iterations + 1):
@@ -93,13 +94,8 @@ class Closure:
             active = active[going]
             change = least_change(at.jacobian[going][:, :, free], -at.residual[going])
             length = np.max(np.abs(change), axis=1)
-            if step == 0:
-                first_step[active] = length
-            elif step == 1:
-                ratio[active] = length / np.maximum(first_step[active], 1e-300)
-            change *= np.minimum(1.0, trust / np.maximum(length, 1e-300))[:, None]
-            values[active[:, None], free] += change
-        return NewtonResult(best, residual, first_step, ratio)
+            values[active[:, None], free] += change * steps.part(length, active)
+        return NewtonResult(best, residual, steps.first, steps.ratio)
 
 
 @final

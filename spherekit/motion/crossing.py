@@ -90,11 +90,11 @@ def crossing_near(closure: Closure, values: Floats) -> Crossing | None:
     return None
 
 
-def ways_out(closure: Closure, values: Floats, radius: float = RADIUS) -> Floats:
+def ways_out(closure: Closure, values: Floats) -> Floats:
     """Return closed configurations (n, variables) around one, on every way out of it.
 
     `values` (variables,) closes; where one curve passes there are two, one on each side.
-    Each is `radius` (rad) away in the variables. Where the configuration is part of
+    Each is `RADIUS` (rad) away in the variables. Where the configuration is part of
     a surface there is no end of them, and some are returned.
     """
     left, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
@@ -104,23 +104,23 @@ def ways_out(closure: Closure, values: Floats, radius: float = RADIUS) -> Floats
     if not len(motions):
         return np.zeros((0, len(values)))
     forms = _second_order(closure, values, left[:, rank:], motions)
-    start = values + radius * _leaving(forms) @ motions
+    start = values + RADIUS * _leaving(forms) @ motions
     for _ in range(MOST_STEPS):
         at = closure.at(start)
         away = start - values
         length = np.linalg.norm(away, axis=1)
         inverse = left_inverse(bordered(at.jacobian, away / length[:, None]))
         change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
-        change += inverse[:, :, -1] * (radius - length)[:, None]
+        change += inverse[:, :, -1] * (RADIUS - length)[:, None]
         moved = np.max(np.abs(change), axis=1)
-        change *= np.minimum(1.0, 0.5 * radius / np.maximum(moved, 1e-300))[:, None]
+        change *= np.minimum(1.0, 0.5 * RADIUS / np.maximum(moved, 1e-300))[:, None]
         start = start + np.nan_to_num(change)
     length = np.linalg.norm(start - values, axis=1)
     closed = closure.at(start).gap < CLOSURE_TOLERANCE
-    closed &= np.abs(length - radius) < SAME * radius
+    closed &= np.abs(length - RADIUS) < SAME * RADIUS
     found: list[Floats] = []
     for point in start[closed]:
-        if all(np.max(np.abs(point - other)) > SAME * radius for other in found):
+        if all(np.max(np.abs(point - other)) > SAME * RADIUS for other in found):
             found.append(point)
     return np.array(found).reshape(-1, len(values))
 

@@ -12,6 +12,8 @@ from spherekit.sphere.rotation import Floats
 
 REDUNDANT = 1e-10
 """Equations whose relative singular value is below this repeat the others."""
+DEPENDENT = 1e-9
+"""The same for the velocity equations whose rank is asked for."""
 
 
 @final
@@ -134,12 +136,12 @@ def _one_inverse(matrix: Floats) -> Floats:
         return np.full_like(matrix, np.nan)
 
 
-def rank_mobility(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Floats:
+def rank_mobility(tree: LoopTree, vectors: Floats) -> Floats:
     """Return the nullity (n,) of the velocity equations: the mobility at each sample."""
     values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
     if values.shape[1] == 0:
         return np.full(len(vectors), vectors.shape[1])
-    rank = np.sum(values > tolerance * values[:, :1], axis=1)
+    rank = np.sum(values > DEPENDENT * values[:, :1], axis=1)
     return np.asarray(vectors.shape[1] - rank)
 
 
@@ -152,7 +154,7 @@ class Redundancy:
     pairs: tuple[int, ...]
 
 
-def redundancy(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Redundancy:
+def redundancy(tree: LoopTree, vectors: Floats) -> Redundancy:
     """Return the dependent loop equations of one configuration, vectors (variables, 3).
 
     The left null space of the velocity equations says which loops take part.
@@ -161,8 +163,8 @@ def redundancy(tree: LoopTree, vectors: Floats, tolerance: float = 1e-9) -> Redu
         return Redundancy(0, ())
     jacobian = tree.jacobian(vectors[None])[0]
     left, values, _ = np.linalg.svd(jacobian)
-    rank = int(np.sum(values > tolerance * values[0]))
+    rank = int(np.sum(values > DEPENDENT * values[0]))
     weights = np.linalg.norm(left[:, rank:].reshape(len(tree.chords), 3, -1), axis=(1, 2))
-    taking_part = np.any(tree.signs[weights > tolerance] != 0.0, axis=0)
+    taking_part = np.any(tree.signs[weights > DEPENDENT] != 0.0, axis=0)
     pairs = {tree.owners[variable] for variable in np.flatnonzero(taking_part)}
     return Redundancy(len(jacobian) - rank, tuple(sorted(pairs)))

@@ -19,6 +19,7 @@ from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
+from spherekit.motion.newton import NewtonSteps
 from spherekit.numeric.hermite import hermite
 from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
@@ -103,41 +104,26 @@ def curve_points(
     return CurvePoints(values, tangents, bends, at.gap), equations
 
 
-@final
-@dataclass(frozen=True)
-class Corrected:
-    """Newton's result: values, the first step's size, and the second by the first."""
-
-    values: Floats
-    first_step: Floats
-    ratio: Floats
-
-
 def correct(
     closure: Closure, values: Floats, borders: Floats, targets: Floats
-) -> Corrected:
-    """Close the loops with border . values = target, by Newton's method.
+) -> tuple[Floats, NewtonSteps]:
+    """Return values that close the loops with border . values = target, and the steps.
 
     `values`, `borders` (n, variables), `targets` (n,). What does not converge is NaN or
     has a residual; the caller judges.
     """
-    n = len(values)
-    first, ratio = np.zeros(n), np.zeros(n)
-    for step in range(MOST_CORRECTIONS):
+    steps = NewtonSteps(len(values))
+    for _ in range(MOST_CORRECTIONS):
         at = closure.at(values)
         inverse = left_inverse(bordered(at.jacobian, borders))
         miss = targets - np.sum(borders * values, axis=1)
         change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
         change += inverse[:, :, -1] * miss[:, None]
         length = np.max(np.abs(change), axis=1)
-        values = values + change
-        if step == 0:
-            first = length
-        elif step == 1:
-            ratio = length / np.maximum(first, 1e-300)
+        values = values + change * steps.part(length)
         if not np.any(length > CORRECTED):
             break
-    return Corrected(values, first, ratio)
+    return values, steps
 
 
 @final
@@ -195,9 +181,9 @@ class Segments:
         chords, e = self.chords[which], self.directions[which]
         guess = self.predict(which, way / chords)
         targets = np.sum(e * self.nodes.values[which], axis=1) + way
-        found = correct(self.closure, guess, e, targets)
-        points, _ = curve_points(self.closure, found.values, e)
-        miss = np.max(np.abs(found.values - guess), axis=1)
+        values, _ = correct(self.closure, guess, e, targets)
+        points, _ = curve_points(self.closure, values, e)
+        miss = np.max(np.abs(values - guess), axis=1)
         good = (points.residual < CLOSURE_TOLERANCE) & (miss <= LARGEST_MISS * chords)
         for array in (points.values, points.tangents, points.bends, points.residual):
             array[~good] = np.nan

@@ -4,8 +4,10 @@ Poles of pairs (R, Cr) are primary. Synchronous passes of the Aronhold-Kennedy t
 (Di Gregorio 2011) add the secondary ones: P_ij lies on the great circle of P_ik and
 P_jk for every third link k, and on the contact plane of a sliding pair of i and j; two
 such lines give it. Links that share an axis by construction have it as their pole. Where
-the passes stop, the smallest single-freedom part that holds
-an unknown pole is solved from its velocity equations, and the passes go on.
+the passes stop, the smallest single-freedom part that holds an unknown pole is solved from
+its velocity equations. One pole of it is enough for ordinary passes to find the others, in
+every chain of up to twelve links that is known, and the plan says how; the equations give
+all of them at once, and more surely. Then the passes go on.
 """
 
 from collections.abc import Iterable, Sequence
@@ -24,6 +26,10 @@ from spherekit.planning.rigidity import Pebbles, counted_freedom
 
 Pole = tuple[int, int]
 """Two link numbers, smaller first; the pole of the second relative to the first."""
+
+
+MOST_TRIED = 20_000
+"""Poles tried as the one by which passes go on, times the square of those unknown."""
 
 
 @final
@@ -79,7 +85,8 @@ class BlockPoles:
     """All poles of an irreducible single-freedom part, solved together.
 
     The pair rates of the part are the null vector of its loop-closure velocity
-    equations; `poles` are those that were unknown before.
+    equations; `poles` are those that were unknown before. With the one called `opening`
+    the `passes` find the others, in the order of the lecture.
     """
 
     links: tuple[int, ...]
@@ -87,6 +94,19 @@ class BlockPoles:
     poles: tuple[Pole, ...]
     round: int
     method: str = "null vector of the velocity equations"
+    opening: Pole | None = None
+    passes: tuple[LinePole, ...] = ()
+
+    @property
+    def rounds(self) -> dict[Pole, int]:
+        """The pass in which each of its poles becomes known."""
+        later = {step.pole: step.round for step in self.passes}
+        return {pole: later.get(pole, self.round) for pole in self.poles}
+
+    @property
+    def last(self) -> int:
+        """The pass in which the last of its poles becomes known."""
+        return max((step.round for step in self.passes), default=self.round)
 
 
 Step = PrimaryPole | CoaxialPole | LinePole | BlockPoles
@@ -160,7 +180,7 @@ class Plan:
             elif isinstance(step, LinePole | CoaxialPole):
                 found[step.pole] = step.round
             else:
-                found.update((pole, step.round) for pole in step.poles)
+                found.update(step.rounds)
         return found
 
     @property
@@ -306,17 +326,67 @@ def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
             if shared is not None:
                 found.append(CoaxialPole(pole, round_number, shared))
                 continue
-            common = known[pole[0]] & known[pole[1]]
-            touching = tuple(contacts.get(pole, ()))
-            if len(_circles(common, pole, chain.coaxial)) + len(touching) >= 2:
-                found.append(LinePole(pole, round_number, _bits(common), touching))
+            by_lines = _by_lines(chain, contacts, known, pole, round_number)
+            if by_lines is not None:
+                found.append(by_lines)
         if not found:
-            found = [_smallest_block(chain, game, parts, unknown, round_number)]
+            block = _smallest_block(chain, game, parts, unknown, round_number)
+            if game is not None:
+                block = _opened(chain, contacts, known, block)
+            found, round_number = [block], block.last
         for step in found:
             _mark(known, step.poles if isinstance(step, BlockPoles) else [step.pole])
         steps += found
         unknown = [p for p in unknown if not known[p[0]] >> p[1] & 1]
     return steps
+
+
+def _by_lines(
+    chain: Plan,
+    contacts: dict[Pole, list[int]],
+    known: Sequence[int],
+    pole: Pole,
+    round_number: int,
+) -> LinePole | None:
+    """Return the step that gives a pole by two lines or more, if there are as many."""
+    common = known[pole[0]] & known[pole[1]]
+    touching = tuple(contacts.get(pole, ()))
+    if len(_circles(common, pole, chain.coaxial)) + len(touching) < 2:
+        return None
+    return LinePole(pole, round_number, _bits(common), touching)
+
+
+def _opened(
+    chain: Plan,
+    contacts: dict[Pole, list[int]],
+    known: Sequence[int],
+    block: BlockPoles,
+) -> BlockPoles:
+    """Return a part with the pole by which passes find the most others, and soonest."""
+
+    def lines(pole: Pole) -> int:
+        return (known[pole[0]] & known[pole[1]]).bit_count()
+
+    best: tuple[int, int, Pole, tuple[LinePole, ...]] | None = None
+    ordered = sorted(block.poles, key=lambda pole: (-lines(pole), pole))
+    for pole in ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]:
+        then = list(known)
+        _mark(then, [pole])
+        left, passes = [other for other in block.poles if other != pole], block.round
+        steps: list[LinePole] = []
+        while left:
+            passes += 1
+            made = [_by_lines(chain, contacts, then, each, passes) for each in left]
+            found = [step for step in made if step is not None]
+            if not found:
+                break
+            _mark(then, [step.pole for step in found])
+            steps += found
+            left = [each for each in left if not then[each[0]] >> each[1] & 1]
+        if best is None or (len(left), passes) < best[:2]:
+            best = len(left), passes, pole, tuple(steps)
+    assert best is not None
+    return replace(block, opening=best[2], passes=best[3])
 
 
 def _circles(
@@ -383,7 +453,8 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
         if isinstance(step, BlockPoles):
             asked = tuple(pole for pole in step.poles if pole in kept)
             if asked:
-                steps.append(replace(step, poles=asked))
+                passes = _ancestors(step.passes, asked)
+                steps.append(replace(step, poles=asked, passes=passes))
         elif step.pole in kept:
             if isinstance(step, LinePole):
                 i, j = step.pole
@@ -391,6 +462,16 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
                 step = replace(step, via=tuple(via))
             steps.append(step)
     return replace(whole, requested=tuple(dict.fromkeys(wanted)), steps=tuple(steps))
+
+
+def _ancestors(passes: Sequence[LinePole], asked: Iterable[Pole]) -> tuple[LinePole, ...]:
+    """Return the passes that some poles follow from."""
+    needed, kept = set(asked), []
+    for step in reversed(passes):
+        if step.pole in needed:
+            kept.append(step)
+            needed.update(step.sources)
+    return tuple(reversed(kept))
 
 
 def _cheapest_lines(

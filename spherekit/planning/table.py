@@ -39,7 +39,12 @@ def cells(plan: Plan) -> list[list[str]]:
     """Return the Table's entries, row by row, without headings; empty where unplanned."""
     place = {body: k for k, body in enumerate(plan.bodies)}
     grid = [["" for _ in place] for _ in place]
-    starred = {pole for block in plan.blocks for pole in block.poles}
+    starred = {
+        pole
+        for block in plan.blocks
+        for pole, number in block.rounds.items()
+        if number == block.round
+    }
     for k in range(len(place)):
         grid[k][k] = SELF_MARK
     for (i, j), number in plan.rounds.items():
@@ -79,7 +84,7 @@ def pole_name(plan: Plan, pole: Pole) -> str:
 
 
 def describe(plan: Plan, step: Step) -> str:
-    """Return one line that says how a step finds its poles."""
+    """Return how a step finds its poles, in a line for each pass of a part."""
     if isinstance(step, PrimaryPole):
         pair = plan.mechanism.pairs[step.pair]
         line = f"{pair.kind.pole_line} of {pair.type} pair {pair.name}"
@@ -101,11 +106,16 @@ def describe(plan: Plan, step: Step) -> str:
             f"{roman(step.round):4s} {pole_name(plan, step.pole)} case ({step.case}) = "
             + " x ".join(f"({line})" for line in lines)
         )
-    poles = ", ".join(pole_name(plan, pole) for pole in step.poles)
-    return (
+    by_passes = {each.pole for each in step.passes}
+    first = [pole for pole in step.poles if pole not in by_passes]
+    if step.opening is not None and step.opening not in first:
+        first.insert(0, step.opening)
+    poles = ", ".join(pole_name(plan, pole) for pole in first)
+    line = (
         f"{roman(step.round) + '*':4s} {poles}: irreducible part of links "
         f"{', '.join(plan.name(k) for k in step.links)}, by the {step.method}"
     )
+    return "\n".join([line, *(describe(plan, each) for each in step.passes)])
 
 
 def as_dict(plan: Plan) -> dict[str, Any]:
@@ -154,6 +164,8 @@ def as_dict(plan: Plan) -> dict[str, Any]:
             "links": [plan.name(k) for k in step.links],
             "pairs": [pairs[n].name for n in step.pairs],
             "method": step.method,
+            "opening": None if step.opening is None else named(step.opening),
+            "passes": [step_dict(each) for each in step.passes],
         }
 
     return {

@@ -8,6 +8,10 @@ if TYPE_CHECKING:
     from spherekit.motion.configuration import configuration_curves as configuration_curves
     from spherekit.motion.motion import Motion as Motion
     from spherekit.motion.motion import Tracer as Tracer
+    from spherekit.planning.poles import BlockPoles as BlockPoles
+    from spherekit.planning.poles import LinePole as LinePole
     from spherekit.planning.poles import Plan as Plan
+    from spherekit.planning.poles import PrimaryPole as PrimaryPole
+    from spherekit.planning.table import describe as describe
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__)

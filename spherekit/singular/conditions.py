@@ -117,7 +117,6 @@ def conditions(
     names: Sequence[str],
     kind: str,
     errors: Floats,
-    tolerance: float = TOLERANCE,
 ) -> list[tuple[Holding, ...]]:
     """Return for each of n configurations the conditions that hold, most special first.
 
@@ -132,10 +131,8 @@ def conditions(
     errors
         (n,) bounds of the errors of the directions (rad); a condition may be missed by
         ten times as much.
-    tolerance
-        The least sine that is not zero.
     """
-    allowed = np.maximum(tolerance, 10.0 * errors)
+    allowed = np.maximum(TOLERANCE, 10.0 * errors)
     wanted = _conditions_of(relation, links, kind)
     rows: list[list[Holding]] = [[] for _ in range(len(errors))]
     for condition in wanted:

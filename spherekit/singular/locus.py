@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import REDUNDANT
+from spherekit.motion.newton import NewtonSteps
 from spherekit.numeric.rows import ArrayRows
 from spherekit.singular.stationarity import StationarityConstraint
 from spherekit.singular.tangent_space import TangentSpace, tangent_space
@@ -160,7 +161,7 @@ class Locus:
             Steps that Newton's method may take.
         """
         n = len(values)
-        first, ratio = np.zeros(n), np.zeros(n)
+        steps = NewtonSteps(n, TRUST)
         last = np.full(n, np.inf)
         for step in range(most + 1):
             space = self.space(values, like)
@@ -178,13 +179,8 @@ class Locus:
             turned = np.einsum("ng,ngvw,nw->nv", ways, space.bends, motions)
             turned += space.along(change[:, self.freedoms :])
             size = np.maximum(np.max(np.abs(moved), axis=1), np.max(np.abs(turned), axis=1))
-            part = np.minimum(1.0, TRUST / np.maximum(size, 1e-300))[:, None]
+            part, last = steps.part(size), size
             values, motions = values + part * moved, motions + part * turned
-            if step == 0:
-                first = size
-            elif step == 1:
-                ratio = size / np.maximum(first, 1e-300)
-            last = size
         equations = equations[:, : self.rest.count + 1]
         tangents, turns, reciprocal_condition = self._tangents(space, motions, equations)
         bad = ~(residual < ON_LOCUS)
@@ -197,8 +193,8 @@ class Locus:
             turns,
             residual,
             reciprocal_condition,
-            first,
-            ratio,
+            steps.first,
+            steps.ratio,
             equations,
             space.basis,
         )

@@ -94,10 +94,12 @@ def slices(
     solver: Solver,
     free: int,
     held: Floats,
-    probes: int | None = None,
     budget: Budget | None = None,
 ) -> Iterator[Slice]:
     """Yield all curves found with all inputs but one locked at some values.
+
+    Modes are looked for at values of the free input over one turn: a curve that meets none
+    of them is missed.
 
     Parameters
     ----------
@@ -108,15 +110,11 @@ def slices(
     held
         (m, inputs) values (rad) at which the others are locked; the free one's are not
         read.
-    probes
-        Values of the free input, over one turn, at which modes are looked for: a curve
-        that meets none of them is missed.
     budget
         Time that the curves of all slices may take, unlimited by default.
     """
     budget = budget or Budget()
-    if probes is None:
-        probes = PROBED if solver.assembly.has_closed_form else PROBES
+    probes = PROBED if solver.assembly.has_closed_form else PROBES
     turn = (np.arange(probes) + 0.5) * (2.0 * np.pi / probes) - np.pi
     for number, row in enumerate(held):
         if not budget.goes_on(f"slice {number + 1} of {len(held)}"):
@@ -180,7 +178,7 @@ def cut(
         held[:, others] = np.stack([axis.ravel() for axis in mesh], axis=1)
         held = held[_spread_out(len(held))]
         own = budget.part(1.0 / (count - free))
-        found += slices(solver, free, held, budget=own)
+        found += slices(solver, free, held, own)
         if own.note:
             notes.append(f"{own.note} with input {free + 1} free")
     gaps = tuple((high - low) / values_of_each for low, high in ranges)

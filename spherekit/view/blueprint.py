@@ -23,7 +23,7 @@ TRAIL = 24
 MOST_COMPARED = 60
 """A plot of all assembly modes with more curves is left out: nobody can tell them apart."""
 
-SPACE_EYE = (2.0, -2.4, 1.5)
+SPACE_EYE = (1.9, -2.2, 1.3)
 """From where a space of its own is seen, whose longest side is `entities.CUBE`."""
 
 EYE_DISTANCE = 3.0
@@ -119,17 +119,20 @@ class Layout:
         own.sort(key=lambda plot: not plot.answers)
         plots = [self._plot(plot) for plot in own]
         ordered = _of(self.panels, page)
-        if isinstance(page, str):
-            ordered.sort(key=lambda panel: panel.page is None)
+        ordered.sort(key=lambda panel: panel.page is None)
         panels = [self._panel(panel) for panel in ordered]
         rows: list[rrb.View | rrb.Container] = [*plots[:1]]
         if len(plots) > 1:
             rows.append(_tabs(plots[1:]))
         if panels:
             rows.append(_tabs(panels))
-        has_solids = any(owner in (None, page) for owner, _ in self.solids)
+        own_page = (page,) if isinstance(page, str) else (None, page)
+        has_solids = any(owner in own_page for owner, _ in self.solids)
         if rows and not has_solids:
-            return rrb.Horizontal(*rows, name=title)
+            beside = [rrb.Vertical(*rows[1:])] if len(rows) > 1 else []
+            return rrb.Horizontal(
+                rows[0], *beside, column_shares=[11, 9][: len(beside) + 1], name=title
+            )
         space: rrb.View | rrb.Container = self._space(page, title)
         scale = next((path for owner, path in self.scales if owner == page), None)
         if scale is not None:
@@ -199,7 +202,7 @@ class Layout:
                 background=colours.BACKGROUND,
                 line_grid=False,
                 eye_controls=rrb.EyeControls3D(
-                    position=SPACE_EYE, look_target=(0, 0, 0), eye_up=(0, 0, 1)
+                    position=SPACE_EYE, look_target=(0, 0, -0.15), eye_up=(0, 0, 1)
                 ),
             )
         return _plane(plot.path, plot.label, plot.bounds, [plot.path])

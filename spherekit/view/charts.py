@@ -40,6 +40,8 @@ MOST_LABELS = 24
 BAR = (24.0, 20.0)
 """Between a map and its scale of colours, and the width of that."""
 PADDING = 0.05
+OUTLYING = 3.0
+"""A map whose outer values span so many times the others' range shows the others'."""
 TICKS = 5
 MOST_COLUMNS = 2
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -123,6 +125,10 @@ class Chart:
         """Return where the names (k, 2) of some curves are, and their colours."""
         most = int(FRAME_HEIGHT / LINE)
         places, tints = [], []
+        if self.is_map:
+            x = self.width + 0.5 * LEGEND
+            tints = [curve.colour for curve in self.curves.values()]
+            return np.array([[x, FRAME_HEIGHT + 27.0]]), tints
         for number, (path, curve) in enumerate(self.curves.items()):
             if path in paths:
                 column, row = divmod(number, most)
@@ -185,7 +191,7 @@ class Chart:
         x, y, cells = gridded(*curve.whole)
         first, second = (_Side.of(axis) for axis in self.over[:2])
         yield from frame(self.width, first, second, lined=False)
-        low, high = plotted_range(cells, curve.resolution)
+        low, high = plotted_range(_without_ends(cells), curve.resolution)
         across = _nearest(x, first.span, round(self.width))
         down = _nearest(y, second.span, round(FRAME_HEIGHT))[::-1]
         shown = cells[np.ix_(across, down)].T
@@ -207,6 +213,20 @@ class Chart:
                 [(edge, y, written(v, step)) for y, v in zip(down_to, values, strict=True)]
             ),
         )
+
+
+def _without_ends(cells: Floats) -> Floats:
+    """Return the values of a map without those that would leave no colours for the rest.
+
+    Rates grow beyond all bounds towards singularities.
+    """
+    known = cells[np.isfinite(cells)]
+    if not len(known):
+        return known
+    low, high = np.quantile(known, [0.03, 0.97])
+    if np.ptp(known) < OUTLYING * (high - low):
+        return known
+    return np.asarray(known[(known >= low) & (known <= high)])
 
 
 def compared(modes: Sequence[Chart]) -> Chart:
@@ -293,6 +313,15 @@ def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Draw
         ),
     )
     yield "words", _words(words)
+
+
+def roomy(item: Portrait) -> Portrait:
+    """Return a portrait whose curves do not touch its frame."""
+    if item.logarithmic:
+        return item
+    low, high = item.y_range
+    around = PADDING * (high - low)
+    return replace(item, y_range=(low - around, high + around))
 
 
 def portrait(item: Portrait) -> Iterator[Drawn]:

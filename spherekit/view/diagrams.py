@@ -10,8 +10,10 @@ from spherekit.view.sdk import rr
 
 UNIT = 100.0
 """Pixels of a diagram along its longer range, per hundredth of it."""
-LEGEND = 0.3
-"""Width of the list of points, as a part of the range."""
+LEGEND = 62.0
+"""Width of the list of points with their readings."""
+LINE = 7.2
+MOST_LISTED = 14
 
 Still = tuple[str, rr.AsComponents]
 Moving = tuple[str, Iterable[rr.ComponentColumn]]
@@ -59,6 +61,12 @@ def still(item: Diagram) -> Iterator[Still]:
         "lines",
         rr.LineStrips2D.from_fields(colors=colours.VIOLET, radii=rr.Radius.ui_points(1.0)),
     )
+    if item.readings is not None:
+        shown = len(item.names[:MOST_LISTED])
+        edge, top = _placed(item, np.array([[right, high]]))[0]
+        places = [(edge + 0.5 * LEGEND, top + LINE * k) for k in range(shown)]
+        tints = [colours.tone(tone) for tone in item.tones[:MOST_LISTED]]
+        yield "legend", charts.legend_style(np.array(places), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
 
 
@@ -83,10 +91,27 @@ def moving(item: Diagram) -> Iterator[Moving]:
     ends, known = clipped(item)
     strips = _placed(item, ends.reshape(-1, 2)).reshape(*ends.shape)[known]
     yield "lines", rr.LineStrips2D.columns(strips=strips).partition(known.sum(axis=1))
+    if item.readings is not None:
+        shown = item.readings[:, :MOST_LISTED]
+        yield "legend", _read(item, np.degrees(shown))
     if item.words:
         top = _placed(item, np.array([[0.5 * (left + right), high]]))
         above = np.repeat(top - [0.0, 0.17 * UNIT], n, axis=0)
         yield "step", rr.Points2D.columns(positions=above, labels=list(item.words))
+
+
+def _read(item: Diagram, angles: Floats) -> Iterable[rr.ComponentColumn]:
+    one, other = item.reading_names
+    words = [
+        f"{name}  {one} {_angle(a)}  {other} {_angle(b)}"
+        for row in angles.tolist()
+        for name, (a, b) in zip(item.names, row, strict=False)
+    ]
+    return rr.Points2D.columns(labels=words).partition([angles.shape[1]] * len(angles))
+
+
+def _angle(value: float) -> str:
+    return "\u2013" if value != value else f"{value:.1f}\u00b0".replace("-", "\u2212")
 
 
 def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
@@ -118,7 +143,8 @@ def bounds(item: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:
     )
     (left, bottom), (right, top) = corners
     margin = 0.16 * UNIT
-    return (left - margin, right + margin), (top - 1.3 * margin, bottom + margin)
+    beside = LEGEND if item.readings is not None else margin
+    return (left - margin, right + beside), (top - 1.3 * margin, bottom + margin)
 
 
 def _placed(item: Diagram, points: Floats) -> Floats:

@@ -49,10 +49,13 @@ LABEL_HEIGHT = 1.09
 LINK_LABEL_HEIGHT = 1.15
 POINT = 0.001
 GRAPH_SIZE = (420.0, 220.0)
+GRATICULE_LIFT = 1.006
 MAP_LIFT = 1.002
 """Maps lie just outside of the sphere, and inside of curves."""
 MAP_RESOLUTION = 1e-6
 HIDDEN = 1e-6
+NEAR = np.cos(np.radians(4.0))
+"""Pairs of a link with axes closer than this have one label."""
 CUBE = 1.6
 """Side of the space that a surface fills if its axes differ."""
 
@@ -72,7 +75,7 @@ def world() -> Iterator[Still]:
     yield (
         "sphere/graticule",
         rr.LineStrips3D(
-            shapes.graticule(),
+            [GRATICULE_LIFT * line for line in shapes.graticule()],
             colors=colours.GRATICULE,
             radii=rr.Radius.ui_points(0.6),
         ),
@@ -241,10 +244,16 @@ def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
             "joints",
             rr.Points3D(lift * body.joints, colors=colours.PALE, radii=JOINT_RADIUS),
         )
-    where, words, tints = [], [], []
+    where: list[Floats] = []
+    words: list[str] = []
+    tints: list[colours.Colour] = []
     for joint, label in zip(body.joints, body.joint_labels, strict=True):
         if label and label not in labelled:
             labelled.add(label)
+            near = [k for k, at in enumerate(where) if at @ joint > NEAR * LABEL_HEIGHT]
+            if near:
+                words[near[0]] += f", {label}"
+                continue
             where.append(LABEL_HEIGHT * joint)
             words.append(label)
             tints.append(colours.PALE)
@@ -291,7 +300,10 @@ def _still_curves(item: SphereCurves) -> Iterator[Still]:
 def map_range(values: Floats, triangles: NDArray[np.int64]) -> tuple[float, float]:
     """Return the least and greatest value that a map shows, of those in triangles."""
     shown = values[np.unique(triangles)] if len(triangles) else values
-    return plotted_range(shown, MAP_RESOLUTION)
+    low, high = plotted_range(shown, MAP_RESOLUTION)
+    if np.all(shown == np.round(shown)):
+        return min(float(np.min(shown)), 0.0), max(float(np.max(shown)), 1.0)
+    return low, high
 
 
 def _still_map(item: SphereMap) -> Iterator[Still]:
@@ -344,13 +356,18 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
     )
     where, words = [], []
     for axis, name in enumerate(surface.axes):
-        step, values = charts.ticks(low[axis], high[axis], surface.unit == "deg")
-        for value in values:
-            place = ends[0] - 0.08 * (np.arange(3) != axis)
-            place[axis] = (value - middle[axis]) * scale[axis]
+        corner = np.array([ends[0][0], ends[0][1], ends[0][2]])
+        if axis != 1:
+            corner[1 if axis == 0 else 0] = ends[0][1 if axis == 0 else 0]
+        else:
+            corner[0] = ends[1][0]
+        out = 0.06 * np.sign(corner) * (np.arange(3) != axis)
+        for value in (low[axis], high[axis]):
+            place = corner + out
+            place[axis] = (value - middle[axis]) * scale[axis] * 0.94
             where.append(place)
-            words.append(charts.written(value, step))
-        place = ends[0] - 0.3 * (np.arange(3) != axis)
+            words.append(f"{value:.4g}")
+        place = corner + 2.0 * out
         place[axis] = 0.0
         where.append(place)
         words.append(titled(name, surface.unit))

@@ -5,6 +5,7 @@ import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
@@ -298,6 +299,10 @@ class RerunRecorder:
         if layout is None or self._finished:
             raise ValueError("log is called after start and before the end")
         scene = in_degrees(scene)
+        roomy = [
+            charts.roomy(p) if isinstance(p, Portrait) else p for p in scene.primitives
+        ]
+        scene = replace(scene, primitives=tuple(roomy))
         answers = scene.source not in UNASKED
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
         if layout.timeline == TIME:
@@ -309,17 +314,23 @@ class RerunRecorder:
                 raise ValueError("each sample needs its input value")
             ticks = self._input.ticks(inputs)
             lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
-        fresh = [self._introduce(scene.page, item, answers) for item in scene.primitives]
-        if answers and scene.page is not None and scene.page not in layout.answered:
-            layout.answered.append(scene.page)
-            fresh.append(True)
-        failed = np.zeros(len(samples), dtype=bool)
         for primitive in scene.primitives:
             _check_rows(primitive, len(samples))
         over = scene.over or self._axis(np.asarray(samples), inputs, times)
         if len(over) > 1 and self._row is None and isinstance(scene.page, int):
             over = (charts.along(over),)
-        fresh.append(self._log_charts(scene, lines, over, len(samples)))
+        touched: dict[str, list[str]] = {}
+        fresh = [
+            self._enter(scene, item, over, touched)
+            if isinstance(item, Series)
+            else self._introduce(scene.page, item, answers)
+            for item in scene.primitives
+        ]
+        if answers and scene.page is not None and scene.page not in layout.answered:
+            layout.answered.append(scene.page)
+            fresh.append(True)
+        failed = np.zeros(len(samples), dtype=bool)
+        self._log_charts(touched, lines, over, len(samples))
         for primitive in scene.primitives:
             path = self._path(scene.page, primitive)
             for suffix, columns in entities.moving(primitive):
@@ -345,34 +356,37 @@ class RerunRecorder:
             self._live_drawn = time.monotonic()
         self._each(lambda output: output.flush())
 
-    def _log_charts(
+    def _enter(
         self,
         scene: Scene,
+        item: Series,
+        over: tuple[Axis, ...],
+        touched: dict[str, list[str]],
+    ) -> bool:
+        """Add a block of a series to its chart, now `touched`; return if that is new."""
+        title = charts.in_signs(item.heading)
+        if len(over) > 1:
+            title = f"{item.label}: {title}"
+        where = f"{self._base(scene.page)}/charts/{_slug(title)}"
+        is_new = where not in self._charts
+        if is_new:
+            self._charts[where] = Chart(title, over)
+            self._place_chart(scene, where, title)
+        path = self._path(scene.page, item)
+        curve = self._charts[where].add(path, item)
+        curve.values.append(np.array(item.values))
+        curve.places.append(tuple(axis.values for axis in over))
+        touched.setdefault(where, []).append(path)
+        return is_new
+
+    def _log_charts(
+        self,
+        touched: Mapping[str, Sequence[str]],
         lines: Sequence[rr.TimeColumn],
         over: tuple[Axis, ...],
         count: int,
-    ) -> bool:
-        """Log the cursors and legends of the plots of a scene; return if one is new."""
-        plotted = [item for item in scene.primitives if isinstance(item, Series)]
-        if not plotted:
-            return False
-        base, fresh = self._base(scene.page), False
-        touched: dict[str, list[str]] = {}
-        for item in plotted:
-            title = item.heading
-            if len(over) > 1:
-                title = f"{item.label}: {titled(item.group, charts.in_signs(item.unit))}"
-            title = charts.in_signs(title)
-            where = f"{base}/charts/{_slug(title)}"
-            if where not in self._charts:
-                fresh = True
-                self._charts[where] = Chart(title, over)
-                self._place_chart(scene, where, title)
-            path = self._path(scene.page, item)
-            curve = self._charts[where].add(path, item)
-            curve.values.append(np.array(item.values))
-            curve.places.append(tuple(axis.values for axis in over))
-            touched.setdefault(where, []).append(path)
+    ) -> None:
+        """Log the cursors and legends of charts that got a block of some series."""
         rows = [axis.values for axis in over]
         for where, paths in touched.items():
             chart = self._charts[where]
@@ -382,7 +396,6 @@ class RerunRecorder:
             self._columns(f"{where}/cursor", lines, chart.cursor(rows), count)
             curves = [chart.curves[path] for path in paths]
             self._log_legend(f"{where}/legend", chart, paths, curves, lines)
-        return fresh
 
     def _axis(
         self, samples: NDArray[np.int64], inputs: Floats | None, times: Floats | None

@@ -1,5 +1,6 @@
 """Pictures of a recording, taken by a viewer without a window."""
 
+import io
 import os
 import socket
 import subprocess
@@ -7,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Literal
@@ -21,6 +23,15 @@ from spherekit.view.timelines import SAMPLE, TIME, input_scale
 START_TIMEOUT = 30.0
 LOAD_TIMEOUT = 60.0
 FRAMES = 20
+AROUND_SPACE = (7, 71)
+"""What of a window a view that fills it leaves to bars and frame."""
+NOTICE_TIMEOUT = 12.0
+NOTICE_COLOUR, NOTICE_INSET, NOTICE_ROWS = (33, 33, 33), 14, (50, 100)
+"""What a notice of the viewer looks like at its right edge, and how far in that is."""
+LARGEST = 8192
+"""Pixels of a picture along a side: what graphics drivers draw at once."""
+OLDEST = (0, 23)
+"""Recordings of this version of rerun and later are read by all later ones."""
 ENDING = 2.0
 """A viewer that has lost its graphics ends within this time (s) of its last answer."""
 
@@ -63,11 +74,15 @@ def screenshot(
         raise OutputError(f"{recording} does not exist")
     if sample is not None and input_deg is not None:
         raise ValueError("give a sample or an input angle, not both")
-    with _viewer(size) as client:
+    check_picture(picture, size)
+    check_version(recording)
+    wide, high = AROUND_SPACE if view == "3D" else (0, 0)
+    with _viewer((size[0] + wide, size[1] + high)) as client:
         client.open(str(recording.resolve()))
         timelines = _loaded(client, recording)
         if front:
             _bring_forward(client, recording, front)
+        shown = _fill_window(client, recording) if view == "3D" else None
         timeline, tick = _cursor(timelines, sample, input_deg, recording)
         if timeline == TIME:
             when = np.timedelta64(tick, "ns")
@@ -78,14 +93,76 @@ def screenshot(
         troubles = [report.summary for each in state.views for report in each.reports]
         if troubles:
             raise OutputError(f"the viewer cannot show {recording}: {troubles[0]}")
-        data = _settled(client, None)
-        if view == "3D":
-            data = _space(client, recording)
+        data = _settled(client, shown)
     try:
         picture.write_bytes(data)
     except OSError as error:
         raise OutputError(f"cannot write {picture}: {error.strerror}") from error
     return picture
+
+
+def check_picture(picture: Path, size: tuple[int, int]) -> None:
+    """Raise `OutputError` unless a picture of a size (width, height) can be written."""
+    if picture.suffix.lower() != ".png":
+        raise OutputError(
+            f"{picture}: pictures are PNG files; name it {picture.with_suffix('.png')}"
+        )
+    if picture.is_dir():
+        raise OutputError(f"{picture} is a folder; name a file inside it")
+    if not picture.parent.is_dir():
+        raise OutputError(
+            f"{picture}: the folder {picture.parent} does not exist; make it first or "
+            "choose another"
+        )
+    if not all(100 <= side <= LARGEST for side in size):
+        raise OutputError(
+            f"{size[0]}x{size[1]} is no size of a picture; its sides are 100 to "
+            f"{LARGEST} pixels"
+        )
+
+
+def check_version(recording: Path) -> None:
+    """Raise `OutputError` if a recording was made by a rerun that this one cannot read."""
+    with recording.open("rb") as stream:
+        head = stream.read(8)
+    installed = tuple(int(part) for part in version("rerun-sdk").split(".")[:2])
+    made = (head[4], head[5]) if head[:4] == b"RRF2" and len(head) == 8 else None
+    if made is not None and OLDEST <= made <= installed:
+        return
+    by = "an older rerun" if made is None else f"rerun {made[0]}.{made[1]}"
+    what = (
+        "make it again, `spherekit run FILE --save X.rrd`"
+        if made is None or made < OLDEST
+        else f"install that version, pip install rerun-sdk=={made[0]}.{made[1]}.*"
+    )
+    raise OutputError(
+        f"{recording} was made by {by}, which rerun {installed[0]}.{installed[1]} "
+        f"installed here does not read; {what}"
+    )
+
+
+def _fill_window(client: ViewerClient, recording: Path) -> str:
+    """Let the 3D view that is in front fill the window, without bars; return its id."""
+    spaces = [view for view in client.get_state().views if view.view_class == "3D"]
+    seen = [view for view in spaces if _is_in_front(client, view.view_id)]
+    if not seen:
+        raise OutputError(f"{recording} shows no 3D view")
+    parts = client.get_blueprint().blueprint
+    parts["/viewport"]["ViewportBlueprint"]["maximized"] = seen[0].view_id
+    parts["/time_panel"]["TimePanelBlueprint"]["state"] = "Hidden"
+    client.set_blueprint(parts, "recording")
+    return seen[0].view_id
+
+
+def _is_in_front(client: ViewerClient, view_id: str) -> bool:
+    """Return whether a view is not hidden behind another tab."""
+    try:
+        client.take_screenshot(view_id=view_id)
+    except ConnectionError as error:
+        if "NotFound" not in str(error):
+            raise
+        return False
+    return True
 
 
 def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str]) -> None:
@@ -118,26 +195,34 @@ def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str])
 
 
 def _settled(client: ViewerClient, view_id: str | None) -> bytes:
-    """Return a picture once it no longer changes: plots come some frames late."""
+    """Return a picture once it no longer changes: plots come some frames late.
+
+    And once the viewer's notice that it listens is gone, which nothing keeps away.
+    """
+    deadline = time.monotonic() + NOTICE_TIMEOUT
     data = client.take_screenshot(view_id=view_id)
-    for _ in range(FRAMES):
+    frame = 0
+    while frame < FRAMES:
         time.sleep(0.1)
         last, data = data, client.take_screenshot(view_id=view_id)
+        noticed = view_id is None and _shows_notice(data)
+        if noticed and time.monotonic() < deadline:
+            continue
         if data == last:
             break
+        frame += 1
     return data
 
 
-def _space(client: ViewerClient, recording: Path) -> bytes:
-    """Return a picture of the 3D view that is in front."""
-    for view in client.get_state().views:
-        if view.view_class == "3D":
-            try:
-                return _settled(client, view.view_id)
-            except ConnectionError as error:  # hidden behind another tab
-                if "NotFound" not in str(error):
-                    raise
-    raise OutputError(f"{recording} shows no 3D view")
+def _shows_notice(data: bytes) -> bool:
+    """Return whether a notice covers the upper right corner of a picture."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data)) as picture:
+        right = picture.width - NOTICE_INSET
+        rows = range(*NOTICE_ROWS)
+        pixels = [picture.convert("RGB").getpixel((right, row)) for row in rows]
+    return all(pixel == NOTICE_COLOUR for pixel in pixels)
 
 
 def _cursor(
@@ -156,27 +241,25 @@ def _cursor(
         return name, round(input_deg * scale)
     if SAMPLE not in timelines:
         raise OutputError(f"{recording} has no timeline named {SAMPLE}")
-    if TIME in timelines:
-        at_first = timelines[TIME]
-        return TIME, at_first if sample is None else _tick(recording, TIME, sample)
-    if not inputs:
-        return SAMPLE, timelines[SAMPLE] if sample is None else sample
-    name = inputs[0][0]
-    return name, timelines[name] if sample is None else _tick(recording, name, sample)
+    if sample is not None:
+        _check_sample(recording, sample)
+        return SAMPLE, sample
+    first = TIME if TIME in timelines else inputs[0][0] if inputs else SAMPLE
+    return first, timelines[first]
 
 
-def _tick(recording: Path, timeline: str, sample: int) -> int:
-    """Return the time at a sample on the timeline by which plots are laid out."""
+def _check_sample(recording: Path, sample: int) -> None:
+    """Raise `OutputError` if no page of a recording has a sample."""
     samples: set[int] = set()
     for chunk in RrdReader(str(recording)).stream():
         if chunk.is_static:
             continue
         batch = chunk.to_record_batch()
-        if not {SAMPLE, timeline} <= set(batch.schema.names):
+        if SAMPLE not in batch.schema.names:
             continue
         numbers = batch.column(SAMPLE).to_pylist()
         if sample in numbers:
-            return int(batch.column(timeline).cast("int64")[numbers.index(sample)].as_py())
+            return
         samples.update(numbers)
     known = f"{min(samples)} to {max(samples)}" if samples else "none"
     raise OutputError(f"{recording} has no sample {sample}; its samples: {known}")
@@ -212,7 +295,7 @@ def _viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
         f"--window-size={size[0]}x{size[1]}",
     ]
     # Silent, since log messages would appear in the picture; panics are still heard.
-    environment = os.environ | {"RERUN_APP_ONLY": "true", "RUST_LOG": "off"}
+    environment = os.environ | {"RERUN_APP_ONLY": "true", "RUST_LOG": "error"}
     with tempfile.TemporaryFile() as messages:
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=messages, env=environment

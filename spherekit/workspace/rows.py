@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import FLAT_DYAD
+from spherekit.numeric.rows import ArrayRows
 from spherekit.output.dyads import DyadArcs, Signs
 from spherekit.output.measures import reciprocal
 from spherekit.sphere.rotation import Floats
@@ -89,7 +90,7 @@ def label_of(signs: Signs) -> str:
 
 @final
 @dataclass(frozen=True)
-class InverseRows:
+class InverseRows(ArrayRows):
     """k rows: the number of the pose, the label of the working mode, and what is there.
 
     Attributes
@@ -174,20 +175,11 @@ class InverseRows:
             names,
         )
 
-    @staticmethod
-    def joined(parts: "Sequence[InverseRows]") -> "InverseRows":
+    @classmethod
+    def joined(cls, parts: "Sequence[InverseRows]") -> "InverseRows":
         """Return the rows of several modes, those of a pose together."""
-        pose = np.concatenate([part.pose for part in parts])
-        order = np.argsort(pose, kind="stable")
-        names = ("mode", "inputs", "status", "margin", "limiting", "type_1", "type_2")
-        return InverseRows(
-            pose[order],
-            **{
-                name: np.concatenate([getattr(part, name) for part in parts])[order]
-                for name in (*names, "rates", "values")
-            },
-            limits=parts[0].limits,
-        )
+        every = super().joined(parts)
+        return every.rows(np.argsort(every.pose, kind="stable"))
 
 
 def sense_of(rates: Floats, directions: Floats | None) -> NDArray[np.int64]:
