@@ -511,7 +511,7 @@ REFUSED = {
     ),
     "no output": (
         lambda: replace(sk.load("two_dof_spm"), outputs=()),
-        ["0 outputs (none)", "declare one"],
+        ["no output is declared", "declare one"],
     ),
 }
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.conventions import EPS, Status
-from spherekit.errors import FileError, PlanError, SolveError
+from spherekit.errors import FileError, ModelError, PlanError, SolveError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
 from spherekit.model.geometry import geometry_of
@@ -431,9 +431,9 @@ def test_an_output_seen_from_a_moving_link():
 
 def test_what_cannot_be_asked():
     three, five = sk.load("three_rrr"), sk.load("five_bar")
-    with pytest.raises(PlanError, match="no output is declared"):
+    with pytest.raises(ModelError, match="no output is declared"):
         InverseKinematics(replace(three, outputs=()))
-    with pytest.raises(PlanError, match='no output is named "x"; outputs: platform'):
+    with pytest.raises(ModelError, match='no output is named "x"; outputs: platform'):
         InverseKinematics(three, "x")
     with pytest.raises(PlanError, match="say which one of link 3: axis ="):
         InverseKinematics(replace(five, outputs=(Output("o", "3", "1"),)))

@@ -14,7 +14,7 @@ from singular_examples import axes_at, components
 
 import spherekit as sk
 from spherekit.conventions import Status
-from spherekit.errors import AnalysisError
+from spherekit.errors import AnalysisError, ModelError
 from spherekit.model.mechanism import (
     Input,
     LinkSizes,
@@ -579,7 +579,7 @@ def test_surface_of_type_two_in_a_three_rrr():
 
 
 def test_errors_say_what_is_possible():
-    with pytest.raises(AnalysisError, match="did you mean"):
+    with pytest.raises(ModelError, match="did you mean"):
         output_of(sk.load("five_bar"), "pointr")
     with pytest.raises(AnalysisError, match="R pairs: "):
         output_of(sk.load("five_bar"), pointing="99")

@@ -6,7 +6,7 @@ from rerun.chunk import RrdReader
 
 import spherekit as sk
 from spherekit.analysis.scene import Portrait, SphereCurves, Surface
-from spherekit.errors import AnalysisError, SpherekitError
+from spherekit.errors import ModelError, SpherekitError
 from spherekit.view.rerun_view import RerunRecorder
 
 FEW = "singularities:slices=3,input_grid=5,near=10"
@@ -122,5 +122,5 @@ def test_outputs_have_to_be_declared():
     from dataclasses import replace
 
     made = replace(sk.load("five_bar"), outputs=())
-    with pytest.raises(AnalysisError, match=r"declare one in the file as \[outputs.NAME\]"):
+    with pytest.raises(ModelError, match=r"declare one in the file as \[outputs.NAME\]"):
         sk.run(made, "singularities", samples=3)

@@ -19,7 +19,6 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.nearest import Optimality, Target
 from spherekit.guidance.rotation import (
     RotationSamples,
-    chosen_output,
     turn_to,
     unit,
     within,
@@ -33,6 +32,7 @@ from spherekit.guidance.rotation_path import (
     corrected,
 )
 from spherekit.model.geometry import geometry_of
+from spherekit.model.outputs import chosen_output
 from spherekit.motion.closure import Closure
 from spherekit.numeric.hermite import hermite
 from spherekit.rates.transmission import SINGULAR, Transmission

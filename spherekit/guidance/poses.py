@@ -23,7 +23,7 @@ from spherekit.guidance.rotation_path import UNFIXED
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.assembly_modes import Solver, label_of
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, trace
 from spherekit.output.inverse import InverseKinematics
@@ -204,7 +204,7 @@ class PoseFinder:
                 f"{self.mechanism.name} cannot be assembled at {self._shown(inputs)}"
                 f"{self._offer(AtInputs(inputs))}"
             )
-        labels = [_signs(signs) for signs, _ in modes]
+        labels = [label_of(signs) for signs, _ in modes]
         return self._of_values(np.stack([values for _, values in modes]), labels)
 
     def _of_values(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
@@ -250,7 +250,7 @@ class PoseFinder:
             best = int(np.argmin(off))
             if off[best] < SAME_POSE:
                 values.append(at.values[best])
-                labels.append(_signs(signs))
+                labels.append(label_of(signs))
         if not values and len(found.row):
             raise SolveError(
                 f"{self.mechanism.name}: outputs.{self.output.name} is singular at this "
@@ -309,7 +309,7 @@ class PoseFinder:
                         f"{form.mechanism.name}: at these inputs both driven elbows lie "
                         "on one line and do not fix the mid-plane; change one input"
                     )
-                return normals, _signs(form.plane.modes(inputs[None])[0])
+                return normals, label_of(form.plane.modes(inputs[None])[0])
             case AtOrientation(orientation):
                 normals, departure = form.normals(orientation[None])
                 if not departure[0] < IN_PLANE:
@@ -340,7 +340,7 @@ class PoseFinder:
         for normal in normals:
             self.check_reach(normal)
             for modes in _modes(form):
-                label = _signs(modes)
+                label = label_of(modes)
                 own = "".join(label[k] for k in form.plane.driven)
                 if not driven_signs or own == driven_signs:
                     values.append(form.values(form.place(normal[None], modes))[0][0])
@@ -412,10 +412,6 @@ class PoseFinder:
                 signs = _modes_of(start.labels[number])
                 return self.form.rotation_between(normals[0], normals[1], signs)
         return follow_to(self.mechanism, values, wanted, named)
-
-
-def _signs(signs: Sequence[int] | Floats) -> str:
-    return "".join("+" if sign > 0 else "-" if sign < 0 else "~" for sign in signs)
 
 
 def _modes_of(label: str) -> Floats:

@@ -6,9 +6,8 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import Status, listing, nearest
-from spherekit.errors import ModelError, SolveError
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.conventions import Status
+from spherekit.errors import SolveError
 from spherekit.sphere.poses import TURN_MEANING, TurnStatus, turns_between
 from spherekit.sphere.rotation import Floats
 
@@ -92,30 +91,6 @@ class FixedAxisRotation(Protocol):
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) from 0 to the whole angle, any order."""
         ...
-
-
-def chosen_output(mechanism: Mechanism, name: str | None) -> Output:
-    """Return the output of this name, or the only one.
-
-    Raises
-    ------
-    ModelError
-        If there is none, or there are several and no name is given.
-    """
-    outputs = {output.name: output for output in mechanism.outputs}
-    if name is None and len(outputs) == 1:
-        return mechanism.outputs[0]
-    if name is None:
-        raise ModelError(
-            f"{mechanism.name}: {len(outputs)} outputs ({listing(outputs) or 'none'}); "
-            "declare one, or say which is meant"
-        )
-    if name not in outputs:
-        raise ModelError(
-            f'{mechanism.name}: no output is named "{name}"'
-            f"{nearest(name, outputs) or ';'} Outputs: {listing(outputs) or 'none'}"
-        )
-    return outputs[name]
 
 
 def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:

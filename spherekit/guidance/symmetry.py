@@ -24,10 +24,10 @@ from spherekit.guidance.mid_plane_architecture import (
     axis_in,
 )
 from spherekit.guidance.midplane import MidPlane
-from spherekit.guidance.rotation import chosen_output
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.outputs import chosen_output
 from spherekit.sphere.rotation import Floats, arc, cross
 
 SAME = 1e-9

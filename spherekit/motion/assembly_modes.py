@@ -6,6 +6,7 @@ a sheet for several) that predicts where Newton's method has to arrive and what 
 not leave.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -55,7 +56,7 @@ class AssemblyMode:
     @property
     def label(self) -> str:
         """The signs of the mode's groups, ``~`` for an irreducible one."""
-        return "".join({1: "+", -1: "-", 0: "~"}[sign] for sign in self.signs) or "+"
+        return label_of(self.signs) or "+"
 
 
 @final
@@ -267,6 +268,11 @@ def _spread(jacobian: Floats) -> Floats:
     across = np.maximum(across, SMALLEST_SPREAD * largest)
     even = common / largest + (np.eye(3) - common) / across
     return np.asarray((even[:, None] @ loops).reshape(n, rows, count))
+
+
+def label_of(signs: Iterable[float]) -> str:
+    """Return the signs of a mode as text, ``+-+``, with ``~`` for groups without one."""
+    return "".join("~+-"[int(sign)] for sign in signs)
 
 
 def wrap(angle: Floats) -> Floats:

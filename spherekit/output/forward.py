@@ -17,11 +17,11 @@ from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Output
+from spherekit.model.outputs import chosen_output
 from spherekit.motion.assembly_modes import AssemblyMode, Evaluated, Solver, wrap
 from spherekit.motion.input_grid import given_path
 from spherekit.motion.motion import Motion
 from spherekit.output.solutions import PoseSolutions, pose_of, solved
-from spherekit.output.virtual_output import chosen_output
 from spherekit.planning.assembly import plan_assembly
 from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats, transpose
@@ -49,7 +49,7 @@ class ForwardKinematics:
 
     Raises
     ------
-    PlanError
+    ModelError, PlanError
         If the output is not declared, or there is not one freedom for each input.
     """
 

@@ -23,7 +23,7 @@ from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import revolutes
-from spherekit.motion.assembly_modes import FLAT_DYAD, Solver
+from spherekit.motion.assembly_modes import FLAT_DYAD, Solver, label_of
 from spherekit.motion.pairs import turns_of
 from spherekit.output.closing_link import DyadsWithClosingLink, turned
 from spherekit.output.dyads import DyadPlacement, Dyads, Placed, Signs
@@ -95,9 +95,7 @@ class Inverse:
     @property
     def labels(self) -> tuple[str, ...]:
         """The signs of the modes as text, ``+-+``."""
-        return tuple(
-            "".join("+" if sign > 0 else "-" for sign in signs) for signs in self.modes
-        )
+        return tuple(map(label_of, self.modes))
 
     @cached_property
     def type_2(self) -> Floats:
@@ -143,7 +141,7 @@ class InverseKinematics:
 
     Raises
     ------
-    PlanError
+    ModelError, PlanError
         If the output is not declared, or holding it leaves a part that is rigid or free.
     """
 

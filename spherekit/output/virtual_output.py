@@ -25,6 +25,7 @@ from spherekit.model.mechanism import (
     PoseGeometry,
     SizeGeometry,
 )
+from spherekit.model.outputs import chosen_output
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import about_z
 
@@ -76,32 +77,6 @@ class VirtualOutputChain:
         return self.mechanism.link_number[self.output.link]
 
 
-def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
-    """Return the declared output of this name, or the only one.
-
-    Raises
-    ------
-    PlanError
-        If there is none, several and no name, or none of this name.
-    """
-    names = [output.name for output in mechanism.outputs]
-    if not names:
-        raise PlanError(
-            f"{mechanism.name}: no output is declared; add a table [outputs.NAME] with "
-            "link, and for a pointing output axis or xyz"
-        )
-    if name is None and len(names) > 1:
-        raise PlanError(
-            f"{mechanism.name}: there are several outputs, {', '.join(names)}; choose one"
-        )
-    for output in mechanism.outputs:
-        if name in (None, output.name):
-            return output
-    raise PlanError(
-        f'{mechanism.name}: no output is named "{name}"; outputs: {", ".join(names)}'
-    )
-
-
 def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputChain:
     """Return a mechanism with a virtual wrist at its output.
 
@@ -109,7 +84,7 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
 
     Raises
     ------
-    PlanError
+    ModelError, PlanError
         If the output is unknown, joins a link to itself, there are neither two nor three
         inputs, or a mechanism with two inputs declares no direction.
     """

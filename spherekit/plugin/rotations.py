@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from spherekit.guidance.poses import PoseFinder as PoseFinder
     from spherekit.guidance.rotation import FixedAxisRotation as FixedAxisRotation
     from spherekit.guidance.rotation import RotationSamples as RotationSamples
-    from spherekit.guidance.rotation import chosen_output as chosen_output
     from spherekit.guidance.schedule import SHAPES as SHAPES
     from spherekit.guidance.schedule import Schedule as Schedule
     from spherekit.guidance.schedule import Timetable as Timetable
     from spherekit.guidance.schedule import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
     from spherekit.model.geometry import link_axes as link_axes
+    from spherekit.model.outputs import chosen_output as chosen_output
     from spherekit.sphere.mirror import mirror_angles as mirror_angles
     from spherekit.sphere.mirror import normal_at as normal_at
     from spherekit.sphere.mirror import normals_of as normals_of

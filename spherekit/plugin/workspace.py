@@ -7,6 +7,7 @@ from spherekit.lazily import offered as _offered
 if TYPE_CHECKING:
     from spherekit.analysis.numbers import columns_of as columns_of
     from spherekit.analysis.numbers import read_numbers as read_numbers
+    from spherekit.motion.assembly_modes import label_of as label_of
     from spherekit.region.region import Part as Part
     from spherekit.region.region import Region as Region
     from spherekit.region.region import find_region as find_region
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from spherekit.workspace.kinematics import ClosedKinematics as ClosedKinematics
     from spherekit.workspace.kinematics import OutputKinematics as OutputKinematics
     from spherekit.workspace.rows import InverseRows as InverseRows
-    from spherekit.workspace.rows import label_of as label_of
     from spherekit.workspace.rows import sense_of as sense_of
     from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
     from spherekit.workspace.workspace import Judged as Judged

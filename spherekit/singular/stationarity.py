@@ -6,10 +6,11 @@ from typing import Protocol, final
 
 import numpy as np
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import nearest
 from spherekit.errors import AnalysisError
 from spherekit.model.geometry import link_axes
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.outputs import chosen_output
 from spherekit.singular.tangent_space import TangentSpace
 from spherekit.sphere.rotation import Floats, cross, perpendicular
 
@@ -124,22 +125,13 @@ def output_of(
 
     Raises
     ------
+    ModelError
+        If there is no such output.
     AnalysisError
-        If there is no such output, or no such direction.
+        If there is no such direction.
     """
-    names = {item.name: item for item in mechanism.outputs}
-    if not names:
-        raise AnalysisError(
-            f"{mechanism.name} declares no output; declare one in the file as "
-            "[outputs.NAME] with its link"
-        )
-    if output is not None and output not in names:
-        hint = nearest(output, names) or "."
-        raise AnalysisError(
-            f'{mechanism.name}: there is no output "{output}"{hint} outputs: '
-            f"{listing(names)}"
-        )
-    chosen = names[output] if output is not None else mechanism.outputs[0]
+    several = output is None and len(mechanism.outputs) > 1
+    chosen = mechanism.outputs[0] if several else chosen_output(mechanism, output)
     number = mechanism.link_number
     found = chosen.direction if len(mechanism.inputs) == 2 else None
     if pointing is not None:

@@ -9,16 +9,18 @@ from numpy.typing import NDArray
 from spherekit.errors import ModelError, SolveError
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.outputs import chosen_output
+from spherekit.motion.assembly_modes import label_of
 from spherekit.motion.motion import motion_of
 from spherekit.output.forward import output_rates
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.measures import InputRates
-from spherekit.output.virtual_output import COORDINATES, chosen_output, with_wrist
+from spherekit.output.virtual_output import COORDINATES, with_wrist
 from spherekit.sphere.rotation import Floats
 from spherekit.workspace.dyads import DyadKinematics
 from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
 from spherekit.workspace.mid_plane import MidPlaneKinematics
-from spherekit.workspace.rows import InverseRows, label_of
+from spherekit.workspace.rows import InverseRows
 
 
 def output_kinematics(
@@ -36,7 +38,7 @@ def output_kinematics(
 
     Raises
     ------
-    PlanError
+    ModelError, PlanError
         If the output is unknown, or cannot take every pose.
     """
     if len(mechanism.inputs) not in COORDINATES:
@@ -55,7 +57,7 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
 
     Raises
     ------
-    PlanError
+    ModelError, PlanError
         If the output is unknown or cannot take every pose.
     SolveError
         If there is no closed form that needs no start.

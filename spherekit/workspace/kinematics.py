@@ -13,6 +13,7 @@ import numpy as np
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
+from spherekit.motion.assembly_modes import label_of
 from spherekit.motion.closure import Closure
 from spherekit.output.dyads import Signs
 from spherekit.output.forward import ForwardKinematics
@@ -20,7 +21,7 @@ from spherekit.output.solutions import PoseSolutions
 from spherekit.rates.transmission import Transmission
 from spherekit.sphere.rotation import Floats
 from spherekit.workspace.constraints import AngleLimit, Constraints, bounds_of, left_of
-from spherekit.workspace.rows import InverseRows, Rows, Span, label_of
+from spherekit.workspace.rows import InverseRows, Rows, Span
 
 
 class OutputKinematics(ABC):

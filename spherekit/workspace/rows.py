@@ -11,7 +11,7 @@ from spherekit.conventions import Status
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import FLAT_DYAD
 from spherekit.numeric.rows import ArrayRows
-from spherekit.output.dyads import DyadArcs, Signs
+from spherekit.output.dyads import DyadArcs
 from spherekit.output.measures import reciprocal
 from spherekit.sphere.rotation import Floats
 
@@ -81,11 +81,6 @@ class Spanned(Protocol):
 
     def name_of(self, pair: int) -> str:
         """Return the name of a pair."""
-
-
-def label_of(signs: Signs) -> str:
-    """Return the signs of a mode as text, ``+-+``, with ``~`` for groups without one."""
-    return "".join("~+-"[sign] for sign in signs)
 
 
 @final

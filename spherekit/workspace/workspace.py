@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.errors import AnalysisError
+from spherekit.motion.assembly_modes import label_of
 from spherekit.output.dyads import Signs
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.region import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
 from spherekit.workspace.constraints import AngleLimit, left_of
 from spherekit.workspace.kinematics import ClosedKinematics
-from spherekit.workspace.rows import Rows, label_of
+from spherekit.workspace.rows import Rows
 
 FIRST_LOOK = 2000
 """Directions at which the area is guessed, to make its error relative."""
