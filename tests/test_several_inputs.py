@@ -318,7 +318,7 @@ def test_a_mode_spreads_around_what_it_cannot_reach():
             int(start),
             motion.values[rows][start],
         )
-        assert np.array_equal(np.flatnonzero(found.reached), ok)
+        assert np.array_equal(np.flatnonzero(found.status == Status.OK), ok)
         ours = found.values[ok] - motion.values[rows][ok]
         assert np.max(np.abs(np.exp(1j * ours) - 1.0)) < 1e-11
 

@@ -131,12 +131,6 @@ class CompiledEquation:
         """How many switches the loads have."""
         return sum(kind == "switch" for kind, _ in self.events)
 
-    @property
-    def seconds(self) -> float:
-        """What compiling took (s)."""
-        parts = (self.integrator, self.tau, self.conditions, self.steep)
-        return sum(each.seconds for each in parts if each)
-
 
 def compiled_equation(
     mechanism: Mechanism,

@@ -97,11 +97,6 @@ class Configurations:
         """The guarantee of the claim."""
         return self.claim.guarantee
 
-    @property
-    def box(self) -> float:
-        """The size of the box (rad) to which no curve is missing, 0 without one."""
-        return self.claim.box
-
 
 @checked(SolveError)
 def configuration_curves(

@@ -69,14 +69,6 @@ class Crossing:
     miss: float
     error: float
 
-    @property
-    def angle(self) -> float:
-        """The sine of the angle between the two modes, 0 where there are not two."""
-        if len(self.tangents) != 2:
-            return 0.0
-        cosine = float(self.tangents[0] @ self.tangents[1])
-        return float(np.sqrt(max(0.0, 1.0 - cosine**2)))
-
 
 def crossing_near(closure: Closure, values: Floats) -> Crossing | None:
     """Return the crossing beside a configuration (variables,), None if there is none."""

@@ -31,11 +31,6 @@ class ModeOverGrid:
     values: Floats
     status: NDArray[np.int8]
 
-    @property
-    def reached(self) -> NDArray[np.bool_]:
-        """(n,) samples that the mode was followed to."""
-        return np.asarray(self.status == Status.OK)
-
 
 def spread(
     closure: Closure, driven: Sequence[int], input_grid: InputGrid, row: int, values: Floats
