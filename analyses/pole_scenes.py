@@ -169,7 +169,7 @@ def construction(
     for k, pole in enumerate(every):
         parts.append(
             Arrow(
-                f"pole/{names[pole]}",
+                f"found/{names[pole]}",
                 names[pole],
                 known[:, k],
                 pole in primary,

@@ -268,16 +268,18 @@ class Poles(AbstractAnalysis):
         shown = self.shown(mechanism)
         wanted = self.poles(mechanism)
         many = len(wanted) > MANY
+        brief = all(len(name) == 1 for name in mechanism.links)
         parts: list[Primitive] = []
         for pole in wanted:
             low, high = (mechanism.links[k] for k in pole)
             short = _short(mechanism, pole)
-            first = not many or pole[0] == 0 or pole == shown
+            first = not many or (moved == 0 and (pole[0] == 0 or pole == shown))
             if moved == 0 or pole not in primary:
                 parts.append(
                     Arrow(
                         f"pole/{home}{high}_{low}",
-                        f"P{short}{alone if pole not in primary else ''}",
+                        (f"P{short}" if brief else f"{high}/{low}")
+                        + (alone if pole not in primary else ""),
                         batch.direction(*pole, moved)[rows],
                         pole in primary,
                         first or pole in primary,
@@ -285,11 +287,12 @@ class Poles(AbstractAnalysis):
                 )
             if pole == driven or body[pole[0]] == body[pole[1]]:
                 continue
+            name = f"ω{short}/ω{unit}" if brief else f"{high}/{low}"
             for order, letter, values in (
-                ("velocity", f"ω{short}/ω{unit}", batch.velocity_coefficient(*pole, moved)),
+                ("velocity", name, batch.velocity_coefficient(*pole, moved)),
                 (
                     "acceleration",
-                    f"(ω{short}/ω{unit})′",
+                    f"({name})′" if brief else name,
                     batch.acceleration_coefficient(*pole, moved),
                 ),
             ):
@@ -316,13 +319,14 @@ class Poles(AbstractAnalysis):
                     normals,
                 )
             )
+            circles = () if many and moved else (0, 1)
             parts += [
                 GreatCircle(
                     f"construction/{home}circle_{k}",
                     f"great circle {k + 1} of P{_short(mechanism, shown)}{alone}",
                     normals[:, k],
                 )
-                for k in (0, 1)
+                for k in circles
             ]
         return parts
 

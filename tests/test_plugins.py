@@ -145,8 +145,9 @@ def test_poles_is_registered_like_anyones():
 
 def test_main_table_has_the_agreed_columns():
     table = load("poles").tables[0]
-    assert [column.name for column in table.columns][:11] == [
+    assert [column.name for column in table.columns][:14] == [
         "sample", "assembly_mode", "q", "link", "relative_to", "ux", "uy", "uz",
+        "dux_dq", "duy_dq", "duz_dq",
         "velocity_coefficient", "acceleration_coefficient", "conditioning",
     ]  # fmt: skip
 

@@ -88,8 +88,17 @@ def _of_mechanism(options: argparse.Namespace) -> int:
     """Show a mechanism as its file has it, without a run."""
     from spherekit.files.read import load
     from spherekit.view.preview import preview
+    from spherekit.view.viewer import has_display
 
     mechanism = load(options.file)
+    if options.png is None and not has_display():
+        if not options.quiet:
+            print(
+                f"no display here: make a picture with `spherekit view {options.file} "
+                "--png X.png`",
+                file=sys.stderr,
+            )
+        return 0
     folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
     path = folder / f"{mechanism.name}.rrd"
     try:

@@ -26,9 +26,11 @@ from spherekit.view import colours, shapes
 from spherekit.view.sdk import rr
 
 WIDTH, HEIGHT = 930.0, 372.0
-LEFT, TOP, BOTTOM = 92.0, 16.0, 66.0
+LEFT, TOP, BOTTOM = 92.0, 32.0, 66.0
 LEGEND = 205.0
 """Width of one column of the legend."""
+LONGEST = 17
+"""Letters of a name for which the legend has room."""
 LINE = 25.0
 """Height of one line of it."""
 LABEL = 14.0
@@ -128,7 +130,7 @@ class Chart:
         if self.is_map:
             x = self.width + 0.5 * LEGEND
             tints = [curve.colour for curve in self.curves.values()]
-            return np.array([[x, FRAME_HEIGHT + 27.0]]), tints
+            return np.array([[x, -TOP]]), tints
         for number, (path, curve) in enumerate(self.curves.items()):
             if path in paths:
                 column, row = divmod(number, most)
@@ -303,7 +305,7 @@ def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Draw
         lines.append(np.array([[0.0, level], [width, level]]))
         words.append((-0.5 * LEFT, level - LABEL, text))
     if y.words:
-        words.append((width + 0.5 * LEGEND, FRAME_HEIGHT + 4.0, f"up: {y.words}"))
+        words.append((0.2 * width, -TOP, f"up: {y.words}"))
     yield (
         "frame",
         rr.LineStrips2D(
@@ -432,7 +434,7 @@ def written(value: float, step: float) -> str:
 def legend_words(curves: Sequence[tuple[str, Floats, float]]) -> list[str]:
     """Return the names with their values, row after row, of (label, values, resolution)."""
     columns = [
-        [f"{label}  {_number(value, resolution)}" for value in values.tolist()]
+        [f"{_short(label)}  {_number(value, resolution)}" for value in values.tolist()]
         for label, values, resolution in curves
     ]
     return [words for row in zip(*columns, strict=True) for words in row]
@@ -455,6 +457,10 @@ def in_signs(words: str) -> str:
 def bounds() -> tuple[tuple[float, float], tuple[float, float]]:
     """Return what of the plane a view of a chart shows."""
     return (-LEFT, WIDTH - LEFT), (-TOP, HEIGHT - TOP)
+
+
+def _short(label: str) -> str:
+    return label if len(label) <= LONGEST else f"{label[: LONGEST - 1]}…"
 
 
 def _number(value: float, resolution: float) -> str:

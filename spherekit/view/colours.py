@@ -15,6 +15,7 @@ BACKGROUND: Colour = (20, 22, 30)
 GRATICULE: Colour = (62, 68, 90)
 SPHERE = (60, 70, 100, 120)
 GOLD: Colour = (255, 196, 0)
+BRONZE: Colour = (122, 98, 34)
 SILVER: Colour = (165, 170, 184)
 VIOLET: Colour = (128, 104, 184)
 PALE: Colour = (232, 234, 240)
@@ -59,7 +60,7 @@ def tone(number: int) -> Colour:
 
 def link_colour(number: int) -> Colour:
     """Return the colour of the link at position `number` of the mechanism."""
-    return LINKS[number % len(LINKS)]
+    return LINKS[1 + (number - 1) % (len(LINKS) - 1)] if number else LINKS[0]
 
 
 def of_series(link: int | None, used: Sequence[Colour]) -> Colour:

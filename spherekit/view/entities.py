@@ -188,13 +188,13 @@ def present(rows: Floats) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(rows).all(axis=1))
 
 
-def path_lines(lines: list[Floats], primary: bool) -> rr.LineStrips3D:
-    """Return the whole path that a pole leaves on the sphere."""
-    colour = colours.SILVER if primary else colours.GOLD
+def path_lines(lines: list[Floats], primary: bool, grid: bool = False) -> rr.LineStrips3D:
+    """Return the whole path that a pole leaves on the sphere, or its paths over a grid."""
+    colour = colours.SILVER if primary else colours.BRONZE if grid else colours.GOLD
     return rr.LineStrips3D(
         [1.003 * line for line in lines],
         colors=colour,
-        radii=rr.Radius.ui_points(0.7 if primary else 1.2),
+        radii=rr.Radius.ui_points(0.7 if primary or grid else 1.2),
     )
 
 

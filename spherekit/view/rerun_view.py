@@ -495,7 +495,8 @@ class RerunRecorder:
             whole = np.concatenate(blocks) if blocks else np.zeros((0, 3))
             lines = shapes.path_on_sphere(whole, self._row)
             if lines:
-                self._still(f"{path}/path", entities.path_lines(lines, primary))
+                drawn = entities.path_lines(lines, primary, self._row is not None)
+                self._still(f"{path}/path", drawn)
         for path, points in self._drawn.items():
             line = np.concatenate(points)
             parts = shapes.unbroken(line)
