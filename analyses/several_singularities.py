@@ -336,7 +336,8 @@ class SeveralInputs:
             for each in found.curves:
                 lines.append(_directions(self._drawn(batch, each)))
                 marks += [
-                    Mark("III", place, TONES["III"]) for place in _directions(each.both)
+                    Mark("type III", place, TONES["III"])
+                    for place in _directions(each.both)
                 ]
             parts.append(
                 SphereCurves(
