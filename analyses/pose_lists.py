@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from spherekit.plugin import (
     AnalysisError,
     Floats,
-    columns_of,
     listing,
-    read_numbers,
 )
 from spherekit.plugin.rotations import (
     from_quaternion,
@@ -21,9 +19,7 @@ from spherekit.plugin.rotations import (
     normals_of,
     pointing,
 )
-from spherekit.plugin.workspace import (
-    OutputKinematics,
-)
+from spherekit.plugin.workspace import OutputKinematics, columns_of, read_numbers
 
 from .pose_text import (
     AZIMUTH_TILT,

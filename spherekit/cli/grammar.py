@@ -14,7 +14,7 @@ USAGE = 2
 """Exit status of a command line that the grammar refuses."""
 
 COMMANDS = {
-    "new": "write a file to start from: a mechanism of your own",
+    "new": "write files to start from: a mechanism or an analysis of your own",
     "validate": "check mechanism and study files and say what they hold",
     "plan": "print the Table and the steps that give every pole axis",
     "explain": "say what an analysis will compute, before anything is computed",
