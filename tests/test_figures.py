@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import dataclass
+from html.parser import HTMLParser
 from typing import ClassVar
 
 import numpy as np
@@ -24,6 +25,7 @@ from spherekit.figures.projection import (
     centre_of,
     opposite,
 )
+from spherekit.markup import html_table
 
 CAP = 0.4
 
@@ -68,8 +70,8 @@ def test_curves_are_the_columns_of_the_table(four_bar):
             assert points[:, 1] == pytest.approx(rows["velocity_coefficient"].to_numpy())
         assert panel.get_xlim() == pytest.approx((0.0, 360.0))
     assert figure.axes[-1].get_xlabel() == "input 21, deg"
-    assert figure.axes[0].get_ylabel() == "velocity coefficients"
-    assert four_bar.plot("acceleration coefficients").axes[0].get_ylabel().endswith("1/rad")
+    assert figure.get_supylabel() == "velocity coefficients"
+    assert four_bar.plot("acceleration coefficients").get_supylabel().endswith("1/rad")
 
 
 def test_angles_are_in_radians_where_asked(four_bar):
@@ -352,3 +354,43 @@ def test_without_matplotlib_it_says_what_to_install():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert 'pip install "spherekit-mechanisms[plot]"' in out.stdout
+
+
+class Page(HTMLParser):
+    """Reads the cells of tables and the items of lists."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.cells, self.open = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.cells.append((self.open[-1], data))
+
+
+def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
+    made = sk.load("four_bar")
+    page = Page(sk.plan(made)._repr_html_())
+    marks = [text for tag, text in page.cells if tag == "td"]
+    assert marks.count("x") == 8 and marks.count("I") == 4 and marks.count("■") == 4
+    page = Page(made._repr_html_())
+    assert ("td", "21") in page.cells and ("td", "input") in page.cells
+    page = Page(four_bar._repr_html_())
+    frame = four_bar.frame("poles")
+    assert ("caption", f"poles: {len(frame)} rows") in page.cells
+    assert ("th", "q [rad]") in page.cells
+    row = f"{frame['velocity_coefficient'].iloc[1]:.6g}"
+    assert ("td", row) in page.cells
+    assert any(tag == "li" and "4 of type I" in text for tag, text in page.cells)
+
+
+def test_names_in_pages_are_escaped():
+    text = html_table(["<a>"], [["<script>", "a & b"]], "<b>")
+    assert "<script>" not in text and "<b>" not in text
+    assert [t for tag, t in Page(text).cells] == ["<b>", "<a>", "<script>", "a & b"]

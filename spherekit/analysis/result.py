@@ -4,8 +4,11 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
+
+import numpy as np
 
 from spherekit.analysis.folder.journal import SUMMARY, RunFolder
 from spherekit.analysis.folder.store import AbstractStore, InMemory, OnDisk
@@ -21,15 +24,18 @@ from spherekit.analysis.tables import (
     TableData,
 )
 from spherekit.checked import checked
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import counted, listing, nearest
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes
+from spherekit.markup import html_list, html_table
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
 MOTION = "motion"
+FIRST_ROWS = 5
+"""Of each table in the page of a notebook."""
 
 Columns = Literal[1, 2]
 """Columns of a journal over which a figure goes."""
@@ -86,6 +92,21 @@ class RunResult:
         )
         failed = f"; failed: {listing(self.failures)}" if self.failures else ""
         return f"<RunResult of {self.summary.get('mechanism')}: tables {tables}{failed}>"
+
+    def _repr_html_(self) -> str:
+        """Return the first rows of all tables, what was found, and what failed, as HTML."""
+        parts = [f"<p>{escape(repr(self)[1:-1])}</p>"]
+        for name, result in self.results.items():
+            for table in result.tables:
+                if table.name in result.data:
+                    parts.append(_first_rows(name, table, result.data[table.name]))
+        claims = [self.summary["search"]] if self.summary.get("assembly_modes") else []
+        found = [*claims, *self.summary.get("remarks", ())]
+        parts.append(html_list("Found", [str(each) for each in found]))
+        parts.append(html_list("Warnings", self.summary.get("warnings", ())))
+        failed = [f"{name}: {why}" for name, why in self.failures.items()]
+        parts.append(html_list("Failed", failed))
+        return "".join(parts)
 
     @checked(AnalysisError)
     def frame(
@@ -260,6 +281,19 @@ class RunResult:
                 )
             paths, _ = write_results(place, rows, self.summary, Files(degrees, formats))
             return paths
+
+
+def _first_rows(analysis: str, table: Table, data: TableData) -> str:
+    """Return the first rows of a table as HTML, with the units of its columns."""
+    columns = [np.asarray(data[column.name]) for column in table.columns]
+    count = len(columns[0]) if columns else 0
+    header = [
+        f"{column.name} [{column.unit}]" if column.unit else column.name
+        for column in table.columns
+    ]
+    rows = zip(*(values[:FIRST_ROWS].tolist() for values in columns), strict=True)
+    name = analysis if table.name == analysis else f"{analysis}/{table.name}"
+    return html_table(header, rows, f"{name}: {counted(count, 'row')}")
 
 
 def stem_of(analysis: str, tables: Sequence[Table], table: Table) -> str:

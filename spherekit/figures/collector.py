@@ -100,6 +100,13 @@ def _whole(parts: Sequence[Any]) -> Primitive:
         case Portrait():
             return replace(first, x=rows("x"), y=rows("y"))
         case Diagram():
-            return replace(first, places=rows("places"), lines=rows("lines"))
+            words = [each for part in parts for each in part.words]
+            return replace(
+                first,
+                places=rows("places"),
+                lines=rows("lines"),
+                words=words,
+                readings=None if first.readings is None else rows("readings"),
+            )
         case _:
             return first

@@ -201,7 +201,7 @@ def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     pages: dict[str, list[Scene]] = {}
     seen: set[bytes] = set()
     for scene in own:
-        pages.setdefault(_kind(scene.page) or "sphere", []).append(scene)
+        pages.setdefault(_kind(scene.page), []).append(scene)
     for name, scenes in pages.items():
         curves: dict[str, SphereCurves] = {}
         maps: dict[str, SphereMap] = {}
@@ -213,20 +213,14 @@ def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
         shown = OnSphere(list(maps.values()), list(curves.values()))
         if len(shown.focus()) and shown.content not in seen:
             seen.add(shown.content)
-            title = f"{name[:1].lower()}{name[1:]} on the sphere"
+            title = f"{name[:1].lower()}{name[1:]} on the sphere".strip()
             yield title, partial(draw_sphere, shown, sheet)
 
 
 def _surfaces(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     groups = _grouped(own, Surface, lambda scene, item: item.axes)
     for number, items in enumerate(groups.values()):
-        surfaces = [
-            item
-            for item in {item.path: item for _, item in items}.values()
-            if len(item.triangles)
-        ]
-        if not surfaces:
-            continue
+        surfaces = list({item.path: item for _, item in items}.values())
         name = "surfaces" if len(groups) == 1 else f"surfaces {number + 1}"
         yield name, partial(draw_surfaces, surfaces, sheet)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.analysis.scene import Axis, Floats, InputMarks, Page, Series, titled
 from spherekit.figures import style
@@ -18,6 +19,7 @@ from spherekit.figures.sheet import (
     spot_look,
     stroke,
     ticks_of,
+    wrapped,
 )
 
 MOST_IN_ONE = 7
@@ -57,13 +59,18 @@ def draw_curves(
             (label, stroke(*style.series_look(k))) for k, label in enumerate(labels)
         ]
     elif len(pages) > 1:
-        entries += [(sheet.title(page), stroke(*page_look(page))) for page in pages]
+        seen = [c.page for c in curves if np.any(np.isfinite(c.series.values))]
+        entries += [
+            (sheet.title(page), stroke(*page_look(page))) for page in pages if page in seen
+        ]
     own = [(page, each) for page, each in marks if page in pages and len(each.inputs)]
     named = {each.label: each for _, each in own}
     entries += [(label, spot(each.tone)) for label, each in named.items()]
     count = 1 if together else len(labels)
     with style.look():
-        figure, panels, across = sheet.panels(count, RATIO, sheet.legend_rows(entries))
+        longest = max(map(len, labels)) if count > 1 else 0
+        rows = sheet.legend_rows(entries)
+        figure, panels, across = sheet.panels(count, RATIO, rows, longest)
         scale = scale_of(
             np.concatenate([curve.series.values for curve in curves]), curves[0].series.unit
         )
@@ -77,9 +84,11 @@ def draw_curves(
             heading = shown[0].series
             if count > 1:
                 panel.set_title(labels[k])
-            if k % across == 0:
-                words = titled(heading.group, style.in_signs(heading.unit))
-                panel.set_ylabel(_wrapped(words))
+            words = titled(heading.group, style.in_signs(heading.unit))
+            if k == 0 and count > across:
+                figure.supylabel(words, fontsize=8.0)
+            elif k == 0:
+                panel.set_ylabel(wrapped(words))
             if k + across < count:
                 panel.set_xlabel("")
         sheet.legend(figure, entries)
@@ -114,6 +123,8 @@ def _panel(
         look |= {"zorder": 2.0 + 0.01 * k, "dash_capstyle": "butt"}
         line = line_between(panel, broken(points, (low, high), TURNS.get(unit)), look)
         line.set_gid(f"mode {curve.page}" if isinstance(curve.page, int) else None)
+        lone = points[_alone(curve.series.values)]
+        panel.plot(lone[:, 0], lone[:, 1], ".", color=colour, markersize=3.0)
     known = every[np.isfinite(every)]
     if len(known) and np.ptp(known) <= resolution * scale and np.any(known != known[0]):
         within = f"{float(np.ptp(known)):.0e} {style.in_signs(unit)}".strip()
@@ -131,6 +142,12 @@ def _panel(
     ticks_of(panel, unit, "y", 5)
     if low < 0.0 < high:
         panel.axhline(0.0, color=style.FAINT, linewidth=0.6, zorder=0.5)
+
+
+def _alone(values: Floats) -> NDArray[np.bool_]:
+    """Return which values are known beside none, so that no stroke shows them."""
+    known = np.concatenate([[False], np.isfinite(values), [False]])
+    return np.asarray(known[1:-1] & ~known[:-2] & ~known[2:])
 
 
 def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
@@ -171,13 +188,3 @@ def _same(one: Floats, other: Floats, span: float) -> bool:
 
 def _of(curves: Sequence[Curve], label: str) -> list[Curve]:
     return [curve for curve in curves if curve.series.label == label]
-
-
-def _wrapped(words: str, most: int = 30) -> str:
-    """Return words in lines of about so many letters."""
-    lines = [""]
-    for word in words.split():
-        if lines[-1] and len(lines[-1]) + len(word) >= most:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return "\n".join(lines)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, Literal, final
 
 import numpy as np
 
@@ -10,10 +10,14 @@ from spherekit.analysis.scene import Axis, Floats, Page, Series, titled
 from spherekit.figures import style
 from spherekit.figures.ranges import scale_of, shown_range
 from spherekit.figures.sdk import Axes, Figure, Normalize, ScalarMappable
-from spherekit.figures.sheet import Sheet, ticks_of
+from spherekit.figures.sheet import Sheet, ticks_of, wrapped
 
 SIGNED = "RdBu_r"
 RATIO = 0.95
+LONELY = 4.0
+"""Values so many times farther apart than nine tenths of them are beyond the colours."""
+TURNED = 0.3
+"""Neighbours of unlike signs that differ by more, over the range, pass no zero."""
 MOST_SLICES = 3
 """Values of further inputs at which a map is drawn."""
 
@@ -60,7 +64,7 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
     panels_of = [(each, at) for each in maps for at in _slices(grid[2:])]
     first = maps[0].series
     values = np.concatenate([each.series.values for each in maps])
-    low, high = shown_range(values, scale_of(values, first.unit))
+    low, high = shown_range(values, scale_of(values, first.unit), lonely=LONELY)
     signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
     if signed:
         low, high = -max(-low, high), max(-low, high)
@@ -80,26 +84,44 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
                 shading="nearest",
                 rasterized=True,
             )
-            if signed and np.sum(np.isfinite(table)) > 3:
-                panel.contour(
-                    grid[0],
-                    grid[1],
-                    table.T,
-                    levels=[0.0],
-                    colors=style.INK,
-                    linewidths=0.8,
-                )
+            if signed:
+                _zeros(panel, grid[0], grid[1], table, high - low)
             panel.set_title(_title(each, grid, at, sheet), color=_ink(each.page))
             _axes(panel, each.over, k % across == 0, k + across >= len(panels))
         bar = figure.colorbar(
-            ScalarMappable(tint, colours), ax=panels, shrink=0.8, pad=0.02, aspect=30
+            ScalarMappable(tint, colours),
+            ax=panels,
+            shrink=0.8,
+            pad=0.02,
+            aspect=30,
+            extend=_ends(values, low, high),
         )
-        bar.set_label(
-            f"{first.label}: {titled(first.group, style.in_signs(first.unit))}"
-            if first.label != first.group
-            else titled(first.group, style.in_signs(first.unit))
-        )
+        words = titled(first.group, style.in_signs(first.unit))
+        if first.label != first.group:
+            words = f"{first.label}: {words}"
+        bar.set_label(wrapped(words, 42))
     return figure
+
+
+def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> None:
+    """Draw where a quantity passes zero, and not where its sign is turned."""
+    still = table.copy()
+    for axis in (0, 1):
+        step = np.diff(table, axis=axis)
+        sign = np.moveaxis(np.abs(step) > TURNED * span, axis, 0)
+        lines = np.moveaxis(still, axis, 0)
+        lines[:-1][sign] = np.nan
+        lines[1:][sign] = np.nan
+    known = still[np.isfinite(still)]
+    if len(known) and np.min(known) < 0.0 < np.max(known):
+        panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
+
+
+def _ends(values: Floats, low: float, high: float) -> Literal["neither", "both"]:
+    """Return whether the scale of colours has ends for what is beyond it."""
+    known = values[np.isfinite(values)]
+    beyond = bool(np.any((known < low) | (known > high)))
+    return "both" if beyond else "neither"
 
 
 def _axes(panel: Axes, over: Sequence[Axis], left: bool, bottom: bool) -> None:

@@ -78,6 +78,8 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
         for mark in marks.values():
             panel.plot(*mark.place, zorder=4.0, **spot_look(mark.tone))
         _frame(panel, first)
+        if not traced and first.x_unit == first.y_unit and not first.logarithmic:
+            panel.set_aspect("equal")
         sheet.legend(figure, entries)
         if len(kinds) > MOST_KINDS:
             figure.draw_without_rendering()

@@ -27,7 +27,7 @@ def scale_of(values: Floats, unit: str) -> float:
 
 
 def shown_range(
-    values: Floats, scale: float, resolution: float = 1e-9
+    values: Floats, scale: float, resolution: float = 1e-9, lonely: float = LONELY
 ) -> tuple[float, float]:
     """Return the least and greatest value that a panel of values (n,) shows.
 
@@ -42,7 +42,7 @@ def shown_range(
         half = AROUND * max(abs(middle), scale) or 1.0
         return middle - half, middle + half
     inner, outer = np.quantile(known, [0.05, 0.95]).tolist()
-    if outer > inner and high - low > LONELY * (outer - inner):
+    if outer > inner and high - low > lonely * (outer - inner):
         reach = BEYOND * (outer - inner)
         low, high = max(low, inner - reach), min(high, outer + reach)
     margin = MARGIN * (high - low)

@@ -22,6 +22,10 @@ LEGEND_ROW = 0.17
 """Inches that a row of the legend takes."""
 HEADING = 0.25
 """Inches of a panel's title and the name of its axis."""
+LONG_TITLE = 28
+"""Letters of a title from which on fewer panels stand side by side."""
+TICK = 0.42
+"""Inches that a number on an x axis takes."""
 SCREEN = 160
 """Dots per inch in a notebook."""
 
@@ -82,10 +86,13 @@ class Sheet:
             )
         return page or ""
 
-    def grid(self, count: int) -> tuple[int, int]:
-        """Return rows and columns of so many panels."""
-        across = min(count, style.PANELS[self.columns])
-        if (self.columns == 1 and count > 4) or (count == 4 and self.columns == 2):
+    def grid(self, count: int, longest: int = 0) -> tuple[int, int]:
+        """Return rows and columns of so many panels, with titles of so many letters."""
+        most = style.PANELS[self.columns]
+        across = min(count, max(1, most - 1) if longest > LONG_TITLE else most)
+        if (self.columns == 1 and count > 4 and longest <= LONG_TITLE) or (
+            count == 4 and self.columns == 2
+        ):
             across = 2
         return -(-count // across), across
 
@@ -95,13 +102,14 @@ class Sheet:
         return Drawing(figsize=(self.width, height), layout="constrained")
 
     def panels(
-        self, count: int, ratio: float, legend: int = 0
+        self, count: int, ratio: float, legend: int = 0, longest: int = 0
     ) -> tuple[Drawing, list[Axes], int]:
         """Return a figure with so many panels, and how many are side by side.
 
-        `ratio` is the height of a panel over its width, `legend` the rows of a legend.
+        `ratio` is the height of a panel over its width, `legend` the rows of a legend,
+        `longest` the letters of the longest title.
         """
-        rows, across = self.grid(count)
+        rows, across = self.grid(count, longest)
         widest = 0.55 if across == 1 and self.columns == 2 else 1.0
         row = self.width / across * ratio * widest
         figure = self.figure(rows, row + HEADING, legend)
@@ -167,6 +175,11 @@ def ticks_of(panel: Axes, unit: str, which: str, most: int = 6) -> None:
     """Put ticks at round numbers, of many degrees at those that part a turn."""
     low, high = getattr(panel, f"get_{which}lim")()
     in_turns = unit == "deg" and high - low >= LONG
+    whole = panel.get_figure(root=True)
+    if which == "x" and whole is not None:
+        across = panel.get_gridspec()
+        width = whole.get_figwidth() / (across.ncols if across else 1) - 0.5
+        most = max(2, min(most, int(width / TICK)))
     steps = DEGREE_STEPS if in_turns else (1, 2, 2.5, 5, 10)
     getattr(panel, f"{which}axis").set_major_locator(MaxNLocator(nbins=most, steps=steps))
 
@@ -175,3 +188,13 @@ def line_between(panel: Axes, points: Floats, look: Mapping[str, Any]) -> Line2D
     """Draw a polyline (n, 2), with gaps where it is NaN, in a look of matplotlib."""
     (line,) = panel.plot(points[:, 0], points[:, 1], **look)
     return line
+
+
+def wrapped(words: str, most: int = 30) -> str:
+    """Return words in lines of about so many letters."""
+    lines = [""]
+    for word in words.split():
+        if lines[-1] and len(lines[-1]) + len(word) >= most:
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return "\n".join(lines)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from spherekit.checked import checked
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
 from spherekit.errors import ModelError
+from spherekit.markup import html_table
 from spherekit.model.changes import (
     AngleUnit,
     Sizes,
@@ -292,6 +293,16 @@ class Mechanism:
                 f"{nearest(str(name), self.links) or ';'} Links: {listing(self.links)}"
             )
         return self.link_number[name]
+
+    def _repr_html_(self) -> str:
+        """Return its pairs with their links, and what else it has, as HTML."""
+        inputs = {item.pair for item in self.inputs}
+        rows = [
+            [pair.name, pair.type, *pair.links, "input" if pair.name in inputs else ""]
+            for pair in self.pairs
+        ]
+        header = ["pair", "type", "link", "link", ""]
+        return html_table(header, rows, repr(self)[1:-1])
 
     def __repr__(self) -> str:
         types = Counter(pair.type for pair in self.pairs)

@@ -19,7 +19,9 @@ from typing import final
 from spherekit.checked import checked
 from spherekit.conventions import nearest
 from spherekit.errors import PlanError
+from spherekit.markup import html_table
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.cells import cells
 from spherekit.planning.coaxial import coaxial_links
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.rigidity import Pebbles, counted_freedom
@@ -135,6 +137,13 @@ class Plan:
             f"<Plan of {self.mechanism.name}: {len(self.requested)} poles in "
             f"{len(self.steps)} steps, while {moving} moves>"
         )
+
+    def _repr_html_(self) -> str:
+        """Return the Table: for each pole the pass that finds it, x for a primary one."""
+        names = [self.name(body) for body in self.bodies]
+        rows = [[name, *row] for name, row in zip(names, cells(self), strict=True)]
+        moving = self.mechanism.pairs[self.input].name
+        return html_table(["", *names], rows, f"{self.mechanism.name}, {moving} moves")
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:

@@ -1,0 +1,33 @@
+"""Tables for the pages of notebooks."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+
+def html_table(
+    header: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = ""
+) -> str:
+    """Return a table as HTML, every text in it escaped."""
+    head = "".join(f"<th>{escape(str(each))}</th>" for each in header)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(shown(each))}</td>" for each in row) + "</tr>"
+        for row in rows
+    )
+    words = f"<caption>{escape(caption)}</caption>" if caption else ""
+    return f"<table>{words}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def html_list(title: str, lines: Sequence[str]) -> str:
+    """Return a titled list as HTML, escaped; nothing without lines."""
+    if not lines:
+        return ""
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<p><b>{escape(title)}</b></p><ul>{items}</ul>"
+
+
+def shown(value: Any) -> str:
+    """Return a value of a table as text, numbers with six digits."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)

@@ -1,0 +1,61 @@
+"""The notebooks of the pages run, cell after cell, and what cells end with is shown."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+NOTEBOOKS = sorted((Path(__file__).parent.parent / "docs" / "notebooks").glob("*.md"))
+CELL = re.compile(r"^```\{code-cell\} ipython3\n(.*?)^```$", re.M | re.S)
+CHECKS = {
+    "first_steps": lambda names, last: last,
+    "wrist": lambda names, last: (
+        any("30.9007" in text for text in last)
+        and min(abs(d - names["wanted"]).max() for d in names["pointed"]) < 1e-12
+    ),
+    "dynamics": lambda names, last: abs(names["work"] - names["loads"]) < 1e-3,
+}
+"""What the text around the cells says of them."""
+
+
+def shown(value):
+    """Return what a notebook would make of a value."""
+    for name in ("_repr_html_", "_repr_png_"):
+        text = getattr(value, name, lambda: None)()
+        if text:
+            return text
+    return repr(value)
+
+
+def run(path):
+    """Run all cells, show what they end with, and check what the text says."""
+    names: dict[str, object] = {}
+    last = None
+    for number, cell in enumerate(CELL.findall(path.read_text(encoding="utf-8"))):
+        tree = ast.parse(cell)
+        ends = isinstance(tree.body[-1], ast.Expr)
+        body = tree.body[:-1] if ends else tree.body
+        exec(compile(ast.Module(body, []), f"{path.name} cell {number}", "exec"), names)
+        if ends:
+            expression = ast.Expression(tree.body[-1].value)
+            last = eval(compile(expression, f"{path.name} cell {number}", "eval"), names)
+            assert shown(last)
+    assert CHECKS[path.stem](names, last)
+    print("all cells run")
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_cells_run_and_show_something(path, tmp_path):
+    code = "import sys, pathlib, test_notebooks as t; t.run(pathlib.Path(sys.argv[1]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+    )
+    assert done.stdout.endswith("all cells run\n"), done.stderr
