@@ -260,7 +260,7 @@ class SeveralInputs:
         for number, rows in batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
             for output in self.outputs(batch.mechanism):
-                if self._curves(batch, output):
+                if any(found.curves for found in self._curves(batch, output)):
                     parts.append(self._plane(batch, output, rows))
                     parts += self._on_sphere(batch, output)
                 parts += self._plots(batch, output, rows)
@@ -282,7 +282,9 @@ class SeveralInputs:
         for moved, pair in enumerate(batch.moving_inputs):
             for name, values in (("c", found.c), ("d", found.d)):
                 where = f"plots/relation/{output.name}/{pair}/{name}"
-                label = f"{name}, {pair} moves"
+                if not np.any(np.isfinite(values)):
+                    continue
+                label = f"{name} by {pair}"
                 group = f"input-output relation of {output.name}"
                 parts.append(Series(where, label, group, values[rows, moved]))
         for kind, sizes in (("I", found.type_one), ("II", found.type_two)):

@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.own import own_mechanisms
 from benchmarks.random_mechanisms import random_mechanism
 from benchmarks.report import Cell, Section
 from benchmarks.special import AsWritten, special_mechanism
@@ -15,7 +16,6 @@ from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import Arithmetic, Digits, wide
 from spherekit.exact.field import exact_direction, exact_field
 from spherekit.exact.rows import exact_rows
-from spherekit.files.library import shipped
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
@@ -77,8 +77,7 @@ def run(quick: bool) -> list[Section]:
     """Return the share of errors within what is stated, and how much of it they take."""
     names: tuple[str, ...] = QUICK
     if not quick:
-        packs = [pack for pack in shipped() if pack.distribution == "spherekit"]
-        names = tuple(sorted(name for pack in packs for name in pack.files))
+        names = own_mechanisms()
     rows = [_row(name, [load(name)], 13) for name in names]
     families: dict[str, list[Mechanism]] = {}
     for seed in range(30 if quick else 1000):

@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 
 from benchmarks.motion import row_of, times_of
+from benchmarks.own import own_mechanisms
 from benchmarks.report import Cell, Section
 from benchmarks.samples import grown, with_contacts
 from benchmarks.timing import median, ratio
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
-from spherekit.files.library import shipped
 from spherekit.files.read import load
 from spherekit.model.mechanism import Input, Mechanism
 from spherekit.motion.motion import Tracer
@@ -92,12 +92,7 @@ def run(quick: bool) -> list[Section]:
 
 def _shipped(quick: bool) -> Section:
     """Return the costs of the shipped mechanisms, as ratios over one of them."""
-    every = [
-        name
-        for pack in shipped()
-        if pack.distribution == "spherekit"
-        for name in sorted(pack.files)
-    ]
+    every = own_mechanisms()
     names = list(QUICK) if quick else [UNIT, *(name for name in every if name != UNIT)]
     rows: list[tuple[Cell, ...]] = []
     unit = Tracer(load(UNIT), samples=SAMPLES, assembly_mode=0)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.own import own_mechanisms
 from benchmarks.report import Cell, Section
 from spherekit.errors import SolveError
-from spherekit.files.library import shipped
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism, SizeGeometry
 from spherekit.motion.motion import Tracer
@@ -31,12 +31,7 @@ def run(quick: bool) -> list[Section]:
 
 
 def _shipped(quick: bool) -> Section:
-    every = [
-        name
-        for pack in shipped()
-        if pack.distribution == "spherekit"
-        for name in sorted(pack.files)
-    ]
+    every = own_mechanisms()
     names = [name for name in every if len(load(name).inputs) == 1 and name != UNIT]
     names = [UNIT, *(name for name in names if not quick or name in QUICK)]
     unit = 0.0

@@ -185,8 +185,22 @@ def test_plugin_tutorial_is_a_distribution_that_works(folder):
         assert abs(ratio * poles["velocity_coefficient"].to_numpy() - 1.0).max() < 1e-12
         with pytest.raises(sk.SpherekitError, match="is none of 2, 3, 4"):
             sk.run(sk.load("four_bar"), f"{name}:link=1")
-        with pytest.raises(sk.SpherekitError, match="parameters missing: link"):
-            sk.run(sk.load("four_bar"), name)
+        by_default = sk.run(sk.load("four_bar"), name, samples=37).frame()
+        assert by_default.equals(result.frame(name))  # the rocker is the output
+
+
+def test_the_example_of_a_plugin_is_the_one_in_its_folder():
+    """File by file; and the page names all that the kit offers."""
+    example = ROOT / "examples" / "torque_ratio"
+    shown = [blocks("plugins.md", "toml")[0], *tutorial()[:2]]
+    for name, text in zip(
+        ("pyproject.toml", f"{PLUGIN}.py", "test_torque_ratio.py"), shown, strict=True
+    ):
+        assert text == (example / name).read_text(encoding="utf-8"), name
+    for module in PUBLIC:
+        if f"{module}.".startswith("spherekit.plugin."):
+            for name in importlib.import_module(module).__all__:
+                assert f"`{name}`" in PAGES["plugins.md"], f"{module}: {name}"
 
 
 def test_plugin_tutorial_has_a_scene(folder):
@@ -201,7 +215,7 @@ def test_plugin_tutorial_has_a_scene(folder):
             seen.extend((item.path, len(samples)) for item in scene.primitives)
 
     sk.run(sk.load("four_bar"), cls(link="4"), samples=5, recorder=Listener())
-    assert seen.count(("plots/torque", 5)) == 2
+    assert seen.count(("plots/ratio", 5)) == 2
 
 
 def test_every_exception_is_told():

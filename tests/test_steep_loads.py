@@ -10,7 +10,7 @@ from multibody import Hinge, MultiBody
 from spherekit.cli.main import FAILED_SAMPLES, main
 from spherekit.dynamics.forward import simulate
 from spherekit.engine.compiler import available
-from spherekit.errors import EngineError
+from spherekit.errors import EngineError, SolveError
 from spherekit.files.read import load
 from spherekit.files.write import dump
 from spherekit.model.dynamics import Friction, Mass, PairTorque, Stop
@@ -336,6 +336,17 @@ def test_an_inertia_that_vanishes_is_the_reason(engine):
     rocking = (np.cos(np.radians([50.0, 90.0])) - c[0] * c[1]) / (s[0] * s[1])
     angle = found.at([found.end.t]).values[0, made.variable_names.index("theta_41")]
     assert np.min(np.abs(abs(np.cos(angle)) - np.abs(rocking))) < 1e-4
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_link_with_mass_that_stands_still_is_no_inertia(engine):
+    """A four-bar of right angles folds: links 3 and 4 turn about 41, or all three do."""
+    arcs = {"1": 90.0, "2": 90.0 - 1e-9, "3": 90.0, "4": 90.0}
+    made = load("four_bar").with_sizes(angle_unit="deg", arcs=arcs).with_inputs("41")
+    crank = tuple(mass for mass in made.masses if mass.link == "2")
+    folding = replace(made, masses=crank, loads=())
+    with pytest.raises(SolveError, match="no link with mass moves.*give mass"):
+        simulate(folding, START, 1.0, assembly_mode=1, engine=engine)
 
 
 def test_a_load_with_a_value_but_no_series_is_left_to_numpy():

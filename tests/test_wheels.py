@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from benchmarks.sceptic.suspects import random_suspect
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import prepare
@@ -227,3 +228,23 @@ def test_curves_of_wheels_return_after_all_their_turns(tmp_path):
         left, right = (q[:, names.index(f"theta_{pair}")] for pair in ("left", "right"))
         assert np.max(turned(right - right_crank(left / DEGREE, (20, 40)) * DEGREE)) < 1e-9
     assert set(counted) <= {0, 2}
+
+
+@pytest.mark.parametrize("shift", [0.0, -360.0, 360.0])
+def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
+    """Along a closed curve that swings to and fro an input is met as often each way.
+
+    How far these wheels have rolled does not follow from the input. A turn of it is the
+    same configuration, whichever turn the range is in.
+    """
+    made = random_suspect(4).mechanism
+    (driven,) = (item.pair for item in made.inputs)
+    span = {driven: (shift - 20.0, shift + 40.0)}
+    tracer = Tracer(made.with_inputs(ranges=span, angle_unit="deg"), samples=61)
+    motion = tracer.motion()
+    fine = (motion.status == Status.OK).reshape(len(tracer.assembly_modes), -1)
+    counted = np.sum(fine, axis=0)
+    assert counted.max() == 2 and set(counted) <= {0, 2}
+    apart = motion.values[motion.sample == 20] - tracer.solver.geometry.reference
+    assert np.min(np.max(np.abs(np.sin(0.5 * apart)), axis=1)) < 1e-9
+    assert "curve of the reference pose" in tracer.claim.reason

@@ -76,6 +76,7 @@ def poles_and_pairs(evidence: Evidence, notes: Notes) -> None:
                     continue
                 rate = abs(float(at["velocity_coefficient"].iloc[0]))
                 off = abs(rate - abs(float(slope)))
+                off -= float(at["velocity_coefficient_error_bound"].iloc[0])
                 notes.contradiction(
                     not off <= LEAST * max(1.0, rate) + SPREAD * float(doubt),
                     f"{moved} moves, assembly mode {assembly_mode}, q = "
@@ -106,7 +107,10 @@ def rates_and_derivatives(evidence: Evidence, notes: Notes) -> None:
             given = float(rows["acceleration_coefficient"].iloc[4])
             slope = float(change @ u)
             scale = max(1.0, float(np.max(np.abs(w))) ** 2, float(np.max(np.abs(change))))
-            off = abs(given - slope)
+            # What is stated of the coefficient, and of the rates that the slope is of.
+            stated = float(rows["acceleration_coefficient_error_bound"].iloc[4])
+            stated += float(rows["velocity_coefficient_error_bound"].max()) / STEP
+            off = abs(given - slope) - stated
             notes.contradiction(
                 not off <= LEAST * scale + SPREAD * float(np.max(doubt)),
                 f"{moved} moves, assembly mode {assembly_mode}, q = "

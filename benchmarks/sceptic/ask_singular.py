@@ -235,7 +235,8 @@ def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
     """Compare signs at neighbouring samples with the places between them, by parity.
 
     Not across a crossing of curves: which of them an assembly mode goes on along is the
-    choice of its dyads' signs, and another one than that of the curve that is smooth.
+    choice of its dyads' signs, and another one than that of the curve that is smooth. Nor
+    across two dead centres, between which it does not close.
     """
     tables = listed(evidence, notes) if evidence.single else None
     if tables is None:
@@ -260,7 +261,8 @@ def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
             )
             at = np.sort(own.loc[turning & on_assembly_mode, "q"].to_numpy())
             crossed = own["note"].astype(str).str.contains("curves cross").to_numpy(bool)
-            crossings = own.loc[crossed & on_assembly_mode, "q"].to_numpy()
+            dead = own["turns"].astype(str).str.contains("input").to_numpy(bool)
+            crossings = own.loc[(crossed | dead) & on_assembly_mode, "q"].to_numpy()
             _parities(
                 evidence, output, assembly_mode, rows, (at, crossings), sampled, notes
             )

@@ -127,7 +127,11 @@ def same_rates(evidence: Evidence, notes: Notes) -> None:
                 ("velocity_coefficient", rates, theirs),
                 ("acceleration_coefficient", dq, their_dq),
             ):
-                size = max(1.0, float(np.nanmax(mine[row], initial=0.0))) ** 2
+                size = max(
+                    1.0,
+                    float(np.nanmax(rates[row], initial=0.0)) ** 2,
+                    float(np.nanmax(np.abs(mine[row]), initial=0.0)),
+                )
                 off = np.abs(mine[row] - yours[alike]) / size
                 if not np.any(np.isfinite(off)):
                     continue

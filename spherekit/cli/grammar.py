@@ -14,7 +14,7 @@ USAGE = 2
 """Exit status of a command line that the grammar refuses."""
 
 COMMANDS = {
-    "new": "write a file to start from: a mechanism of your own",
+    "new": "write files to start from: a mechanism or an analysis of your own",
     "validate": "check mechanism and study files and say what they hold",
     "plan": "print the Table and the steps that give every pole axis",
     "explain": "say what an analysis will compute, before anything is computed",
@@ -61,6 +61,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong and how to learn more, and exit."""
+        message = re.sub(r"invalid float value: (.*)", r"\1 is not a number", message)
+        message = re.sub(r"invalid int value: (.*)", r"\1 is not a whole number", message)
         hint = self._meant(message) or "."
         print(f"{self.prog}: {message}{hint} See: {self.prog} --help", file=sys.stderr)
         sys.exit(USAGE)

@@ -6,12 +6,14 @@ from spherekit.cli.grammar import CommandParser, home_of
 
 FILES = {
     "mechanism": "a mechanism file: commented, complete, ready to run",
+    "analysis": "a distribution with an analysis: complete, tested, ready to install",
 }
 
 EXAMPLES = (
     ("spherekit new mechanism wrist", "a four-bar to change, in wrist.toml"),
     ("spherekit new mechanism wrist --kind wrist", "two inputs that point an axis"),
     ("spherekit new mechanism mine --like stephenson", "as a shipped one"),
+    ("spherekit new analysis swing", "a plugin to change, in the folder swing"),
 )
 
 

@@ -6,9 +6,12 @@ from typing import final
 import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.errors import ModelError
+from spherekit.errors import ModelError, SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
+
+STILL = 1e-9
+"""Links that turn slower than this part of the fastest stand still but for rounding."""
 
 
 @final
@@ -73,4 +76,18 @@ def need_inertia(mechanism: Mechanism) -> None:
         raise ModelError(
             f"{mechanism.name}: mass: no moving link has inertia, so loads would "
             "accelerate it endlessly; give at least one [mass.LINK]"
+        )
+
+
+def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
+    """Raise `SolveError` where links with mass stand still while others move."""
+    B = float(equivalent_inertia(mechanism, motion)[0])
+    moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
+    sizes = [np.linalg.norm(mass.tensor, 2) for mass in moving]
+    fastest = np.max(np.sum(motion.w[0] ** 2, axis=-1))
+    if not (STILL**2 * float(np.sum(sizes)) * fastest < B):
+        raise SolveError(
+            f"{mechanism.name}: at the start no link with mass moves (less than {STILL:g} "
+            "of the fastest), so loads would accelerate the others endlessly; give mass to "
+            "links that move, or start elsewhere"
         )

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import STATUS_MEANING, Status, listing
-from spherekit.dynamics.inertia import need_inertia
+from spherekit.dynamics.inertia import need_inertia, need_moving_inertia
 from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.cache import Cache
 from spherekit.engine.loads import FULL_TURN
@@ -129,7 +129,9 @@ def prepare(
             f"{name}: the start has {rank_mobility(closure.tree, vectors)[0]} freedoms of "
             "velocity, so the loads do not say where it goes; start beside it"
         )
-    tangent = equation.motion(values[None], np.eye(len(values))[moved]).rates[0]
+    motion = equation.motion(values[None], np.eye(len(values))[moved])
+    tangent = motion.rates[0]
+    need_moving_inertia(mechanism, motion)
     if rate != 0.0 and abs(tangent[moved]) < STANDSTILL:
         pair = mechanism.pairs[mechanism.variable_owners[moved]].name
         raise SolveError(

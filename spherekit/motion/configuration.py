@@ -124,6 +124,9 @@ def configuration_curves(
     for assembly_mode in assembly_modes:
         there = solver.evaluate(assembly_mode, inputs[:, None])
         found.add(there.values[there.status == Status.OK])
+    reference = solver.geometry.reference
+    if reference is not None and low <= reference[solver.single] <= high:
+        found.add(reference[None])  # where the input stands still no mode goes through it
     drive = easiest_drive(solver)
     dead = input_turning_points(
         drive, *((low, high) if drive is solver else (-np.pi, np.pi))

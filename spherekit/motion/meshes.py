@@ -144,7 +144,6 @@ def meshes_of(
     if not rolling:
         return None
     count = len(driven)
-    endless = np.full(count, np.inf)
     for values in _configurations(closure, driven, reference):
         rates = _constant_rates(closure, driven, values)
         if rates is None:
@@ -157,12 +156,10 @@ def meshes_of(
             anchor = np.zeros(count)
             lengths = _least_rolled(closure, driven, values, rates, known)
         all_known = len(known) == len(rolling)
-        periods = endless
-        if all_known:
-            periods = np.array([_period(closure, known, each) for each in ratios.T])
+        periods = np.array([_period(closure, known, each) for each in ratios.T])
         return Meshes(tuple(known), anchor, lengths, ratios, periods, all_known)
     none = np.zeros((0, count))
-    return Meshes((), np.zeros(count), none[:, 0], none, endless, False)
+    return Meshes((), np.zeros(count), none[:, 0], none, np.full(count, TURN), False)
 
 
 def _configurations(

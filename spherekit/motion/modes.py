@@ -63,6 +63,10 @@ NEAREST = 8
 """Samples nearest to a reference pose that straight ways are tried to."""
 
 REFERENCE_ONLY = Claim(Guarantee.COMPONENT, "the mode of the reference pose")
+AS_ASSEMBLED = Claim(
+    Guarantee.COMPONENT,
+    "the curve of the reference pose; wheels put together otherwise were not looked for",
+)
 
 
 @final
@@ -266,6 +270,9 @@ class _Gathering:
             turns = np.round((middle - reference[driven]) / (2 * np.pi))
             values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
         self.add(values)
+        meshes = self.solver.meshes
+        if not self.assembly_modes and meshes is not None and len(driven) == 1:
+            self._add_along(values)
         if self.freedoms and self.freedoms[0] < len(driven):
             # Where the pose given cannot move, a search of other modes takes long and is
             # not what was asked.
@@ -277,10 +284,7 @@ class _Gathering:
         if solver.meshes is not None and not self.assembly_modes:
             self.probe(input_grid.q[:1])
         if solver.meshes is not None and not solver.meshes.all_known:
-            for q in _scattered(input_grid):
-                if not self.assembly_modes:
-                    self.probe(q[None])
-            return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
+            return self._as_assembled()
         groups = solver.assembly.groups
         if all(group.is_dyad or has_elimination(group) for group in groups):
             claim = self._eliminated()
@@ -296,6 +300,18 @@ class _Gathering:
             self.probe(input_grid.q[len(input_grid.q) // 2][None])
         things = "components" if len(solver.driven) == 1 else "modes"
         return Claim(Guarantee.SAMPLED, census.words(things))
+
+    def _as_assembled(self) -> Claim:
+        """Find the curve of wheels whose lengths rolled do not follow from the inputs."""
+        for q in _scattered(self.input_grid):
+            if not self.assembly_modes:
+                self.probe(q[None])
+        if len(self.solver.driven) == 1:
+            for assembly_mode in tuple(self.assembly_modes):
+                self._add_component(assembly_mode)
+        if self.probes:
+            return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
+        return AS_ASSEMBLED
 
     def _eliminated(self) -> Claim | None:
         """Find all modes at some inputs; return None if some may be missing there."""
@@ -373,19 +389,28 @@ class _Gathering:
             guide = assembly_mode.guide
             if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
                 continue
-            values = guide.values[len(guide.values) // 2]
-            if any(np.isfinite(curve.find(values[None])[0]) for curve in self._curves):
-                continue
-            try:
-                self._curves.append(follow_arc(self.solver.closure, values))
-            except SolveError:
-                continue
-            (period,) = self.solver.periods
-            parts = MonotoneSegments.of(
-                self._curves[-1], self.solver.single, *_range(self.input_grid), period
-            )
-            rows = np.zeros(len(parts.middles), dtype=np.intp)
-            self.add_new(parts.middles, rows, self.families[assembly_mode.number])
+            self._add_component(assembly_mode)
+
+    def _add_component(self, assembly_mode: AssemblyMode) -> None:
+        """Add the modes in the range that lie on the curve of one of a single input."""
+        guide = assembly_mode.guide
+        assert isinstance(guide, ModeCurve)
+        values = guide.values[len(guide.values) // 2]
+        if not any(np.isfinite(curve.find(values[None])[0]) for curve in self._curves):
+            self._add_along(values, self.families[assembly_mode.number])
+
+    def _add_along(self, values: Floats, family: int | None = None) -> None:
+        """Add the modes in the range that lie on the curve through a configuration."""
+        try:
+            self._curves.append(follow_arc(self.solver.closure, values))
+        except SolveError:
+            return
+        (period,) = self.solver.periods
+        parts = MonotoneSegments.of(
+            self._curves[-1], self.solver.single, *_range(self.input_grid), period
+        )
+        rows = np.zeros(len(parts.middles), dtype=np.intp)
+        self.add_new(parts.middles, rows, family)
 
     def search(self) -> Census:
         """Add what random starts over the range meet, and return how often they did."""

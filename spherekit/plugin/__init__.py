@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from spherekit.analysis.contract import Needs as Needs
     from spherekit.analysis.contract import Sweep as Sweep
     from spherekit.analysis.link_scenes import link_bodies as link_bodies
-    from spherekit.analysis.numbers import columns_of as columns_of
-    from spherekit.analysis.numbers import read_numbers as read_numbers
     from spherekit.analysis.registry import registered as registered
     from spherekit.analysis.scene import Arrow as Arrow
     from spherekit.analysis.scene import Axis as Axis

@@ -1,10 +1,12 @@
-"""What analyses of reach compute with: inverse kinematics, constraints, regions."""
+"""What analyses of reach compute with: poses of files, inverse kinematics, regions."""
 
 from typing import TYPE_CHECKING
 
 from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
+    from spherekit.analysis.numbers import columns_of as columns_of
+    from spherekit.analysis.numbers import read_numbers as read_numbers
     from spherekit.motion.assembly_modes import label_of as label_of
     from spherekit.region.region import Part as Part
     from spherekit.region.region import Region as Region
