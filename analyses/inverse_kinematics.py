@@ -32,6 +32,7 @@ from spherekit.plugin import (
     link_bodies,
     listing,
     nearest,
+    numbered,
 )
 from spherekit.plugin.rotations import (
     azimuth_tilt,
@@ -71,6 +72,8 @@ DRAWN = 2000
 LISTED = 40
 CHECKED = 200
 """Poses whose configurations are put into the closure equations."""
+MOST_TOLD = 3
+"""Poses whose configurations are told one by one."""
 SAME_VALUES = 1e-6
 """Configurations whose variables (rad) differ by less are one."""
 SOLVED_BY = Column(
@@ -100,13 +103,13 @@ class FoundPoses:
 class InverseKinematicsAnalysis(AbstractAnalysis):
     """Inputs of poses of an output in every working mode, or all poses at given inputs.
 
-    Poses are `poses`, numbers ``a:b:c`` joined by +; or the rows of a CSV or Parquet
-    `file`; or the grid over a `window`, ``NAME:FROM:TO:COUNT`` joined by +. `columns`
-    names what the numbers are, where that is not clear: ``x``, ``y``, ``z`` or
-    ``azimuth``, ``tilt`` of a pointing output, also ``phi``, ``gamma`` of a mid-plane
-    form; ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``, ``qz``,
-    ``qw``, a rotation vector ``rx``, ``ry``, ``rz`` or a matrix ``r11`` .. ``r33`` of
-    an orientation. With the names of the driven pairs the numbers are inputs, and the
+    Poses are `poses`, each ``name=number+name=number``, one after another; or the rows of
+    a CSV or Parquet `file`, in which `columns` are those to read where that is not clear;
+    or the grid over a `window`, ``NAME:FROM:TO:COUNT`` joined by +. The names are ``x``,
+    ``y``, ``z`` or ``azimuth``, ``tilt`` of a pointing output, also ``phi``, ``gamma`` of
+    a mid-plane form; ``azimuth``, ``tilt``, ``torsion``, a quaternion ``qx``, ``qy``,
+    ``qz``, ``qw``, a rotation vector ``rx``, ``ry``, ``rz`` or a matrix ``r11`` .. ``r33``
+    of an orientation. With the names of the driven pairs the numbers are inputs, and the
     poses at these are found. `unit` of angles is deg or rad; a Parquet file may say its
     own.
 
@@ -272,7 +275,36 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             f"{counted(solved, 'configuration')} of {counted(count, 'pose')}, at most "
             f"{int(np.max(solutions, initial=0))} of one{_rest(found.solver)}",
         )
-        return Findings(figures, tuple(warnings), remarks)
+        return Findings(
+            figures, tuple(warnings), (*remarks, *self._told(batch.mechanism, found, rows))
+        )
+
+    def _told(
+        self, mechanism: Mechanism, found: FoundPoses, rows: InverseRows
+    ) -> list[str]:
+        """Return a line for each configuration and nearest pose, if these are few."""
+        lines: dict[str, list[str]] = {}
+        if len(np.unique(rows.pose)) > MOST_TOLD:
+            return []
+        inputs = [item.pair for item in mechanism.inputs]
+        for k in range(len(rows)):
+            name, mode = f"pose {rows.pose[k]}", str(rows.mode[k])
+            if rows.solved[k]:
+                values = np.degrees(rows.inputs[k])
+                told = ", ".join(
+                    f"{pair} = {value:.6g} deg"
+                    for pair, value in zip(inputs, values, strict=True)
+                )
+                lines.setdefault(f"{name}: {told}", []).append(mode)
+            elif np.isfinite(found.away[k]):
+                known = found.near[k][np.isfinite(found.near[k])]
+                near = ", ".join(f"{x:.6g}" for x in np.round(known, 6) + 0.0)
+                told = (
+                    f"out of reach; nearest is ({near}), "
+                    f"{np.degrees(found.away[k]):.4g} deg away"
+                )
+                lines.setdefault(f"{name}: {told}", []).append(mode)
+        return [f"{text}, {numbered('mode', modes)}" for text, modes in lines.items()]
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the poses on the sphere by number of solutions, and by worst measure."""

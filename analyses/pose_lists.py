@@ -21,10 +21,17 @@ from spherekit.plugin.rotations import (
 )
 from spherekit.plugin.workspace import OutputKinematics, columns_of, read_numbers
 
-from .pose_text import DIRECTION, MIRROR, QUATERNION, TILT_TORSION
+from .pose_text import (
+    AZIMUTH_TILT,
+    DIRECTION,
+    MIRROR,
+    QUATERNION,
+    TILT_TORSION,
+    VECTOR,
+    from_vector,
+    numbers_of,
+)
 
-AZIMUTH_TILT = TILT_TORSION[:2]
-VECTOR = ("rx", "ry", "rz")
 MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
 """Columns that are angles."""
@@ -78,8 +85,13 @@ class Given:
         ]
         if len(told) != 1:
             raise AnalysisError(
-                f"{where}: found {' and '.join(told) or 'no poses'}; give one of poses, "
-                "file and window"
+                f"{where}: found {' and '.join(told) or 'no poses'}; give one of "
+                f"poses={_example(solver)}, file=NAME.csv and window=NAME:FROM:TO:COUNT+.."
+            )
+        if self.columns and not self.file:
+            raise AnalysisError(
+                f"{where}: columns: {listing(self.columns)} are those of a file; poses and "
+                "window say the names themselves, such as poses=azimuth=10+tilt=20"
             )
         try:
             if self.file:
@@ -93,29 +105,16 @@ class Given:
             raise
 
     def _from_text(self, solver: OutputKinematics, where: str) -> PoseList:
-        rows = []
-        for text in self.poses:
-            try:
-                rows.append([float(part) for part in text.split(":")])
-            except ValueError:
-                rows.append([np.nan])
-            if not np.all(np.isfinite(rows[-1])) or len(rows[-1]) != len(rows[0]):
+        given = numbers_of(self.poses, f"{where}: poses")
+        kind = _kind(_kinds(solver), tuple(given[0]), f"{where}: poses")
+        for number, row in enumerate(given, 1):
+            if row.keys() != given[0].keys():
                 raise AnalysisError(
-                    f'{where}: poses: "{text}", number {len(rows)}, is not '
-                    f"{len(rows[0])} numbers a:b:.."
+                    f"{where}: poses: number {number} has {listing(row)}, but the first "
+                    f"{listing(given[0])}; say all poses in the same terms"
                 )
-        kinds = _kinds(solver)
-        size = len(rows[0])
-        names = self.columns or next((k for k in kinds if len(k) == size), ())
-        if len(names) != size:
-            raise AnalysisError(
-                f"{where}: poses: {size} numbers a pose"
-                + (f" for the columns {listing(self.columns)}" if self.columns else "")
-                + f" are none of {_ways(kinds)}"
-            )
-        kind = _kind(kinds, names, where)
-        numbers = np.array(rows)[:, [names.index(name) for name in kind]]
-        places = [f"number {k + 1}" for k in range(len(rows))]
+        numbers = np.array([[row[name] for name in kind] for row in given])
+        places = [f"number {k + 1}" for k in range(len(given))]
         return self._made(solver, kind, numbers, {}, places, f"{where}: poses", None)
 
     def _from_file(self, solver: OutputKinematics, where: str) -> PoseList:
@@ -218,10 +217,7 @@ class Given:
             case ("qx", "qy", "qz", "qw"):
                 return np.asarray(from_quaternion(rows))
             case ("rx", "ry", "rz"):
-                half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
-                vector = 0.5 * np.sinc(half / np.pi) * rows
-                whole = np.concatenate([vector, np.cos(half)], axis=1)
-                return np.asarray(from_quaternion(whole))
+                return np.asarray(from_vector(rows))
             case ("phi", "gamma"):
                 form = solver.form
                 assert form is not None and solver.output.direction is not None
@@ -271,6 +267,11 @@ def _kind(
     raise AnalysisError(
         f"{where}: {listing(names)} is not a pose; say one of {_ways(kinds)}"
     )
+
+
+def _example(solver: OutputKinematics) -> str:
+    """Return how a pose of this output is written."""
+    return "+".join(f"{name}=10" for name in _kinds(solver)[0])
 
 
 def _ways(kinds: Sequence[tuple[str, ...]]) -> str:

@@ -1,9 +1,12 @@
-"""A pose of an output as text: ``phi=75+gamma=-20``, ``21=5.3+61=56.7``."""
+"""A pose of an output as text: ``azimuth=10+tilt=20``, ``21=5.3+61=56.7``."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from spherekit.plugin import (
     AnalysisError,
+    Floats,
     listing,
 )
 from spherekit.plugin.rotations import (
@@ -15,12 +18,15 @@ from spherekit.plugin.rotations import (
     Pose,
     from_quaternion,
     from_tilt_torsion,
+    pointing,
 )
 
 DIRECTION = ("x", "y", "z")
+AZIMUTH_TILT = ("azimuth", "tilt")
 MIRROR = ("phi", "gamma")
 TILT_TORSION = ("azimuth", "tilt", "torsion")
 QUATERNION = ("qx", "qy", "qz", "qw")
+VECTOR = ("rx", "ry", "rz")
 TURN = ("ux", "uy", "uz", "angle")
 
 
@@ -30,8 +36,8 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
     Parameters
     ----------
     text
-        ``key=value+key=value``: all driven pairs; x, y, z; phi, gamma; azimuth, tilt,
-        torsion; or qx, qy, qz, qw.
+        ``name=number+name=number``: all driven pairs; x, y, z; azimuth, tilt; phi,
+        gamma; azimuth, tilt, torsion; qx, qy, qz, qw; or rx, ry, rz.
     inputs
         Names of the driven pairs.
     where
@@ -51,8 +57,8 @@ def read_end(
     text: str, inputs: tuple[str, ...], where: str, turns: bool = True
 ) -> Pose | AtRotation:
     """Return the pose, or with `turns` also the turn (ux, uy, uz, angle), of a text."""
-    given = _numbers(text, where)
-    kinds = [inputs, DIRECTION, MIRROR, TILT_TORSION, QUATERNION]
+    (given,) = numbers_of(text.split("+"), where, several=False)
+    kinds = [inputs, DIRECTION, AZIMUTH_TILT, MIRROR, TILT_TORSION, QUATERNION, VECTOR]
     if turns:
         kinds.append(TURN)
     kind = next((names for names in kinds if set(names) == set(given)), None)
@@ -64,6 +70,10 @@ def read_end(
         return AtInputs(np.radians(values))
     if kind == MIRROR:
         return AtMirror(*np.radians(values))
+    if kind == AZIMUTH_TILT:
+        return AtDirection(pointing(np.radians(values)[None])[0])
+    if kind == VECTOR:
+        return AtOrientation(from_vector(np.radians(values)[None])[0])
     if kind == TILT_TORSION:
         return AtOrientation(from_tilt_torsion(np.radians(values)[None])[0])
     length = float(np.linalg.norm(values if kind == QUATERNION else values[:3]))
@@ -80,18 +90,38 @@ def read_end(
     return AtRotation(values[:3] / length, float(np.radians(values[3])))
 
 
-def _numbers(text: str, where: str) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for part in text.split("+"):
+def numbers_of(
+    parts: Sequence[str], where: str, several: bool = True
+) -> list[dict[str, float]]:
+    """Return the numbers by name of poses; a name that comes again begins the next.
+
+    Raises
+    ------
+    AnalysisError
+        If a part is not ``name=number``, or there are `several` poses and may be one.
+    """
+    found: list[dict[str, float]] = [{}]
+    for part in parts:
         name, equals, value = part.partition("=")
         try:
             number = float(value)
         except ValueError:
             number = np.nan
-        if not (name and equals and np.isfinite(number)) or name in found:
+        again = name in found[-1]
+        if not (name and equals and np.isfinite(number)) or (again and not several):
             raise AnalysisError(
-                f'{where}: "{part}" of "{text}" is not name=number, each name once; say '
-                "for example phi=75+gamma=-20"
+                f'{where}: "{part}" of "{"+".join(parts)}" is not name=number'
+                f"{'' if several else ', each name once'}; say for example "
+                "azimuth=10+tilt=20"
             )
-        found[name] = number
+        if again:
+            found.append({})
+        found[-1][name] = number
     return found
+
+
+def from_vector(vectors: Floats) -> Floats:
+    """Return the rotations (n, 3, 3) of rotation vectors (n, 3) rad."""
+    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
+    vector = 0.5 * np.sinc(half / np.pi) * vectors
+    return np.asarray(from_quaternion(np.concatenate([vector, np.cos(half)], axis=1)))

@@ -44,10 +44,12 @@ from spherekit.plugin.singularities import (
     SingularPoint,
     SixPoles,
     Type,
+    grashof,
     ordered_pole,
 )
 
 from .several_singularities import SeveralInputs
+from .singular_words import least_transmission, places, swings
 
 Floats = NDArray[np.float64]
 
@@ -272,34 +274,49 @@ class SingularityAnalysis(AbstractAnalysis):
                 f"the mechanism has {found.report.everywhere} freedoms in every "
                 "configuration: it is singular everywhere, and its tables are empty"
             )
+        for name in dict.fromkeys(points["output"][inside & (points["kind"] == "II")]):
+            warnings.append(
+                f"output {name} meets type II in the range: the locked input does not hold "
+                "it there"
+            )
+        pair = batch.moving_inputs[0]
+        names = [_named(batch.mechanism, links) for links in found.report.outputs]
         for kind, rate in (("I", "output_rate"), ("II", "input_rate")):
             slow = np.abs(relation[rate]) <= np.sin(np.radians(self.near))
             angles = np.where(slow, np.degrees(relation[f"angle_{kind}"]), np.inf)
             for output in dict.fromkeys(relation["output"].tolist()):
                 near = (relation["output"] == output) & (angles <= self.near)
+                near &= ~np.isin(relation["assembly_mode"], _met(points, kind, output))
                 if not np.any(near):
                     continue
                 row = np.flatnonzero(near)[np.argmin(angles[near])]
-                assembly_modes = numbered(
-                    "assembly mode", np.unique(relation["assembly_mode"][near])
-                )
+                numbers = np.unique(relation["assembly_mode"][near])
+                one, assembly_modes = len(numbers) == 1, numbered("assembly mode", numbers)
                 warnings.append(
-                    f"type {kind} of output {output} comes within {self.near:g} deg of "
-                    f"{assembly_modes}, nearest {angles[row]:.3g} deg on assembly mode "
-                    f"{relation['assembly_mode'][row]} at q = "
-                    f"{np.degrees(relation['q'][row]):.6g}"
-                    " deg"
+                    f"{assembly_modes} of output {output} come{'s' * one} within "
+                    f"{self.near:g} deg of type {kind} without meeting it, nearest "
+                    f"{angles[row]:.3g} deg in mode {relation['assembly_mode'][row]} at "
+                    f"{pair} = {np.degrees(relation['q'][row]):.6g} deg"
                 )
         counts = _in_words(figures["singularities"]) or "no singularities"
         beyond = _in_words(figures["outside"])
         if beyond:
             counts += f" in the range of the input, {beyond} outside"
         count = len(found.curves)
-        remark = (
+        remarks = [
             f"{counts} on {count} configuration {'curve' if count == 1 else 'curves'}; "
             f"{found.configurations.claim}"
-        )
-        return Findings(figures, tuple(warnings), (remark,))
+        ]
+        made = grashof(batch.mechanism)
+        if made is not None:
+            figures["grashof"] = made.name
+            remarks.append(str(made))
+        for name in names:
+            remarks += places(points, name, pair)
+        if found.report.everywhere is None:
+            remarks += swings(found, names)
+        remarks += least_transmission(relation, pair)
+        return Findings(figures, tuple(warnings), tuple(remarks))
 
     @property
     def _several(self) -> SeveralInputs:
@@ -635,6 +652,13 @@ def _counted(kinds: NDArray[Any]) -> dict[str, int]:
 
 def _in_words(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{n} of type {kind}" for kind, n in counts.items())
+
+
+def _met(points: Row, kind: str, output: str) -> list[int]:
+    """Return the assembly modes in which an output meets a type of singularity."""
+    own = (points["kind"] == kind) & (points["output"] == output)
+    own &= points["inside"] == "yes"
+    return [int(k) for modes in points["assembly_mode"][own] for k in modes.split("+") if k]
 
 
 def _joined(numbers: Iterable[int], sign: str = "+") -> str:

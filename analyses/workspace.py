@@ -27,10 +27,16 @@ from spherekit.plugin import (
     TableData,
     Text,
     input_columns,
+    listing,
 )
 from spherekit.plugin.rotations import (
+    AtDirection,
+    AtInputs,
+    AtMirror,
+    AtOrientation,
     from_quaternion,
     from_tilt_torsion,
+    normals_of,
     quaternion,
     tilt_torsion,
 )
@@ -55,6 +61,8 @@ from spherekit.plugin.workspace import (
     orientation_samples,
     orientation_workspaces,
 )
+
+from .pose_text import read_pose
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -94,8 +102,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
     the least angle to a singularity of type I or II. Links of a `width` on a sphere of a
     `radius`, in the same unit of length, are kept from touching. `tolerance` is the
     relative error of the area or volume, by default 1e-4 of directions and 1e-2 of
-    orientations. `pose` is judged: a direction x+y+z, a quaternion x+y+z+w for
-    orientations, or inputs in degrees, as many as there are.
+    orientations. `pose` is judged: ``name=number+name=number`` of x, y, z or
+    azimuth, tilt of a direction; azimuth, tilt, torsion, qx, qy, qz, qw or rx, ry, rz of
+    an orientation; phi, gamma; or all driven pairs.
     """
 
     name: ClassVar[str] = "workspace"
@@ -172,7 +181,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
     width: float = 0.0
     radius: float = 0.0
     tolerance: float = 0.0
-    pose: tuple[float, ...] = ()
+    pose: str = ""
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return nothing: poses are given, not traced. Bad parameters are refused here."""
@@ -229,11 +238,18 @@ class WorkspaceAnalysis(AbstractAnalysis):
             else:
                 modes[label], words = self._of_orientations(batch, item)
             warnings += [f"mode {label}: {text}" for text in words]
-            remarks.append(f"mode {label}: {_in_words(modes[label])}")
+        alike: dict[str, list[str]] = {}
+        for label, own in modes.items():
+            alike.setdefault(own.get("same_as", label), []).append(label)
+        for first, labels in alike.items():
+            name = f"mode{'s' * (len(labels) > 1)} {', '.join(labels)}"
+            each = "each " * (len(labels) > 1)
+            remarks.append(f"{name}: {each}{_in_words(modes[first])}")
         figures["working_modes"] = modes
         if self.pose:
-            figures["pose"], words = self._of_pose(batch)
+            figures["pose"], words, said = self._of_pose(batch)
             warnings += words
+            remarks += said
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
@@ -445,34 +461,47 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
     def _given_pose(self, kinematics: ClosedKinematics) -> Floats:
         """Return the poses (k, 3) or (k, 4) to be judged."""
-        given = np.array(self.pose)
-        inputs = len(kinematics.mechanism.inputs)
         size = 3 if kinematics.points else 4
-        if not len(given):
+        if not self.pose:
             return np.zeros((0, size))
-        what = "a direction x+y+z" if kinematics.points else "a quaternion x+y+z+w"
-        if len(given) not in (size, inputs) or not np.all(np.isfinite(given)):
-            raise AnalysisError(
-                f"workspace: pose: {'+'.join(f'{v:g}' for v in given)} is neither {what} "
-                f"nor {inputs} inputs in degrees"
-            )
-        if len(given) == inputs:
-            found = kinematics.forward(np.radians(given)[None])
-            places = found.directions if kinematics.points else quaternion(found.rotations)
-            assert places is not None
-            _, first = np.unique(places, axis=0, return_index=True)
-            return np.asarray(places[np.sort(first)])
-        length = np.linalg.norm(given)
-        if length == 0.0:
-            raise AnalysisError(f"workspace: pose: {what} may not be 0 throughout")
-        return np.asarray(given[None] / length)
+        where = "workspace: pose"
+        names = tuple(item.pair for item in kinematics.mechanism.inputs)
+        pose = read_pose(self.pose, names, where)
+        match pose:
+            case AtInputs(inputs):
+                found = kinematics.forward(inputs[None])
+                places = (
+                    found.directions if kinematics.points else quaternion(found.rotations)
+                )
+                assert places is not None
+                _, first = np.unique(places, axis=0, return_index=True)
+                return np.asarray(places[np.sort(first)])
+            case AtDirection(direction) if kinematics.points:
+                return np.asarray(direction[None])
+            case AtOrientation(orientation) if not kinematics.points:
+                return np.asarray(quaternion(orientation[None]))
+            case AtMirror(phi, gamma) if kinematics.form is not None:
+                normals = normals_of(np.array([phi]), np.array([gamma]))
+                turned = kinematics.form.orientations(normals)
+                return np.asarray(turned @ np.array(kinematics.output.direction))
+        takes = "a direction (x, y, z or azimuth, tilt)"
+        if not kinematics.points:
+            takes = "an orientation (azimuth, tilt, torsion; qx, qy, qz, qw; rx, ry, rz)"
+        raise AnalysisError(
+            f'{where}: "{self.pose}" does not say how output {kinematics.output.name} '
+            f"is posed; it takes {takes} or all inputs ({listing(names)})"
+        )
 
-    def _of_pose(self, batch: Batch) -> tuple[list[dict[str, Any]], list[str]]:
-        """Return how each pose fares in each mode, with the nearest one that is reached."""
+    def _of_pose(self, batch: Batch) -> tuple[list[dict[str, Any]], list[str], list[str]]:
+        """Return how each pose fares in each mode, with the nearest one that is reached.
+
+        And what to warn of, and what to say.
+        """
         kinematics, bounds = self._kinematics(batch), self._bounds(batch)
         names = [bound.name for bound in bounds] + [UNDEFINED]
         figures: list[dict[str, Any]] = []
         warnings: list[str] = []
+        within: dict[str, list[str]] = {}
         places = self._given_pose(kinematics)
         if not len(places):
             warnings.append("pose: the mechanism does not close at these inputs")
@@ -489,6 +518,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 }
                 figures.append(row)
                 if row["inside"] == "yes":
+                    margin = f"{np.degrees(row['margin_rad']):.4g} deg"
+                    text = f"{margin} from {row['limiting']}, pose ({shown}) is inside"
+                    within.setdefault(text, []).append(label)
                     continue
                 found = nearest_reachable(kinematics, bounds, item, place)
                 text = f"by {row['limiting']}"
@@ -506,7 +538,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"pose ({shown}) is outside in mode {', '.join(labels)}, {text}"
                 for text, labels in told.items()
             ]
-        return figures, warnings
+        said = [f"{text} in mode {', '.join(own)}" for text, own in within.items()]
+        return figures, warnings, said
 
     def _pages(self, batch: Batch, item: DirectionWorkspace, title: str) -> list[Scene]:
         """Return the page of the margin and that of the singularity measures."""
@@ -670,8 +703,6 @@ def _sphere() -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
 
 def _in_words(figures: Row) -> str:
     """Return what the findings of a mode say in a line."""
-    if "same_as" in figures:
-        return f"the same as mode {figures['same_as']}"
     if "volume" in figures:
         return (
             f"volume {figures['volume']:.6g} +- {figures['error']:.1g} of 8 pi^2 for all "

@@ -37,3 +37,10 @@ class Working:
             return
         self._said = time.monotonic()
         listener(f"{self.what}: {how_far()}")
+
+
+def tell(what: str, seconds: float) -> None:
+    """Say what begins and cannot say how far it is, if it will take long enough (s)."""
+    listener = _listener.get()
+    if listener is not None and seconds >= PATIENCE:
+        listener(what)

@@ -90,9 +90,13 @@ def test_forward_of_inverse_names_the_working_mode(name):
     solver = output_kinematics(sk.load(name))
     rows = solver.inverse(spread(40), solver.labels)
     good = np.flatnonzero((rows.status == Status.OK) & (rows.type_2 > AWAY))[:40]
-    text = "+".join(":".join(map(repr, map(float, q))) for q in rows.inputs[good])
-    names = "+".join(item.pair for item in solver.mechanism.inputs)
-    result, findings = found_in(name, poses=text, columns=names, unit="rad")
+    names = [item.pair for item in solver.mechanism.inputs]
+    text = "+".join(
+        f"{name}={float(value)!r}"
+        for q in rows.inputs[good]
+        for name, value in zip(names, q, strict=True)
+    )
+    result, findings = found_in(name, poses=text, unit="rad")
     assert findings["inputs"] == len(good)
     table = result.frame("inverse_kinematics", "forward")
     places = spread(40)[rows.pose[good]]
@@ -129,7 +133,7 @@ def test_graph_and_mid_plane_give_the_same_rows():
 
 def test_phi_and_gamma_of_the_paper():
     """Table 3's first pose: the four sets of driving angles."""
-    result, findings = found_in("two_dof_spm", poses="75:-20", columns="phi+gamma")
+    result, findings = found_in("two_dof_spm", poses="phi=75+gamma=-20")
     table = result.frame()
     inputs = np.degrees(table[["q_21", "q_61"]].to_numpy())
     known = [[5.3391, 56.7404], [5.3391, 100.7573], [113.7956, 56.7404]]
@@ -214,17 +218,18 @@ def test_a_matrix_that_is_no_rotation_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [
-        ({}, "give one of poses, file and window"),
-        ({"poses": "1:2", "window": "tilt:0:1:2"}, "found poses and window"),
-        ({"poses": "1:2+3"}, '"3", number 2'),
-        ({"poses": "1:2:3:4"}, "4 numbers a pose are none of"),
-        ({"poses": "1:2", "columns": "tilt+torsion"}, "is not a pose"),
-        ({"poses": "0:0:0"}, "number 1 has no direction"),
+        ({}, "give one of poses=x=10"),
+        ({"poses": "tilt=1", "window": "tilt:0:1:2"}, "found poses and window"),
+        ({"poses": "azimuth=1+tilt=2+tilt=3"}, "number 2 has tilt, but the first azimuth"),
+        ({"poses": "10:20"}, '"10:20" of "10:20" is not name=number'),
+        ({"poses": "tilt=1+torsion=2"}, "tilt, torsion is not a pose; say one of x\\+y"),
+        ({"poses": "x=1+y=0+z=0", "columns": "x+y+z"}, "are those of a file"),
+        ({"poses": "x=0+y=0+z=0"}, "number 1 has no direction"),
         ({"window": "tilt:0:1"}, "NAME:FROM:TO:COUNT"),
         ({"window": "azimuth:0:1:3000+tilt:0:1:3000"}, "more than"),
-        ({"poses": "1:2", "working_mode": "+++"}, "signs are those of"),
-        ({"poses": "1:2", "pairs": "99"}, "no pair is named"),
-        ({"poses": "1:2", "nearest": -1}, "not a number of rows"),
+        ({"poses": "azimuth=1+tilt=2", "working_mode": "+++"}, "signs are those of"),
+        ({"poses": "azimuth=1+tilt=2", "pairs": "99"}, "no pair is named"),
+        ({"poses": "azimuth=1+tilt=2", "nearest": -1}, "not a number of rows"),
         ({"file": "nowhere.csv"}, "nowhere.csv: cannot be read"),
     ],
 )
@@ -245,7 +250,7 @@ def test_forward_of_one_freedom():
 
 def test_one_freedom_is_told_another_way():
     with pytest.raises(PlanError, match="has 1 input; .* --input 41"):
-        found_in("universal_joint", poses="1:2")
+        found_in("universal_joint", poses="azimuth=1+tilt=2")
 
 
 def test_open_chains():
@@ -265,7 +270,7 @@ def test_rows_out_of_reach_offer_the_nearest_pose():
     """The offer is inside, and no direction inside is nearer."""
     mechanism = sk.load("five_bar")
     result, findings = found_in(
-        mechanism, poses="0:0:-1+1:0:0+0.3:1:0.2", working_mode="++"
+        mechanism, poses="x=0+y=0+z=-1+x=1+y=0+z=0+x=0.3+y=1+z=0.2", working_mode="++"
     )
     table = result.frame()
     assert (table["status"] == "OUT_OF_REACH").any()
@@ -285,7 +290,11 @@ def test_rows_out_of_reach_offer_the_nearest_pose():
 
 
 def test_nearest_orientation_is_inside():
-    result, _ = found_in("three_rrr", poses="0:60:180+240:80:90", working_mode="+++")
+    result, _ = found_in(
+        "three_rrr",
+        poses="azimuth=0+tilt=60+torsion=180+azimuth=240+tilt=80+torsion=90",
+        working_mode="+++",
+    )
     table = result.frame()
     out = table[table["status"] == "OUT_OF_REACH"]
     assert len(out)
@@ -312,7 +321,9 @@ class Watcher:
 def test_scene(how):
     """A window is a mesh, a list is points; values are the numbers of solutions."""
     watcher = Watcher()
-    text = "azimuth:0:350:36+tilt:5:175:18" if how == "window" else "10:20+60:70+10:179"
+    text = "azimuth:0:350:36+tilt:5:175:18"
+    if how == "poses":
+        text = "+".join(f"azimuth={a}+tilt={b}" for a, b in ((10, 20), (60, 70), (10, 179)))
     asked = [f"inverse_kinematics:{how}={text},nearest=0"]
     result = sk.run(sk.load("five_bar"), asked, samples=2, search=False, recorder=watcher)
     assert not result.failures
@@ -326,7 +337,9 @@ def test_scene(how):
 
 
 def test_pairs_asked_for():
-    result, _ = found_in("five_bar", poses="10:20", pairs="32+51", working_mode="-+")
+    result, _ = found_in(
+        "five_bar", poses="azimuth=10+tilt=20", pairs="32+51", working_mode="-+"
+    )
     pairs = result.frame("inverse_kinematics", "pairs").set_index("pair")["value"]
     assert abs(pairs["51"] - result.frame()["q_51"][0]) < 1e-15
     form = mid_plane_form(sk.load("two_dof_spm"))

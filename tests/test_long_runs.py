@@ -584,7 +584,7 @@ class Listener:
         self.inputs, self.properties, self.row = inputs, rest["properties"], rest["row"]
 
     def log(self, scene, samples, inputs=None, times=None):
-        for primitive in scene.primitives:
+        for primitive in scene.primitives if scene.page is not None else ():
             key = scene.page, primitive.path
             self.samples.setdefault(key, []).extend(samples.tolist())
             if isinstance(primitive, Series):

@@ -17,6 +17,7 @@ from spherekit.cli.main import main
 from spherekit.errors import SpherekitError
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Input
+from spherekit.singular.grashof import class_of
 
 NAME = "singularities"
 Z, SLANT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
@@ -114,10 +115,11 @@ def test_findings_count_and_warn_as_near_asks(rocker):
     assert not figures["checks_failed"] and not figures["notes"]
     wide = sk.run(four_bar(ROCKER), f"{NAME}:near=25", samples=61)
     none = sk.run(four_bar(ROCKER), f"{NAME}:near=0", samples=61)
-    assert not [w for w in findings_of(none)[1] if "comes within" in w]
-    near = [w for w in findings_of(wide)[1] if "comes within 25 deg" in w]
-    assert any("type II of output 4/1" in words for words in near)
-    assert len(near) >= len([w for w in warnings if "comes within" in w])
+    meets = "output 4/1 meets type II in the range: the locked input does not hold it there"
+    for own in (warnings, findings_of(none)[1], findings_of(wide)[1]):
+        assert f"{NAME}: {meets}" in own
+    assert not [w for w in findings_of(none)[1] if "without meeting" in w]
+    assert len(findings_of(wide)[1]) >= len(warnings)
 
 
 def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
@@ -345,3 +347,64 @@ def test_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
 @pytest.mark.parametrize("name", SINGLE)
 def test_more_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
     check_shipped(name, tmp_path, capsys)
+
+
+GRASHOF = {
+    "crank-rocker": (60.0, 20.0, 70.0, 40.0),
+    "rocker-crank": (60.0, 40.0, 70.0, 20.0),
+    "double-crank": (20.0, 60.0, 50.0, 70.0),
+    "double-rocker": (60.0, 50.0, 20.0, 70.0),
+    "triple-rocker": (70.0, 40.0, 50.0, 45.0),
+}
+
+
+@pytest.mark.parametrize("name", GRASHOF)
+def test_the_class_of_a_four_bar_is_how_its_links_turn(name):
+    """Against inputs at which the triangles of its diagonals close, one by one."""
+    g, a, h, b = np.radians(GRASHOF[name])
+    turns = np.linspace(0.0, np.pi, 2001)
+
+    def closes(fixed, moved, one, other):
+        across = np.arccos(
+            np.cos(fixed) * np.cos(moved) + np.sin(fixed) * np.sin(moved) * np.cos(turns)
+        )
+        longest = min(one + other, 2.0 * np.pi - one - other)
+        return np.all((across >= abs(one - other)) & (across <= longest))
+
+    made = {
+        (True, False): "crank-rocker",
+        (False, True): "rocker-crank",
+        (True, True): "double-crank",
+    }.get((bool(closes(g, a, h, b)), bool(closes(g, b, h, a))))
+    if made is None:  # the coupler against the input, seen from there
+        made = "double-rocker" if closes(h, a, g, b) else "triple-rocker"
+    assert made == name == class_of(g, a, h, b)
+    assert class_of(abs(a - h) + b, a, h, b) == "change-point"
+
+
+def test_the_summary_answers_what_a_designer_asks_of_a_four_bar():
+    found = sk.run("four_bar", NAME)
+    (figures,) = (x["findings"] for x in found.summary["analyses"])
+    assert figures["grashof"] == "crank-rocker"
+    said = "\n".join(found.summary["remarks"])
+    g, a, h, b = np.radians([60.0, 20.0, 70.0, 40.0])
+
+    def corner(opposite, one, other):
+        cosine = (np.cos(opposite) - np.cos(one) * np.cos(other)) / (
+            np.sin(one) * np.sin(other)
+        )
+        return np.degrees(np.arccos(cosine))
+
+    swing = corner(h + a, g, b) - corner(h - a, g, b)
+    assert f"swings {swing:.6g} deg" in said
+    least = min(corner(g - a, h, b), 180.0 - corner(g + a, h, b))
+    assert f"least transmission angle of 4/1: {least:.4g} deg at 21 = 0 deg" in said
+    dead = sorted(
+        (turn + 180.0 * (reach == h - a)) * sign % 360.0
+        for reach in (h + a, h - a)
+        for turn in [corner(b, reach, g)]
+        for sign in (1.0, -1.0)
+    )
+    for angle in dead:
+        assert f"{angle:.6g}" in said
+    assert not found.summary["warnings"]

@@ -209,7 +209,7 @@ def test_working_modes_of_the_whole_graph_are_all_found():
     own mode.
     """
     made = sk.load("two_dof_spm")
-    request = "inverse_kinematics:poses=14:23,columns=21+61"
+    request = "inverse_kinematics:poses=21=14+61=23"
     result = sk.run(made, request)
     table = result.frame("inverse_kinematics", "forward")
     assert list(table["working_mode"]) == list(table["assembly_mode"])
@@ -241,5 +241,5 @@ def test_working_modes_of_the_whole_graph_are_all_found():
             if all(each > 1e-6 for each in far):
                 met.append(found.x)
     assert len(whole) == len(met) == 16
-    phi = sk.run(made, "inverse_kinematics:poses=75:-20,columns=phi+gamma,graph=true")
+    phi = sk.run(made, "inverse_kinematics:poses=phi=75+gamma=-20,graph=true")
     assert len(phi.frame("inverse_kinematics")) > 8

@@ -149,9 +149,7 @@ def test_every_column_of_every_analysis_has_a_unit_that_is_one():
 def test_poses_of_a_csv_table_have_the_unit_beside_it(tmp_path):
     """Angles of a table that a run wrote are read in its own unit, not taken for deg."""
     mechanism = sk.load("five_bar")
-    first = sk.run(
-        mechanism, "inverse_kinematics:poses=40:65,columns=azimuth+tilt", samples=2
-    )
+    first = sk.run(mechanism, "inverse_kinematics:poses=azimuth=40+tilt=65", samples=2)
     wanted = first.frame()[["working_mode", "q_21", "q_51"]]
     for degrees in (False, True):
         folder = tmp_path / str(degrees)

@@ -14,7 +14,7 @@ from spherekit.analysis import run as runner
 from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.analysis.running import evaluation, verify
 from spherekit.analysis.running.evaluation import Evaluation
-from spherekit.analysis.running.run_plan import RunPlan
+from spherekit.analysis.running.run_plan import Asked, RunPlan
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import ORDINARY
 from spherekit.analysis.running.verify import Verifier, faults, told
@@ -153,7 +153,7 @@ def verifier_of(tracer, count):
     course = Sampling(tracer, tracer.input_grid.q, tracer.input_grid.shape, None, False, {})
     evaluation = Evaluation(ORDINARY, course, [wanted], Needs())
     return wanted, Verifier(
-        RunPlan(course, (), (), (wanted,), len(course), evaluation), count
+        RunPlan(course, Asked((), (), {}), (wanted,), len(course), evaluation), count
     )
 
 

@@ -322,9 +322,9 @@ def test_stops_of_the_mechanism_are_limits(five_bar):
 
 
 def test_a_pose_is_judged_in_each_mode(five_bar):
-    _, findings = found_in(five_bar, pose="1+1+0.2")
+    _, findings = found_in(five_bar, pose="x=1+y=1+z=0.2")
     assert [row["inside"] for row in findings["pose"]] == ["yes"] * 4
-    result, findings = found_in(five_bar, pose="0+0+-1", working_mode="++")
+    result, findings = found_in(five_bar, pose="x=0+y=0+z=-1", working_mode="++")
     (row,) = findings["pose"]
     assert row["inside"] == "no"
     axes = closed_kinematics(five_bar)
@@ -332,7 +332,7 @@ def test_a_pose_is_judged_in_each_mode(five_bar):
     assert abs(row["away_rad"] - arc(np.array([0.0, 0.0, -1.0]), there)) < 1e-12
     assert judge(axes, bounds_of(axes, Constraints()), (1, 1), there[None]).inside[0]
     assert any("is outside in mode ++" in text for text in result.summary["warnings"])
-    _, findings = found_in(five_bar, pose="40+45", working_mode="0")
+    _, findings = found_in(five_bar, pose="21=40+51=45", working_mode="0")
     assert len(findings["pose"]) == 2
     for row in findings["pose"]:
         if np.allclose(np.degrees(row["inputs"]), [40.0, 45.0], atol=1e-9):
@@ -369,8 +369,12 @@ def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
         ({"working_mode": "+"}, "none of"),
         ({"working_mode": "9"}, "none of"),
         ({"output": "nose"}, "no output"),
-        ({"pose": "1+2+3+4"}, "neither a direction"),
-        ({"pose": "0+0+0"}, "0 throughout"),
+        (
+            {"pose": "rx=1+ry=2+rz=3"},
+            "is posed; it takes a direction",
+        ),
+        ({"pose": "1+2+3+4"}, "is not name=number"),
+        ({"pose": "x=0+y=0+z=0"}, "all numbers are 0"),
         ({"tolerance": "2"}, "relative error"),
     ],
 )
@@ -414,7 +418,7 @@ def test_orientations_of_unlike_legs():
 
 def test_orientations_are_tabled():
     result, findings = found_in(
-        sk.load("agile_eye"), tolerance=0.2, working_mode="0", pose="0+0+0+1"
+        sk.load("agile_eye"), tolerance=0.2, working_mode="0", pose="qx=0+qy=0+qz=0+qw=1"
     )
     (own,) = findings["working_modes"].values()
     assert 0.0 < own["volume"] <= 8.0 * np.pi**2 + own["error"]

@@ -44,10 +44,14 @@ def link_shapes(mechanism: Mechanism) -> list[Shape]:
 
 
 def static_scene(plans: Sequence[Plan], shapes: list[Shape]) -> Scene:
-    """Return what does not move: the ground, the link/pair graph, the plans' Tables."""
-    mechanism = plans[0].mechanism
-    ground = _body(mechanism, shapes, 0, None)
-    return Scene(None, (ground, _graph(mechanism), _text(plans)))
+    """Return what does not move: the ground and the plans' Tables."""
+    ground = _body(plans[0].mechanism, shapes, 0, None)
+    return Scene(None, (ground, _text(plans)))
+
+
+def graph_scene(mechanism: Mechanism) -> Scene:
+    """Return the link/pair graph, which takes a second to lay out."""
+    return Scene(None, (_graph(mechanism),))
 
 
 def motion_scenes(

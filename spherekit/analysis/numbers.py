@@ -122,7 +122,10 @@ def _rows(path: Path) -> "Iterator[Any]":
         with path.open(newline="", encoding="utf-8-sig") as file:
             yield csv.reader(file)
     except OSError as problem:
-        raise FileError(f"{path}: cannot be read: {problem.strerror or problem}") from None
+        raise FileError(
+            f"{path}: cannot be read: {problem.strerror or problem}; give the path of a "
+            "CSV or Parquet file"
+        ) from None
     except (csv.Error, UnicodeDecodeError) as problem:
         raise FileError(f"{path}: is not a CSV file: {problem}") from None
 
@@ -133,6 +136,9 @@ def _parquet(path: Path) -> "pd.DataFrame":
     try:
         return read_parquet(path)
     except OSError as problem:
-        raise FileError(f"{path}: cannot be read: {problem.strerror or problem}") from None
+        raise FileError(
+            f"{path}: cannot be read: {problem.strerror or problem}; give the path of a "
+            "CSV or Parquet file"
+        ) from None
     except ValueError as problem:  # of pyarrow, for what is not a Parquet file
         raise FileError(f"{path}: is not a Parquet file: {problem}") from None

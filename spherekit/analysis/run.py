@@ -1,5 +1,6 @@
 """Running analyses: what they need is planned, evaluated in blocks, and handed over."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,12 +18,12 @@ from spherekit.analysis.folder.unfinished import (
 )
 from spherekit.analysis.options import Subject, study_of, takes
 from spherekit.analysis.result import RunResult, result_of
-from spherekit.analysis.running.block import evaluate_block
+from spherekit.analysis.running.block import add_events, evaluate_block
 from spherekit.analysis.running.cost import RECORDING, Timer
 from spherekit.analysis.running.needed import left_out, needed_part
 from spherekit.analysis.running.recording import RecordingSession, thinning_of
-from spherekit.analysis.running.run_plan import job_of
-from spherekit.analysis.running.sampling import course_of
+from spherekit.analysis.running.run_plan import Asked, job_of
+from spherekit.analysis.running.sampling import courses_of
 from spherekit.analysis.running.setting import ORDINARY
 from spherekit.analysis.running.summary import actual_cost, summary_of
 from spherekit.analysis.running.verify import Verifier, faults
@@ -95,13 +96,18 @@ def executed(
         study = replace(study, mechanism=needed_part(study, analyses))
     recorder = execution.recorder
     with opened(execution.folder) as place:
+        asked = Asked.of(analyses, study.mechanism)
+        engine = engine_of(place, execution.unfinished, execution.engine)
+        follow = traced(study, analyses, execution)
         with ledger.stage("search"):
-            engine = engine_of(place, execution.unfinished, execution.engine)
-            course = course_of(study, engine, traced(study, analyses, execution))
+            pending = courses_of(study, engine, follow)
+            if asked.at_once or study.verify:  # only the whole course is of use
+                pending = iter(deque(pending, maxlen=1))
+            course = next(pending)
         setting, shown = execution.setting, recorder is not None or study.verify is not None
         if execution.accuracy is not None:
             setting = setting_of(place, execution.unfinished, setting)
-        job = job_of(course, analyses, execution.block, setting, shown)
+        job = job_of(course, asked, execution.block, setting, shown)
         standing, store = taken_up(job, place, execution.unfinished, execution.tables)
         ledger.before = standing.seconds
         stage = None
@@ -117,23 +123,42 @@ def executed(
                 )
         verifier = Verifier(job, study.verify) if study.verify else None
         with kept(job, place, standing, store) as after_block:
-            blocks = job.evaluation.blocks(job.block, standing.done)
-            for motion in ledger.each("positions", blocks):
-                found, angles = evaluate_block(job, motion, standing, store, stage, ledger)
-                if verifier is not None:
-                    verifier.see(motion, found, angles)
-                standing.seconds = ledger.closed()
-                after_block()
-                is_first = standing.done == job.block
-                if is_first and not job.is_single_block and isinstance(store, OnDisk):
-                    need_disk(store, standing.done, len(course), execution.formats)
-                if execution.progress is not None:
-                    execution.progress(standing.done, len(course))
+            while True:
+                blocks = job.evaluation.blocks(job.block, standing.done)
+                for motion in ledger.each("positions", blocks):
+                    before = standing.done
+                    found, angles = evaluate_block(
+                        job, motion, standing, store, stage, ledger
+                    )
+                    if verifier is not None:
+                        verifier.see(motion, found, angles)
+                    standing.seconds = ledger.closed()
+                    after_block(job)
+                    done, total = standing.done, job.course.total
+                    if isinstance(store, OnDisk) and before < job.block <= done < total:
+                        need_disk(store, done, total, execution.formats)
+                    if execution.progress is not None:
+                        execution.progress(done, total)
+                with ledger.stage("search"):
+                    following = next(pending, None)
+                if following is None:
+                    break
+                superseded = following.run is not job.course.run
+                if superseded:
+                    standing.begin_again(asked.refused)
+                    store.clear()
+                if stage is not None:
+                    stage.goes_on(following, superseded and not job.course.going_on)
+                job = job.over(following)
+            if stage is not None:
+                with ledger.stage(RECORDING):
+                    stage.finish()
+            add_events(job, standing, store)
             summary = summary_of(job, standing)
             if stage is not None:
                 summary["recording"] = stage.summary()
             if execution.only_needed:
-                summary["part_of"] = left_out(whole, course.tracer.mechanism)
+                summary["part_of"] = left_out(whole, job.mechanism)
             summary["cost"] = actual_cost(job, standing, ledger, recorder)
             if verifier is not None:
                 summary["verified"] = verifier.verdict(standing.failures)

@@ -61,6 +61,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong and how to learn more, and exit."""
+        message = re.sub(r"invalid float value: (.*)", r"\1 is not a number", message)
+        message = re.sub(r"invalid int value: (.*)", r"\1 is not a whole number", message)
         hint = self._meant(message) or "."
         print(f"{self.prog}: {message}{hint} See: {self.prog} --help", file=sys.stderr)
         sys.exit(USAGE)

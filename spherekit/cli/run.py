@@ -19,6 +19,7 @@ from spherekit.cli.study import add_study_arguments, study_from
 from spherekit.cli.suggest import analyses as names_of_analyses
 from spherekit.cli.suggest import suggesting
 from spherekit.conventions import counted
+from spherekit.progress import Working
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -250,9 +251,16 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
         )
     if options.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
-    else:
+    elif not options.quiet:
         print(report(summary))
     sys.stdout.flush()
+    for name, why in result.failures.items():
+        print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
+    if options.quiet:
+        return
+    shown = study.recording is not None or options.serve is not None or options.connect
+    if study.folder is None and not shown and not options.json:
+        print("nothing was written: use -o DIR for tables", file=sys.stderr)
     ended = summary.get("simulation", {}).get("end", {"kind": "time"})
     if ended["kind"] != "time":
         print(
@@ -260,9 +268,6 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
             f"{ended['reason']}; what was found until then is kept",
             file=sys.stderr,
         )
-    for name, why in result.failures.items():
-        words = why.removeprefix(f"{name}: ")
-        print(f"spherekit: analysis {name} failed: {words}", file=sys.stderr)
     logged = summary.get("recording", {"one_of": 1, "from_sample": 0})
     if logged["one_of"] > 1 or logged["from_sample"] > 0:
         print(
@@ -448,17 +453,15 @@ def report(summary: Any) -> str:
             f"{mobility['graph']} by the graph"
         )
     lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
+    lines += summary["remarks"]
+    lines += [f"warning: {text}" for text in summary["warnings"]]
     repeated = summary["redundant_constraints"]
     if repeated and repeated["count"]:
         lines.append(
             f"  {counted(repeated['count'], 'redundant constraint')} among pairs "
             f"{', '.join(repeated['pairs'])}"
         )
-    for assembly_mode in summary["assembly_modes"]:
-        counts = ", ".join(f"{n} {name}" for name, n in assembly_mode["status"].items())
-        lines.append(
-            f"  assembly mode {assembly_mode['number']} ({assembly_mode['mode']}): {counts}"
-        )
+    lines += by_equal_counts(summary["assembly_modes"])
     if summary["assembly_modes"]:
         lines.append(f"assembly modes: {summary['search']}")
     lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
@@ -509,9 +512,21 @@ def report(summary: Any) -> str:
 
     if "accuracy" in summary:
         lines.append(accuracy_line(summary["accuracy"]))
-    lines += summary["remarks"]
-    lines += [f"warning: {text}" for text in summary["warnings"]]
     return "\n".join(lines)
+
+
+def by_equal_counts(assembly_modes: Sequence[Any]) -> list[str]:
+    """Return a line for all assembly modes whose samples have the same statuses."""
+    alike: dict[str, list[Any]] = {}
+    for each in assembly_modes:
+        counts = ", ".join(f"{n} {name}" for name, n in each["status"].items())
+        alike.setdefault(counts, []).append(each)
+    return [
+        f"  assembly mode{'s' * (len(own) > 1)} "
+        + ", ".join(f"{each['number']} ({each['mode']})" for each in own)
+        + f": {'each ' * (len(own) > 1)}{counts}"
+        for counts, own in alike.items()
+    ]
 
 
 def spent(cost: Any) -> list[str]:
@@ -520,12 +535,14 @@ def spent(cost: Any) -> list[str]:
     whole = sum(seconds.values())
     shown = [(name, took) for name, took in seconds.items() if took > 0.005 * whole]
     stages = ", ".join(f"{name} {duration(took)}" for name, took in shown)
-    lines = [
-        f"cost: {counted(cost['configurations'], 'configuration')}, {cost['poles']} "
-        f"pole axes, "
-        f"{cost['axis_derivatives']} derivatives, {cost['link_rates']} link rates; "
-        f"{duration(whole)} s ({stages})"
+    counts = [
+        (cost["configurations"], "configuration"),
+        (cost["poles"], "pole"),
+        (cost["axis_derivatives"], "derivative"),
+        (cost["link_rates"], "link rate"),
     ]
+    evaluated = ", ".join(counted(number, noun) for number, noun in counts if number)
+    lines = [f"cost: {evaluated}{'; ' * bool(evaluated)}{duration(whole)} s ({stages})"]
     tables = cost["tables"]
     rows = sum(table["rows"] for table in tables.values())
     line = f"  {counted(rows, 'row')} in {counted(len(tables), 'table')}"
@@ -600,9 +617,17 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
 
 
 def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:
-    if options.quiet or not sys.stderr.isatty():
+    if options.quiet:
         return None
-    return Bar(time.monotonic)
+    if sys.stderr.isatty():
+        return Bar(time.monotonic)
+    working = Working("computing")
+
+    def tell(done: int, total: int) -> None:
+        if done < total:
+            working.tell(lambda: f"{done} of {total} samples")
+
+    return tell
 
 
 class Bar:

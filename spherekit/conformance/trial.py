@@ -10,7 +10,7 @@ import numpy as np
 from spherekit.analysis.computed import computed, findings_of
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
 from spherekit.analysis.folder.store import InMemory
-from spherekit.analysis.running.run_plan import RunPlan, job_of
+from spherekit.analysis.running.run_plan import Asked, RunPlan, job_of
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.setting import ORDINARY
 from spherekit.analysis.tables import TableData
@@ -54,7 +54,8 @@ class Trial:
         PluginError
             If the analysis breaks the contract.
         """
-        job = job_of(self.course, [self.analysis], None, ORDINARY, False)
+        asked = Asked.of([self.analysis], self.course.tracer.mechanism)
+        job = job_of(self.course, asked, None, ORDINARY, False)
         for fault in job.refused.values():
             raise PluginError(fault)
         return job

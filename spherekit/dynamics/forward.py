@@ -12,6 +12,7 @@ from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulation import NO_SERIES, Forecast, Simulation
+from spherekit.dynamics.solved import Solved, Solving, last, whole
 from spherekit.dynamics.start import PoseStart, Problem, Torque, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
 from spherekit.engine.kernels import ENGINES, Engine
@@ -19,6 +20,8 @@ from spherekit.errors import EngineError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.actions import smooth
 from spherekit.model.laws import Start
+from spherekit.model.mechanism import Mechanism
+from spherekit.progress import tell
 
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
 """Smallest tolerance of each engine; below, rounding decides."""
@@ -105,16 +108,8 @@ def simulate(
     (3,)
     """
     mechanism = mechanism_of(mechanism)
+    _need_allowed(mechanism, engine, tolerance)
     problem = prepare(mechanism, start, until, torque, input_pair, assembly_mode, switches)
-    if engine not in ENGINES:
-        raise SolveError(
-            f'{mechanism.name}: engine "{engine}" is not known; it is {listing(ENGINES)}'
-        )
-    least = LEAST["numpy" if engine == "numpy" else "compiled"]
-    if not least <= tolerance <= 1e-2:
-        raise SolveError(
-            f"{mechanism.name}: tolerance is {tolerance:g}, allowed is {least:g} to 1e-2"
-        )
     if scheme != "paper" and step is not None:
         raise SolveError('simulate: step does nothing without scheme = "paper"')
     if scheme == "paper":
@@ -124,29 +119,65 @@ def simulate(
                 "or scheme out"
             )
         return by_differences(problem, step if step is not None else until / 1000.0)
-    found = _solve(problem, tolerance, engine, compact)
-    return _checked(problem, found, tolerance, compact) if check else found
+    found = _solving(problem, tolerance, engine, compact)
+    return last(_checking(problem, found, tolerance, compact) if check else found).motion
 
 
-def _checked(
-    problem: Problem, found: Simulation, tolerance: float, compact: bool
-) -> Simulation:
+def solving(
+    mechanism: Mechanism,
+    start: Start | PoseStart,
+    until: float,
+    torque: Torque | None,
+    assembly_mode: int,
+    tolerance: float,
+    engine: Engine,
+) -> Solving:
+    """Return the motion piece by piece while it is solved, checked in the end.
+
+    See `simulate` for the parameters and errors.
+    """
+    _need_allowed(mechanism, engine, tolerance)
+    problem = prepare(mechanism, start, until, torque, None, assembly_mode, ())
+    return _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
+
+
+def _need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
+    if engine not in ENGINES:
+        raise SolveError(
+            f'{mechanism.name}: engine "{engine}" is not known; it is {listing(ENGINES)}'
+        )
+    least = LEAST["numpy" if engine == "numpy" else "compiled"]
+    if not least <= tolerance <= 1e-2:
+        raise SolveError(
+            f"{mechanism.name}: tolerance is {tolerance:g}, allowed is {least:g} to 1e-2"
+        )
+
+
+def _checking(
+    problem: Problem, pieces: Solving, tolerance: float, compact: bool
+) -> Solving:
     """Return a simulation with its error against a tighter one.
 
     Where the tolerance is missed, the tighter one takes its place, as long as there is one.
     """
+    piece = yield from pieces
+    yield piece
+    run, found = piece.run, piece.motion
     engine = found.engine.name
     made_for = min(tolerance, LOOSEST) if engine == "compiled" else tolerance
     least = 0.1 * LEAST[engine]
     while True:
         tighter = max(TIGHTER * made_for, least)
-        tight = _solve(problem, tighter, engine, compact)
-        found = replace(found, error=_difference(found, tight), tolerance=tolerance)
+        tight = last(_solving(problem, tighter, engine, compact))
+        error = _difference(found, tight.motion)
+        found = replace(found, error=error, tolerance=tolerance)
         if found.missed is None or tighter <= least:
-            return found
+            return whole(run, found)
         why = f"{found.engine.reason}; missed with steps for {made_for:g} rad"
-        report = replace(tight.engine, reason=why, forecast=found.engine.forecast)
-        found, made_for = replace(tight, engine=report), tighter
+        forecast = found.engine.forecast
+        report = replace(tight.motion.engine, reason=why, forecast=forecast)
+        run, found = tight.run, replace(tight.motion, engine=report)
+        made_for = tighter
 
 
 def _difference(one: Simulation, other: Simulation) -> float:
@@ -160,15 +191,37 @@ def _difference(one: Simulation, other: Simulation) -> float:
     return float(np.max(np.abs(one.at(t).values - other.at(t).values)))
 
 
-def _solve(problem: Problem, tolerance: float, engine: Engine, compact: bool) -> Simulation:
+def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) -> Solving:
     if engine == "numpy":
-        return Collocation(problem, tolerance).simulation("it was asked for")
+        return _stepping(Collocation(problem, tolerance), "it was asked for")
     if engine == "compiled":
-        return by_taylor_series(problem, tolerance, compact, "it was asked for")
+        return _compiled(problem, tolerance, compact, "it was asked for")
     return _cheaper(problem, tolerance, compact)
 
 
-def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
+def _stepping(
+    solver: Collocation, reason: str, forecast: Forecast | None = None
+) -> Solving:
+    """Return what NumPy finds step by step."""
+    while solver.end is None and solver.advance():
+        yield Solved(solver, lambda: solver.simulation(reason), solver.reached)
+    found = solver.simulation(reason, forecast)
+    return whole(solver, found)
+
+
+def _compiled(
+    problem: Problem,
+    tolerance: float,
+    compact: bool,
+    reason: str,
+    forecast: Forecast | None = None,
+) -> Solving:
+    yield from ()
+    found = by_taylor_series(problem, tolerance, compact, reason, forecast)
+    return whole(found.path, found)
+
+
+def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
     """Return the motion by the engine that is expected to take less time from here.
 
     NumPy starts, and goes on until what is left takes it longer than compiling. What it
@@ -183,24 +236,27 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
             why = "NumPy does not reach the tolerance"
         if not smooth(mechanism):
             why = "NumPy does not find the kinks of the loads"
-        if why:
-            return _while_it_can(solver, by_taylor_series(problem, tolerance, compact, why))
         forecast: Forecast | None = None
-        while solver.advance():
+        while not why and solver.advance():
+            yield Solved(solver, lambda: solver.simulation("it began"), solver.reached)
             left = solver.left
             if left is None:
                 continue
             now = Forecast(solver.seconds + left, compiling + left / QUICKER)
             forecast = forecast or now
             if left > now.compiled:
-                found = by_taylor_series(problem, tolerance, compact, str(now), now)
-                return _while_it_can(solver, found)
+                why, forecast = str(now), now
+        if why:
+            tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)
+            found = by_taylor_series(problem, tolerance, compact, why, forecast)
+            if found.end.message != NO_SERIES:
+                return whole(found.path, found)
+            why = NO_SERIES
     except (EngineError, PlanError) as fault:
-        return solver.simulation(str(fault))
-    forecast = forecast or Forecast(solver.seconds, compiling)
-    return solver.simulation(str(forecast), forecast)
-
-
-def _while_it_can(solver: Collocation, found: Simulation) -> Simulation:
-    """Return a compiled simulation, or NumPy's where a load has a value but no series."""
-    return solver.simulation(NO_SERIES) if found.end.message == NO_SERIES else found
+        why = str(fault)
+    if not why:
+        forecast = forecast or Forecast(solver.seconds, compiling)
+        why = str(forecast)
+    else:
+        forecast = None
+    return (yield from _stepping(solver, why, forecast))

@@ -37,6 +37,7 @@ from spherekit.dynamics.simulation import (
 from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
 from spherekit.engine.probes import good_until
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
 FIRST_ARC = 0.1
@@ -82,6 +83,7 @@ class Collocation:
         self.last: Dynamics | None = None
         self.end: SimulationEnd | None = None
         self._steps = self._integrate()
+        self._working = Working("simulating")
         self._reached: list[tuple[float, float]] = [(0.0, 0.0)]
 
     def field(self, t: Floats, states: Floats) -> Floats:
@@ -99,6 +101,7 @@ class Collocation:
                 self.end, t = done.value, self._reached[-1][0]
         seconds = self._reached[-1][1] + time.perf_counter() - started
         self._reached.append((t, seconds))
+        self._working.tell(lambda: f"{t:.4g} of {self.problem.until:.6g} s")
         return self.end is None
 
     @property
@@ -116,12 +119,15 @@ class Collocation:
         """What solving has taken (s)."""
         return self._reached[-1][1]
 
+    @property
+    def reached(self) -> float:
+        """The time (s) up to which it has come."""
+        return self._reached[-1][0]
+
     def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
-        """Integrate to the end; `reason` says why it is NumPy that does."""
-        while self.end is None:
-            self.advance()
-        problem, end = self.problem, self.end
-        assert end is not None
+        """Return the motion as far as it is known; `reason` says why it is NumPy's."""
+        problem = self.problem
+        end = self.end or SimulationEnd("time", self.reached, "it goes on")
         if not self.path:
             raise cannot_leave(problem, end.message)
         return Simulation(

@@ -38,6 +38,7 @@ from spherekit.planning.poles import (
     parse_pole,
     plan,
 )
+from spherekit.progress import Working
 from spherekit.rates.lines import evaluate_lines
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
@@ -106,7 +107,10 @@ def online_model(
     sampler = _Sampler(tracer, _followed(tracer), wanted)
     size = _sizes(sampler.columns(sampler.spread(MARKS)), sampler)
     fitted, groups, at = [], [], 0
+    working, count = Working("fitting functions"), len(size)
     for number, names in enumerate(sampler.groups):
+        words = f"{at} of {count}"
+        working.tell(words.__str__)
         own = size[at : at + len(names)]
         at += len(names)
         fitted.append(

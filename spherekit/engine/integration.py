@@ -20,6 +20,7 @@ from spherekit.engine.loads import FULL_TURN
 from spherekit.engine.probes import good_until
 from spherekit.model.dynamics import TorqueTable
 from spherekit.model.mechanism import Mechanism
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
 STRETCH = 50
@@ -239,12 +240,14 @@ class _Integration:
         integrator.start(self.first, 0.0, self._parameters(0.0, targets[0]))
         end: RunEnd = "time"
         steps = 0
+        working = Working("simulating")
         for target in targets:
             end = "too_many"
             self._pass_parameters(integrator, self.time, target)
             while steps < MOST_STEPS:
                 taken, outcome = self._stretch(integrator, target, SHORTEST * targets[-1])
                 steps += taken
+                working.tell(lambda: f"{self.time:.4g} of {targets[-1]:.6g} s")
                 if outcome is not None:
                     end = outcome
                     break

@@ -219,10 +219,12 @@ def time_fault(
                 "law or a start"
             )
         if duration is None:
-            return law, "a time law needs a duration (s) of the study"
+            return law, "a time law needs a duration in s: --duration T, or duration = T"
     if start is not None:
         if duration is None:
-            return ("start",), "a start needs a duration (s) of the study"
+            return (
+                "start",
+            ), "a start needs a duration in s: --duration T, or duration = T"
         if len(inputs) > 1:
             return ("start",), (
                 f"motion from loads is for mechanisms with one input, not {len(inputs)} "

@@ -50,8 +50,9 @@ class Study:
         both ends included. With a duration alone the only input turns at 1 rad/s.
     start, torque, tolerance
         State of the only input at t = 0: the motion over `duration` then follows from the
-        loads and the `torque` (N m, an expression) at the input, each step within the
-        tolerance (rad), from the `assembly_mode` (default 0) among all that there are.
+        loads and the `torque` (N m, a number or an expression) at the input, each step
+        within the tolerance (rad), from the `assembly_mode` (default 0) of all that there
+        are.
     verify
         How many rows are computed once more in 50 digits.
     degrees
@@ -74,7 +75,7 @@ class Study:
     laws: Mapping[str, Law] = field(default_factory=dict)
     duration: float | None = None
     start: Start | None = None
-    torque: str | None = None
+    torque: str | float | None = None
     tolerance: float = DEFAULT_TOLERANCE
     verify: int | None = None
     degrees: bool = False
@@ -100,6 +101,13 @@ class Study:
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def driving_torque(self) -> str | None:
+        """The torque at the input as an expression, if there is one."""
+        if self.torque is None or isinstance(self.torque, str):
+            return self.torque
+        return repr(float(self.torque))
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import DEFAULT_SAMPLES, EPS, Status, listing
+from spherekit.conventions import DEFAULT_SAMPLES, EPS, Status, counted, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
@@ -493,13 +493,16 @@ def _lattice(
         if not item.start < item.stop:
             raise SolveError(
                 f"{mechanism.name}: inputs.{item.pair}: the range must rise from `from` "
-                f"to `to`, but it is {item.start:.6g} to {item.stop:.6g} rad"
+                f"to `to`, but it is {item.start:.6g} to {item.stop:.6g} rad; give a "
+                "greater `to`, by a turn if it should go on past zero"
             )
     if isinstance(samples, Sequence):
         if len(samples) != len(inputs):
             raise SolveError(
-                f"{mechanism.name}: {len(samples)} numbers of samples were given for "
-                f"{len(inputs)} inputs ({listing(item.pair for item in inputs)})"
+                f"{mechanism.name}: samples: {'x'.join(map(str, samples))} is of "
+                f"{len(samples)} inputs, but there {'is' if len(inputs) == 1 else 'are'} "
+                f"{counted(len(inputs), 'input')} ({listing(i.pair for i in inputs)}); "
+                "give one number for each, as 361 or 41x21"
             )
         return grids.grid(inputs, samples)
     if wants_grid:

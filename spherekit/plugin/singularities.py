@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from spherekit.singular.curves import SingularCurves as SingularCurves
     from spherekit.singular.curves import ranges_of as ranges_of
     from spherekit.singular.curves import singular_curves as singular_curves
+    from spherekit.singular.grashof import Grashof as Grashof
+    from spherekit.singular.grashof import grashof as grashof
     from spherekit.singular.points import CurveSeen as CurveSeen
     from spherekit.singular.points import SingularPoints as SingularPoints
     from spherekit.singular.points import TypeName as TypeName

@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 
 from spherekit.errors import RegionError
+from spherekit.progress import Working
 from spherekit.region.classify import VALUE_SLACK
 from spherekit.region.constraint_functions import Evaluator, Margins, least
 from spherekit.region.mesh import Bools, Indices
@@ -146,8 +147,13 @@ def find_orientations(
         if not 0.0 < size < np.inf:
             raise RegionError(f"{name} is {size}; it has to be positive and finite")
     cells = _Cells(Evaluator(margins))
+    working = Working("measuring a set of orientations")
     while True:
         volume, error = float(cells.volume.sum()), float(cells.error.sum())
+        told = (
+            f"volume {volume:.4g} +- {error:.2g}, to be known to {tolerance * volume:.2g}"
+        )
+        working.tell(told.__str__)
         goal = tolerance * volume
         open_cells = np.flatnonzero(cells.error > 0.0)
         if error <= goal or not len(open_cells):

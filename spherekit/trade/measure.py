@@ -25,6 +25,7 @@ from spherekit.exact.rows import exact_rows
 from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan
+from spherekit.progress import Working
 from spherekit.rates.field import PoleField, SignMemory, evaluate
 from spherekit.sphere.rotation import Floats
 from spherekit.trade.deviation import Deviation, deviations, worst
@@ -251,7 +252,10 @@ def timing_loop(
     found: dict[str, Measured] = {}
     alive: list[tuple[str, Runner]] = []
     times: dict[str, list[tuple[float, float]]] = {}
-    for name, setting, way in ways:
+    working = Working("measuring settings")
+    for done, (name, setting, way) in enumerate(ways):
+        words = f"{name}, {done + 1} of {len(ways)}"
+        working.tell(words.__str__)
         try:
             tables, first, _ = way(True)
             off = judge(tables)
@@ -275,6 +279,8 @@ def timing_loop(
         for name, way in alive if number % 2 == 0 else alive[::-1]:
             _, first, seconds = way(False)
             times[name].append((first, seconds - first))
+            words = f"{name}, round {number + 1} of {effort.rounds}"
+            working.tell(words.__str__)
     for name, _ in alive:
         made = found[name].setting
         compiles = made is not None and made.compiles

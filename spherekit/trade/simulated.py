@@ -40,7 +40,7 @@ def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
     """
     assert study.start is not None
     settings = of_simulation() if effort.settings is None else effort.settings
-    solver = _Solver(bench, study.start, study.torque)
+    solver = _Solver(bench, study.start, study.driving_torque)
     best, simulation, compiling = solver.tightest()
     try:
         words, near, right = solver.in_wide_numbers(simulation)

@@ -34,6 +34,10 @@ class AbstractStore(ABC):
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
 
+    @abstractmethod
+    def clear(self) -> None:
+        """Forget all rows."""
+
 
 @final
 class Nowhere(AbstractStore):
@@ -41,6 +45,9 @@ class Nowhere(AbstractStore):
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
+
+    def clear(self) -> None:
+        """Forget all rows."""
 
 
 @final
@@ -53,6 +60,10 @@ class InMemory(AbstractStore):
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
         self._blocks[analysis, table.name].append(table.typed(data))
+
+    def clear(self) -> None:
+        """Forget all rows."""
+        self._blocks.clear()
 
     def table(self, analysis: str, table: Table) -> TableData:
         """Return all rows: by assembly mode, then sample, where they belong to these."""
@@ -93,6 +104,11 @@ class OnDisk(AbstractStore):
             for analysis, table, column, words in state.get("words", ())
         }
         self._changed: set[Path] = set()
+
+    def clear(self) -> None:
+        """Forget all rows: those in files are overwritten."""
+        self._rows.clear()
+        self._words.clear()
 
     def state(self) -> dict[str, Any]:
         """Return what counts of the files, ready for JSON."""

@@ -88,7 +88,7 @@ def taken_up(
         )
     raise OutputError(
         f"{str(place.path)!r}: this run was stopped there when {done} of "
-        f"{len(job.course)} samples were done; go on with --resume "
+        f"{job.course.total} samples were done; go on with --resume "
         '(unfinished="resume"), or begin again with --restart (unfinished="discard")'
     )
 
@@ -96,10 +96,10 @@ def taken_up(
 @contextmanager
 def kept(
     job: RunPlan, place: RunFolder | None, standing: RunState, store: AbstractStore
-) -> Iterator[Callable[[], None]]:
+) -> Iterator[Callable[[RunPlan], None]]:
     """Give what is called after each block; if the run is stopped, keep what was done."""
     if place is None or not isinstance(store, OnDisk):
-        yield lambda: None
+        yield lambda job: None
         return
     last: dict[str, Any] = {}
     done = standing.done
@@ -110,7 +110,7 @@ def kept(
         place.write(last)
         done = last["standing"]["done"]
 
-    def after_block() -> None:
+    def after_block(job: RunPlan) -> None:
         last.update(identity=job.identity, standing=standing.state(), store=store.state())
         if place.due:
             write()
@@ -122,7 +122,7 @@ def kept(
             with suppress(OutputError):  # a full disk: then the journal before counts
                 write()
         if done:
-            total = len(job.course)
+            total = job.course.total
             error.add_note(f"{done} of {total} samples are done and kept in {place.path}")
         else:
             why = f", since {listing(job.at_once)} looks at all samples at once"

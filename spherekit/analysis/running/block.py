@@ -78,9 +78,14 @@ def evaluate_block(
     if job.motion_tables:
         store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, found))
         standing.count(MOTION, MOTION, {"sample": motion.sample})
-    if standing.done == 0 and course.simulation is not None:
-        store.add(MOTION, EVENTS, course.events())
-        standing.count(MOTION, EVENTS.name, course.events())
     standing.tally.add(course.tracer, motion, found)
     standing.done += motion.samples
     return found, angles
+
+
+def add_events(job: RunPlan, standing: RunState, store: AbstractStore) -> None:
+    """Hand over what happened in the course of a simulation, known when it is whole."""
+    if job.course.simulation is not None:
+        found = job.course.events()
+        store.add(MOTION, EVENTS, found)
+        standing.count(MOTION, EVENTS.name, found)

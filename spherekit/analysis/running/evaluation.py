@@ -54,7 +54,7 @@ class Evaluation:
     ) -> None:
         self.setting, self.course = setting, course
         self.requests = tuple(item for item in requests if item.poles)
-        self._needs = needs
+        self.needs = needs
         self._represented: InterpolatedMotion | None = None
         if setting.representation != "every":
             self._represented = self._functions(requests, all_links)
@@ -72,7 +72,7 @@ class Evaluation:
             )
         q = course.inputs[:, 0]
         found = InterpolatedMotion(
-            course.tracer, requests[0], self._needs, all_links, q, setting
+            course.tracer, requests[0], self.needs, all_links, q, setting
         )
         return found
 
@@ -137,7 +137,7 @@ class Evaluation:
 
     def angles(self, motion: Motion, memory: AngleMemory) -> Mapping[str, Floats]:
         """Return the variables that go on, by pair, at a block of `blocks`."""
-        return memory.continued(motion, sorted(self._needs.continued_values))
+        return memory.continued(motion, sorted(self.needs.continued_values))
 
     def _link_rates(self, motion: Motion) -> LinkRates:
         """Return the rates that the kernel finds, in float64.

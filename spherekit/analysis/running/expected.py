@@ -14,7 +14,7 @@ from spherekit.analysis.run import executed, traced
 from spherekit.analysis.running.block import evaluate_block
 from spherekit.analysis.running.cost import Timer
 from spherekit.analysis.running.recording import MOST_LOGGED
-from spherekit.analysis.running.run_plan import job_of
+from spherekit.analysis.running.run_plan import Asked, job_of
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import ORDINARY
@@ -58,7 +58,9 @@ def expected(
         few = replace(few, search=False)
     able = [analysis for analysis in analyses if analysis.rowwise]
     course = course_of(few, follow=traced(study, analyses, Execution()))
-    job = job_of(course, able, None, ORDINARY, all_links=False)
+    job = job_of(
+        course, Asked.of(able, course.tracer.mechanism), None, ORDINARY, all_links=False
+    )
     signs, store = [SignMemory() for _ in job.requests], InMemory()
     standing = RunState(signs, failures=dict(job.refused))
     for motion in job.evaluation.blocks(job.block):

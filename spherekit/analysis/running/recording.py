@@ -7,10 +7,15 @@ from typing import Any, Protocol, final, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.link_scenes import link_shapes, motion_scenes, static_scene
+from spherekit.analysis.link_scenes import (
+    graph_scene,
+    link_shapes,
+    motion_scenes,
+    static_scene,
+)
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.scene import Axis, Scene
+from spherekit.analysis.scene import Axis, Portrait, Primitive, Scene
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion
@@ -91,7 +96,7 @@ def thinning_of(course: Sampling, every: int | None) -> Thinning:
     AnalysisError
         If that is not at least 1.
     """
-    total = len(course)
+    total = course.total
     if every is None:
         every = -(-total // MOST_LOGGED)
     if every < 1:
@@ -117,8 +122,11 @@ class RecordingSession:
         self._recorder, self._thinning = recorder, thinning
         self._timed, self._first, self._extent = course.timed, first, course.extent
         self._shapes = link_shapes(mechanism)
-        logged = np.flatnonzero(thinning.chosen(np.arange(len(course))))
-        inputs, times = course.inputs, course.t
+        self._seen, self._logged_to = first, 0
+        self._held: list[tuple[Scene, Motion]] = []
+        self._going_on, self._has_graph = course.going_on, False
+        logged = np.flatnonzero(thinning.chosen(np.arange(course.total)))
+        inputs, times = course.inputs, course.every_t
         single = inputs.shape[1] == 1 and times is None
         self._inputs = inputs[logged, 0] if single else None
         self._times = None if times is None else times[logged]
@@ -141,28 +149,79 @@ class RecordingSession:
             times=self._times,
         )
 
+    def goes_on(self, course: Sampling, again: bool) -> None:
+        """Go on with a course that is known further; `again` from its first sample.
+
+        Otherwise samples that were logged stay, also where another run solves them.
+        """
+        if self._thinning.row == self._thinning.total:
+            self._thinning = replace(self._thinning, row=course.total, total=course.total)
+        self._going_on = course.going_on
+        self._logged_to = 0 if again else self._seen
+        if again:
+            self._held.clear()
+
+    def finish(self) -> None:
+        """Log the portraits that waited for the extent of the whole motion."""
+        ranges: dict[tuple[object, str], list[Floats]] = {}
+        for scene, _ in self._held:
+            (own,) = scene.primitives
+            assert isinstance(own, Portrait)
+            span = np.array([own.x_range, own.y_range])
+            ranges.setdefault((scene.page, own.path), []).append(span)
+        for scene, motion in self._held:
+            (own,) = scene.primitives
+            assert isinstance(own, Portrait)
+            spans = np.array(ranges[scene.page, own.path])
+            low, high = np.min(spans[:, :, 0], axis=0), np.max(spans[:, :, 1], axis=0)
+            x_range, y_range = zip(low.tolist(), high.tolist(), strict=True)
+            whole = replace(own, x_range=x_range, y_range=y_range)
+            self._log([replace(scene, primitives=(whole,))], motion, scene.source)
+        self._held.clear()
+
     def summary(self) -> dict[str, int]:
         """Return what the recording leaves out."""
         return {"one_of": self._thinning.every, "from_sample": self._first}
 
     def motion(self, motion: Motion) -> None:
         """Log the links of a block."""
-        chosen = self._thinning.chosen(motion.sample)
+        chosen = self._chosen(motion)
+        self._seen = max(self._seen, int(motion.sample[-1]) + 1)
         own = chosen[: motion.samples]
         if not np.any(own):
             return
         if not np.all(own):
             motion = replace(motion.rows(chosen), samples=int(np.sum(own)))
         self._log(motion_scenes(motion, self._shapes, self._timed), motion, MOTION)
+        if not self._has_graph:  # after the first rows, which should not wait for it
+            self._has_graph = True
+            self._log([graph_scene(motion.mechanism)], motion, MOTION)
 
     def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         """Log what an analysis of this name shows of a block."""
-        chosen = self._thinning.chosen(motion.sample)
+        chosen = self._chosen(motion)
         own = chosen[: motion.samples]
         if not np.all(own):
             motion = replace(motion.rows(chosen), samples=int(np.sum(own)))
             scenes = [scene.thinned(own) for scene in scenes]
+        if self._going_on or self._held:
+            held = [
+                replace(scene, primitives=(each,), source=source)
+                for scene in scenes
+                for each in scene.primitives
+                if isinstance(each, Portrait) and not scene.over
+            ]
+            self._held += [(scene, motion) for scene in held]
+            scenes = [
+                scene if scene.over else replace(scene, primitives=_no_portraits(scene))
+                for scene in scenes
+            ]
         self._log(scenes, motion, source)
+
+    def _chosen(self, motion: Motion) -> NDArray[np.bool_]:
+        """Return (n,) which rows of a block are logged."""
+        fresh = motion.sample >= self._logged_to
+        return np.asarray(self._thinning.chosen(motion.sample) & fresh)
 
     def _log(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         k = motion.samples
@@ -197,3 +256,7 @@ class RecordingSession:
                 names, motion.inputs[:k].T, self._extent.inputs.T, strict=True
             )
         )
+
+
+def _no_portraits(scene: Scene) -> tuple[Primitive, ...]:
+    return tuple(each for each in scene.primitives if not isinstance(each, Portrait))

@@ -1,9 +1,10 @@
 """A run made ready: what is evaluated for whom, in blocks of how many samples."""
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
-from typing import Any, final
+from typing import Any, Self, final
 
 from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.analysis.declared import declared
@@ -18,6 +19,7 @@ from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import Table
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import Plan
 from spherekit.rates.request import Request
 
@@ -25,19 +27,31 @@ from spherekit.rates.request import Request
 @final
 @dataclass(frozen=True)
 class RunPlan:
-    """What a run evaluates: `needs` of each of the `analyses`, a request for each input.
+    """What a run evaluates: what is `asked`, a request for each input.
 
-    Of `block` samples at once. `refused` says of analyses that break the contract why they
-    are not asked.
+    Of `block` samples at once.
     """
 
     course: Sampling
-    analyses: tuple[AbstractAnalysis, ...]
-    needs: tuple[Needs, ...]
+    asked: "Asked"
     requests: tuple[Request, ...]
     block: int
     evaluation: Evaluation
-    refused: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def analyses(self) -> tuple[AbstractAnalysis, ...]:
+        """All analyses that are asked for."""
+        return self.asked.analyses
+
+    @property
+    def needs(self) -> tuple[Needs, ...]:
+        """What each of them needs."""
+        return self.asked.needs
+
+    @property
+    def refused(self) -> Mapping[str, str]:
+        """Why those that break the contract are not asked, by name."""
+        return self.asked.refused
 
     @property
     def mechanism(self) -> Mechanism:
@@ -52,18 +66,20 @@ class RunPlan:
     @property
     def is_single_block(self) -> bool:
         """Whether all samples are evaluated at once."""
-        return self.block >= len(self.course)
+        return self.block >= self.course.total and not self.course.going_on
 
     @property
     def at_once(self) -> tuple[str, ...]:
         """Names of the analyses that look at all samples at once."""
-        return tuple(
-            analysis.name
-            for analysis in self.analyses
-            if analysis.at_once and analysis.name not in self.refused
-        )
+        return tuple(self.asked.at_once)
 
-    @cached_property
+    def over(self, course: Sampling) -> "RunPlan":
+        """Return it for a course that is known further, or has begun again."""
+        made = self.evaluation
+        evaluation = Evaluation(made.setting, course, self.requests, made.needs)
+        return replace(self, course=course, evaluation=evaluation)
+
+    @property
     def identity(self) -> dict[str, Any]:
         """What makes the run the one it is, ready for JSON."""
         return identity_of(self.course, self.analyses, self.block, self.evaluation.setting)
@@ -92,12 +108,55 @@ class RunPlan:
         }
 
 
+@final
+@dataclass(frozen=True)
+class Asked:
+    """What analyses need of a mechanism, and why those that break the contract do not run.
+
+    All that can be said against them and their parameters has been said.
+    """
+
+    analyses: tuple[AbstractAnalysis, ...]
+    needs: tuple[Needs, ...]
+    refused: Mapping[str, str]
+
+    @classmethod
+    def of(cls, analyses: Sequence[AbstractAnalysis], mechanism: Mechanism) -> Self:
+        """Ask analyses what they need; errors as `declared`, but for plugins' own.
+
+        Raises `AnalysisError` too where one is asked for twice: its tables have one place.
+        """
+        driven = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+        mechanism = mechanism.with_inputs(*driven)
+        own, refused = [], {}
+        counts = Counter(analysis.name for analysis in analyses)
+        for name, count in counts.items():
+            if count > 1:
+                raise AnalysisError(
+                    f"{name}: is asked for {count} times in one run, whose tables have one "
+                    "place; ask once, with lists joined by + (poles:only=31+42), or run "
+                    "twice"
+                )
+        for analysis in analyses:
+            try:
+                own.append(declared(analysis, mechanism))
+            except PluginError as fault:
+                refused[analysis.name] = str(fault)
+                own.append(Needs())
+        return cls(tuple(analyses), tuple(own), refused)
+
+    @property
+    def at_once(self) -> list[str]:
+        """Names of the analyses that look at all samples at once."""
+        return [
+            each.name
+            for each in self.analyses
+            if each.name not in self.refused and each.at_once
+        ]
+
+
 def job_of(
-    course: Sampling,
-    analyses: Sequence[AbstractAnalysis],
-    block: int | None,
-    setting: Setting,
-    all_links: bool,
+    course: Sampling, asked: Asked, block: int | None, setting: Setting, all_links: bool
 ) -> RunPlan:
     """Return the job of analyses over a course.
 
@@ -107,33 +166,23 @@ def job_of(
     Raises
     ------
     AnalysisError, EngineError, PlanError
-        If an analysis refuses the mechanism, the setting does not apply, or all samples at
-        once need more memory than there is.
+        If the setting does not apply, an analysis needs times and there are none, or all
+        samples at once need more memory than there is.
     """
     mechanism, tracer = course.tracer.mechanism, course.tracer
-    own, refused = [], {}
-    for analysis in analyses:
-        try:
-            own.append(declared(analysis, mechanism))
-        except PluginError as fault:
-            refused[analysis.name] = str(fault)
-            own.append(Needs())
-    _need_times(course, analyses, own)
-    together = reduce(Needs.union, own, Needs())
+    _need_times(course, asked)
+    together = reduce(Needs.union, asked.needs, Needs())
     wanted = requests_for(mechanism, together, tracer.by_rank)
     evaluation = Evaluation(setting, course, wanted, together, all_links)
-    whole = [each.name for each in analyses if each.name not in refused and each.at_once]
-    if whole:
-        block = len(course)
-        need_memory(mechanism, block * len(tracer.assembly_modes), whole)
-    block = min(block or tracer.block, len(course))
-    return RunPlan(course, tuple(analyses), tuple(own), wanted, block, evaluation, refused)
+    if asked.at_once:
+        block = course.total
+        need_memory(mechanism, block * len(tracer.assembly_modes), asked.at_once)
+    block = min(block or tracer.block, course.total)
+    return RunPlan(course, asked, wanted, block, evaluation)
 
 
-def _need_times(
-    course: Sampling, chosen: Sequence[AbstractAnalysis], own: Sequence[Needs]
-) -> None:
-    for analysis, what in zip(chosen, own, strict=True):
+def _need_times(course: Sampling, asked: Asked) -> None:
+    for analysis, what in zip(asked.analyses, asked.needs, strict=True):
         if what.time and course.timing is None:
             raise AnalysisError(
                 f"{analysis.name}: needs time, but with several inputs nothing says how "

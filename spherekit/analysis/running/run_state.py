@@ -40,6 +40,11 @@ class RunState:
     seconds: dict[str, float] = field(default_factory=dict)
     rows: Counter[tuple[str, str]] = field(default_factory=Counter)
 
+    def begin_again(self, refused: Mapping[str, str]) -> None:
+        """Forget what was done, but for the time it took and what is `refused`."""
+        fresh = RunState([SignMemory() for _ in self.signs], failures=dict(refused))
+        vars(self).update(vars(fresh), seconds=self.seconds)
+
     def count(self, analysis: str, table: str, data: TableData) -> None:
         """Count the rows of a block of a table."""
         self.rows[analysis, table] += len(next(iter(data.values())))
@@ -83,8 +88,11 @@ def identity_of(
 
     Two runs with the same identity give the same bits on one machine.
     """
-    mechanism, simulation = course.tracer.mechanism, course.simulation
-    timing = course.timing
+    simulation, timing, inputs = course.simulation, course.timing, course.inputs
+    mechanism = course.tracer.mechanism
+    if simulation is not None:  # its loads, first sample and times say what follows
+        mechanism, inputs = simulation.mechanism, inputs[:1]
+        timing = None if timing is None else timing.rows(slice(1))
     return {
         "spherekit": __version__,
         "numpy": np.__version__,
@@ -92,7 +100,9 @@ def identity_of(
         "mechanism": mechanism.name,
         "mechanism_hash": mechanism_hash(mechanism),
         "inputs": list(course.tracer.inputs),
-        "samples": "x".join(map(str, course.shape)),
+        "samples": "x".join(map(str, course.shape))
+        if simulation is None
+        else f"{course.planned} over {course.duration} s",
         "assembly_modes": [
             [item.number, item.label] for item in course.tracer.assembly_modes
         ],
@@ -104,7 +114,7 @@ def identity_of(
         "tolerance": course.tolerance,
         "setting": asdict(setting),
         "over_time": course.timed,
-        "input_values": _digest(course.inputs),
+        "input_values": _digest(inputs),
         "times": None
         if timing is None
         else [_digest(timing.t), _digest(timing.dq), _digest(timing.ddq)],

@@ -84,7 +84,9 @@ class RunStatistics:
         for found in fields:
             good = found.status == Status.OK
             for codes in found.pole_status.values():
-                self._poles += np.bincount(codes[good], minlength=CODES)
+                locked = len(fields) > 1 and np.all(codes[good] == Status.NO_POLE)
+                if not locked:  # links that other inputs hold together have none
+                    self._poles += np.bincount(codes[good], minlength=CODES)
             for error in found.error.values():
                 self._error = _largest(self._error, error[good])
             for error in found.velocity_coefficient_error.values():

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.tables import Column, Table, TableData
 from spherekit.conventions import Status
-from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.forward import solving
 from spherekit.dynamics.simulation import Simulation
+from spherekit.dynamics.solved import Solved, Solving
 from spherekit.engine.kernels import Engine
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import DRIVE, PairTorque
@@ -26,6 +27,9 @@ from spherekit.sphere.rotation import Floats
 
 UNIT_SPEED = 1.0
 """An input without a law turns at this speed (rad/s), as in the source's example."""
+
+FEWEST_AT_ONCE, PORTIONS = 64, 16
+"""A simulation that goes on hands over so many samples at least, in so many portions."""
 
 EVENTS = Table(
     "events",
@@ -47,7 +51,8 @@ class Sampling:
     `tracer` has the assembly modes; `inputs` (k, inputs) rad are those of each sample and
     `shape` their number along each axis; `timing` (k rows) is None where nothing says how
     the inputs move. `timed` says that samples are times. The motion is that of the
-    `simulation`, if there is one, otherwise the tracer evaluates it.
+    `simulation`, if there is one, otherwise the tracer evaluates it. A
+    simulation has `planned` samples, fewer while it goes on; `run` tells what solves it.
     """
 
     tracer: Tracer
@@ -59,14 +64,29 @@ class Sampling:
     duration: float | None = None
     simulation: Simulation | None = None
     tolerance: float | None = None
+    planned: int | None = None
+    going_on: bool = False
+    run: object = None
 
     def __len__(self) -> int:
         return len(self.inputs)
 
     @property
+    def total(self) -> int:
+        """The number of samples in the end, as far as is known."""
+        return self.planned if self.going_on and self.planned else len(self)
+
+    @property
     def t(self) -> Floats | None:
         """(k,) times of the samples (s), if the samples are times."""
         return self.timing.t if self.timed and self.timing is not None else None
+
+    @property
+    def every_t(self) -> Floats | None:
+        """Times (s) of all samples, also of those to come, if the samples are times."""
+        if self.t is None or not self.going_on or self.planned is None:
+            return self.t
+        return np.linspace(0.0, self.duration or 0.0, self.planned)
 
     @cached_property
     def extent(self) -> Extent:
@@ -175,6 +195,18 @@ def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sam
     PlanError, SolveError, ModelError
         See `Tracer` and `simulate`.
     """
+    *_, course = courses_of(study, engine, follow)
+    return course
+
+
+def courses_of(
+    study: Study, engine: Engine = "auto", follow: bool = True
+) -> Iterator[Sampling]:
+    """Yield the course of a study; of a simulation also what is known while it goes on.
+
+    See `course_of`. Each is longer than the one before, or of another `run`, which
+    supersedes it. The last is whole.
+    """
     check_time(study)
     mechanism, assembly_mode, samples = study.mechanism, study.assembly_mode, study.samples
     if study.duration is None:
@@ -190,28 +222,65 @@ def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sam
         )
         input_grid = tracer.input_grid
         timing = _at_unit_speed(input_grid.q) if len(tracer.inputs) == 1 else None
-        return Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
+        yield Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
+        return
     assert isinstance(samples, int)
     t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
     if study.start is not None:
         tracer = Tracer(mechanism, None, assembly_mode or 0, samples=2)
-        simulation = simulate(
+        pieces = solving(
             tracer.mechanism,
             study.start,
             study.duration,
-            torque=study.torque,
-            assembly_mode=assembly_mode or 0,
-            tolerance=study.tolerance,
-            check=True,
-            engine=engine,
+            study.driving_torque,
+            assembly_mode or 0,
+            study.tolerance,
+            engine,
         )
-        return simulated_course(tracer, simulation, t, study.tolerance)
+        yield from _simulated_courses(tracer, pieces, t, study.tolerance)
+        return
     inputs, laws = _inputs(study), study.laws
     if not laws:
         laws = {inputs[0]: ConstantSpeed(UNIT_SPEED, _first(mechanism))}
     q, timing = by_laws(inputs, laws, t)
     tracer = Tracer(mechanism, None, assembly_mode, study.search, path=q)
-    return Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
+    yield Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
+
+
+def _simulated_courses(
+    tracer: Tracer, pieces: Solving, t: Floats, tolerance: float
+) -> Iterator[Sampling]:
+    """Yield a simulation at times t (n,) s while it is solved, and when it is checked.
+
+    The first sample at once, then when there are twice as many, then sixteenths of all:
+    so they depend on steps only, not on how long these take.
+    """
+    most = max(FEWEST_AT_ONCE, len(t) // PORTIONS)
+    course: Sampling | None = None
+    for piece in _with_whole(pieces):
+        if course is None or piece.run is not course.run:
+            course = None
+        done = 0 if course is None else len(course)
+        if np.isfinite(piece.until):
+            known = int(np.searchsorted(t, piece.until))
+            if known == 0 or known < min(2 * done, done + most):
+                continue
+            times = t[:known]
+        else:
+            times = t
+        found = simulated_course(tracer, piece.motion, times, tolerance, course)
+        course = replace(
+            found,
+            duration=float(t[-1]),
+            planned=len(t),
+            going_on=bool(np.isfinite(piece.until)),
+            run=piece.run,
+        )
+        yield course
+
+
+def _with_whole(pieces: Solving) -> Iterator[Solved]:
+    yield (yield from pieces)
 
 
 def check_time(study: Study) -> None:
@@ -223,11 +292,13 @@ def check_time(study: Study) -> None:
         With what does not fit, and with file and line if the study is from a file.
     """
     inputs = _inputs(study)
-    fault = time_fault(inputs, study.laws, study.duration, study.start, study.torque)
+    fault = time_fault(
+        inputs, study.laws, study.duration, study.start, study.driving_torque
+    )
     if fault is not None:
         raise study.fault(*fault)
-    if study.torque is not None:
-        drive = PairTorque(DRIVE, inputs[0], study.torque)
+    if study.driving_torque is not None:
+        drive = PairTorque(DRIVE, inputs[0], study.driving_torque)
         try:
             replace(study.mechanism, loads=(*study.mechanism.loads, drive))
         except ModelError as problem:
@@ -258,15 +329,24 @@ def _first(mechanism: Mechanism) -> float:
 
 
 def simulated_course(
-    tracer: Tracer, simulation: Simulation, t: Floats, tolerance: float
+    tracer: Tracer,
+    simulation: Simulation,
+    t: Floats,
+    tolerance: float,
+    before: Sampling | None = None,
 ) -> Sampling:
-    """Return a simulation at times t (n,) s, as far as it went, as a course."""
-    q, timing = _over_time(simulation, t)
+    """Return a simulation at times t (n,) s, as far as it went, as a course.
+
+    `before` is the course of its first samples, if these are known.
+    """
+    q, timing = _over_time(simulation, t, before)
     duration = float(t[-1])
     return Sampling(tracer, q, (len(q),), timing, True, {}, duration, simulation, tolerance)
 
 
-def _over_time(simulation: Simulation, t: Floats) -> tuple[Floats, Timing]:
+def _over_time(
+    simulation: Simulation, t: Floats, before: Sampling | None
+) -> tuple[Floats, Timing]:
     """Return the input (n, 1) rad and its timing at those of times t before the end.
 
     Where the simulation ended before the last of them, its end is the last row.
@@ -275,7 +355,11 @@ def _over_time(simulation: Simulation, t: Floats) -> tuple[Floats, Timing]:
     if last < t[-1]:
         t = np.append(t[t < last], last)
     q, dq, ddq = (np.empty((len(t), 1)) for _ in range(3))
-    for start in range(0, len(t), BLOCK):
+    done = 0
+    if before is not None and before.timing is not None:
+        done = len(before)
+        q[:done], dq[:done], ddq[:done] = before.inputs, before.timing.dq, before.timing.ddq
+    for start in range(done, len(t), BLOCK):
         rows = slice(start, start + BLOCK)
         found = simulation.at(t[rows])
         q[rows, 0], dq[rows, 0], ddq[rows, 0] = found.q, found.dq, found.ddq

@@ -102,7 +102,7 @@ class Verifier:
         self._plans, self._timed = job.plans, job.course.timed
         self._wanted = [item for item in job.requests if item.poles]
         self._analyses = list(zip(job.analyses, job.needs, strict=True))
-        self._samples, self._count = len(job.course), count
+        self._samples, self._count = job.course.total, count
         self._kept: _Kept | None = None
         self._whole: Read | None = None
 

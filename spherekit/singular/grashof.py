@@ -1,0 +1,87 @@
+"""Which links of a spherical four-bar turn fully: Grashof's criterion on the sphere.
+
+With arcs g of the fixed link, a of the input, h of the coupler, b of the output in (0, pi]
+the distance c of the two moving axes runs from |g - a| to g + a, or 2 pi less that, while
+the input turns. Coupler and output close where |h - b| <= c <= min(h + b, 2 pi - h - b).
+Both hold throughout where T1 T2 >= 0 and T3 T4 >= 0, see J. M. McCarthy and G. S. Soh,
+Geometric Design of Linkages, 2nd ed., Springer, 2011, section 7.2.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.model.geometry import link_axes
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
+
+FOLDS = 1e-9
+"""Sums of arcs (rad) below this are zero: the links can lie in one great circle."""
+
+
+@final
+@dataclass(frozen=True)
+class Grashof:
+    """The class of a four-bar: names of its input and output links, and how they move.
+
+    `name` is crank-rocker, rocker-crank, double-crank, double-rocker (the coupler turns
+    fully), triple-rocker (no link does: not of Grashof's kind) or change-point.
+    """
+
+    name: str
+    input: str
+    output: str
+
+    def __str__(self) -> str:
+        motion = {
+            "crank-rocker": f"link {self.input} turns fully, link {self.output} swings",
+            "rocker-crank": f"link {self.input} swings, link {self.output} turns fully",
+            "double-crank": f"links {self.input} and {self.output} turn fully",
+            "double-rocker": f"links {self.input} and {self.output} swing, only the "
+            "coupler turns fully",
+            "triple-rocker": "no link turns fully, it is not of Grashof's kind",
+            "change-point": "all links can lie in one great circle, from where it may go "
+            "on in two ways",
+        }[self.name]
+        return f"{self.name}: {motion}"
+
+
+def grashof(mechanism: Mechanism) -> Grashof | None:
+    """Return the class of a four-bar of R pairs driven at one of its links' ends.
+
+    None for other mechanisms. The fixed link is the ground, where the driven pair is on
+    it, else the pair's first link.
+    """
+    names, ends = mechanism.links, mechanism.ends
+    if len(ends) != 4 or len(names) != 4 or len(mechanism.inputs) != 1:
+        return None
+    axes = [list(own.values()) for own in link_axes(mechanism).values()]
+    if any(len(own) != 2 for own in axes):
+        return None
+    driven = mechanism.pair_number[mechanism.inputs[0].pair]
+    fixed = 0 if 0 in ends[driven] else ends[driven][0]
+    moved = next(link for link in ends[driven] if link != fixed)
+    beside = next(k for k, own in enumerate(ends) if fixed in own and k != driven)
+    output = next(link for link in ends[beside] if link != fixed)
+    coupler = ({0, 1, 2, 3} - {fixed, moved, output}).pop()
+    g, a, h, b = (_arc(*axes[k]) for k in (fixed, moved, coupler, output))
+    return Grashof(class_of(g, a, h, b), names[moved], names[output])
+
+
+def _arc(one: Floats, other: Floats) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
+
+
+def class_of(g: float, a: float, h: float, b: float) -> str:
+    """Return the class of the arcs (rad) of fixed link, input, coupler and output."""
+    t = np.array([g - a + h - b, g - a - h + b, h + b - g - a, 2.0 * np.pi - g - a - h - b])
+    if np.min(np.abs(t)) < FOLDS:
+        return "change-point"
+    turns = t[0] * t[1] > 0.0 and t[2] * t[3] > 0.0
+    output_turns = t[0] * t[2] < 0.0 and t[1] * t[3] < 0.0
+    if turns:
+        return "double-crank" if output_turns else "crank-rocker"
+    if output_turns:
+        return "rocker-crank"
+    return "double-rocker" if np.prod(t) > 0.0 else "triple-rocker"
