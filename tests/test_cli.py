@@ -107,7 +107,11 @@ def test_analyses_describe_their_tables(capsys):
         out,
     )
     _, out, _ = run(capsys, "analyses", "poles", "--json")
-    assert json.loads(out)["parameters"] == {"only": "text+...", "circles": "text"}
+    assert json.loads(out)["parameters"] == {
+        "only": "text+...",
+        "circles": "text",
+        "axodes": "text+...",
+    }
 
 
 def test_run_writes_tables_and_recording(capsys, tmp_path):

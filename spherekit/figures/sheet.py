@@ -15,7 +15,7 @@ from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator
 
 P = ParamSpec("P")
 
-DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)
+DEGREE_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
 LONG = 60.0
 """Degrees from which on an axis has these steps."""
 LEGEND_ROW = 0.17
@@ -179,7 +179,7 @@ def ticks_of(panel: Axes, unit: str, which: str, most: int = 6) -> None:
     if which == "x" and whole is not None:
         across = panel.get_gridspec()
         width = whole.get_figwidth() / (across.ncols if across else 1) - 0.5
-        most = max(2, min(most, int(width / TICK)))
+        most = max(3, min(most, int(width / TICK)))
     steps = DEGREE_STEPS if in_turns else (1, 2, 2.5, 5, 10)
     getattr(panel, f"{which}axis").set_major_locator(MaxNLocator(nbins=most, steps=steps))
 
