@@ -100,7 +100,7 @@ def _pair(pair: Pair, links: set[str], rotation: Floats) -> Pair:
 
 
 def _profile(profile: Profile, rotation: Floats) -> Profile:
-    if profile.kind != "points":
+    if not profile.points:
         raise NotTurnedError(f"a {profile.kind} counts its arc length from the axes")
     return replace(profile, points=tuple(_vector(rotation, p) for p in profile.points))
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import Status
 from spherekit.motion.segments import CurvePoints, Segments
-from spherekit.motion.turns import less_periods
+from spherekit.motion.turns import TURN, less_periods
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.periodic import Periodic
 from spherekit.numeric.zeros import Zeros, zeros
@@ -96,10 +96,16 @@ class ArcCurve:
 
         That is `period` where it is finite; where it is not, as with wheels whose rolled
         length does not follow from the variable alone, a closed curve returns all the same
-        once it went round. Infinite if it does not.
+        once it went round. One that swings to and fro is where it was after a turn of the
+        variable, if no rolled length depends on it, which a period that is NaN says.
+        Infinite if it does not return.
         """
+        if np.isfinite(period):
+            return period
         once = abs(float(self.rise[variable]))
-        return period if np.isfinite(period) or once == 0.0 else once
+        if once == 0.0:
+            return TURN if self.closed and np.isnan(period) else np.inf
+        return once
 
     def rests(self, variable: int) -> bool:
         """Return whether a variable stands still along the whole curve."""

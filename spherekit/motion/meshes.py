@@ -64,7 +64,8 @@ class Meshes:
     `variables` are their numbers; `lengths` (m,) those at the inputs `anchor` (k,), rad;
     `ratios` (m, k) their rates by the inputs. `all_known` says that no other contact
     rolls. `periods` (k,) is the growth of each input with which the same assembly
-    returns, infinite if there is none.
+    returns, infinite if there is none, and NaN where no length follows from the inputs, so
+    that a curve itself says when it returns (`ArcCurve.returns_after`).
     """
 
     variables: tuple[int, ...]
@@ -156,10 +157,12 @@ def meshes_of(
             anchor = np.zeros(count)
             lengths = _least_rolled(closure, driven, values, rates, known)
         all_known = len(known) == len(rolling)
-        periods = np.array([_period(closure, known, each) for each in ratios.T])
+        periods = np.full(count, np.inf if known else np.nan)
+        if all_known:
+            periods = np.array([_period(closure, known, each) for each in ratios.T])
         return Meshes(tuple(known), anchor, lengths, ratios, periods, all_known)
     none = np.zeros((0, count))
-    return Meshes((), np.zeros(count), none[:, 0], none, np.full(count, TURN), False)
+    return Meshes((), np.zeros(count), none[:, 0], none, np.full(count, np.nan), False)
 
 
 def _configurations(

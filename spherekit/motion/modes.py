@@ -65,7 +65,8 @@ NEAREST = 8
 REFERENCE_ONLY = Claim(Guarantee.COMPONENT, "the mode of the reference pose")
 AS_ASSEMBLED = Claim(
     Guarantee.COMPONENT,
-    "the curve of the reference pose; wheels put together otherwise were not looked for",
+    "the mode of the reference pose, and where it ends those that go on; wheels put "
+    "together otherwise were not looked for",
 )
 
 
@@ -306,9 +307,7 @@ class _Gathering:
         for q in _scattered(self.input_grid):
             if not self.assembly_modes:
                 self.probe(q[None])
-        if len(self.solver.driven) == 1:
-            for assembly_mode in tuple(self.assembly_modes):
-                self._add_component(assembly_mode)
+        self.go_beyond()
         if self.probes:
             return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
         return AS_ASSEMBLED
@@ -389,14 +388,9 @@ class _Gathering:
             guide = assembly_mode.guide
             if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
                 continue
-            self._add_component(assembly_mode)
-
-    def _add_component(self, assembly_mode: AssemblyMode) -> None:
-        """Add the modes in the range that lie on the curve of one of a single input."""
-        guide = assembly_mode.guide
-        assert isinstance(guide, ModeCurve)
-        values = guide.values[len(guide.values) // 2]
-        if not any(np.isfinite(curve.find(values[None])[0]) for curve in self._curves):
+            values = guide.values[len(guide.values) // 2]
+            if any(np.isfinite(curve.find(values[None])[0]) for curve in self._curves):
+                continue
             self._add_along(values, self.families[assembly_mode.number])
 
     def _add_along(self, values: Floats, family: int | None = None) -> None:
