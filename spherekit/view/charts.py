@@ -32,7 +32,9 @@ LEGEND = 205.0
 LONGEST = 17
 """Letters of a name for which the legend has room."""
 LINE = 25.0
-"""Height of one line of it."""
+"""Least height of one line of it."""
+WIDEST_LINE = 36.0
+"""Height of one line of few, which keep apart in a small window too."""
 LABEL = 14.0
 """The viewer writes a label so far below its point."""
 FRAME_HEIGHT = HEIGHT - TOP - BOTTOM
@@ -54,6 +56,11 @@ SCALE_BOUNDS = ((-40.0, WIDTH + 40.0), (-44.0, 58.0))
 
 Drawn = tuple[str, rr.AsComponents]
 """Path below the chart, and what is logged there."""
+
+
+def _line(count: int) -> float:
+    """Return the height of each of so many lines in a column of the legend."""
+    return min(WIDEST_LINE, max(LINE, FRAME_HEIGHT / count))
 
 
 @final
@@ -126,6 +133,7 @@ class Chart:
     def legend(self, paths: Sequence[str]) -> tuple[Floats, list[colours.Colour]]:
         """Return where the names (k, 2) of some curves are, and their colours."""
         most = int(FRAME_HEIGHT / LINE)
+        line = _line(min(len(self.curves), most))
         places, tints = [], []
         if self.is_map:
             x = self.width + 0.5 * LEGEND
@@ -135,7 +143,7 @@ class Chart:
             if path in paths:
                 column, row = divmod(number, most)
                 x = self.width + (column + 0.5) * LEGEND
-                places.append((x, LINE * (row + 0.5) - LABEL))
+                places.append((x, line * (row + 0.5) - LABEL))
                 tints.append(curve.colour)
         return np.array(places).reshape(-1, 2), tints
 
@@ -342,7 +350,8 @@ def portrait(item: Portrait) -> Iterator[Drawn]:
     named = {each.label: colours.tone(each.tone) for each in item.curves if each.label}
     if named:
         x = PORTRAIT_WIDTH + 0.5 * LEGEND
-        lines = [(x, LINE * (k + 0.5) - LABEL) for k in range(len(named))]
+        line = _line(len(named))
+        lines = [(x, line * (k + 0.5) - LABEL) for k in range(len(named))]
         tints = list(named.values())
         yield "legend", legend_style(np.array(lines), tints, list(named))
     if item.marks:
