@@ -43,6 +43,8 @@ from .pole_scenes import (
 
 Floats = NDArray[np.float64]
 
+TURN_KNOWN = 1e-6
+"""Relative error to which the derivative of an axis is known where it is given."""
 MANY = 6
 """With more poles than this, those to the ground and the shown one are seen at first."""
 
@@ -91,7 +93,9 @@ class Poles(AbstractAnalysis):
                     Column(
                         f"du{axis}_dq",
                         "1/rad",
-                        f"derivative of u{axis} by q",
+                        f"derivative of u{axis} by q, where the coefficient is not too "
+                        "small to know it",
+                        scale="none",
                         turns="vector",
                     )
                     for axis in "xyz"
@@ -334,8 +338,9 @@ class Poles(AbstractAnalysis):
 def _turn(batch: Batch, pole: tuple[int, int, int]) -> Floats:
     """Return (n, 3) 1/rad: the derivative of a pole axis by the input.
 
-    From w_j - w_i = r u and its derivative; of the axis of an R pair, which its links
-    carry, u' = w_i x u also where these stand still relative to each other.
+    From w_j - w_i = r u and its derivative, so NaN where r is too small to know it to
+    `TURN_KNOWN`; of the axis of an R pair, which its links carry, u' = w_i x u also where
+    these stand still relative to each other.
     """
     i, j, moved = pole
     mechanism = batch.mechanism
@@ -353,7 +358,11 @@ def _turn(batch: Batch, pole: tuple[int, int, int]) -> Floats:
     change = batch.angular_velocity_dq(high, moved) - batch.angular_velocity_dq(low, moved)
     with np.errstate(divide="ignore", invalid="ignore"):
         found = (change - second[:, None] * u) / rate[:, None]
-    return np.where(np.isfinite(found), found, np.nan)
+        size = np.maximum(1.0, np.linalg.norm(found, axis=1))
+        doubt = batch.acceleration_coefficient_error_bound(i, j, moved)
+        doubt = doubt + size * batch.velocity_coefficient_error_bound(i, j, moved)
+        known = doubt / np.abs(rate) < TURN_KNOWN * size
+    return np.where(known[:, None], found, np.nan)
 
 
 def _chart(batch: Batch) -> Chart:

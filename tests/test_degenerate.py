@@ -22,7 +22,12 @@ def run(made, samples=7, search=False):
     assert not result.failures
     frame = result.frame()
     fine = frame[frame["status"] == "OK"]
-    assert not fine.isna().any().any()
+    turns = [f"du{axis}_dq" for axis in "xyz"]
+    assert not fine.drop(columns=turns).isna().any().any()
+    rest = fine[fine[turns].isna().any(axis=1)]
+    doubt = rest["velocity_coefficient_error_bound"].abs()
+    doubt += rest["acceleration_coefficient_error_bound"]
+    assert (doubt >= 1e-6 * rest["velocity_coefficient"].abs()).all()
     assert frame.loc[frame["status"] == "OUT_OF_REACH", "velocity_coefficient"].isna().all()
     return frame
 

@@ -30,6 +30,8 @@ from spherekit.motion.segments import (
 )
 from spherekit.sphere.rotation import Floats
 
+LONGEST = 500.0
+"""Length (rad) after which a curve that does not close is ended."""
 LARGEST_STEP = 0.4
 """Longest step (rad of arc length)."""
 LARGEST_TURN = 0.4
@@ -88,7 +90,7 @@ def follow_arc(
     closure: Closure,
     values: Floats,
     stops: Mapping[int, tuple[float, float]] | None = None,
-    longest: float = 500.0,
+    longest: float = LONGEST,
     step: float = LARGEST_STEP,
 ) -> ArcCurve:
     """Return the configuration curve through a closed configuration.

@@ -16,7 +16,7 @@ from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.arc_length import LONGEST, follow_arc
 from spherekit.motion.assemblies import MOST_ASSEMBLY_MODES, assemblies, signs_at
 from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs, wrap
 from spherekit.motion.distinct import SAME_MODE
@@ -57,6 +57,8 @@ MOST_COST = 3e-3
 """Time (s) that a value of the functions of meeting modes may take here."""
 MOST_TIME = 10.0
 """Rough time (s) that looking for the inputs at which modes meet may take here."""
+LONGEST_ROLLED = 40.0
+"""Length (rad) up to which a curve of wheels is followed, which need not ever close."""
 NEAR_GUIDE = 1e-3
 """A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
 NEAREST = 8
@@ -396,7 +398,9 @@ class _Gathering:
     def _add_along(self, values: Floats, family: int | None = None) -> None:
         """Add the modes in the range that lie on the curve through a configuration."""
         try:
-            self._curves.append(follow_arc(self.solver.closure, values))
+            longest = LONGEST if self.solver.meshes is None else LONGEST_ROLLED
+            curve = follow_arc(self.solver.closure, values, longest=longest)
+            self._curves.append(curve)
         except SolveError:
             return
         (period,) = self.solver.periods
