@@ -66,13 +66,17 @@ class Chart:
         tones: Sequence[int],
         normals: Floats,
         words: Sequence[str] = (),
+        moving: str = "",
     ) -> Diagram:
-        """Return the chart of axes (n, k, 3) and great circles (n, m, 3)."""
+        """Return the chart of axes (n, k, 3) and great circles (n, m, 3).
+
+        `moving` is the input that moves while others are locked.
+        """
         first, second, third = self.names
         places = self.points(directions)
         return Diagram(
-            "plots/chart",
-            "gnomonic chart",
+            f"plots/chart/{moving}" if moving else "plots/chart",
+            f"{moving} moves: gnomonic chart" if moving else "gnomonic chart",
             f"tan ξ = {second}/{first}",
             f"tan ζ = {third}/{first}",
             (-REACH, REACH),

@@ -321,6 +321,7 @@ class Poles(AbstractAnalysis):
                     ),
                     [PAIR_TONE if p in primary else POLE_TONE for p in first_seen],
                     normals,
+                    moving=pair if several else "",
                 )
             )
             circles = () if many and moved else (0, 1)

@@ -11,7 +11,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.conformance.examine import TURN, Examination
 from spherekit.conformance.variants import renamed, turned
-from spherekit.errors import PluginError
+from spherekit.errors import AnalysisError, PluginError
 from spherekit.motion.motion import Tracer
 from spherekit.plugin import conformance, registered
 
@@ -20,6 +20,8 @@ BROKEN_AT_IMPORT = {
     "wrong_entry_point": ("broken_plugins:NoSuchClass", "NoSuchClass"),
     "not_an_analysis": ("broken_plugins:TABLE", "not a subclass of AbstractAnalysis"),
 }
+
+BY_NAME = {cls.name: cls for cls in BROKEN}
 
 
 @pytest.fixture
@@ -63,9 +65,8 @@ def test_what_does_not_load_fails_as_installed(name, installed):
 
 
 def test_all_failing_lines_are_raised():
-    broken = {cls.name: cls for cls in BROKEN}
 
-    class Both(broken["keeps_its_axes"], broken["scene_raises"]):
+    class Both(BY_NAME["keeps_its_axes"], BY_NAME["scene_raises"]):
         """Broken twice."""
 
         name = "both"
@@ -107,9 +108,16 @@ def test_nothing_that_does_not_load_stops_a_run(name, installed, tmp_path, capsy
     assert status == 4 and BROKEN_AT_IMPORT[name][1] in sentence
 
 
+def test_the_reason_is_told_in_python():
+    with registered(BY_NAME["raises"]):
+        result = sk.run(sk.load("four_bar"), "raises", samples=5)
+        said = r"^analysis raises failed: compute raises ZeroDivisionError.*line \d+\)$"
+        with pytest.raises(AnalysisError, match=said):
+            result.frame("raises")
+
+
 def test_the_trace_is_shown_when_asked_for(tmp_path, capsys):
-    raises = next(cls for cls in BROKEN if cls.name == "raises")
-    with registered(raises):
+    with registered(BY_NAME["raises"]):
         main(["run", "four_bar", "-a", "raises", "--samples", "5", "--traceback"])
     assert "in compute\n" in capsys.readouterr().err
 
@@ -133,7 +141,7 @@ SHIPPED = {
     "eksergian": "four_bar",
     "singularities:output=4/1": "four_bar",
     "workspace": "five_bar",
-    "inverse_kinematics:columns=21+51,poses=77.5:77.5+70:75": "five_bar",
+    "inverse_kinematics:poses=21=77.5+51=77.5+21=70+51=75": "five_bar",
     "equivalent_rotation:start=21=70+51=72,end=21=77.5+51=77.5": "five_bar",
 }
 """With parameters that mean the same in any axes: poses by inputs."""

@@ -53,7 +53,13 @@ WRONG = [
     (sk.run, (FOUR_BAR,), {"duration": -1.0}, "duration"),
     (sk.run, (FOUR_BAR,), {"duration": NAN}, "duration"),
     (sk.run, (FOUR_BAR,), {"start": {"q": 1}, "duration": 1.0}, "it has to be Start"),
-    (sk.run, (FOUR_BAR,), {"start": START, "duration": 1.0, "torque": 5}, "torque is 5"),
+    (sk.run, (FOUR_BAR,), {"start": START, "duration": 1.0, "torque": [5]}, "torque is .5"),
+    (
+        sk.run,
+        (FOUR_BAR,),
+        {"start": START, "duration": 1.0, "torque": NAN},
+        "nan is not fin",
+    ),
     (
         sk.run,
         (FOUR_BAR,),

@@ -116,7 +116,7 @@ def test_noise_is_no_signal_and_ticks_are_round():
 
 
 def test_what_was_asked_for_comes_first(tmp_path):
-    pose = "inverse_kinematics:poses=0.5:0.6:0.62"
+    pose = "inverse_kinematics:poses=x=0.5+y=0.6+z=0.62"
     _, pages = recorded(tmp_path / "a.rrd", "five_bar", [pose, "poles"], samples=3)
     assert pages[0] == "Inverse" and pages.index("Mode 0 (+)") > pages.index("Measure")
     _, pages = recorded(tmp_path / "b.rrd", "five_bar", ["poles", pose], samples=3)
@@ -128,9 +128,8 @@ def test_what_was_asked_for_comes_first(tmp_path):
 def test_solved_poses_are_drawn():
     listener = Listener()
     wanted = np.array([0.5, 0.6, 0.62]) / np.linalg.norm([0.5, 0.6, 0.62])
-    result = sk.run(
-        "five_bar", "inverse_kinematics:poses=0.5:0.6:0.62", recorder=listener, samples=3
-    )
+    pose = "inverse_kinematics:poses=x=0.5+y=0.6+z=0.62"
+    result = sk.run("five_bar", pose, recorder=listener, samples=3)
     (page,) = [scene for scene in listener.scenes if scene.page == "Inverse"]
     bodies = {p.path: p for p in page.primitives if p.path.startswith("link/")}
     solved = result.frame("inverse_kinematics").query("status == 'OK'")

@@ -392,7 +392,7 @@ BAD = {
     "three counts for two inputs": (
         lambda: sk.trace(sk.load("five_bar"), samples=[3, 3, 3]),
         SolveError,
-        ["3 numbers of samples", "2 inputs (21, 51)"],
+        ["samples: 3x3x3 is of 3 inputs", "2 inputs (21, 51)", "41x21"],
     ),
     "any input of a followed mode": (
         lambda: Tracer(sk.load("three_rrr"), samples=3).at(np.ones((1, 3))),

@@ -339,12 +339,12 @@ def recorded(path, analyses=("poles:only=31", "eksergian"), **options):
     return path
 
 
-def columns(path):
+def columns(path, static=False):
     from rerun.chunk import RrdReader
 
     found = {}
     for chunk in RrdReader(str(path)).stream():
-        if chunk.is_static:
+        if chunk.is_static != static:
             continue
         batch = chunk.to_record_batch()
         for name in batch.schema.names:
@@ -369,14 +369,24 @@ def test_recordings_have_a_timeline_of_time(tmp_path):
         assert found[f"{home}/{part}", "sample"] == list(range(21))
     tau = np.concatenate(found[f"{home}/plots/torque/tau", "Scalars:scalars"])
     assert np.max(np.abs(tau - 10.0 * np.sin(2.0 * t))) < 1e-11
-    marks = np.array(found[f"{home}/plots/phase_portrait/mark", "Points2D:positions"])
+    portrait = f"{home}/plots/phase_portrait"
+    marks = np.array(found[f"{portrait}/mark", "Points2D:positions"])[:, 0]
+    still = columns(tmp_path / "a.rrd", static=True)
+    words = still[f"{portrait}/words", "Points2D:labels"][-1]
+    box, *lines = map(np.array, still[f"{portrait}/frame", "LineStrips2D:strips"][-1])
     history = simulate(sk.load("four_bar"), Start(0.3, 1.0), 2.0, torque="10*sin(2*t)").at(
         t
     )
-    for k, (values, size) in enumerate(((history.q, 1.6), (history.dq, -1.0))):
-        low, high = np.min(values), np.max(values)
-        want = size * (values - low) / (high - low)
-        assert np.max(np.abs(marks[:, 0, k] - want)) < 1e-6
+    for k, (values, unit) in enumerate(((history.q, "q, deg"), (history.dq, "dq, deg/s"))):
+        own = [line[0, k] for line in lines if line[0, k] == line[1, k]]
+        ticks, words = words[: len(own)], words[len(own) :]
+        name, words = words[0], words[1:]
+        assert name.removeprefix("up: ") == unit and len(ticks) >= 3
+        scale = np.polyfit(own, [float(w.replace("\u2212", "-")) for w in ticks], 1)
+        assert np.max(np.abs(np.polyval(scale, marks[:, k]) - np.degrees(values))) < 1e-4
+        low, high = np.min(box[:, k]), np.max(box[:, k])
+        assert np.all((marks[:, k] > low - 1e-3) & (marks[:, k] < high + 1e-3))
+        assert np.ptp(marks[:, k]) > 0.9 * (high - low)
 
 
 def test_recordings_without_time_are_as_before(tmp_path):

@@ -39,6 +39,11 @@ def faults_of(analysis: str, what: str) -> Iterator[None]:
         raise PluginError(f"{analysis}: {what} raises {described(problem)}") from problem
 
 
+def failed(analysis: str, why: str) -> str:
+    """Return the sentence that says that an analysis failed and why, with its name once."""
+    return f"analysis {analysis} failed: {why.removeprefix(f'{analysis}: ')}"
+
+
 def described(problem: BaseException) -> str:
     """Return an exception with the last line of a plugin's own that led to it."""
     words = str(problem).strip().partition("\n")[0]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
 
 import numpy as np
 
+from spherekit.analysis.faults import failed
 from spherekit.analysis.folder.journal import SUMMARY, RunFolder
 from spherekit.analysis.folder.store import AbstractStore, InMemory, OnDisk
 from spherekit.analysis.running.cost import TABLES
@@ -74,7 +75,7 @@ class RunResult:
     """The tables of all analyses of a run, its failures and its summary.
 
     `summary` holds versions, hashes, tolerances, errors reached and times, ready for
-    JSON. `failures` maps the name of an analysis that failed to its traceback. `files`
+    JSON. `failures` maps the name of an analysis that failed to the reason. `files`
     are those that a run with a folder has written, `views` makes figures and recordings.
     """
 
@@ -90,8 +91,8 @@ class RunResult:
             for name, result in self.results.items()
             for table in result.tables
         )
-        failed = f"; failed: {listing(self.failures)}" if self.failures else ""
-        return f"<RunResult of {self.summary.get('mechanism')}: tables {tables}{failed}>"
+        rest = f"; failed: {listing(self.failures)}" if self.failures else ""
+        return f"<RunResult of {self.summary.get('mechanism')}: tables {tables}{rest}>"
 
     def _repr_html_(self) -> str:
         """Return the first rows of all tables, what was found, and what failed, as HTML."""
@@ -104,8 +105,8 @@ class RunResult:
         found = [*claims, *self.summary.get("remarks", ())]
         parts.append(html_list("Found", [str(each) for each in found]))
         parts.append(html_list("Warnings", self.summary.get("warnings", ())))
-        failed = [f"{name}: {why}" for name, why in self.failures.items()]
-        parts.append(html_list("Failed", failed))
+        why = [failed(name, reason) for name, reason in self.failures.items()]
+        parts.append(html_list("Failed", why))
         return "".join(parts)
 
     @checked(AnalysisError)
@@ -135,7 +136,7 @@ class RunResult:
 
         name = analysis or next((n for n in self.results if n != MOTION), MOTION)
         if name in self.failures:
-            raise AnalysisError(f"{name} failed:\n{self.failures[name]}")
+            raise AnalysisError(failed(name, self.failures[name]))
         if name not in self.results:
             raise AnalysisError(
                 f'this run has no result "{name}"{nearest(name, self.results) or "."} '

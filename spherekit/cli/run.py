@@ -238,6 +238,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and what else there is to say to stderr."""
+    from spherekit.analysis.faults import failed
     from spherekit.analysis.tables import COLUMNS
 
     summary = result.summary
@@ -255,7 +256,7 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
         print(report(summary))
     sys.stdout.flush()
     for name, why in result.failures.items():
-        print(f"spherekit: analysis {name} failed:\n{why}", file=sys.stderr)
+        print(f"spherekit: {failed(name, why)}", file=sys.stderr)
     if options.quiet:
         return
     shown = study.recording is not None or options.serve is not None or options.connect

@@ -58,7 +58,10 @@ class Recorder(Protocol):
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Take one block of one mode: sample numbers (k,), inputs (k,) rad, times s."""
+        """Take one block of one mode: sample numbers (k,), inputs (k,) rad, times s.
+
+        What stands still, and is known after the start only, has no samples.
+        """
 
 
 @runtime_checkable
@@ -195,7 +198,8 @@ class RecordingSession:
         self._log(motion_scenes(motion, self._shapes, self._timed), motion, MOTION)
         if not self._has_graph:  # after the first rows, which should not wait for it
             self._has_graph = True
-            self._log([graph_scene(motion.mechanism)], motion, MOTION)
+            still = replace(motion, samples=0)
+            self._log_block(graph_scene(motion.mechanism), still, MOTION)
 
     def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         """Log what an analysis of this name shows of a block."""
@@ -224,16 +228,10 @@ class RecordingSession:
         return np.asarray(self._thinning.chosen(motion.sample) & fresh)
 
     def _log(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
-        k = motion.samples
-        single = motion.inputs.shape[1] == 1 and not self._timed
-        inputs = motion.q[:k] if single else None
-        timing = motion.timing
-        times = timing.t[:k] if timing is not None and self._timed else None
         for scene in scenes:
             if not scene.over:
-                if k:
-                    shown = replace(scene, over=self._axes(motion), source=source)
-                    self._recorder.log(shown, motion.sample[:k], inputs, times)
+                if motion.samples:
+                    self._log_block(scene, motion, source)
                 continue
             count = len(scene.over[0].values)
             own = (
@@ -241,6 +239,14 @@ class RecordingSession:
                 for line in (self._inputs, self._times)
             )
             self._recorder.log(replace(scene, source=source), np.arange(count), *own)
+
+    def _log_block(self, scene: Scene, motion: Motion, source: str) -> None:
+        k, timing = motion.samples, motion.timing
+        single = motion.inputs.shape[1] == 1 and not self._timed
+        inputs = motion.q[:k] if single else None
+        times = timing.t[:k] if timing is not None and self._timed else None
+        shown = replace(scene, over=self._axes(motion), source=source)
+        self._recorder.log(shown, motion.sample[:k], inputs, times)
 
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
         """Return what the samples of a block run over: the time, or each input."""

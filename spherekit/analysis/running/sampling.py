@@ -297,6 +297,8 @@ def check_time(study: Study) -> None:
     )
     if fault is not None:
         raise study.fault(*fault)
+    if isinstance(study.torque, int | float) and not np.isfinite(study.torque):
+        raise study.fault(("start", "torque"), f"{study.torque} is not finite")
     if study.driving_torque is not None:
         drive = PairTorque(DRIVE, inputs[0], study.driving_torque)
         try:
