@@ -273,8 +273,7 @@ class _Gathering:
             turns = np.round((middle - reference[driven]) / (2 * np.pi))
             values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
         self.add(values)
-        meshes = self.solver.meshes
-        if not self.assembly_modes and meshes is not None and len(driven) == 1:
+        if not self.assembly_modes and len(driven) == 1 and self.solver.meshes is not None:
             self._add_along(values)
         if self.freedoms and self.freedoms[0] < len(driven):
             # Where the pose given cannot move, a search of other modes takes long and is
