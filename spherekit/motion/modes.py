@@ -57,8 +57,9 @@ MOST_COST = 3e-3
 """Time (s) that a value of the functions of meeting modes may take here."""
 MOST_TIME = 10.0
 """Rough time (s) that looking for the inputs at which modes meet may take here."""
-LONGEST_ROLLED = 40.0
-"""Length (rad) up to which a curve of wheels is followed, which need not ever close."""
+LONGEST_ROLLED = 200.0
+"""Length (rad) after which a curve of wheels is ended whose rolled lengths do not follow
+from the input, and which need not ever close."""
 NEAR_GUIDE = 1e-3
 """A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
 NEAREST = 8
@@ -396,15 +397,16 @@ class _Gathering:
 
     def _add_along(self, values: Floats, family: int | None = None) -> None:
         """Add the modes in the range that lie on the curve through a configuration."""
+        meshes = self.solver.meshes
+        longest = LONGEST if meshes is None or meshes.all_known else LONGEST_ROLLED
         try:
-            longest = LONGEST if self.solver.meshes is None else LONGEST_ROLLED
             curve = follow_arc(self.solver.closure, values, longest=longest)
-            self._curves.append(curve)
         except SolveError:
             return
+        self._curves.append(curve)
         (period,) = self.solver.periods
         parts = MonotoneSegments.of(
-            self._curves[-1], self.solver.single, *_range(self.input_grid), period
+            curve, self.solver.single, *_range(self.input_grid), period
         )
         rows = np.zeros(len(parts.middles), dtype=np.intp)
         self.add_new(parts.middles, rows, family)
