@@ -31,7 +31,7 @@ LAYERS = (
     ("exact", "singular", "output", "guidance", "engine"),
     ("dynamics", "workspace"),
     ("analysis",),
-    ("trade",),
+    ("trade", "design"),
     ("figures", "view"),
     ("front",),
     ("conformance",),
@@ -53,6 +53,8 @@ SIBLINGS = {
     "dynamics": {"singular", "workspace"},
     "figures": {"view", "trade"},
     "view": {"figures"},
+    "trade": {"design"},
+    "design": {"trade"},
     "workspace": {"dynamics", "engine", "singular"},
 }
 HOME_OF = {
