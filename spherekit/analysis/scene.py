@@ -247,6 +247,12 @@ class SphereMap:
     """(v,)"""
     unit: str = ""
 
+    @property
+    def shown_values(self) -> Floats:
+        """Those at vertices that are seen."""
+        seen = np.unique(self.triangles) if len(self.triangles) else slice(None)
+        return np.asarray(self.values[seen])
+
 
 @final
 @dataclass(frozen=True)
@@ -360,22 +366,6 @@ class Scene:
         if self.over:
             return self
         return replace(self, primitives=tuple(_thinned(p, chosen) for p in self.primitives))
-
-
-def plotted_range(values: Floats, resolution: float) -> tuple[float, float]:
-    """Return the range (low, high) of an axis for values (n,), some of them NaN.
-
-    It spans `resolution` at least, and that part of the largest value.
-    """
-    finite = values[np.isfinite(values)]
-    if not len(finite):
-        return 0.0, 1.0
-    low, high = float(np.min(finite)), float(np.max(finite))
-    if high - low >= resolution * max(1.0, abs(low), abs(high)):
-        return low, high
-    middle = 0.5 * (low + high)
-    around = max(0.5 * abs(middle), 0.5)
-    return middle - around, middle + around
 
 
 def titled(label: str, unit: str) -> str:

@@ -7,9 +7,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.plotted import TURNS, broken, plotted_range, scale_of
 from spherekit.analysis.scene import Axis, Floats, InputMarks, Page, Series, titled
 from spherekit.figures import style
-from spherekit.figures.ranges import broken, scale_of, shown_range
 from spherekit.figures.sdk import Axes, Figure, Line2D
 from spherekit.figures.sheet import (
     Sheet,
@@ -25,7 +25,6 @@ from spherekit.figures.sheet import (
 MOST_IN_ONE = 7
 """Quantities of one mode that share a panel."""
 RATIO = 0.68
-TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
 DASH = 5.0
 """Length of a dash of curves that lie on each other, in widths of their lines."""
 ALIKE = 0.003
@@ -108,7 +107,7 @@ def _panel(
     every = np.concatenate([curve.series.values for curve in curves])
     unit = curves[0].series.unit
     resolution = max(curve.series.resolution for curve in curves)
-    low, high = shown_range(every, scale, resolution)
+    low, high = plotted_range(every, scale, resolution)
     alike = _alike([curve.series.values for curve in curves], high - low)
     for k, curve in enumerate(curves):
         if labels is None:

@@ -5,13 +5,13 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, ParamSpec, final
+from typing import Any, Literal, ParamSpec, final
 
 import numpy as np
 
 from spherekit.analysis.scene import Axis, Floats, Page, titled
 from spherekit.figures import style
-from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator
+from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator, Normalize
 
 P = ParamSpec("P")
 
@@ -160,6 +160,12 @@ def spot_look(tone: int) -> dict[str, Any]:
         "markeredgecolor": "white",
         "markeredgewidth": 0.5,
     }
+
+
+def ends(values: Floats, tint: Normalize) -> Literal["neither", "both"]:
+    """Return whether a scale of colours has ends for what is beyond it."""
+    parts = np.ma.compressed(tint(values[np.isfinite(values)]))
+    return "both" if np.any((parts < 0.0) | (parts > 1.0)) else "neither"
 
 
 def label_x(panel: Axes, axis: Axis) -> None:
