@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.tables import IN_DEGREES
+from spherekit.analysis.units import in_signs
 
 Floats = NDArray[np.float64]
 TINY = 1e-300
@@ -369,8 +370,8 @@ class Scene:
 
 
 def titled(label: str, unit: str) -> str:
-    """Return the name of a quantity with its unit."""
-    return f"{label}, {unit}" if unit else label
+    """Return the name of a quantity with its unit, as people print it."""
+    return f"{label}, {in_signs(unit)}" if unit else label
 
 
 def in_degrees(scene: Scene) -> Scene:

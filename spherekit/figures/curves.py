@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.plotted import TURNS, broken, plotted_range, scale_of
 from spherekit.analysis.scene import Axis, Floats, InputMarks, Page, Series, titled
+from spherekit.analysis.units import in_signs
 from spherekit.figures import style
 from spherekit.figures.sdk import Axes, Figure, Line2D
 from spherekit.figures.sheet import (
@@ -83,7 +84,7 @@ def draw_curves(
             heading = shown[0].series
             if count > 1:
                 panel.set_title(labels[k])
-            words = titled(heading.group, style.in_signs(heading.unit))
+            words = titled(heading.group, heading.unit)
             if k == 0 and count > across:
                 figure.supylabel(words, fontsize=8.0)
             elif k == 0:
@@ -126,7 +127,7 @@ def _panel(
         panel.plot(lone[:, 0], lone[:, 1], ".", color=colour, markersize=3.0)
     known = every[np.isfinite(every)]
     if len(known) and np.ptp(known) <= resolution * scale and np.any(known != known[0]):
-        within = f"{float(np.ptp(known)):.0e} {style.in_signs(unit)}".strip()
+        within = f"{float(np.ptp(known)):.0e} {in_signs(unit)}".strip()
         words = f"all within {within}"
         panel.annotate(
             words,

@@ -95,7 +95,7 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
             aspect=30,
             extend=ends(values, tint),
         )
-        words = titled(first.group, style.in_signs(first.unit))
+        words = titled(first.group, first.unit)
         if first.label != first.group:
             words = f"{first.label}: {words}"
         bar.set_label(wrapped(words, 42))
@@ -123,9 +123,9 @@ def _axes(panel: Axes, over: Sequence[Axis], left: bool, bottom: bool) -> None:
     ticks_of(panel, x.unit, "x", 5)
     ticks_of(panel, y.unit, "y", 5)
     if bottom:
-        panel.set_xlabel(titled(x.label, style.in_signs(x.unit)))
+        panel.set_xlabel(titled(x.label, x.unit))
     if left:
-        panel.set_ylabel(titled(y.label, style.in_signs(y.unit)))
+        panel.set_ylabel(titled(y.label, y.unit))
 
 
 def _slices(rest: Sequence[Floats]) -> list[tuple[int, ...]]:

@@ -107,8 +107,8 @@ def _trace(panel: Axes, each: Plane) -> None:
 
 
 def _frame(panel: Axes, portrait: Portrait) -> None:
-    panel.set_xlabel(titled(portrait.x_label, style.in_signs(portrait.x_unit)))
-    panel.set_ylabel(titled(portrait.y_label, style.in_signs(portrait.y_unit)))
+    panel.set_xlabel(titled(portrait.x_label, portrait.x_unit))
+    panel.set_ylabel(titled(portrait.y_label, portrait.y_unit))
     if portrait.logarithmic:
         panel.set_xscale("log")
         panel.set_yscale("log")

@@ -136,9 +136,7 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
                 _map(panel, view, item, tint, colours, rim_patch)
             for each in shown.curves:
                 _curves(panel, view, each, rim_patch)
-            panel.set_title(
-                f"{view.projection.name}, about {style.in_signs(view.centre.name)}", pad=12
-            )
+            panel.set_title(f"{view.projection.name}, about {view.centre.name}", pad=12)
         if shown.maps:
             first = shown.maps[0]
             bar = figure.colorbar(
@@ -152,7 +150,7 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
             if isinstance(tint, BoundaryNorm):
                 whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
                 bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
-            bar.set_label(titled(first.label, style.in_signs(first.unit)))
+            bar.set_label(titled(first.label, first.unit))
         sheet.legend(figure, entries)
     return figure
 
@@ -176,7 +174,7 @@ def draw_paths(arrows: Sequence[tuple[Page, Arrow]], sheet: Sheet) -> Figure:
         figure, panels, _ = sheet.panels(len(labels), 1.05, sheet.legend_rows(entries))
         for panel, label in zip(panels, labels, strict=True):
             rim_patch = _graticule(panel, view)
-            panel.set_title(f"{label}, about {style.in_signs(centre.name)}", pad=12)
+            panel.set_title(f"{label}, about {centre.name}", pad=12)
             for page, arrow in arrows:
                 if arrow.label == label:
                     _path(panel, view, arrow.directions, page, rim_patch)

@@ -49,11 +49,11 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                 aspect=28,
                 extend=ends(each.values, tint),
             )
-            bar.set_label(titled(each.label, style.in_signs(each.values_unit)))
+            bar.set_label(titled(each.label, each.values_unit))
         every = np.concatenate([each.vertices for each in surfaces])
         first = surfaces[0]
         for which, name, column in zip("xyz", first.axes, every.T, strict=True):
-            getattr(panel, f"set_{which}label")(titled(name, style.in_signs(first.unit)))
+            getattr(panel, f"set_{which}label")(titled(name, first.unit))
             getattr(panel, f"set_{which}lim")(np.nanmin(column), np.nanmax(column))
             ticks_of(panel, first.unit, which, 5)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)

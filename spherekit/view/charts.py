@@ -283,7 +283,7 @@ class _Side:
 
     @classmethod
     def of(cls, axis: Axis) -> "_Side":
-        return cls(in_signs(axis.words), axis.extent, axis.unit == "deg")
+        return cls(axis.words, axis.extent, axis.unit == "deg")
 
 
 def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Drawn]:
@@ -324,7 +324,7 @@ def roomy(item: Portrait) -> Portrait:
 def portrait(item: Portrait) -> Iterator[Drawn]:
     """Yield the frame of a portrait, its curves and marks."""
     sides = [
-        _Side(in_signs(titled(label, unit)), span, unit.startswith("deg"), item.logarithmic)
+        _Side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
         for label, unit, span in (
             (item.x_label, item.x_unit, item.x_range),
             (item.y_label, item.y_unit, item.y_range),
@@ -441,13 +441,6 @@ def along(over: Sequence[Axis]) -> Axis:
     first = next((axis for axis in over if axis.extent[0] < axis.extent[1]), over[0])
     others = listing(axis.label for axis in over if axis is not first)
     return replace(first, label=f"input {first.label} with {others}")
-
-
-def in_signs(words: str) -> str:
-    """Return units as people write them."""
-    for plain, sign in (("m2", "m²"), ("/s2", "/s²")):
-        words = words.replace(plain, sign)
-    return words
 
 
 def bounds() -> tuple[tuple[float, float], tuple[float, float]]:

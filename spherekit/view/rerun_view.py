@@ -365,7 +365,7 @@ class RerunRecorder:
         touched: dict[str, list[str]],
     ) -> bool:
         """Add a block of a series to its chart, now `touched`; return if that is new."""
-        title = charts.in_signs(item.heading)
+        title = item.heading
         if len(over) > 1:
             title = f"{item.label}: {title}"
         where = f"{self._base(scene.page)}/charts/{_slug(title)}"
