@@ -511,7 +511,8 @@ def test_picture_starts_where_the_mechanism_closes(tmp_path: Path) -> None:
     whole = block(0, SAMPLES, NO_CRANK)
     with RerunRecorder("four bar", path=path) as recorder:
         recorder.start([resting(NO_CRANK)], INPUTS, assembly_modes={0: "Mode 0"})
-        recorder.log(part(whole, turned), SAMPLES, INPUTS)
+        moving = part(whole, turned).primitives[:3]  # links, and no plot beside them
+        recorder.log(Scene(0, moving), SAMPLES, INPUTS)
     closes = np.isfinite(four_bar_angles(INPUTS[turned], NO_CRANK, 0))
     first = int(np.argmax(closes))
     shown = picture(path, tmp_path / "a.png", view="3D", size=(500, 400))

@@ -161,8 +161,13 @@ def _in_front(parts: Mapping[str, Any]) -> Iterator[str]:
             left = left[1:]
             continue
         fields = parts[f"/{left[0]}"]["ContainerBlueprint"]
-        tabs = fields["container_kind"] == "Tabs"
-        left = [*([fields["active_tab"]] if tabs else fields["contents"]), *left[1:]]
+        shown = "active_tab" if fields["container_kind"] == "Tabs" else "contents"
+        left = [*_several(fields[shown]), *left[1:]]
+
+
+def _several(value: str | list[str]) -> list[str]:
+    """Return a component of a layout, which is no list where it has one element."""
+    return [value] if isinstance(value, str) else value
 
 
 def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str]) -> None:
@@ -258,7 +263,7 @@ def _first_shown(client: ViewerClient, recording: Path, timeline: str, start: in
     words = {
         path.strip("+ ").removesuffix("/**")
         for view in _in_front(parts)
-        for path in parts[f"/view/{view}/ViewContents"]["ViewContents"]["query"]
+        for path in _several(parts[f"/view/{view}/ViewContents"]["ViewContents"]["query"])
         if path.endswith("/status/**")
     }
     shown = []
