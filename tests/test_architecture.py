@@ -66,6 +66,8 @@ HOME_OF = {
     "filelock": {"files/lock.py"},
     "heyoka": {"engine/compiler.py"},
     "mpmath": {"exact/arithmetic.py"},
+    "distributed": {"design/cluster.py"},
+    "dask": {"design/cluster.py"},
     "matplotlib": {"figures/sdk.py"},
 }
 
