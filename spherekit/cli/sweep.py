@@ -21,8 +21,8 @@ EXAMPLES = (
     ),
     (
         "spherekit sweep four_bar --vary links.2.arc=10:40 --vary links.4.arc=30:60 "
-        '--designs 1000 --reduce "swing=swing(theta_41)" --where "swing > 60"',
-        "a thousand designs, those whose rocker swings far",
+        '--designs 1000 -a singularities --where "least_transmission_angle_43 > 40"',
+        "of a thousand designs those that transmit well",
     ),
 )
 
