@@ -66,8 +66,8 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     -----
     With I the tensor of a link about the centre, turned to ground axes, and w_i its angular
     velocity per unit rate of coordinate i, M_ij is the sum of w_i . I w_j (Di Gregorio
-    2024, eqs. (14), (15), of one coordinate). I turns with the link: I_k = [w_k] I - I [w_k],
-    with [w] the matrix of the cross product, so that
+    2024, eqs. (14), (15), of one coordinate). I turns with the link: I_k is
+    [w_k] I - I [w_k], with [w] the matrix of the cross product, so that
 
         w_i . I_k w_j = (w_i x w_k) . I w_j + (I w_i) . (w_j x w_k),
 
