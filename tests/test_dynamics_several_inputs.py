@@ -125,7 +125,7 @@ def test_a_feedback_law_and_a_spring_hold_a_differential():
 
 
 def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
-    """Chen et al. 2021, Table 3: to where branches cross, and on from beyond.
+    """Chen et al. 2021, Table 3: to where sets of configurations cross, and on from there.
 
     The torques are handed to the direct problem as functions of time alone.
     """
@@ -168,7 +168,7 @@ def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
         assert np.max(np.abs(got @ first.T - want @ begun.T)) < 1e-9
 
 
-def test_where_branches_of_configurations_cross_a_simulation_ends():
+def test_where_sets_of_configurations_cross_a_simulation_ends():
     made = heavy("two_dof_spm")
     found = sk.simulate(made, Start((0.3, 0.25), (0.3, -0.3)), 3.0)
     assert found.end.kind == "singularity" and 0.1 < found.end.t < 1.0
