@@ -17,6 +17,7 @@ from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.errors import EngineError
 from spherekit.model.geometry import COLLINEAR
 from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
+from spherekit.sphere.rotation import frame_from, perpendicular
 
 
 @final
@@ -88,7 +89,8 @@ def _in_link(
     place = sizes.axes.index(pair)
     leading = place or 1
     if len(sizes.axes) == 1:
-        return np.array(np.eye(3).tolist(), dtype=object)
+        axis = np.array([0.0, 0.0, 1.0])
+        return np.array(frame_from(axis, perpendicular(axis)).tolist(), dtype=object)
     if abs(np.sin(sizes.arcs[leading - 1])) < COLLINEAR:
         raise EngineError(
             f"{mechanism.name}: links.{link}: the arc to {sizes.axes[leading]} is 0 or 180 "
