@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from spherekit.plugin import (
     Status,
     Table,
     TableData,
-    counted,
 )
 from spherekit.plugin.designs import Deviations, Distribution, Sensitivity
 
@@ -74,7 +73,13 @@ class SensitivityAnalysis(AbstractAnalysis):
                 ASSEMBLY_MODE,
                 INPUT,
                 Column("quantity", "", "what changes", "text"),
-                Column("size", "", "the size that changes it, a key of the file", "text"),
+                Column(
+                    "size",
+                    "",
+                    "the size that changes it, a key of the file",
+                    "text",
+                    turns="otherwise",
+                ),
                 Column("value", "", "the quantity, rad and SI"),
                 Column("derivative", "", "by the size, per rad, input and loops held"),
                 Column("status", "", "what became of the row", "status"),
@@ -93,7 +98,13 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column("drawn_spread", "", "standard deviation of the draws", scale="none"),
                 Column("drawn_worst", "", "largest deviation of a draw", scale="none"),
                 Column("lost", "", "share of draws that do not close", scale="none"),
-                Column("matters_most", "", "the size with the largest share", "text"),
+                Column(
+                    "matters_most",
+                    "",
+                    "the size with the largest share",
+                    "text",
+                    turns="otherwise",
+                ),
                 Column("share", "", "its share of the variance, to first order"),
                 Column("status", "", "what became of the row", "status"),
             ),
@@ -194,27 +205,35 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return the largest spread of each quantity, and what makes most of it."""
         sensitivity, deviations = self._asked(batch.mechanism)
         _, gradients = self._found(batch, sensitivity)
-        squares = np.sum((gradients * deviations.spread) ** 2, axis=0)
-        remarks = []
+        parts = np.abs(gradients) * deviations.spread
+        figures = {}
         for k, name in enumerate(sensitivity.quantities):
-            if not np.any(np.isfinite(squares[k])):
-                continue
-            row = int(np.nanargmax(squares[k]))
-            most = int(np.argmax(np.abs(gradients[:, k, row])))
-            remarks.append(
-                f"{name}: largest spread {_size(np.sqrt(squares[k, row]), name)} at q = "
-                f"{np.degrees(batch.q[row]):.4g} deg, most of it from "
-                f"{sensitivity.keys[most]}"
-            )
-        remarks.append(
-            f"{counted(len(sensitivity.keys), 'size')} off by {self.deviation:g} deg "
-            f"({self.distribution})"
-        )
-        return Findings(remarks=tuple(remarks))
+            own = np.sqrt(np.sum(parts[:, k] ** 2, axis=0))
+            if np.any(np.isfinite(own)):
+                row = int(np.nanargmax(own))
+                figures[name] = {
+                    "spread": float(own[row]),
+                    "q": float(batch.q[row]),
+                    "size": sensitivity.keys[int(np.argmax(parts[:, k, row]))],
+                }
+        return self._said(figures)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the remarks of all blocks."""
-        return Findings(remarks=tuple(dict.fromkeys((*before.remarks, *now.remarks))))
+        """Return the largest spreads of all blocks."""
+        figures = dict(before.figures)
+        for name, own in now.figures.items():
+            if name not in figures or own["spread"] > figures[name]["spread"]:
+                figures[name] = own
+        return self._said(figures)
+
+    def _said(self, figures: Mapping[str, Mapping[str, Any]]) -> Findings:
+        remarks = [
+            f"{name}: standard deviation up to {_size(own['spread'], name)}, at q = "
+            f"{np.degrees(own['q']):.4g} deg, most of it from {own['size']}"
+            for name, own in figures.items()
+        ]
+        remarks.append(f"every size off by {self.deviation:g} deg ({self.distribution})")
+        return Findings(figures=figures, remarks=tuple(remarks))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the spread of each quantity over the input."""
