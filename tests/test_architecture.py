@@ -31,7 +31,7 @@ LAYERS = (
     ("exact", "singular", "output", "guidance", "engine"),
     ("dynamics", "workspace"),
     ("analysis",),
-    ("trade",),
+    ("tradeoff",),
     ("figures", "view"),
     ("front",),
     ("conformance",),
@@ -51,7 +51,7 @@ SIBLINGS = {
     "guidance": {"exact"},
     "engine": {"singular", "exact"},
     "dynamics": {"singular", "workspace"},
-    "figures": {"view", "trade"},
+    "figures": {"view", "tradeoff"},
     "view": {"figures"},
     "workspace": {"dynamics", "engine", "singular"},
 }
@@ -224,10 +224,19 @@ def test_public_functions_have_no_catch_all_keywords_and_are_described():
 MOST_PARAMETERS = 6
 
 
+def test_no_public_name_is_that_of_a_module():
+    """The module would take its place once anything in it is imported."""
+    for package in PUBLIC:
+        offered = set(importlib.import_module(package).__all__)
+        folder = PACKAGE.joinpath(*package.split(".")[1:])
+        if folder.is_dir():
+            assert offered.isdisjoint(path.stem for path in folder.iterdir()), package
+
+
 def test_what_carries_a_run_takes_few_parameters():
     """What a run goes through is one object, and how it is done another."""
     too_many = []
-    for part in ("analysis", "trade", "cli"):
+    for part in ("analysis", "tradeoff", "cli"):
         for path in sorted((PACKAGE / part).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.FunctionDef):
