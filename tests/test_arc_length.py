@@ -193,10 +193,10 @@ def check_random_four_bars(random, count):
 
 
 def test_random_four_bars_never_leave_their_curve():
-    check_random_four_bars(np.random.default_rng(12), 8)
+    check_random_four_bars(np.random.default_rng(12), 25)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_many_random_four_bars_never_leave_their_curve():
     check_random_four_bars(np.random.default_rng(400), 100)
 

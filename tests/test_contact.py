@@ -249,17 +249,18 @@ def touching(random, kinds):
 
 
 @pytest.mark.slow
-def test_random_mixed_mechanisms_against_the_null_space(capsys):
+@pytest.mark.parametrize("most", [180, pytest.param(1000, marks=pytest.mark.long)])
+def test_random_mixed_mechanisms_against_the_null_space(most, capsys):
     """R, Cr and Cs with one to three freedoms, 6 to 12 links: all poles to 1e-9.
 
-    Each input of 1000 mechanisms moves alone; the velocity equations with the others
+    Each input of the mechanisms moves alone; the velocity equations with the others
     locked are the reference. Prints which methods were enough.
     """
     random = np.random.default_rng(2025)
     sizes = {1: (6, 8, 10, 12), 2: (7, 9, 11), 3: (6, 8, 10, 12)}
     count = dict.fromkeys(("plans", "passes", "contact", "block", "equations", "judged"), 0)
     poles = worst = 0
-    for number in range(1000):
+    for number in range(most):
         freedoms = 1 + number % 3
         own = sizes[freedoms]
         made = random_mixed(random, own[number // 3 % len(own)], freedoms)
@@ -293,7 +294,7 @@ def test_random_mixed_mechanisms_against_the_null_space(capsys):
                 assert np.linalg.norm(ours - vector) / scale < 1e-9
                 poles += 1
     print(f"{count}; {poles} poles, largest error of a direction {worst:.1e}")
-    assert count["judged"] > 1900
+    assert count["judged"] > 1.9 * most
 
 
 def test_derivatives_of_mixed_mechanisms_by_taylor_remainder():
@@ -432,7 +433,7 @@ def test_roller_larger_than_a_concave_cam_admits_has_a_status():
     counts = {}
     for radius in (2.0, 30.0):
         made = cam(GROUND, waisted, Profile("circle", at(ARM), radius * DEGREE))
-        motion = sk.trace(made, samples=181)
+        motion = sk.trace(made, samples=181, search=False)
         counts[radius] = int(np.sum(motion.status == Status.CURVATURE))
         if radius == 30.0:
             assert np.all(np.isnan(motion.rotations[motion.status == Status.CURVATURE]))
@@ -443,7 +444,7 @@ def test_roller_larger_than_a_concave_cam_admits_has_a_status():
 def test_running_off_an_open_profile_has_a_status():
     """An arc of the shaped cam alone: the follower loses it where it ends."""
     whole = cam(GROUND, SHAPE, Profile("circle", at(ARM), ROLLER))
-    motion = sk.trace(whole, samples=361)
+    motion = sk.trace(whole, samples=361, search=False)
     angles = np.linspace(-1.0, 1.0, 60)
     colatitude = DEGREE * (
         25 + 4 * np.cos(angles) + 3 * np.cos(2 * angles) + np.sin(2 * angles)
@@ -458,7 +459,7 @@ def test_running_off_an_open_profile_has_a_status():
     )
     part = Profile("points", points=tuple(map(tuple, points)), closed=False)
     open_motion = sk.trace(
-        cam(GROUND, part, Profile("circle", at(ARM), ROLLER)), samples=361
+        cam(GROUND, part, Profile("circle", at(ARM), ROLLER)), samples=361, search=False
     )
     assert np.any(open_motion.status == Status.OK)
     assert np.any(open_motion.status == Status.OFF_PROFILE)
@@ -532,7 +533,7 @@ def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
     made = sk.load("two_contacts")
     (step,) = [s for s in plan(made).steps if getattr(s, "contacts", ()) and not s.via]
     assert step.case == "c"
-    motion, field = field_of(made, samples=41)
+    motion, field = field_of(made, samples=41, search=False)
     assert np.all(motion.status == Status.OK)
     good = np.flatnonzero(motion.status == Status.OK)
     assert len(good) > 20

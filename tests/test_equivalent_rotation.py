@@ -528,9 +528,10 @@ def test_mechanisms_without_the_form(case):
 # --- equivalent rotation ------------------------------------------------------------------
 
 
-def test_axis_stays_fixed_between_1000_random_pairs_of_poses(form):
+@pytest.mark.parametrize("pairs", [150, pytest.param(1000, marks=pytest.mark.long)])
+def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
     """All mid-planes on the way hold the axis; so does the end effector: 1e-12."""
-    starts, stops = inside(form, 1000, 21), inside(form, 1000, 22)
+    starts, stops = inside(form, pairs, 21), inside(form, pairs, 22)
     drift = departure = gap = 0.0
     reached = 0
     for start, stop in zip(starts, stops, strict=True):
@@ -546,7 +547,7 @@ def test_axis_stays_fixed_between_1000_random_pairs_of_poses(form):
         gap = max(gap, float(np.max(np.linalg.norm(back - back[0], axis=1))))
         last = form.orientations(stop[None])[0]
         assert np.max(np.abs(found.orientation[-1] - last)) < 1e-14
-    assert reached > 900
+    assert reached > 0.9 * pairs
     assert drift < 1e-12
     assert departure < 1e-12
     assert gap < 1e-12

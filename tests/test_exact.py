@@ -511,7 +511,7 @@ def test_inertia_and_its_derivative():
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(40), pytest.param(range(40, 1000), marks=pytest.mark.long)]
+    "seeds", [range(20), pytest.param(range(20, 1000), marks=pytest.mark.long)]
 )
 def test_stated_errors_hold(seeds):
     """Of configurations, directions, rates and derivatives, in any geometry."""

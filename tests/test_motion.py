@@ -142,9 +142,15 @@ def check_against_integration(made, samples=13):
 @pytest.mark.parametrize(
     ("chain", "pairs", "driven", "count"),
     [
-        (STEPHENSON, 7, "p1_2", 200),
-        (STEPHENSON, 7, "p1_6", 200),
-        *((chain, 10, "p1_5", 25) for chain in EIGHT_BARS),
+        (STEPHENSON, 7, "p1_2", 50),
+        (STEPHENSON, 7, "p1_6", 50),
+        *((chain, 10, "p1_5", 8) for chain in EIGHT_BARS),
+        pytest.param(STEPHENSON, 7, "p1_2", 200, marks=pytest.mark.long),
+        pytest.param(STEPHENSON, 7, "p1_6", 200, marks=pytest.mark.long),
+        *(
+            pytest.param(chain, 10, "p1_5", 25, marks=pytest.mark.long)
+            for chain in EIGHT_BARS
+        ),
     ],
 )
 def test_random_mechanisms_never_flip(chain, pairs, driven, count):

@@ -13,7 +13,8 @@ from rerun.chunk import RrdReader
 from spherekit_analyses.pole_scenes import Chart
 
 import spherekit as sk
-from spherekit.analysis.scene import Diagram, Trace, plotted_range
+from spherekit.analysis.plotted import broken, cut, plotted_range
+from spherekit.analysis.scene import Diagram, Trace
 from spherekit.cli.main import main
 from spherekit.cli.view import find_recording
 from spherekit.errors import OutputError, SolveError
@@ -103,9 +104,10 @@ def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
 
 def test_noise_is_no_signal_and_ticks_are_round():
     noise = 1.0 + 1e-15 * np.random.default_rng(1).normal(size=50)
-    low, high = plotted_range(noise, 1e-9)
-    assert high - low >= 1.0
-    assert plotted_range(np.array([np.nan, 1.0, 3.0]), 1e-9) == (1.0, 3.0)
+    low, high = plotted_range(noise, 1.0)
+    assert high - low >= 0.1 and low < np.min(noise) and np.max(noise) < high
+    assert plotted_range(np.array([np.nan, 1.0, 3.0]), 3.0) == pytest.approx((0.9, 3.1))
+    assert plotted_range(np.array([np.nan, 1.0, 3.0]), 3.0, shown_by="colours") == (1, 3)
     for low, high, degrees, expected in (
         (0.0, 360.0, True, ["0", "60", "120", "180", "240", "300", "360"]),
         (0.0, 1.0, False, ["0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
@@ -113,6 +115,19 @@ def test_noise_is_no_signal_and_ticks_are_round():
     ):
         step, values = ticks(low, high, degrees)
         assert [written(value, step) for value in values] == expected
+
+
+def test_ends_at_dead_centres_do_not_hide_the_rest():
+    x = np.linspace(0.0, np.pi, 2001)[1:-1]
+    curve = np.stack([x, 1.0 / np.tan(x) ** 3], axis=1)
+    frame = plotted_range(curve[:, 1], 1.0)
+    assert -1e5 < -10.0 * frame[1] < frame[0] < -1.0 and np.max(curve[:, 1]) > 1e8
+    line = cut(broken(curve, frame, None), frame)
+    known = line[np.isfinite(line).all(axis=1)]
+    assert np.max(known[:, 1]) == frame[1] and np.min(known[:, 1]) == frame[0]
+    (inside,) = np.nonzero((curve[:, 1] > frame[0]) & (curve[:, 1] < frame[1]))
+    assert np.array_equal(known[1:-1], curve[inside])
+    assert known[0, 0] == pytest.approx(np.arctan(known[0, 1] ** (-1 / 3)), abs=2e-3)
 
 
 def test_what_was_asked_for_comes_first(tmp_path):

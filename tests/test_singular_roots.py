@@ -242,12 +242,12 @@ def test_turns_of_an_input():
     assert turns_in_range(q, 0.0, 100.0, np.inf)[0].tolist() == q.tolist()
 
 
-def check_points(made, points, kind):
+def check_points(tracer, points, kind):
     """Put the inputs there: the loops are closed, and the velocity equations singular.
 
     Of type II those of the passive pairs alone, of type I with the output at rest.
     """
-    solver = Tracer(made, samples=3).solver
+    made, solver = tracer.mechanism, tracer.solver
     driven = list(solver.driven)
     values = points.values.copy()
     turns = (points.inputs - values[:, driven]) / (2.0 * np.pi)
@@ -273,7 +273,7 @@ def test_surfaces_from_random_starts_are_at_the_inputs_given(kind):
     mesh = singular_surface(made, kind, side=0.25, slices_of_each=0)
     assert len(mesh.points.values) and mesh.claim.guarantee is Guarantee.SAMPLED
     assert np.mean(mesh.points.inside) > 0.5
-    check_points(made, mesh.points, kind)
+    check_points(Tracer(made, samples=3), mesh.points, kind)
 
 
 @pytest.mark.slow
@@ -284,8 +284,9 @@ def test_random_starts_meet_the_curves_that_slices_meet(kind):
     by_starts = singular_curves(made, kind, slices_of_each=0)
     assert by_slices.claim.guarantee is Guarantee.TO_BOX
     assert by_starts.claim.guarantee is Guarantee.SAMPLED
+    tracer = Tracer(made, samples=3)
     for each in by_slices.curves:
-        check_points(made, each.points, kind)
+        check_points(tracer, each.points, kind)
         points = each.points
         inside = np.flatnonzero(points.inside)
         hit = np.zeros(len(inside), dtype=bool)
@@ -365,10 +366,11 @@ def mid_plane():
 
 def test_mid_plane_loci_are_singular(mid_plane):
     made, loci = mid_plane
+    tracer = Tracer(made, samples=3)
     for kind, found in loci.items():
         assert found.curves
         for each in found.curves:
-            check_points(made, each.points, kind)
+            check_points(tracer, each.points, kind)
             assert np.max(each.points.residual) < 1e-12
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from filelock import FileLock
 from public_packages import PUBLIC
 
 ROOT = Path(__file__).parent.parent
@@ -50,15 +51,26 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The site as it is built from nothing, without a network, warnings being errors."""
-    home = tmp_path_factory.mktemp("site")
+def site(tmp_path_factory, worker_id):
+    """The site as it is built from nothing, without a network, warnings being errors.
+
+    Workers of one session share it.
+    """
+    shared = tmp_path_factory.getbasetemp()
+    home = (shared if worker_id == "master" else shared.parent) / "site"
+    with FileLock(f"{home}.lock"):
+        if not (home / "built").exists():
+            build(home)
+            (home / "built").touch()
+    return home / "html"
+
+
+def build(home):
     command = [sys.executable, "-c", OFFLINE, "-W", "--keep-going", "-q", "-b", "html"]
     command += ["-D", f"site_mechanisms={','.join(SOME)}", "-d", str(home / "trees")]
     command += [str(ROOT / "docs"), str(home / "html")]
     built = subprocess.run(command, capture_output=True, text=True, timeout=900, cwd=ROOT)
     assert built.returncode == 0, built.stderr[-4000:]
-    return home / "html"
 
 
 @pytest.fixture(scope="module")

@@ -506,6 +506,21 @@ def test_picture_of_a_failed_sample(partial: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.viewer
+def test_picture_starts_where_the_mechanism_closes(tmp_path: Path) -> None:
+    path, turned = tmp_path / "a.rrd", np.roll(SAMPLES, -180)
+    whole = block(0, SAMPLES, NO_CRANK)
+    with RerunRecorder("four bar", path=path) as recorder:
+        recorder.start([resting(NO_CRANK)], INPUTS, assembly_modes={0: "Mode 0"})
+        moving = part(whole, turned).primitives[:3]  # links, and no plot beside them
+        recorder.log(Scene(0, moving), SAMPLES, INPUTS)
+    closes = np.isfinite(four_bar_angles(INPUTS[turned], NO_CRANK, 0))
+    first = int(np.argmax(closes))
+    shown = picture(path, tmp_path / "a.png", view="3D", size=(500, 400))
+    there = picture(path, tmp_path / "b.png", view="3D", size=(500, 400), sample=first)
+    assert first > 0 and np.array_equal(shown, there)
+
+
+@pytest.mark.viewer
 def test_picture_without_graphics_names_the_package(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

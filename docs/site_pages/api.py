@@ -3,14 +3,16 @@
 import importlib
 import inspect
 from collections.abc import Iterator
+from pkgutil import iter_modules
 from types import GenericAlias
 from typing import Any
 
-TOPICS = ("dynamics", "motion", "rotations", "singularities", "workspace")
+from spherekit import plugin
+
 PACKAGES = (
     "spherekit",
     "spherekit.plugin",
-    *(f"spherekit.plugin.{topic}" for topic in TOPICS),
+    *(name for _, name, _ in iter_modules(plugin.__path__, f"{plugin.__name__}.")),
     "spherekit.view",
     "spherekit.engine",
 )

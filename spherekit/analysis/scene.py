@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.tables import IN_DEGREES
+from spherekit.analysis.units import in_signs
 
 Floats = NDArray[np.float64]
 TINY = 1e-300
@@ -247,6 +248,12 @@ class SphereMap:
     """(v,)"""
     unit: str = ""
 
+    @property
+    def shown_values(self) -> Floats:
+        """Those at vertices that are seen."""
+        seen = np.unique(self.triangles) if len(self.triangles) else slice(None)
+        return np.asarray(self.values[seen])
+
 
 @final
 @dataclass(frozen=True)
@@ -362,25 +369,9 @@ class Scene:
         return replace(self, primitives=tuple(_thinned(p, chosen) for p in self.primitives))
 
 
-def plotted_range(values: Floats, resolution: float) -> tuple[float, float]:
-    """Return the range (low, high) of an axis for values (n,), some of them NaN.
-
-    It spans `resolution` at least, and that part of the largest value.
-    """
-    finite = values[np.isfinite(values)]
-    if not len(finite):
-        return 0.0, 1.0
-    low, high = float(np.min(finite)), float(np.max(finite))
-    if high - low >= resolution * max(1.0, abs(low), abs(high)):
-        return low, high
-    middle = 0.5 * (low + high)
-    around = max(0.5 * abs(middle), 0.5)
-    return middle - around, middle + around
-
-
 def titled(label: str, unit: str) -> str:
-    """Return the name of a quantity with its unit."""
-    return f"{label}, {unit}" if unit else label
+    """Return the name of a quantity with its unit, as people print it."""
+    return f"{label}, {in_signs(unit)}" if unit else label
 
 
 def in_degrees(scene: Scene) -> Scene:

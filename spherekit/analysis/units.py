@@ -1,4 +1,4 @@
-"""The units that columns may have: SI units without prefixes, their products and powers."""
+"""The units that columns may have: SI without prefixes, products and powers, as printed."""
 
 import re
 
@@ -6,6 +6,8 @@ SYMBOLS = frozenset(
     ("1", "rad", "sr", "s", "m", "kg", "N", "J", "W", "Hz", "Pa", "K", "A", "V", "C")
 )
 
+_EXPONENT = re.compile(r"(?<=[A-Za-z])\d")
+_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _POWER = re.compile(r"([A-Za-z]+|1)(\d?)")
 
 
@@ -15,6 +17,11 @@ def is_unit(text: str) -> bool:
     Several by ``or`` are units of one column whose rows differ in kind.
     """
     return not text or all(_is_single(each) for each in text.split(" or "))
+
+
+def in_signs(unit: str) -> str:
+    """Return a unit as people print it: ``kg m2`` as ``kg m²``."""
+    return _EXPONENT.sub(lambda digit: digit[0].translate(_RAISED), unit)
 
 
 def _is_single(text: str) -> bool:

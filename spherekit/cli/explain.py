@@ -6,9 +6,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.run import megabytes
-from spherekit.cli.study import add_study_arguments, study_from
-from spherekit.cli.suggest import analyses as names_of_analyses
-from spherekit.cli.suggest import suggesting
+from spherekit.cli.study import add_analysis_argument, add_study_arguments, study_from
 from spherekit.conventions import counted
 
 if TYPE_CHECKING:
@@ -30,15 +28,8 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_study_arguments(parser, timed=False)
-    suggesting(
-        parser.add_argument(
-            "-a",
-            "--analysis",
-            action="append",
-            metavar="NAME[:key=value,...]",
-            help="analysis to explain, may be repeated (default: the study's, or poles)",
-        ),
-        names_of_analyses,
+    add_analysis_argument(
+        parser, "analysis to explain, may be repeated (default: the study's, or poles)"
     )
     parser.add_argument(
         "--only-needed",

@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
-from spherekit.cli.study import add_study_arguments, study_from
-from spherekit.cli.suggest import analyses as names_of_analyses
-from spherekit.cli.suggest import suggesting
+from spherekit.cli.study import add_analysis_argument, add_study_arguments, study_from
 from spherekit.conventions import counted
 from spherekit.progress import Working
 
@@ -65,15 +63,8 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_study_arguments(parser)
-    suggesting(
-        parser.add_argument(
-            "-a",
-            "--analysis",
-            action="append",
-            metavar="NAME[:key=value,...]",
-            help="analysis to run, may be repeated (default: the study's, or poles)",
-        ),
-        names_of_analyses,
+    add_analysis_argument(
+        parser, "analysis to run, may be repeated (default: the study's, or poles)"
     )
     parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
     parser.add_argument(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from spherekit.cli.suggest import pairs, studies, suggesting
+from spherekit.cli.suggest import analyses, pairs, studies, suggesting
 
 if TYPE_CHECKING:
     from spherekit.model.laws import Law, Start
@@ -72,6 +72,22 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         "--no-search",
         action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
+    )
+
+
+def add_analysis_argument(
+    parser: argparse.ArgumentParser, words: str, repeated: bool = True
+) -> None:
+    """Declare ``-a NAME[:key=value,...]``, once or several times; `words` say what for."""
+    suggesting(
+        parser.add_argument(
+            "-a",
+            "--analysis",
+            action="append" if repeated else "store",
+            metavar="NAME[:key=value,...]",
+            help=words,
+        ),
+        analyses,
     )
 
 

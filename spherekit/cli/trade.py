@@ -6,9 +6,7 @@ import sys
 from importlib.util import find_spec
 from typing import Any
 
-from spherekit.cli.study import add_study_arguments, study_from
-from spherekit.cli.suggest import analyses as names_of_analyses
-from spherekit.cli.suggest import suggesting
+from spherekit.cli.study import add_analysis_argument, add_study_arguments, study_from
 
 EXAMPLES = (
     (
@@ -25,14 +23,8 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_study_arguments(parser)
-    suggesting(
-        parser.add_argument(
-            "-a",
-            "--analysis",
-            metavar="NAME[:key=value,...]",
-            help="the analysis (default: the study's only one, or poles)",
-        ),
-        names_of_analyses,
+    add_analysis_argument(
+        parser, "the analysis (default: the study's only one, or poles)", repeated=False
     )
     parser.add_argument(
         "--tol",

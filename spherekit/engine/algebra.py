@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.expression_graph import Expr, function
+from spherekit.engine.expression_graph import Expr, ExpressionNode, function
 from spherekit.sphere.rotation import Floats
 
 Exprs = NDArray[np.object_]
@@ -81,6 +81,15 @@ class SeriesExpressions:
         )
 
 
+def by_coordinate(value: SeriesExpressions, scale: SeriesExpressions) -> list[Expr]:
+    """Return a value and its derivatives by a coordinate, `scale` being dp by it."""
+    made = [value.coefficients[0]]
+    while len(value.coefficients) > 1:
+        value = value.derivative() * scale
+        made.append(value.coefficients[0])
+    return made
+
+
 def _total(items: Sequence[Expr]) -> Expr:
     total: Expr = 0.0
     for item in items:
@@ -100,13 +109,16 @@ def series(orders: Sequence[Exprs]) -> Exprs:
     return vector([SeriesExpressions(tuple(each)) for each in zip(*orders, strict=True)])
 
 
-def constants(matrix: Floats) -> Exprs:
+def constants(matrix: Floats | Exprs) -> Exprs:
     """Return numbers as entries, those within rounding of 0, 1, -1 made exact."""
-    near = np.round(matrix)
-    exact = np.where(np.abs(matrix - near) < SNAP, near, matrix) + 0.0
-    made: Exprs = np.empty(exact.shape, dtype=object)
-    for index, item in np.ndenumerate(exact):
-        made[index] = float(item)
+    made: Exprs = np.empty(matrix.shape, dtype=object)
+    for index in np.ndindex(*matrix.shape):
+        item: Any = matrix[index]
+        if isinstance(item, ExpressionNode):
+            made[index] = item
+        else:
+            near = round(float(item)) + 0.0
+            made[index] = near if abs(item - near) < SNAP else float(item)
     return made
 
 

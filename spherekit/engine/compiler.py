@@ -61,11 +61,20 @@ def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> 
     def apply(term: ExpressionNode, arguments: list[Any]) -> Any:
         if term.operation == "variable":
             return variables[term]
+        if term.operation == "sign":
+            return _sign(*arguments)
         if term.operation in _OPERATORS:
             return _OPERATORS[term.operation](*arguments)
         return getattr(module, term.operation)(*arguments)
 
     return rewrite(items, module.expression, apply)
+
+
+def _sign(value: Any) -> Any:
+    module = heyoka()
+    one, zero = module.expression(1.0), module.expression(0.0)
+    least = module.select(module.lt(value, zero), -one, zero)
+    return module.select(module.gt(value, zero), one, least)
 
 
 def _plain(terms: Sequence[ExpressionNode]) -> dict[ExpressionNode, Any]:

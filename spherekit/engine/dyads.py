@@ -5,6 +5,8 @@ any other pair is formed.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
@@ -12,16 +14,38 @@ from spherekit.engine.algebra import Exprs, constants, cross, dot
 from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import Angles, LinkOrientation, ground_placement, placed_by
+from spherekit.engine.turns import Entries
 from spherekit.errors import EngineError
-from spherekit.model.joints import revolute
 from spherekit.planning.assembly import Group
 from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
-from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class ClosedDyad:
+    """A dyad in closed form: pairs `middle`, and what says whether and how it closes.
+
+    `square` is that of its triple product, negative where its arcs do not reach;
+    `transmission_angle` is the angle in [0, pi/2] between its arcs at the middle pair.
+    """
+
+    middle: int
+    square: Expr
+    transmission_angle: Expr
+
+
+@final
+@dataclass(frozen=True)
+class ClosedPlacements:
+    """The placements of all links, and the dyads they follow from in solving order."""
+
+    links: list[LinkOrientation]
+    dyads: list[ClosedDyad]
 
 
 def place_by_input(
     structure: Structure, q: Expr, signs: Sequence[Expr]
-) -> list[LinkOrientation]:
+) -> ClosedPlacements:
     """Return the placements of all links for the input's angle q.
 
     `signs` are those of the dyads in solving order, as in
@@ -46,14 +70,16 @@ def place_by_input(
     within = [ground_placement()] * len(mechanism.links)
     chain = structure.pairs.chains[driven]
     within[mechanism.ends[driven][1]] = placed_by(chain, ground_placement(), angles)
-    for group, sign in zip(structure.assembly.groups, signs, strict=True):
+    dyads = [
         _close(structure, group, sign, within)
+        for group, sign in zip(structure.assembly.groups, signs, strict=True)
+    ]
     ground = within[0]
     if ground.depth:
         back = constants(ground.within.T) @ ground.basis.T
         within = [_turned(back, each) for each in within]
         within[0] = ground_placement()
-    return within
+    return ClosedPlacements(within, dyads)
 
 
 def _turned(basis: Exprs, placed: LinkOrientation) -> LinkOrientation:
@@ -64,7 +90,7 @@ def _turned(basis: Exprs, placed: LinkOrientation) -> LinkOrientation:
 
 def _close(
     structure: Structure, group: Group, sign: Expr, within: list[LinkOrientation]
-) -> None:
+) -> ClosedDyad:
     """Place the two free bodies of a dyad in the first one."""
     mechanism = structure.mechanism
 
@@ -73,12 +99,12 @@ def _close(
 
     near, middle, far = joint(0, 1), joint(1, 2), joint(0, 2)
 
-    def held(which: int, body: int) -> tuple[int, Floats]:
+    def held(which: int, body: int) -> tuple[int, Entries]:
         pair = group.pairs[which]
-        joined = revolute(structure.pairs.joints[pair])
-        first = group.ends[which][0] == body
-        frame = joined.first if first else joined.second
-        return mechanism.ends[pair][0 if first else 1], frame[:, 2]
+        (variable,) = mechanism.variables_of(pair)
+        spins = *structure.pairs.spins[variable], structure.pairs.twin[variable]
+        spin = spins[0 if group.ends[which][0] == body else 1]
+        return spin.link, spin.axis
 
     def axis(which: int, body: int) -> Exprs:
         link, direction = held(which, body)
@@ -90,7 +116,9 @@ def _close(
     bodies = [(near, 1), (far, 2)]
     own = [(held(outer, body), held(middle, body)) for outer, body in bodies]
     sides = [_side(within, *both) for both in own]
-    reached = _third_axis(first, second, sides, sign if even else -1.0 * sign)
+    reached, square, angle = _third_axis(
+        first, second, sides, sign if even else -1.0 * sign
+    )
     depth = 1 + max(each.depth for each in within)
     for (_, body), ((one, outer), (other, mid)) in zip(bodies, own, strict=True):
         basis = _frame(first if body == 1 else second, reached)
@@ -105,6 +133,7 @@ def _close(
             within[link] = LinkOrientation(
                 np.asarray(onto @ old.basis), old.within, old.metric, depth
             )
+    return ClosedDyad(group.pairs[middle], square, angle)
 
 
 def _frame(a: Exprs, b: Exprs) -> Exprs:
@@ -115,12 +144,11 @@ def _frame(a: Exprs, b: Exprs) -> Exprs:
     return np.stack([a + b, a - b, cross(a, b)], axis=1)
 
 
-def _single(basis: Exprs, outer: Floats, middle: Floats, depth: int) -> LinkOrientation:
+def _single(basis: Exprs, outer: Entries, middle: Entries, depth: int) -> LinkOrientation:
     """Return the placement of one link by the frame of two of its axes."""
-    own = np.stack([outer + middle, outer - middle, np.cross(outer, middle)], axis=1)
-    sizes = np.linalg.norm(own, axis=0)
-    within = np.linalg.inv(own / sizes) / sizes[:, None]
-    return LinkOrientation(basis, within, own.T @ own, depth)
+    ends = constants(outer), constants(middle)
+    own = _frame(*ends)
+    return LinkOrientation(basis, _inverse(*ends), own.T @ own, depth)
 
 
 def _inverse(a: Exprs, b: Exprs) -> Exprs:
@@ -137,24 +165,36 @@ def _inverse(a: Exprs, b: Exprs) -> Exprs:
 
 
 def _side(
-    within: Sequence[LinkOrientation], one: tuple[int, Floats], other: tuple[int, Floats]
+    within: Sequence[LinkOrientation], one: tuple[int, Entries], other: tuple[int, Entries]
 ) -> HalfArc:
     """Return the arc between two axes (link, direction) of a body."""
     if one[0] == other[0]:
-        more, less = (float(np.linalg.norm(one[1] + k * other[1])) for k in (1, -1))
-        return HalfArc.of(2.0 * float(np.arctan2(less, more)))
-    a, b = (within[link].direction(axis) for link, axis in (one, other))
+        a, b = (constants(axis) for _, axis in (one, other))
+    else:
+        a, b = (within[link].direction(axis) for link, axis in (one, other))
     more, less = a + b, a - b
-    return HalfArc(
-        0.5 * function("sqrt", dot(less, less)), 0.5 * function("sqrt", dot(more, more))
-    )
+    return HalfArc(0.5 * np.sqrt(dot(less, less)), 0.5 * np.sqrt(dot(more, more)))
 
 
-def _third_axis(first: Exprs, second: Exprs, sides: Sequence[HalfArc], sign: Expr) -> Exprs:
-    """Return the unit vector at given arcs from two others."""
+def _third_axis(
+    first: Exprs, second: Exprs, sides: Sequence[HalfArc], sign: Expr
+) -> tuple[Exprs, Expr, Expr]:
+    """Return the unit vector at given arcs from two others.
+
+    With it come the square of their triple product and the angle between the arcs.
+    """
     more, less = first + second, first - second
     squares = dot(more, more), dot(less, less)
     near, far = sides
-    root = function("sqrt", triple_square(near, far, *squares)) * sign
-    along, beside, height = middle_axis(near, far, *squares, root)
-    return np.asarray(more * along + less * beside + cross(first, second) * height)
+    square = triple_square(near, far, *squares)
+    height = function("sqrt", square)
+    along, beside, upright = middle_axis(near, far, *squares, height * sign)
+    third = more * along + less * beside + cross(first, second) * upright
+    # a . c - cos A cos C is sin A sin C cos of the angle, the height that times its sine.
+    level = 0.25 * (squares[0] - squares[1]) - _cosine(near) * _cosine(far)
+    angle = function("atan2", height, function("sqrt", level * level))
+    return np.asarray(third), square, angle
+
+
+def _cosine(arc: HalfArc) -> Expr:
+    return (arc.cosine - arc.sine) * (arc.cosine + arc.sine)

@@ -56,6 +56,20 @@ class ExpressionNode:
     def __neg__(self) -> Expr:
         return _product(-1.0, self)
 
+    # NumPy's functions call these on arrays of objects.
+
+    def sin(self) -> "ExpressionNode":
+        """Return the sine."""
+        return _term("sin", self)
+
+    def cos(self) -> "ExpressionNode":
+        """Return the cosine."""
+        return _term("cos", self)
+
+    def sqrt(self) -> "ExpressionNode":
+        """Return the square root."""
+        return _term("sqrt", self)
+
 
 _OWN = (ExpressionNode, float, int)
 _known: WeakValueDictionary[tuple[Any, ...], ExpressionNode] = WeakValueDictionary()
@@ -209,3 +223,39 @@ def rewrite(
         known = [] if term.operation == "variable" else [of(x) for x in term.arguments]
         made[term] = apply(term, known)
     return [of(item) for item in items]
+
+
+def hoisted(
+    items: Sequence[Expr], moving: Iterable[ExpressionNode], prefix: str
+) -> tuple[list[Expr], dict[ExpressionNode, ExpressionNode]]:
+    """Return expressions in which what does not depend on `moving` is a variable.
+
+    The variables, named by a prefix and a number, come with the terms that they stand for.
+    """
+    moves = set(moving)
+    order = list(in_order(items))
+    for term in order:
+        if any(x in moves for x in term.arguments if isinstance(x, ExpressionNode)):
+            moves.add(term)
+    fixed: dict[ExpressionNode, ExpressionNode] = {}
+
+    def stand_in(term: ExpressionNode) -> ExpressionNode:
+        if term not in fixed:
+            (fixed[term],) = symbols([f"{prefix}{len(fixed)}"])
+        return fixed[term]
+
+    made: dict[ExpressionNode, ExpressionNode] = {}
+
+    def of(item: Expr) -> Expr:
+        if not isinstance(item, ExpressionNode):
+            return item
+        return made[item] if item in moves else stand_in(item)
+
+    for term in order:
+        if term not in moves:
+            continue
+        if term.operation == "variable":
+            made[term] = term
+        else:
+            made[term] = _term(term.operation, *(of(each) for each in term.arguments))
+    return [of(item) for item in items], {new: term for term, new in fixed.items()}

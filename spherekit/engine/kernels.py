@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.engine.algebra import Exprs, SeriesExpressions, length, vector
+from spherekit.engine.algebra import SeriesExpressions, by_coordinate, length, vector
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
@@ -235,7 +235,7 @@ def kernel(
             columns += [f"rate_{name}" for name in mechanism.variable_names]
             outputs += [tau * scale.coefficients[0] for tau in flow.tau[0]]
         for link in turning:
-            w = [_by_coordinate(x * scale, scale) for x in _turning(flow, link)]
+            w = [by_coordinate(x * scale, scale) for x in _turning(flow, link)]
             columns += [
                 f"{part}_{mechanism.links[link]}"
                 for order in range(flow.order + 1)
@@ -282,32 +282,19 @@ def _placed(
             f'{mechanism.name}: source "{source}" is not known; it is variables or input'
         )
     inputs = symbols(["q", *(f"sign_{k + 1}" for k in range(len(structure.groups)))])
-    return inputs, place_by_input(structure, inputs[0], inputs[1:])
+    return inputs, place_by_input(structure, inputs[0], inputs[1:]).links
 
 
 def _scale(flow: RateExpressions, coordinate: Coordinate) -> SeriesExpressions:
     """Return dp by a coordinate."""
     if coordinate == "input":
-        return 1.0 / _of_variable(flow, flow.structure.driven)
+        return 1.0 / flow.rate_of(flow.structure.driven)
     if coordinate != "arc":
         raise EngineError(
             f'{flow.structure.mechanism.name}: coordinate "{coordinate}" is not known; it '
             "is input or arc"
         )
     return 1.0 / length([vector(each) for each in flow.tau])[1]
-
-
-def _of_variable(flow: RateExpressions, variable: int) -> SeriesExpressions:
-    return SeriesExpressions(tuple(each[variable] for each in flow.tau))
-
-
-def _by_coordinate(value: SeriesExpressions, scale: SeriesExpressions) -> list[Expr]:
-    """Return a value and its derivatives by the coordinate."""
-    made = [value.coefficients[0]]
-    while len(value.coefficients) > 1:
-        value = value.derivative() * scale
-        made.append(value.coefficients[0])
-    return made
 
 
 def _outputs(
@@ -320,15 +307,15 @@ def _outputs(
     columns: list[str] = []
     outputs: list[Expr] = []
     for pole in poles:
-        direction, rate = _pole(flow, pole)
+        direction, rate = flow.pole(pole)
         label = "_".join(mechanism.links[k] for k in pole)
         parts = ["ux", "uy", "uz", *_DERIVATIVES["velocity_coefficient"][: flow.order + 1]]
         columns += [f"{part}_{label}" for part in parts]
-        outputs += [*direction, *_by_coordinate(rate * scale, scale)]
+        outputs += [*direction, *by_coordinate(rate * scale, scale)]
     if with_inertia:
         columns += _DERIVATIVES["B"][: flow.order + 1]
         whole = inertia(flow, tensors(mechanism))
-        outputs += _by_coordinate(whole * scale * scale, scale)
+        outputs += by_coordinate(whole * scale * scale, scale)
     return columns, outputs
 
 
@@ -350,13 +337,3 @@ _DERIVATIVES = {
     ),
     "B": ("B", "dB_dq", "d2B_dq2"),
 }
-
-
-def _pole(flow: RateExpressions, pole: Pole) -> tuple[Exprs, SeriesExpressions]:
-    """Return a unit vector and the rate along it per unit of p."""
-    mechanism = flow.structure.mechanism
-    variable = mechanism.angle_between(*pole)
-    if variable is not None:
-        sense = 1.0 if pole == mechanism.ends[mechanism.variable_owners[variable]] else -1.0
-        return flow.vectors[0][variable], _of_variable(flow, variable) * sense
-    return length([flow.relative(*pole, k) for k in range(flow.order + 1)])

@@ -15,11 +15,15 @@ import numpy as np
 from spherekit.engine.algebra import (
     Exprs,
     SeriesExpressions,
+    constants,
     cross,
+    dot,
+    length,
     series,
     vector,
 )
 from spherekit.engine.expression_graph import Expr
+from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.pose import LinkOrientation, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import AxisTerm, TurningPairs, turning_pairs
@@ -28,6 +32,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import Assembly, plan_assembly
+from spherekit.planning.poles import Pole
 from spherekit.sphere.rotation import Floats
 
 
@@ -43,8 +48,12 @@ class Structure:
     driven: int
 
     @staticmethod
-    def of(mechanism: Mechanism, input_pair: str) -> "Structure":
+    def of(
+        mechanism: Mechanism, input_pair: str, design: DesignGeometry | None = None
+    ) -> "Structure":
         """Return the structure of a mechanism with this pair as input.
+
+        Sizes are those of a design where it has them.
 
         Raises
         ------
@@ -54,7 +63,7 @@ class Structure:
             If the mechanism does not have exactly one freedom.
         """
         assembly = plan_assembly(mechanism.with_inputs(input_pair))
-        pairs = turning_pairs(mechanism)
+        pairs = turning_pairs(mechanism, design)
 
         def vectors() -> Floats:
             tracer = Tracer(mechanism, input_pair, search=False)
@@ -72,18 +81,19 @@ class Structure:
         (driven,) = mechanism.variables_of(assembly.input)
         return Structure(mechanism, assembly, pairs, groups, driven)
 
-    def span(self, one: int, other: int) -> float | None:
+    def span(self, one: int, other: int) -> Expr | None:
         """Return |A x B|^2 of two variables' vectors where it is constant, else None."""
         owners = self.mechanism.variable_owners
         if owners[one] == owners[other]:
             sizes = [self.pairs.spins[v][0].size for v in (one, other)]
-            cosine = float(self.pairs.chains[owners[one]].constants[1][2, 2])
+            cosine = self.pairs.chains[owners[one]].constants[1][2, 2]
             return (sizes[0] * sizes[1]) ** 2 * (1.0 - cosine * cosine)
         held = [
             {s.link: s.size * s.axis for s in self.single_spins(v)} for v in (one, other)
         ]
         for link in set(held[0]) & set(held[1]):
-            return float(np.sum(np.cross(held[0][link], held[1][link]) ** 2))
+            both = cross(constants(held[0][link]), constants(held[1][link]))
+            return dot(both, both)
         return None
 
     def single_spins(self, variable: int) -> list[AxisTerm]:
@@ -176,6 +186,20 @@ class RateExpressions:
                 if sense
             ]
         )
+
+    def rate_of(self, variable: int) -> SeriesExpressions:
+        """Return the rate of a variable per unit of p."""
+        return SeriesExpressions(tuple(each[variable] for each in self.tau))
+
+    def pole(self, pole: Pole) -> tuple[Exprs, SeriesExpressions]:
+        """Return a unit vector (3,) along a pole axis, and the rate along it per p."""
+        mechanism = self.structure.mechanism
+        variable = mechanism.angle_between(*pole)
+        if variable is not None:
+            ends = mechanism.ends[mechanism.variable_owners[variable]]
+            sense = 1.0 if pole == ends else -1.0
+            return self.vectors[0][variable], self.rate_of(variable) * sense
+        return length([self.relative(*pole, k) for k in range(self.order + 1)])
 
     def seen(self, link: int) -> list[Exprs]:
         """Return the coefficients (3,) of w's components along a link's basis.

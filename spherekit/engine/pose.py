@@ -8,10 +8,9 @@ import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, vector
 from spherekit.engine.expression_graph import Expr, function
-from spherekit.engine.turns import AxisRotation, Chain, TurningPairs
+from spherekit.engine.turns import AxisRotation, Chain, Entries, TurningPairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
-from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -19,21 +18,21 @@ from spherekit.sphere.rotation import Floats
 class LinkOrientation:
     """The orientation of a link: R = basis @ within, from link axes to ground axes.
 
-    `basis` (3, 3) holds expressions, `within` (3, 3) numbers; the basis need not be
-    orthonormal, and `metric` is its Gram matrix. `depth` counts what had to be placed
-    before: directions are cheapest in the least deep of the links that hold them.
+    `basis` (3, 3) holds expressions, `within` (3, 3) numbers or terms of sizes. The basis
+    need not be orthonormal; `metric` is its Gram matrix. `depth` counts what had to be
+    placed before: directions are cheapest in the least deep of the links that hold them.
     """
 
     basis: Exprs
-    within: Floats
-    metric: Floats
+    within: Entries
+    metric: Entries
     depth: int
 
-    def direction(self, axis: Floats) -> Exprs:
+    def direction(self, axis: Entries) -> Exprs:
         """Return a vector (3,) fixed in the link, in ground axes."""
         return np.asarray(self.basis @ constants(self.within @ axis))
 
-    def fixed(self, axis: Floats) -> Exprs:
+    def fixed(self, axis: Entries) -> Exprs:
         """Return what `seen` gives for a vector fixed in the link: numbers."""
         return constants(self.metric @ (self.within @ axis))
 
@@ -41,7 +40,7 @@ class LinkOrientation:
         """Return the components (3,) of a vector in ground axes along the basis."""
         return np.asarray(self.basis.T @ given)
 
-    def tensor(self, inertia: Floats) -> Exprs:
+    def tensor(self, inertia: Entries) -> Exprs:
         """Return M (3, 3) with w . I w = y . M y for y = `seen(w)`, I in link axes."""
         return constants(self.within @ inertia @ self.within.T)
 

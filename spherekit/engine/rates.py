@@ -155,7 +155,7 @@ class HomogeneousRates:
         mechanism: Mechanism,
         driven: int,
         vectors: Sequence[Exprs],
-        span: Callable[[int, int], float | None],
+        span: Callable[[int, int], Expr | None],
     ) -> None:
         self.mechanism = mechanism
         self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
@@ -233,7 +233,7 @@ class HomogeneousRates:
 
     def _check_span(self, a: int, b: int) -> None:
         square = self.span(a, b)
-        if square is not None and square < COINCIDENT**2:
+        if isinstance(square, float) and square < COINCIDENT**2:
             names = [self.mechanism.variable_names[v] for v in (a, b)]
             raise EngineError(
                 f"{self.mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "

@@ -10,15 +10,20 @@ from typing import final
 
 import numpy as np
 
+from spherekit.engine.algebra import Exprs
+from spherekit.engine.frames import DesignGeometry, revolute_frames
 from spherekit.errors import EngineError
 from spherekit.model.geometry import geometry_of
-from spherekit.model.joints import Joint, Track, revolute
+from spherekit.model.joints import Track, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.pairs import contact_tracks, numbered
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.rotation import Floats, frame_from, transpose
 
 ROUND = ("circle", "great_circle")
+
+Entries = Floats | Exprs
+"""Numbers, or terms of the sizes of a design."""
 
 
 @final
@@ -36,14 +41,14 @@ class AxisRotation:
 class Chain:
     """R_second = R_first C_0 Z_1 C_1 ... Z_k C_k: constant rotations between turns."""
 
-    constants: tuple[Floats, ...]
+    constants: tuple[Entries, ...]
     turns: tuple[AxisRotation, ...]
 
     def reversed(self) -> "Chain":
         """Return the chain from the second link to the first."""
         back = [AxisRotation(t.variable, -t.scale, -t.offset) for t in self.turns]
         return Chain(
-            tuple(transpose(each) for each in reversed(self.constants)),
+            tuple(each.T for each in reversed(self.constants)),
             tuple(reversed(back)),
         )
 
@@ -55,7 +60,7 @@ class AxisTerm:
 
     size: float
     link: int
-    axis: Floats
+    axis: Entries
 
 
 @final
@@ -68,20 +73,22 @@ class TurningPairs:
     taken in either link; `twin[variable]` is that in the second.
     """
 
-    joints: tuple[Joint, ...]
     chains: tuple[Chain, ...]
     spins: tuple[tuple[AxisTerm, ...], ...]
     twin: dict[int, AxisTerm]
 
 
-def turning_pairs(mechanism: Mechanism) -> TurningPairs:
-    """Return the pairs of a mechanism as turns.
+def turning_pairs(
+    mechanism: Mechanism, design: DesignGeometry | None = None
+) -> TurningPairs:
+    """Return the pairs of a mechanism as turns, their sizes those of a design if given.
 
     Raises
     ------
     EngineError
         If a profile is neither a circle nor a great circle.
     """
+    frames = revolute_frames(mechanism, design) if design else {}
     joints = geometry_of(mechanism).joints
     chains: list[Chain] = []
     spins: list[tuple[AxisTerm, ...]] = [()] * len(mechanism.variable_owners)
@@ -94,13 +101,15 @@ def turning_pairs(mechanism: Mechanism) -> TurningPairs:
             chain = _along(*tracks[number])
         else:
             hinge = revolute(joint)
-            chain = Chain((hinge.first, transpose(hinge.second)), (AxisRotation(at),))
-            twin[at] = AxisTerm(1.0, b, hinge.second[:, 2])
+            name = mechanism.pairs[number].name
+            one, other = frames.get(name, (hinge.first, hinge.second))
+            chain = Chain((one, other.T), (AxisRotation(at),))
+            twin[at] = AxisTerm(1.0, b, other[:, 2])
         chains.append(chain)
         axes = (a, chain.constants[0][:, 2]), (b, chain.constants[-1][2])
         for turn, (link, axis) in zip(chain.turns, axes, strict=False):
             spins[turn.variable] += (AxisTerm(turn.scale, link, axis),)
-    return TurningPairs(joints, tuple(chains), tuple(spins), twin)
+    return TurningPairs(tuple(chains), tuple(spins), twin)
 
 
 def _along(one: Track, other: Track) -> Chain:

@@ -7,9 +7,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.plotted import TURNS, broken, plotted_range, scale_of
 from spherekit.analysis.scene import Axis, Floats, InputMarks, Page, Series, titled
+from spherekit.analysis.units import in_signs
 from spherekit.figures import style
-from spherekit.figures.ranges import broken, scale_of, shown_range
 from spherekit.figures.sdk import Axes, Figure, Line2D
 from spherekit.figures.sheet import (
     Sheet,
@@ -25,7 +26,6 @@ from spherekit.figures.sheet import (
 MOST_IN_ONE = 7
 """Quantities of one mode that share a panel."""
 RATIO = 0.68
-TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
 DASH = 5.0
 """Length of a dash of curves that lie on each other, in widths of their lines."""
 ALIKE = 0.003
@@ -84,7 +84,7 @@ def draw_curves(
             heading = shown[0].series
             if count > 1:
                 panel.set_title(labels[k])
-            words = titled(heading.group, style.in_signs(heading.unit))
+            words = titled(heading.group, heading.unit)
             if k == 0 and count > across:
                 figure.supylabel(words, fontsize=8.0)
             elif k == 0:
@@ -108,7 +108,7 @@ def _panel(
     every = np.concatenate([curve.series.values for curve in curves])
     unit = curves[0].series.unit
     resolution = max(curve.series.resolution for curve in curves)
-    low, high = shown_range(every, scale, resolution)
+    low, high = plotted_range(every, scale, resolution)
     alike = _alike([curve.series.values for curve in curves], high - low)
     for k, curve in enumerate(curves):
         if labels is None:
@@ -127,7 +127,7 @@ def _panel(
         panel.plot(lone[:, 0], lone[:, 1], ".", color=colour, markersize=3.0)
     known = every[np.isfinite(every)]
     if len(known) and np.ptp(known) <= resolution * scale and np.any(known != known[0]):
-        within = f"{float(np.ptp(known)):.0e} {style.in_signs(unit)}".strip()
+        within = f"{float(np.ptp(known)):.0e} {in_signs(unit)}".strip()
         words = f"all within {within}"
         panel.annotate(
             words,

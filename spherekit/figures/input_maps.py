@@ -2,20 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, final
+from typing import Any, final
 
 import numpy as np
 
+from spherekit.analysis.plotted import plotted_range, scale_of
 from spherekit.analysis.scene import Axis, Floats, Page, Series, titled
 from spherekit.figures import style
-from spherekit.figures.ranges import scale_of, shown_range
 from spherekit.figures.sdk import Axes, Figure, Normalize, ScalarMappable
-from spherekit.figures.sheet import Sheet, ticks_of, wrapped
+from spherekit.figures.sheet import Sheet, ends, ticks_of, wrapped
 
 SIGNED = "RdBu_r"
 RATIO = 0.95
-LONELY = 4.0
-"""Values so many times farther apart than nine tenths of them are beyond the colours."""
 TURNED = 0.3
 """Neighbours of unlike signs that differ by more, over the range, pass no zero."""
 MOST_SLICES = 3
@@ -64,7 +62,8 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
     panels_of = [(each, at) for each in maps for at in _slices(grid[2:])]
     first = maps[0].series
     values = np.concatenate([each.series.values for each in maps])
-    low, high = shown_range(values, scale_of(values, first.unit), lonely=LONELY)
+    scale = scale_of(values, first.unit)
+    low, high = plotted_range(values, scale, first.resolution, "colours")
     signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
     if signed:
         low, high = -max(-low, high), max(-low, high)
@@ -94,9 +93,9 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
             shrink=0.8,
             pad=0.02,
             aspect=30,
-            extend=_ends(values, low, high),
+            extend=ends(values, tint),
         )
-        words = titled(first.group, style.in_signs(first.unit))
+        words = titled(first.group, first.unit)
         if first.label != first.group:
             words = f"{first.label}: {words}"
         bar.set_label(wrapped(words, 42))
@@ -117,13 +116,6 @@ def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> Non
         panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
 
 
-def _ends(values: Floats, low: float, high: float) -> Literal["neither", "both"]:
-    """Return whether the scale of colours has ends for what is beyond it."""
-    known = values[np.isfinite(values)]
-    beyond = bool(np.any((known < low) | (known > high)))
-    return "both" if beyond else "neither"
-
-
 def _axes(panel: Axes, over: Sequence[Axis], left: bool, bottom: bool) -> None:
     x, y = over[:2]
     panel.set_facecolor("#eeeeee")
@@ -131,9 +123,9 @@ def _axes(panel: Axes, over: Sequence[Axis], left: bool, bottom: bool) -> None:
     ticks_of(panel, x.unit, "x", 5)
     ticks_of(panel, y.unit, "y", 5)
     if bottom:
-        panel.set_xlabel(titled(x.label, style.in_signs(x.unit)))
+        panel.set_xlabel(titled(x.label, x.unit))
     if left:
-        panel.set_ylabel(titled(y.label, style.in_signs(y.unit)))
+        panel.set_ylabel(titled(y.label, y.unit))
 
 
 def _slices(rest: Sequence[Floats]) -> list[tuple[int, ...]]:

@@ -6,9 +6,10 @@ from typing import final
 
 import numpy as np
 
+from spherekit.analysis.plotted import TURNS
 from spherekit.analysis.scene import Axis, Floats, Mark, Page, Portrait, titled
 from spherekit.figures import style
-from spherekit.figures.curves import TURNS, page_look
+from spherekit.figures.curves import page_look
 from spherekit.figures.labels import placed_labels
 from spherekit.figures.sdk import Axes, Figure, Line2D, LogLocator, NullFormatter
 from spherekit.figures.sheet import Sheet, line_between, spot, spot_look, stroke, ticks_of
@@ -106,8 +107,8 @@ def _trace(panel: Axes, each: Plane) -> None:
 
 
 def _frame(panel: Axes, portrait: Portrait) -> None:
-    panel.set_xlabel(titled(portrait.x_label, style.in_signs(portrait.x_unit)))
-    panel.set_ylabel(titled(portrait.y_label, style.in_signs(portrait.y_unit)))
+    panel.set_xlabel(titled(portrait.x_label, portrait.x_unit))
+    panel.set_ylabel(titled(portrait.y_label, portrait.y_unit))
     if portrait.logarithmic:
         panel.set_xscale("log")
         panel.set_yscale("log")

@@ -81,7 +81,7 @@ def centre_at(out: int, positive: bool) -> Centre:
         return Centre(f"+{AXES[out]}", np.eye(3)[[right, up, out]])
     frame = np.eye(3)[[up, right, out]]
     frame[2] *= -1.0
-    return Centre(f"-{AXES[out]}", frame)
+    return Centre(f"−{AXES[out]}", frame)
 
 
 def opposite(centre: Centre) -> Centre:

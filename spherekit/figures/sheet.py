@@ -5,13 +5,13 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, ParamSpec, final
+from typing import Any, Literal, ParamSpec, final
 
 import numpy as np
 
 from spherekit.analysis.scene import Axis, Floats, Page, titled
 from spherekit.figures import style
-from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator
+from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator, Normalize
 
 P = ParamSpec("P")
 
@@ -162,9 +162,15 @@ def spot_look(tone: int) -> dict[str, Any]:
     }
 
 
+def ends(values: Floats, tint: Normalize) -> Literal["neither", "both"]:
+    """Return whether a scale of colours has ends for what is beyond it."""
+    parts = np.ma.compressed(tint(values[np.isfinite(values)]))
+    return "both" if np.any((parts < 0.0) | (parts > 1.0)) else "neither"
+
+
 def label_x(panel: Axes, axis: Axis) -> None:
     """Name the x axis, with its unit; its ends are those of the rows."""
-    panel.set_xlabel(titled(axis.label, style.in_signs(axis.unit)))
+    panel.set_xlabel(titled(axis.label, axis.unit))
     known = axis.values[np.isfinite(axis.values)]
     if len(known) and np.ptp(known) > 0.0:
         panel.set_xlim(float(np.min(known)), float(np.max(known)))

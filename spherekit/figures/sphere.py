@@ -6,6 +6,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.analysis.plotted import map_range
 from spherekit.analysis.scene import (
     Arrow,
     Floats,
@@ -35,7 +36,7 @@ from spherekit.figures.sdk import (
     Triangulation,
     withStroke,
 )
-from spherekit.figures.sheet import Sheet, spot, spot_look, stroke
+from spherekit.figures.sheet import Sheet, ends, spot, spot_look, stroke
 
 RING = np.radians(30.0)
 """Between the circles of the graticule."""
@@ -59,6 +60,12 @@ class OnSphere:
 
     maps: Sequence[SphereMap]
     curves: Sequence[SphereCurves]
+
+    @property
+    def values(self) -> Floats:
+        """The numbers that the maps show."""
+        values = np.concatenate([item.shown_values for item in self.maps])
+        return np.asarray(values[np.isfinite(values)])
 
     def focus(self) -> Floats:
         """Return the directions (n, 3) that have to be on a map.
@@ -122,25 +129,28 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
         width = sheet.width * (0.85 if shown.maps else 1.0)
         figure = sheet.figure(rows, width / across + 0.3, sheet.legend_rows(entries))
         panels = figure.subplots(rows, across, squeeze=False).ravel().tolist()
-        tint, colours = _tint(shown.maps)
+        tint, colours = _tint(shown)
         for panel, view in zip(panels, views, strict=True):
             rim_patch = _graticule(panel, view)
             for item in shown.maps:
                 _map(panel, view, item, tint, colours, rim_patch)
             for each in shown.curves:
                 _curves(panel, view, each, rim_patch)
-            panel.set_title(
-                f"{view.projection.name}, about {style.in_signs(view.centre.name)}", pad=12
-            )
+            panel.set_title(f"{view.projection.name}, about {view.centre.name}", pad=12)
         if shown.maps:
             first = shown.maps[0]
             bar = figure.colorbar(
-                ScalarMappable(tint, colours), ax=panels, shrink=0.75, pad=0.03, aspect=28
+                ScalarMappable(tint, colours),
+                ax=panels,
+                shrink=0.75,
+                pad=0.03,
+                aspect=28,
+                extend=ends(shown.values, tint),
             )
             if isinstance(tint, BoundaryNorm):
                 whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
                 bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
-            bar.set_label(titled(first.label, style.in_signs(first.unit)))
+            bar.set_label(titled(first.label, first.unit))
         sheet.legend(figure, entries)
     return figure
 
@@ -164,7 +174,7 @@ def draw_paths(arrows: Sequence[tuple[Page, Arrow]], sheet: Sheet) -> Figure:
         figure, panels, _ = sheet.panels(len(labels), 1.05, sheet.legend_rows(entries))
         for panel, label in zip(panels, labels, strict=True):
             rim_patch = _graticule(panel, view)
-            panel.set_title(f"{label}, about {style.in_signs(centre.name)}", pad=12)
+            panel.set_title(f"{label}, about {centre.name}", pad=12)
             for page, arrow in arrows:
                 if arrow.label == label:
                     _path(panel, view, arrow.directions, page, rim_patch)
@@ -246,21 +256,15 @@ def _graticule(panel: Axes, view: View) -> Circle:
     return rim
 
 
-def _tint(maps: Sequence[SphereMap]) -> tuple[Normalize, Any]:
+def _tint(shown: OnSphere) -> tuple[Normalize, Any]:
     """Return the scale of colours of maps: by steps where values are few whole numbers."""
-    if not maps:
+    if not shown.maps:
         return Normalize(0.0, 1.0), style.HEAT
-    values = np.concatenate([_used(item) for item in maps])
-    values = values[np.isfinite(values)]
-    low, high = float(np.min(values, initial=0.0)), float(np.max(values, initial=0.0))
-    if maps[0].unit == "" and np.all(values == np.round(values)) and high < MOST_WHOLE:
-        edges = np.arange(np.floor(low) - 0.5, high + 1.0)
-        return BoundaryNorm(edges, 256), style.HEAT
-    return Normalize(float(np.min(values)), high if high > low else low + 1.0), style.HEAT
-
-
-def _used(item: SphereMap) -> Floats:
-    return item.values[np.unique(item.triangles)] if len(item.triangles) else item.values
+    values, unit = shown.values, shown.maps[0].unit
+    low, high = map_range(values, unit)
+    if unit == "" and np.all(values == np.round(values)) and high < MOST_WHOLE:
+        return BoundaryNorm(np.arange(low - 0.5, high + 1.0), 256), style.HEAT
+    return Normalize(low, high), style.HEAT
 
 
 def _map(

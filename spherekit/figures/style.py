@@ -99,8 +99,3 @@ def tone_colour(number: int) -> str:
 def tone_marker(number: int) -> str:
     """Return the shape of marks of a kind."""
     return MARKERS[number % len(MARKERS)]
-
-
-def in_signs(unit: str) -> str:
-    """Return a unit or sign as papers print it: ``kg m2`` as ``kg m²``, a true minus."""
-    return unit.replace("2", "²").replace("3", "³").replace("-", "−")

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from spherekit.analysis.plotted import map_range
 from spherekit.analysis.scene import Surface, titled
 from spherekit.figures import style
-from spherekit.figures.sdk import Figure, Poly3DCollection
-from spherekit.figures.sheet import Sheet, stroke, ticks_of
+from spherekit.figures.sdk import Figure, Normalize, Poly3DCollection
+from spherekit.figures.sheet import Sheet, ends, stroke, ticks_of
 
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
@@ -33,15 +34,26 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                 )
             )
         for each in clouds:
-            colour = style.tone_colour(each.tone) if each.values is None else each.values
-            dots = panel.scatter(*each.vertices.T, c=colour, cmap=style.HEAT, s=3.0)
-            if each.values is not None:
-                bar = figure.colorbar(dots, ax=panel, shrink=0.7, pad=0.12, aspect=28)
-                bar.set_label(titled(each.label, style.in_signs(each.values_unit)))
+            if each.values is None:
+                panel.scatter(*each.vertices.T, c=style.tone_colour(each.tone), s=3.0)
+                continue
+            tint = Normalize(*map_range(each.values, each.values_unit))
+            dots = panel.scatter(
+                *each.vertices.T, c=each.values, norm=tint, cmap=style.HEAT, s=3.0
+            )
+            bar = figure.colorbar(
+                dots,
+                ax=panel,
+                shrink=0.7,
+                pad=0.12,
+                aspect=28,
+                extend=ends(each.values, tint),
+            )
+            bar.set_label(titled(each.label, each.values_unit))
         every = np.concatenate([each.vertices for each in surfaces])
         first = surfaces[0]
         for which, name, column in zip("xyz", first.axes, every.T, strict=True):
-            getattr(panel, f"set_{which}label")(titled(name, style.in_signs(first.unit)))
+            getattr(panel, f"set_{which}label")(titled(name, first.unit))
             getattr(panel, f"set_{which}lim")(np.nanmin(column), np.nanmax(column))
             ticks_of(panel, first.unit, which, 5)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)

@@ -51,6 +51,19 @@ def check_folder(path: str | os.PathLike[str]) -> None:
         raise refused(path, "made", OSError(errno.EACCES, ""))
 
 
+def check_file(path: str | os.PathLike[str]) -> None:
+    """Raise `OutputError` unless a file can be made there; nothing is made."""
+    target = Path(path)
+    for fault, number in (
+        (target.is_dir(), errno.EISDIR),
+        (not target.parent.exists(), errno.ENOENT),
+        (not target.parent.is_dir(), errno.ENOTDIR),
+        (not os.access(target.parent, os.W_OK | os.X_OK), errno.EACCES),
+    ):
+        if fault:
+            raise refused(path, "written", OSError(number, ""))
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a text file in UTF-8, replacing an older one only when complete.
 

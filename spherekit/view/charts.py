@@ -11,6 +11,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.plotted import MARGIN, TURNS, broken, cut, plotted_range, scale_of
 from spherekit.analysis.scene import (
     Axis,
     Floats,
@@ -18,7 +19,6 @@ from spherekit.analysis.scene import (
     Mark,
     Portrait,
     Series,
-    plotted_range,
     titled,
 )
 from spherekit.conventions import listing
@@ -43,9 +43,6 @@ MOST_LABELS = 24
 """With more marks than this, their labels are seen when they are pointed at."""
 BAR = (24.0, 20.0)
 """Between a map and its scale of colours, and the width of that."""
-PADDING = 0.05
-OUTLYING = 3.0
-"""A map whose outer values span so many times the others' range shows the others'."""
 TICKS = 5
 MOST_COLUMNS = 2
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -70,6 +67,7 @@ class Curve:
 
     label: str
     colour: colours.Colour
+    unit: str
     resolution: float
     values: list[Floats] = field(default_factory=list)
     places: list[tuple[Floats, ...]] = field(default_factory=list)
@@ -112,7 +110,7 @@ class Chart:
         if path not in self.curves:
             used = [curve.colour for curve in self.curves.values()]
             colour = colours.of_series(series.link, used)
-            self.curves[path] = Curve(series.label, colour, series.resolution)
+            self.curves[path] = Curve(series.label, colour, series.unit, series.resolution)
         return self.curves[path]
 
     def across(self, values: Floats) -> Floats:
@@ -153,15 +151,16 @@ class Chart:
             yield from self._map()
             return
         curves = [(curve, *curve.whole) for curve in self.curves.values()]
+        unit = curves[0][0].unit
         resolution = max(curve.resolution for curve, _, _ in curves)
         every = np.concatenate([values for _, _, values in curves])
-        low, high = plotted_range(every, resolution)
-        around = PADDING * (high - low)
-        low, high = low - around, high + around
-        yield from frame(self.width, _Side.of(self.over[0]), _Side("", (low, high), False))
+        span = plotted_range(every, scale_of(every, unit), resolution)
+        yield from frame(self.width, _Side.of(self.over[0]), _Side("", span, False))
         for number, (curve, rows, values) in enumerate(curves):
-            y = FRAME_HEIGHT * (1.0 - _part(values, low, high))
-            lines = shapes.unbroken(np.stack([self.across(rows[0]), y], axis=1))
+            line = np.stack([self.across(rows[0]), values], axis=1)
+            line = cut(broken(line, span, TURNS.get(unit)), span)
+            line[:, 1] = FRAME_HEIGHT * (1.0 - _part(line[:, 1], *span))
+            lines = shapes.unbroken(line)
             if lines:
                 strips = rr.LineStrips2D(
                     lines, colors=curve.colour, radii=rr.Radius.ui_points(1.0)
@@ -201,7 +200,9 @@ class Chart:
         x, y, cells = gridded(*curve.whole)
         first, second = (_Side.of(axis) for axis in self.over[:2])
         yield from frame(self.width, first, second, lined=False)
-        low, high = plotted_range(_without_ends(cells), curve.resolution)
+        low, high = plotted_range(
+            cells, scale_of(cells, curve.unit), curve.resolution, "colours"
+        )
         across = _nearest(x, first.span, round(self.width))
         down = _nearest(y, second.span, round(FRAME_HEIGHT))[::-1]
         shown = cells[np.ix_(across, down)].T
@@ -223,20 +224,6 @@ class Chart:
                 [(edge, y, written(v, step)) for y, v in zip(down_to, values, strict=True)]
             ),
         )
-
-
-def _without_ends(cells: Floats) -> Floats:
-    """Return the values of a map without those that would leave no colours for the rest.
-
-    Rates grow beyond all bounds towards singularities.
-    """
-    known = cells[np.isfinite(cells)]
-    if not len(known):
-        return known
-    low, high = np.quantile(known, [0.03, 0.97])
-    if np.ptp(known) < OUTLYING * (high - low):
-        return known
-    return np.asarray(known[(known >= low) & (known <= high)])
 
 
 def compared(modes: Sequence[Chart]) -> Chart:
@@ -296,7 +283,7 @@ class _Side:
 
     @classmethod
     def of(cls, axis: Axis) -> "_Side":
-        return cls(in_signs(axis.words), axis.extent, axis.unit == "deg")
+        return cls(axis.words, axis.extent, axis.unit == "deg")
 
 
 def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Drawn]:
@@ -330,14 +317,14 @@ def roomy(item: Portrait) -> Portrait:
     if item.logarithmic:
         return item
     low, high = item.y_range
-    around = PADDING * (high - low)
+    around = MARGIN * (high - low)
     return replace(item, y_range=(low - around, high + around))
 
 
 def portrait(item: Portrait) -> Iterator[Drawn]:
     """Yield the frame of a portrait, its curves and marks."""
     sides = [
-        _Side(in_signs(titled(label, unit)), span, unit.startswith("deg"), item.logarithmic)
+        _Side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
         for label, unit, span in (
             (item.x_label, item.x_unit, item.x_range),
             (item.y_label, item.y_unit, item.y_range),
@@ -454,13 +441,6 @@ def along(over: Sequence[Axis]) -> Axis:
     first = next((axis for axis in over if axis.extent[0] < axis.extent[1]), over[0])
     others = listing(axis.label for axis in over if axis is not first)
     return replace(first, label=f"input {first.label} with {others}")
-
-
-def in_signs(words: str) -> str:
-    """Return units as people write them."""
-    for plain, sign in (("m2", "m²"), ("/s2", "/s²")):
-        words = words.replace(plain, sign)
-    return words
 
 
 def bounds() -> tuple[tuple[float, float], tuple[float, float]]:

@@ -11,6 +11,7 @@ from typing import assert_never
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.plotted import map_range
 from spherekit.analysis.scene import (
     Arrow,
     Body,
@@ -27,7 +28,6 @@ from spherekit.analysis.scene import (
     Surface,
     Text,
     Trace,
-    plotted_range,
     titled,
 )
 from spherekit.view import charts, colours, diagrams, shapes
@@ -52,7 +52,6 @@ GRAPH_SIZE = (420.0, 220.0)
 GRATICULE_LIFT = 1.006
 MAP_LIFT = 1.002
 """Maps lie just outside of the sphere, and inside of curves."""
-MAP_RESOLUTION = 1e-6
 HIDDEN = 1e-6
 NEAR = np.cos(np.radians(4.0))
 """Pairs of a link with axes closer than this have one label."""
@@ -297,17 +296,8 @@ def _still_curves(item: SphereCurves) -> Iterator[Still]:
         )
 
 
-def map_range(values: Floats, triangles: NDArray[np.int64]) -> tuple[float, float]:
-    """Return the least and greatest value that a map shows, of those in triangles."""
-    shown = values[np.unique(triangles)] if len(triangles) else values
-    low, high = plotted_range(shown, MAP_RESOLUTION)
-    if np.all(shown == np.round(shown)):
-        return min(float(np.min(shown)), 0.0), max(float(np.max(shown)), 1.0)
-    return low, high
-
-
 def _still_map(item: SphereMap) -> Iterator[Still]:
-    low, high = map_range(item.values, item.triangles)
+    low, high = map_range(item.shown_values, item.unit)
     parts = np.clip((np.nan_to_num(item.values) - low) / (high - low), 0.0, 1.0)
     places, tints = MAP_LIFT * item.vertices, colours.heat(parts)
     if len(item.triangles):
@@ -342,7 +332,7 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
     else:
         tints: NDArray[np.uint8] | colours.Colour = colours.tone(surface.tone)
         if surface.values is not None:
-            least, most = map_range(surface.values, surface.triangles)
+            least, most = map_range(surface.values, surface.values_unit)
             tints = colours.heat(np.clip((surface.values - least) / (most - least), 0, 1))
         yield "", rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(3.0))
     ends = np.array([low - middle, high - middle]) * scale

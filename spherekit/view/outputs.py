@@ -14,6 +14,7 @@ from typing import final
 from urllib.parse import urlsplit
 
 from spherekit.errors import OutputError
+from spherekit.files.atomic import check_file
 from spherekit.view.sdk import RrdReader, rr
 from spherekit.view.sink import PipedFile
 
@@ -52,13 +53,7 @@ def check_place(path: Path) -> None:
         raise OutputError(
             f"{path}: a recording must be named *.rrd, since the viewer goes by that ending"
         )
-    if path.is_dir():
-        raise OutputError(f"{path} is a folder; name a file inside it")
-    if not path.parent.is_dir():
-        raise OutputError(
-            f"{path}: the folder {path.parent} does not exist; make it "
-            "first or choose another"
-        )
+    check_file(path)
 
 
 @final

@@ -13,6 +13,7 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.plotted import map_range
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import (
     Arrow,
@@ -364,7 +365,7 @@ class RerunRecorder:
         touched: dict[str, list[str]],
     ) -> bool:
         """Add a block of a series to its chart, now `touched`; return if that is new."""
-        title = charts.in_signs(item.heading)
+        title = item.heading
         if len(over) > 1:
             title = f"{item.label}: {title}"
         where = f"{self._base(scene.page)}/charts/{_slug(title)}"
@@ -557,7 +558,7 @@ class RerunRecorder:
                 layout.solids.append((page, path))
             case SphereMap(label=label, unit=unit):
                 layout.solids.append((page, path))
-                values = entities.map_range(primitive.values, primitive.triangles)
+                values = map_range(primitive.shown_values, unit)
                 self._place_scale(page, values, titled(label, unit))
             case Trace(number=number):
                 layout.solids.append((page, path))

@@ -6,17 +6,18 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, Any, Literal
 
 import numpy as np
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import OutputError
+from spherekit.files.atomic import check_file, write_bytes
 from spherekit.view.sdk import RrdReader, ViewerClient
 from spherekit.view.timelines import SAMPLE, TIME, input_scale
 
@@ -26,8 +27,10 @@ FRAMES = 20
 AROUND_SPACE = (7, 71)
 """What of a window a view that fills it leaves to bars and frame."""
 NOTICE_TIMEOUT = 12.0
-NOTICE_COLOUR, NOTICE_INSET, NOTICE_ROWS = (33, 33, 33), 14, (50, 100)
-"""What a notice of the viewer looks like at its right edge, and how far in that is."""
+NOTICE_COLOUR, NOTICE_INSET = (33, 33, 33), 14
+NOTICE_ROWS = range(50, 100), range(20)
+"""What a notice of the viewer looks like at its right edge, and how far in that is; and its
+rows in a picture of the window and of a view that fills it."""
 LARGEST = 8192
 """Pixels of a picture along a side: what graphics drivers draw at once."""
 OLDEST = (0, 23)
@@ -60,7 +63,8 @@ def screenshot(
     picture : Path or str
         The PNG to write.
     sample, input_deg : optional
-        Where to put the time cursor, one of the two; the start if neither is given.
+        Where to put the time cursor, one of the two; the first sample with a
+        configuration if neither is given.
     view : "all" or "3D"
         The whole window, or only the 3D view of the page in front.
     size : (width, height)
@@ -84,6 +88,8 @@ def screenshot(
             _bring_forward(client, recording, front)
         shown = _fill_window(client, recording) if view == "3D" else None
         timeline, tick = _cursor(timelines, sample, input_deg, recording)
+        if sample is None and input_deg is None:
+            tick = _first_shown(client, recording, timeline, tick)
         if timeline == TIME:
             when = np.timedelta64(tick, "ns")
             client.set_time(timeline, duration=when, play_state="paused")
@@ -94,10 +100,7 @@ def screenshot(
         if troubles:
             raise OutputError(f"the viewer cannot show {recording}: {troubles[0]}")
         data = _settled(client, shown)
-    try:
-        picture.write_bytes(data)
-    except OSError as error:
-        raise OutputError(f"cannot write {picture}: {error.strerror}") from error
+    write_bytes(picture, data)
     return picture
 
 
@@ -107,13 +110,7 @@ def check_picture(picture: Path, size: tuple[int, int]) -> None:
         raise OutputError(
             f"{picture}: pictures are PNG files; name it {picture.with_suffix('.png')}"
         )
-    if picture.is_dir():
-        raise OutputError(f"{picture} is a folder; name a file inside it")
-    if not picture.parent.is_dir():
-        raise OutputError(
-            f"{picture}: the folder {picture.parent} does not exist; make it first or "
-            "choose another"
-        )
+    check_file(picture)
     if not all(100 <= side <= LARGEST for side in size):
         raise OutputError(
             f"{size[0]}x{size[1]} is no size of a picture; its sides are 100 to "
@@ -143,26 +140,34 @@ def check_version(recording: Path) -> None:
 
 def _fill_window(client: ViewerClient, recording: Path) -> str:
     """Let the 3D view that is in front fill the window, without bars; return its id."""
-    spaces = [view for view in client.get_state().views if view.view_class == "3D"]
-    seen = [view for view in spaces if _is_in_front(client, view.view_id)]
+    parts = client.get_blueprint().blueprint
+    spaces = {v.view_id for v in client.get_state().views if v.view_class == "3D"}
+    seen = [view for view in _in_front(parts) if view in spaces]
     if not seen:
         raise OutputError(f"{recording} shows no 3D view")
-    parts = client.get_blueprint().blueprint
-    parts["/viewport"]["ViewportBlueprint"]["maximized"] = seen[0].view_id
+    parts["/viewport"]["ViewportBlueprint"]["maximized"] = seen[0]
     parts["/time_panel"]["TimePanelBlueprint"]["state"] = "Hidden"
     client.set_blueprint(parts, "recording")
-    return seen[0].view_id
+    return seen[0]
 
 
-def _is_in_front(client: ViewerClient, view_id: str) -> bool:
-    """Return whether a view is not hidden behind another tab."""
-    try:
-        client.take_screenshot(view_id=view_id)
-    except ConnectionError as error:
-        if "NotFound" not in str(error):
-            raise
-        return False
-    return True
+def _in_front(parts: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the ids of the views of a layout that are not hidden behind other tabs."""
+    left = [f"container/{parts['/viewport']['ViewportBlueprint']['root_container']}"]
+    while left:
+        kind, _, name = left[0].partition("/")
+        if kind == "view":
+            yield name
+            left = left[1:]
+            continue
+        fields = parts[f"/{left[0]}"]["ContainerBlueprint"]
+        shown = "active_tab" if fields["container_kind"] == "Tabs" else "contents"
+        left = [*_several(fields[shown]), *left[1:]]
+
+
+def _several(value: str | list[str]) -> list[str]:
+    """Return a component of a layout, which is no list where it has one element."""
+    return [value] if isinstance(value, str) else value
 
 
 def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str]) -> None:
@@ -205,8 +210,10 @@ def _settled(client: ViewerClient, view_id: str | None) -> bytes:
     while frame < FRAMES:
         time.sleep(0.1)
         last, data = data, client.take_screenshot(view_id=view_id)
-        noticed = view_id is None and _shows_notice(data)
-        if noticed and time.monotonic() < deadline:
+        if (
+            _shows_notice(data, NOTICE_ROWS[view_id is not None])
+            and time.monotonic() < deadline
+        ):
             continue
         if data == last:
             break
@@ -214,15 +221,14 @@ def _settled(client: ViewerClient, view_id: str | None) -> bytes:
     return data
 
 
-def _shows_notice(data: bytes) -> bool:
+def _shows_notice(data: bytes, rows: range) -> bool:
     """Return whether a notice covers the upper right corner of a picture."""
     from PIL import Image
 
     with Image.open(io.BytesIO(data)) as picture:
         right = picture.width - NOTICE_INSET
-        rows = range(*NOTICE_ROWS)
-        pixels = [picture.convert("RGB").getpixel((right, row)) for row in rows]
-    return all(pixel == NOTICE_COLOUR for pixel in pixels)
+        edge = picture.crop((right, rows.start, right + 1, rows.stop)).convert("RGB")
+    return edge.getcolors() == [(len(rows), NOTICE_COLOUR)]
 
 
 def _cursor(
@@ -246,6 +252,28 @@ def _cursor(
         return SAMPLE, sample
     first = TIME if TIME in timelines else inputs[0][0] if inputs else SAMPLE
     return first, timelines[first]
+
+
+def _first_shown(client: ViewerClient, recording: Path, timeline: str, start: int) -> int:
+    """Return the first time at which what is in front has a configuration, or the start.
+
+    Where there is none, the words that say so are at the centre.
+    """
+    parts = client.get_blueprint().blueprint
+    words = {
+        path.strip("+ ").removesuffix("/**")
+        for view in _in_front(parts)
+        for path in _several(parts[f"/view/{view}/ViewContents"]["ViewContents"]["query"])
+        if path.endswith("/status/**")
+    }
+    shown = []
+    for chunk in RrdReader(str(recording)).stream():
+        if chunk.entity_path in words and not chunk.is_static:
+            batch = chunk.to_record_batch()
+            said = batch.column("Points3D:positions").to_pylist()
+            ticks = batch.column(timeline).cast("int64").to_pylist()
+            shown += [tick for tick, row in zip(ticks, said, strict=True) if not row]
+    return min(shown, default=start)
 
 
 def _check_sample(recording: Path, sample: int) -> None:

@@ -1,0 +1,100 @@
+"""What range of values a plot shows, so that noise is no signal and a pole hides none."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+LONELY = {"curves": 16.0, "colours": 5.0}
+"""Values so many times farther apart than the `INNER` ones leave the range: a curve that
+is cut can be followed, of colours the others would keep too few."""
+INNER = (0.1, 0.9)
+BEYOND = 1.0
+"""How far beyond these the range then reaches, over theirs."""
+AROUND = 0.05
+"""Half the range about what does not change, over its scale."""
+MARGIN = 0.05
+"""Between curves and their frame, over the range."""
+DIMENSIONAL = ("kg", "N", "W", "J", "m")
+"""Parts of units of quantities that may be as small as a mechanism is."""
+MAP_RESOLUTION = 1e-6
+"""Of values on the sphere or a surface, which are solved for places and not rows."""
+TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
+
+
+def scale_of(values: Floats, unit: str) -> float:
+    """Return the scale of a quantity: the largest number, at least one of angles and rates.
+
+    Their size says whether they are noise, that of a torque or an inertia does not.
+    """
+    known = np.abs(values[np.isfinite(values)])
+    largest = float(np.max(known, initial=0.0))
+    return largest if any(part in unit for part in DIMENSIONAL) else max(largest, 1.0)
+
+
+def plotted_range(
+    values: Floats,
+    scale: float,
+    resolution: float = 1e-9,
+    shown_by: Literal["curves", "colours"] = "curves",
+) -> tuple[float, float]:
+    """Return the least and greatest value that a plot of values (n,) shows.
+
+    Changes below the `resolution`, over the scale of the quantity, are rounding. About
+    curves there is a margin.
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return 0.0, 1.0
+    low, high = float(np.min(known)), float(np.max(known))
+    if high - low <= resolution * scale:
+        middle = 0.5 * (low + high)
+        half = AROUND * max(abs(middle), scale) or 1.0
+        return middle - half, middle + half
+    inner, outer = np.quantile(known, INNER).tolist()
+    if outer > inner and high - low > LONELY[shown_by] * (outer - inner):
+        reach = BEYOND * (outer - inner)
+        low, high = max(low, inner - reach), min(high, outer + reach)
+    margin = MARGIN * (high - low) if shown_by == "curves" else 0.0
+    return low - margin, high + margin
+
+
+def map_range(values: Floats, unit: str) -> tuple[float, float]:
+    """Return the least and greatest value that the colours of a map of values (n,) show.
+
+    Whole numbers are counts: their colours begin at zero.
+    """
+    known = values[np.isfinite(values)]
+    if len(known) and np.all(known == np.round(known)):
+        return min(float(np.min(known)), 0.0), max(float(np.max(known)), 1.0)
+    return plotted_range(known, scale_of(known, unit), MAP_RESOLUTION, "colours")
+
+
+def broken(line: Floats, frame: tuple[float, float], turn: float | None) -> Floats:
+    """Return points (n, 2) with a gap (NaN) where the curve is not what a stroke says.
+
+    There it passes from one side of the frame to the other through infinity, or y or x
+    jump by half a `turn` or more.
+    """
+    y = line[:, 1]
+    before, after = y[:-1], y[1:]
+    low, high = frame
+    gap = ((before < low) & (after > high)) | ((before > high) & (after < low))
+    if turn is not None:
+        gap |= np.abs(after - before) >= 0.5 * turn
+    (places,) = np.nonzero(gap)
+    return np.insert(line, places + 1, np.nan, axis=0)
+
+
+def cut(line: Floats, frame: tuple[float, float]) -> Floats:
+    """Return points (n, 2) that end where the curve leaves the frame, NaN beyond it."""
+    for level in frame:
+        above = line[:, 1] - level
+        (places,) = np.nonzero(above[:-1] * above[1:] < 0.0)
+        part = above[places] / (above[places] - above[places + 1])
+        x = line[places, 0] + part * (line[places + 1, 0] - line[places, 0])
+        line = np.insert(line, places + 1, np.stack([x, np.full_like(x, level)], 1), axis=0)
+    outside = ~((line[:, 1] >= frame[0]) & (line[:, 1] <= frame[1]))
+    return np.where(outside[:, None], np.nan, line)

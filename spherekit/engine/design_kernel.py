@@ -1,0 +1,249 @@
+"""Kernels of which sizes are inputs: one for a topology, whatever its geometry.
+
+What does not depend on the configuration is computed once a design (`prepare`), the rest
+at every row (`evaluate`): a row is one sample of one design in one assembly mode.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.conventions import listing, nearest
+from spherekit.engine.algebra import SeriesExpressions, by_coordinate, dot
+from spherekit.engine.arrays import ArrayFunction, array_function
+from spherekit.engine.compiler import CompiledFunction, available, compile_function
+from spherekit.engine.dyads import ClosedPlacements, place_by_input
+from spherekit.engine.expression_graph import (
+    Expr,
+    function,
+    hoisted,
+    symbols,
+)
+from spherekit.engine.frames import DesignGeometry
+from spherekit.engine.inertia import inertia, tensors
+from spherekit.engine.kinematics import RateExpressions, Structure
+from spherekit.engine.loads import LoadState, generalised_force
+from spherekit.errors import EngineError
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.poles import pole_of
+from spherekit.sphere.rotation import Floats
+
+SAMPLE = ("q", "dq", "ddq", "t")
+"""What a sample is: the input's angle (rad), its rate, its acceleration, and the time."""
+
+
+@final
+@dataclass(frozen=True)
+class DesignKernel:
+    """A function of designs and samples.
+
+    `prepare` takes the sizes (variables, n) to what is the same at all samples of a design;
+    `evaluate` takes q, dq, ddq, t, the sign of each dyad and that to the columns. The first
+    columns, one for each dyad, are not negative where it closes; the others are `columns`.
+    """
+
+    signs: int
+    columns: tuple[str, ...]
+    prepare: CompiledFunction | ArrayFunction
+    evaluate: CompiledFunction | ArrayFunction
+
+    def rows(
+        self, prepared: Floats, sample: Sequence[float], signs: Sequence[int]
+    ) -> Floats:
+        """Return the inputs (inputs, n) of a sample in an assembly mode."""
+        made = np.empty((len(SAMPLE) + self.signs + len(prepared), prepared.shape[1]))
+        fixed = [*sample, *signs]
+        made[: len(fixed)] = np.array(fixed, dtype=float)[:, None]
+        made[len(fixed) :] = prepared
+        return made
+
+
+def design_kernel(
+    mechanism: Mechanism,
+    input_pair: str,
+    variables: Sequence[str],
+    geometry: Callable[[Mapping[str, Expr]], DesignGeometry],
+    columns: Sequence[str],
+) -> DesignKernel:
+    """Return the kernel of a topology.
+
+    Parameters
+    ----------
+    mechanism, input_pair
+        A mechanism with one freedom, whose groups are all dyads, and its driven pair.
+    variables
+        Names of the sizes that are inputs.
+    geometry
+        The geometry with terms for these.
+    columns
+        Names of `row_quantities`.
+
+    Raises
+    ------
+    EngineError
+        If the engine does not know the mechanism's pairs or groups, or a column.
+    """
+    terms = symbols(variables)
+    design = geometry(dict(zip(variables, terms, strict=True)))
+    structure = Structure.of(mechanism, input_pair, design)
+    sample = symbols(SAMPLE)
+    signs = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
+    placed = place_by_input(structure, sample[0], signs)
+    quantities = RowQuantities(structure, placed, sample)
+    outputs = [dyad.square for dyad in placed.dyads]
+    outputs += [quantities.of(name) for name in columns]
+    moving = [*sample, *signs]
+    row_terms, fixed = hoisted(outputs, moving, "design_")
+    make = compile_function if available() else array_function
+    return DesignKernel(
+        len(signs),
+        tuple(columns),
+        make(list(fixed.values()), terms),
+        make(row_terms, [*moving, *fixed]),
+    )
+
+
+def row_quantities(mechanism: Mechanism) -> dict[str, str]:
+    """Return what rows of designs may be asked for, with the unit of each.
+
+    ``q``; of R pairs ``theta_PAIR`` and ``rate_PAIR``, its derivative by q; of links
+    ``velocity_coefficient_LINK_OTHER`` and ``acceleration_coefficient_LINK_OTHER``;
+    ``transmission_angle_PAIR`` of the dyad in whose middle a pair is; ``B``, ``dB_dq``
+    and ``torque`` where links have masses.
+    """
+    angles = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
+    made = {"q": "rad", "dq": "rad/s", "ddq": "rad/s2", "t": "s"}
+    made |= {f"theta_{pair}": "rad" for pair in angles}
+    made |= {f"rate_{pair}": "" for pair in angles}
+    made |= {f"transmission_angle_{pair}": "rad" for pair in angles}
+    links = mechanism.links
+    for kind, unit in (("velocity_coefficient", ""), ("acceleration_coefficient", "1/rad")):
+        made |= {f"{kind}_{a}_{b}": unit for a in links for b in links if a != b}
+    if mechanism.masses:
+        made |= {"B": "kg m2", "dB_dq": "kg m2/rad", "torque": "N m"}
+    return made
+
+
+@final
+class RowQuantities:
+    """The quantities of a row as expressions, each formed when it is asked for."""
+
+    def __init__(
+        self, structure: Structure, placed: ClosedPlacements, sample: Sequence[Expr]
+    ) -> None:
+        self.structure = structure
+        self.placed = placed
+        self.sample = sample
+        self._flows: dict[int, RateExpressions] = {}
+
+    def of(self, name: str) -> Expr:
+        """Return a quantity by its name; `EngineError` if there is none of it."""
+        mechanism = self.structure.mechanism
+        known = row_quantities(mechanism)
+        if name not in known:
+            hint = nearest(name, known) or "."
+            raise EngineError(
+                f'{mechanism.name}: "{name}" is no quantity of a configuration{hint} '
+                f"Quantities: {listing(known)}"
+            )
+        if name in SAMPLE:
+            return self.sample[SAMPLE.index(name)]
+        for prefix, make in (
+            ("theta_", self._angle),
+            ("rate_", self._rate),
+            ("transmission_angle_", self._transmission_angle),
+        ):
+            if name.startswith(prefix):
+                return make(name.removeprefix(prefix))
+        if name in ("B", "dB_dq", "torque"):
+            return self._inertia(name)
+        kind, _, links = name.partition("_coefficient_")
+        return self._coefficient(links, ("velocity", "acceleration").index(kind))
+
+    def _flow(self, order: int) -> RateExpressions:
+        if order not in self._flows:
+            self._flows[order] = RateExpressions(self.structure, self.placed.links, order)
+        return self._flows[order]
+
+    def _by_q(self, flow: RateExpressions) -> SeriesExpressions:
+        return 1.0 / flow.rate_of(self.structure.driven)
+
+    def _variable(self, pair: str) -> int:
+        mechanism = self.structure.mechanism
+        return mechanism.variables_of(mechanism.pair_number[pair])[0]
+
+    def _angle(self, pair: str) -> Expr:
+        structure = self.structure
+        number = structure.mechanism.pair_number[pair]
+        chain = structure.pairs.chains[number]
+        first, second = (self.placed.links[k] for k in structure.mechanism.ends[number])
+        zero = first.direction(chain.constants[0][:, 0])
+        side = first.direction(chain.constants[0][:, 1])
+        reached = second.direction(chain.constants[1][0])
+        return function("atan2", dot(side, reached), dot(zero, reached))
+
+    def _rate(self, pair: str) -> Expr:
+        flow = self._flow(0)
+        variable = self._variable(pair)
+        if variable == self.structure.driven:
+            return 1.0
+        return flow.tau[0][variable] / flow.tau[0][self.structure.driven]
+
+    def _transmission_angle(self, pair: str) -> Expr:
+        mechanism = self.structure.mechanism
+        number = mechanism.pair_number[pair]
+        by_pair = {dyad.middle: dyad for dyad in self.placed.dyads}
+        if number not in by_pair:
+            middles = listing(mechanism.pairs[k].name for k in by_pair)
+            raise EngineError(
+                f"{mechanism.name}: pair {pair} is in the middle of no dyad, so it has no "
+                f"transmission angle; those with one: {middles}"
+            )
+        return by_pair[number].transmission_angle
+
+    def _coefficient(self, text: str, order: int) -> Expr:
+        mechanism = self.structure.mechanism
+        link, other = next(
+            (a, b) for a in mechanism.links for b in mechanism.links if f"{a}_{b}" == text
+        )
+        pole = pole_of(mechanism.link(link), mechanism.link(other))
+        flow = self._flow(order)
+        _, rate = flow.pole(pole)
+        sense = 1.0 if pole == (mechanism.link(other), mechanism.link(link)) else -1.0
+        scale = self._by_q(flow)
+        return sense * by_coordinate(rate * scale, scale)[order]
+
+    def _inertia(self, name: str) -> Expr:
+        flow = self._flow(0 if name == "B" else 1)
+        scale = self._by_q(flow)
+        whole = inertia(flow, tensors(self.structure.mechanism))
+        made = by_coordinate(whole * scale * scale, scale)
+        if name != "torque":
+            return made[0 if name == "B" else 1]
+        _, dq, ddq, t = self.sample
+        mechanism = self.structure.mechanism
+        angles: list[Expr] = [0.0] * len(mechanism.variable_owners)
+        for pair, variable in mechanism.angles.items():
+            angles[variable] = self._angle(pair)
+        speed = dq * scale.coefficients[0]
+        state = LoadState(
+            flow,
+            angles,
+            [0.0] * len(angles),
+            speed,
+            t,
+            lambda condition: function("sign", condition),
+            self._no_table,
+        )
+        force: Expr = 0.0
+        for load in mechanism.loads:
+            force = force + generalised_force(load, state)
+        return made[0] * ddq + 0.5 * made[1] * (dq * dq) - force * scale.coefficients[0]
+
+    def _no_table(self, name: str) -> Expr:
+        raise EngineError(
+            f"{self.structure.mechanism.name}: loads.{name}: a table of torques cannot be "
+            "part of a kernel; write the torque as an expression"
+        )

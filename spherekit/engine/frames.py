@@ -1,0 +1,125 @@
+"""Frames of R pairs in their links as terms of the sizes they follow from.
+
+They are those of `spherekit.model.geometry`, whose numbers may be terms here. In a link
+given by arcs and angles the reference arc at the first axis leads to the second, at every
+other axis to the first; in a reference pose any zero direction will do, for the variable
+counts from its value there.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.engine.algebra import Exprs, cross, vector
+from spherekit.engine.expression_graph import Expr, ExpressionNode
+from spherekit.errors import EngineError
+from spherekit.model.geometry import COLLINEAR
+from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
+
+
+@final
+@dataclass(frozen=True)
+class DesignGeometry:
+    """Sizes that take the place of a mechanism's own: numbers (rad) or terms.
+
+    `arcs`, `angles` by link and the pair they lead to, `zeros` and `values` by pair; in a
+    reference pose `longitudes` and `latitudes` of axes by pair, of both or none.
+    """
+
+    arcs: Mapping[tuple[str, str], Expr]
+    angles: Mapping[tuple[str, str], Expr]
+    zeros: Mapping[str, Expr]
+    values: Mapping[str, Expr]
+    longitudes: Mapping[str, Expr]
+    latitudes: Mapping[str, Expr]
+
+
+Frames = tuple[Exprs, Exprs]
+"""The frames (3, 3) of a pair in its first and its second link."""
+
+
+def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, Frames]:
+    """Return the frames of every R pair in terms, by name.
+
+    Raises
+    ------
+    EngineError
+        If two axes of a link lie on one line, so that no arc between them varies.
+    """
+    geometry = mechanism.geometry
+    made = {}
+    for pair in mechanism.pairs:
+        if not pair.kind.has_axis:
+            continue
+        if isinstance(geometry, PoseGeometry):
+            made[pair.name] = _in_pose(geometry, design, pair.name)
+        else:
+            zero = design.zeros.get(pair.name, geometry.zeros.get(pair.name, 0.0))
+            one, other = (
+                _in_link(mechanism, geometry, design, link, pair.name)
+                for link in pair.links
+            )
+            made[pair.name] = one @ _about_z(zero), other
+    return made
+
+
+def _in_pose(geometry: PoseGeometry, design: DesignGeometry, pair: str) -> Frames:
+    x, y, z = geometry.axes[pair]
+    longitude = design.longitudes.get(pair, float(np.arctan2(y, x)))
+    latitude = design.latitudes.get(pair, float(np.arctan2(z, np.hypot(x, y))))
+    level = _cosine(latitude)
+    axis = vector([level * _cosine(longitude), level * _sine(longitude), _sine(latitude)])
+    east = vector([-1.0 * _sine(longitude), _cosine(longitude), 0.0])
+    first = np.stack([east, cross(axis, east), axis], axis=1)
+    value = design.values.get(pair, geometry.values.get(pair, 0.0))
+    return first, first @ _about_z(value)
+
+
+def _in_link(
+    mechanism: Mechanism,
+    geometry: SizeGeometry,
+    design: DesignGeometry,
+    link: str,
+    pair: str,
+) -> Exprs:
+    sizes = geometry.links.get(link, LinkSizes(()))
+    place = sizes.axes.index(pair)
+    leading = place or 1
+    if len(sizes.axes) == 1:
+        return np.array(np.eye(3).tolist(), dtype=object)
+    if abs(np.sin(sizes.arcs[leading - 1])) < COLLINEAR:
+        raise EngineError(
+            f"{mechanism.name}: links.{link}: the arc to {sizes.axes[leading]} is 0 or 180 "
+            "deg, so its sizes cannot be inputs of a kernel; vary another size"
+        )
+    key = link, sizes.axes[leading]
+    arc = design.arcs.get(key, sizes.arcs[leading - 1])
+    turn: Expr = 0.0
+    if leading > 1:
+        turn = design.angles.get(key, sizes.angles[leading - 2])
+    # Beyond half a turn the way to the other axis runs in the opposite direction.
+    sense = 1.0 if np.sin(sizes.arcs[leading - 1]) > 0.0 else -1.0
+    outward = vector([-1.0 * _sine(turn), _cosine(turn), 0.0])
+    up = vector([0.0, 0.0, 1.0])
+    if place == 0:
+        axis, tangent = up, outward * sense
+    else:
+        axis = outward * _sine(arc) + up * _cosine(arc)
+        tangent = (up * _sine(arc) - outward * _cosine(arc)) * sense
+    return np.stack([tangent, cross(axis, tangent), axis], axis=1)
+
+
+def _about_z(angle: Expr) -> Exprs:
+    c, s = _cosine(angle), _sine(angle)
+    rows = [[c, -1.0 * s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+    return np.array(rows, dtype=object)
+
+
+def _sine(angle: Expr) -> Expr:
+    return angle.sin() if isinstance(angle, ExpressionNode) else float(np.sin(angle))
+
+
+def _cosine(angle: Expr) -> Expr:
+    return angle.cos() if isinstance(angle, ExpressionNode) else float(np.cos(angle))
