@@ -96,7 +96,7 @@ def test_shipped_mechanisms(name):
 
 
 def test_random_mechanisms():
-    """Many topologies, half of them with degenerate geometry; some rows beside modes' ends."""
+    """Many topologies, half with degenerate geometry; rows beside modes' ends."""
     compared, shares = 0, []
     for seed in range(22):
         try:
