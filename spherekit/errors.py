@@ -51,3 +51,7 @@ class EngineError(SpherekitError):
 
 class EngineMissing(EngineError):
     """heyoka is not installed, so nothing can be compiled."""
+
+
+class ProofMissing(SpherekitError):
+    """python-flint is not installed, so nothing can be proven."""
