@@ -73,9 +73,11 @@ class RowsAtOnce:
 
     @property
     def block(self) -> int:
-        """Samples in a block."""
-        modes = len(self.course.tracer.assembly_modes)
-        return max(1, BYTES // (8 * self.kernel.width * modes))
+        """Samples in a block; where they are recorded, as many as without a kernel."""
+        tracer = self.course.tracer
+        if self.with_planes:
+            return tracer.block
+        return max(1, BYTES // (8 * self.kernel.width * len(tracer.assembly_modes)))
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples."""
