@@ -31,7 +31,7 @@ LAYERS = (
     ("exact", "singular", "output", "guidance", "engine", "proof"),
     ("dynamics", "workspace"),
     ("analysis",),
-    ("trade",),
+    ("trade", "design"),
     ("figures", "view"),
     ("front",),
     ("conformance",),
@@ -54,6 +54,8 @@ SIBLINGS = {
     "dynamics": {"singular", "workspace"},
     "figures": {"view", "trade"},
     "view": {"figures"},
+    "trade": {"design"},
+    "design": {"trade"},
     "workspace": {"dynamics", "engine", "singular"},
 }
 HOME_OF = {
@@ -65,6 +67,8 @@ HOME_OF = {
     "filelock": {"files/lock.py"},
     "heyoka": {"engine/compiler.py"},
     "mpmath": {"exact/arithmetic.py"},
+    "distributed": {"design/cluster.py"},
+    "dask": {"design/cluster.py"},
     "flint": {"proof/balls.py"},
     "matplotlib": {"figures/sdk.py"},
 }
