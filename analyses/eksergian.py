@@ -31,11 +31,12 @@ from spherekit.plugin import (
     TableData,
     listing,
 )
+from spherekit.plugin.designs import Merit
 from spherekit.plugin.dynamics import (
     CoordinateMotion,
     Inertia,
     Loads,
-    driving_torque,
+    driving_torques,
     inertia,
     need_terms,
     total,
@@ -130,6 +131,17 @@ class Eksergian(AbstractAnalysis):
 
     at: str = ""
 
+    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+        """Return the largest torque and the ends of the equivalent inertia."""
+        if not mechanism.masses or len(mechanism.inputs) != 1:
+            return ()
+        return (
+            Merit("largest_torque", "max", "abs(torque)", meaning="at the input"),
+            Merit("rms_torque", "rms", "torque", meaning="at the input"),
+            Merit("least_inertia", "min", "B"),
+            Merit("largest_inertia", "max", "B"),
+        )
+
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return rates of the links with mass, and what the loads depend on."""
         need_terms(mechanism)
@@ -137,7 +149,7 @@ class Eksergian(AbstractAnalysis):
             raise AnalysisError(
                 f"eksergian: {mechanism.name} has {len(mechanism.inputs)} inputs "
                 f"({listing(item.pair for item in mechanism.inputs)}), but the torque is "
-                "that of a single one; lock the others by merging the links of their pairs"
+                "that of a single one; the analysis dynamics has those of several"
             )
         links = frozenset(mass.link for mass in mechanism.masses)
         links |= used_links(mechanism)
@@ -201,9 +213,11 @@ class Eksergian(AbstractAnalysis):
         motion = _motion(batch)
         with np.errstate(over="ignore", invalid="ignore"):
             masses = inertia(mechanism, motion)
-            forces = Loads(mechanism).parts(motion, batch.dq, batch.t)
-            Q = np.sum(forces, axis=1)
-            tau = driving_torque(masses.B, masses.dB, Q, batch.dq, batch.ddq)
+            rates, faster = batch.input_rates, batch.input_accelerations
+            each = Loads(mechanism).parts(motion, rates, batch.t)
+            Q = np.sum(each, axis=2)
+            tau = driving_torques(masses.M, masses.dM, Q, rates, faster)[:, 0]
+            forces = each[:, 0]
             power = forces * batch.dq[:, None]
         status = batch.status.copy()
         finite = np.isfinite(tau) & np.all(np.isfinite(power), axis=1)
@@ -322,5 +336,7 @@ def _motion(batch: Batch) -> CoordinateMotion:
         turns[:, number] = batch.rotation(link)
         w[:, number] = batch.angular_velocity(link)
         dw[:, number] = batch.angular_velocity_dq(link)
-    second = np.full_like(values, np.nan)
-    return CoordinateMotion(values, rates, second, turns, w, dw, batch.status)
+    second = np.full((n, 1, 1, values.shape[1]), np.nan)
+    return CoordinateMotion(
+        values, rates[:, None], second, turns, w[:, None], dw[:, None, None], batch.status
+    )

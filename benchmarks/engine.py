@@ -162,10 +162,10 @@ def _exact(times: Floats) -> tuple[Floats, str]:
         return _paper(1e-15, True).at(times).q, "at the tightest tolerance"
     problem = prepare(load("four_bar"), Start(0.3, 1.0), 10.0, "10*sin(2*t)")
     equation = problem.equation
-    state = equation.state(problem.values, problem.speed, problem.tangent)
+    state = equation.state(problem.values, problem.speed, problem.frame)
     made, _ = compiled_equation(equation.mechanism, 1e-25, number=module.real128)
     tau = np.asarray(made.tau(problem.values[:, None]))[:, 0]
-    momentum = float(state[len(problem.values)] * np.sign(tau @ problem.tangent))
+    momentum = float(state[len(problem.values)] * np.sign(tau @ problem.frame[0]))
     found = integrate(
         made,
         equation.mechanism,
@@ -178,7 +178,7 @@ def _exact(times: Floats) -> tuple[Floats, str]:
     )
     states, _, turns = found.at(times)
     values = states[:, : turns.shape[1]] + 2.0 * np.pi * turns
-    return values[:, problem.driven], "in quadruple precision"
+    return values[:, problem.driven[0]], "in quadruple precision"
 
 
 def _dynamics(quick: bool) -> Section:

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from spherekit.dynamics import forward
 from spherekit.dynamics.compiled_engine import by_taylor_series
-from spherekit.dynamics.kinematics import by_arc_length
+from spherekit.dynamics.kinematics import by_variables
 from spherekit.dynamics.mjcf import RigidBodies, mjcf, rigid_bodies
 from spherekit.dynamics.start import prepare
 from spherekit.dynamics.tabulate import online_model
@@ -69,8 +69,8 @@ def _case(made: Mechanism, crank: str, rocker: str) -> Case:
     tracer = Tracer(made, crank, 0)
     values = tracer.at(np.array([0.3])).values[0].copy()
     values[tracer.solver.single] = 0.3
-    motion = by_arc_length(tracer.solver.closure, values[None])
-    rates = motion.by_variable(tracer.solver.single).rates[0]
+    motion = by_variables(tracer.solver.closure, values[None], [tracer.solver.single])
+    rates = motion.rates[0, 0]
     sines = ((crank, 1.0, 2.0), (rocker, 5.0, 2.0))
     return Case(made, crank, sines, values, rates)
 

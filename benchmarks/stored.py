@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.report import Cell, Section
 from spherekit.dynamics.inertia import inertia
-from spherekit.dynamics.kinematics import by_arc_length
+from spherekit.dynamics.kinematics import by_variables
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.files.read import load
@@ -125,14 +125,14 @@ def _worst(
                 change,
             )
         single = tracer.solver.single
-        exact = by_arc_length(tracer.solver.closure, motion.values).by_variable(single)
+        exact = by_variables(tracer.solver.closure, motion.values, [single])
         for number, variable in enumerate(mechanism.variable_names):
             turned = 2.0 * np.sin(
                 0.5 * (motion.values[:, number] - model.value(variable, q))
             )
             note(variable, np.ones(len(q)), 1.0 + turned)
             slope = model.value(f"d({variable})/dq", q)
-            note(f"its derivative {variable}", exact.rates[:, number], slope)
+            note(f"its derivative {variable}", exact.rates[:, 0, number], slope)
         if mechanism.masses:
             masses = inertia(mechanism, exact)
             note("B", masses.B, model.inertia(q))

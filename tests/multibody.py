@@ -46,12 +46,20 @@ class MultiBody:
 
     def rates(self, pair: str, rate: float) -> Floats:
         """Return the angular velocities (n, 3) at the start for the rate of a pair."""
+        return self.rates_of({pair: rate})
+
+    def rates_of(self, given: Mapping[str, float]) -> Floats:
+        """Return the angular velocities (n, 3) at the start for the rates of pairs."""
         rows = self._rows(self._across)
-        null = np.linalg.svd(rows)[2][-1].reshape(-1, 3)
-        turned = np.concatenate([np.zeros((1, 3)), null])
-        number = [each.name for each in self.hinges].index(pair)
-        along = turned[self._second[number]] - turned[self._first[number]]
-        return null * rate / float(along @ self._axes[number])
+        names = [each.name for each in self.hinges]
+        drives = np.zeros((len(given), self.count + 1, 3))
+        for drive, pair in zip(drives, given, strict=True):
+            number = names.index(pair)
+            drive[self._second[number]] = self._axes[number]
+            drive[self._first[number]] = -self._axes[number]
+        rows = np.concatenate([rows, drives[:, 1:].reshape(len(given), -1)])
+        right = np.concatenate([np.zeros(len(rows) - len(given)), list(given.values())])
+        return np.asarray(np.linalg.lstsq(rows, right, rcond=None)[0]).reshape(-1, 3)
 
     def solve(
         self,

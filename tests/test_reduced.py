@@ -188,7 +188,7 @@ def test_every_kind_of_load_is_kept(four_bar, tmp_path):
     assert abs(turn / TURN - round(turn / TURN)) < 1e-12
     turns = {"spring": -1.5 * turn}  # a spring counts whole turns from where it starts
     for number, (name, part) in enumerate(parts.items()):
-        want = found.Q_parts[:, number] + turns.get(name, 0.0) * found.pair_rates[:, 1]
+        want = found.Q_parts[:, 0, number] + turns.get(name, 0.0) * found.pair_rates[:, 1]
         if name != "twist":
             assert np.max(np.abs(part - want)) < 1e-12 * max(1.0, np.max(np.abs(want)))
     one = model.torque(*(float(x[7]) for x in (found.q, found.dq, found.ddq)), float(t[7]))

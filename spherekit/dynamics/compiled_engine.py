@@ -68,8 +68,8 @@ class TaylorPath:
         count = turns.shape[1]
         states[:, count] *= self.sense
         rates[:, count] *= self.sense
-        along = self.sense * self.run.tau(states[:, :count])
-        return Traced(states, rates, along, turns)
+        frames = self.sense * self.run.tau(states[:, :count])[:, None]
+        return Traced(states, rates, frames, turns)
 
 
 def by_taylor_series(
@@ -95,31 +95,36 @@ def by_taylor_series(
         series at the start.
     """
     mechanism = problem.equation.mechanism
+    if problem.equation.freedoms > 1:
+        raise EngineError(
+            f"{mechanism.name}: the compiled engine is of one input; this mechanism has "
+            f"{problem.equation.freedoms}, which NumPy simulates"
+        )
     started = time.perf_counter()
     made, known = compiled_equation(mechanism, tolerance, compact)
     compiling = 0.0 if known else time.perf_counter() - started
     started = time.perf_counter()
-    motion = problem.equation.motion(problem.values[None], problem.tangent)
+    motion = problem.equation.motion(problem.values[None], problem.frame)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
     unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
     tau = np.asarray(made.tau(problem.values[:, None]))[:, 0]
-    sense = float(np.copysign(1.0, tau @ problem.tangent))
+    sense = float(np.copysign(1.0, tau @ problem.frame[0]))
     run = integrate(
         made,
         mechanism,
         problem.values,
         problem.turns,
-        sense * unit * problem.speed,
+        sense * unit * float(problem.speed[0]),
         unit,
         (*problem.switches, problem.until),
         problem.equation.closed,
     )
     seconds = time.perf_counter() - started
     if not run.stretches:
-        state = problem.equation.state(problem.values, problem.speed, problem.tangent)
-        if _has_value(problem, 0.0, state, problem.tangent, problem.whole):
+        state = problem.equation.state(problem.values, problem.speed, problem.frame)
+        if _has_value(problem, 0.0, state, problem.frame, problem.whole):
             raise EngineError(f"{mechanism.name}: at the start {NO_SERIES}")
         raise cannot_leave(problem, JUMPS)
     path = TaylorPath(run, sense)
@@ -171,9 +176,11 @@ def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
         return ()
     t = np.array([each[0] for each in found])
     traced = path.at(t)
-    q = traced.states[:, problem.driven] + FULL_TURN * traced.turns[:, problem.driven]
+    (driven,) = problem.driven
+    q = traced.states[:, driven] + FULL_TURN * traced.turns[:, driven]
     return tuple(
-        Event(kind, t, float(q), pair) for (t, kind, pair), q in zip(found, q, strict=True)
+        Event(kind, t, (float(q),), pair)
+        for (t, kind, pair), q in zip(found, q, strict=True)
     )
 
 
@@ -197,7 +204,7 @@ def _end(problem: Problem, path: TaylorPath) -> SimulationEnd:
     traced = path.at(np.array([run.time]))
     whole = FULL_TURN * traced.turns[0]
     if run.end == "not_finite" and _has_value(
-        problem, run.time, traced.states[0], traced.along[0], whole
+        problem, run.time, traced.states[0], traced.frames[0], whole
     ):
         return SimulationEnd("too_fast", run.time, NO_SERIES)
     why = f"no step is short enough; {JUMPS}"
@@ -205,9 +212,9 @@ def _end(problem: Problem, path: TaylorPath) -> SimulationEnd:
 
 
 def _has_value(
-    problem: Problem, t: float, state: Floats, along: Floats, whole: Floats
+    problem: Problem, t: float, state: Floats, frame: Floats, whole: Floats
 ) -> bool:
     """Return whether all loads have values at a state."""
     with np.errstate(all="ignore"):
-        found = problem.equation.at(np.array([t]), state[None], along, whole)
+        found = problem.equation.at(np.array([t]), state[None], frame, whole)
     return bool(np.all(np.isfinite(found.forces)))

@@ -41,10 +41,14 @@ def by_differences(problem: Problem, step: float) -> Simulation:
             f"{name}: step is {step:g} s, but the time {problem.until:g} s must be a whole "
             "number of steps"
         )
-    driven, closure = problem.driven, problem.equation.closure
+    if problem.equation.freedoms > 1:
+        raise SolveError(
+            f"{name}: the scheme of the source is of one input; leave scheme out"
+        )
+    (driven,), closure = problem.driven, problem.equation.closure
     variables = problem.equation.variables
-    values, tangent = problem.values, problem.tangent
-    before = values[driven] - problem.speed * tangent[driven] * step
+    values, tangent, first = problem.values, problem.frame[0], float(problem.speed[0])
+    before = values[driven] - first * tangent[driven] * step
     end = SimulationEnd("time", problem.until, "the time asked for is over")
     states: list[Floats] = []
     tangents: list[Floats] = []
@@ -53,15 +57,15 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         t = number * step
         q = float(values[driven])
         motion = by_arc_length(closure, values[None])
-        motion = motion.turned(continued(motion.rates, tangent))
-        tangent = motion.rates[0]
-        along, bend = float(tangent[driven]), float(motion.second[0, driven])
+        motion = motion.turned(continued(motion.rates[:, 0], tangent))
+        tangent = motion.rates[0, 0]
+        along, bend = float(tangent[driven]), float(motion.second[0, 0, 0, driven])
         speed = (q - before) / step / along
         masses = inertia(problem.equation.mechanism, motion)
         B, dB = float(masses.B[0]), float(masses.dB[0])
         loads = problem.equation.loads
         seen = replace(motion, values=motion.values + problem.whole)
-        forces = loads.parts(seen, np.array([speed]), np.array([t]))[0]
+        forces = loads.parts(seen, np.array([[speed]]), np.array([t]))[0, 0]
         states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))
         tangents.append(tangent)
         if number == count:
@@ -72,7 +76,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         force = float(np.sum(forces)) / along
         after = 2.0 * q - before
         if number == 0:
-            after = q + problem.speed * along * step
+            after = q + first * along * step
         else:
             after += (step**2 * force - 0.5 * change * (q - before) ** 2) / inertia_q
         guess = values + tangent / along * (after - q)
@@ -89,7 +93,9 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     path = []
     for number, (one, other) in enumerate(pairwise(states)):
         rate = (other - one)[None] / step
-        path.append(Travelled(Step(number * step, step, one, rate), tangents[number][None]))
+        path.append(
+            Travelled(Step(number * step, step, one, rate), tangents[number][None, None])
+        )
     if not path:
         raise cannot_leave(problem, end.message)
     gap = closure.at(np.array(states)[:, :variables]).residual
@@ -98,4 +104,4 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     )
     seconds = time.perf_counter() - started
     report = EngineReport("numpy", REASON, 0.0, seconds, len(path))
-    return Simulation(problem.equation, driven, traced, (), end, report)
+    return Simulation(problem.equation, problem.driven, traced, (), end, report)

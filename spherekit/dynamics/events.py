@@ -1,6 +1,6 @@
 """What happens within a step: zeros of functions known at its nodes or as polynomials."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -19,13 +19,14 @@ from spherekit.sphere.rotation import Floats
 @final
 @dataclass(frozen=True)
 class StepEvents:
-    """An accepted step with the tangents (N, variables) of the curve at its nodes.
+    """An accepted step with the coordinates' rates (N, m, variables) at its nodes.
 
-    `whole` (variables,) rad are turns by which its variables are less than those of stops.
+    Of one freedom they are tangents of the curve. `whole` (variables,) rad are turns by
+    which its variables are less than those of stops.
     """
 
     step: Step
-    tangents: Floats
+    rates: Floats
     whole: Floats
 
     @cached_property
@@ -39,9 +40,12 @@ class StepEvents:
         """(N + 2, states) there."""
         return self.step.at(self.t)
 
-    def dead_centres(self, variable: int) -> list[float]:
-        """Return the times at which a pair variable turns back on the curve."""
-        return self._zeros_of_samples(self.tangents[:, variable])
+    def dead_centres(self, variables: Sequence[int]) -> list[float]:
+        """Return the times at which so many variables do not say how all others move.
+
+        A single one turns back on the curve there.
+        """
+        return self._zeros_of_samples(np.linalg.det(self.rates[:, :, list(variables)]))
 
     def rests(self, column: int) -> list[float]:
         """Return the times at which a column of the state is zero."""
@@ -63,15 +67,13 @@ class StepEvents:
         return min(reached, key=lambda item: item[0], default=None)
 
     def orientation(self, closure: Closure) -> Floats:
-        """Return (N,) the determinant of the closure equations bordered by the tangent.
+        """Return (N,) the determinant of the closure equations bordered by the rates.
 
         On one smooth curve it keeps its sign; where curves cross it passes through zero.
         Ones, if constraints are redundant.
         """
-        values = self.states[1:-1, : self.tangents.shape[1]]
-        bordered = np.concatenate(
-            [closure.at(values).jacobian, self.tangents[:, None]], axis=1
-        )
+        values = self.states[1:-1, : self.rates.shape[2]]
+        bordered = np.concatenate([closure.at(values).jacobian, self.rates], axis=1)
         if bordered.shape[1] != bordered.shape[2]:
             return np.ones(len(values))
         return np.asarray(np.linalg.det(bordered))

@@ -37,14 +37,14 @@ class Loads:
         self._angles = mechanism.angles
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
-        """Return what each component works on (n, components), per unit rate."""
-        found = np.zeros((len(motion.values), len(self.components)))
+        """Return what each component works on (n, m, components), per unit rates."""
+        found = np.zeros((*motion.rates.shape[:2], len(self.components)))
         on_links = _OnLinks(self.mechanism, motion)
         for column, part in enumerate(self.components):
             if part.pair:
-                found[:, column] = motion.rates[:, self._angles[part.pair]]
+                found[..., column] = motion.rates[..., self._angles[part.pair]]
             for moment in part.moments:
-                found[:, column] += on_links.power(moment)
+                found[..., column] += on_links.power(moment)
         return found
 
     def magnitudes(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
@@ -79,22 +79,28 @@ class Loads:
         return known
 
     def parts(self, motion: CoordinateMotion, speed: Floats, t: Floats) -> Floats:
-        """Return each load's generalised force (n, loads).
+        """Return each load's generalised forces (n, m, loads).
 
         Parameters
         ----------
         motion
-            n rows with any coordinate.
+            n rows with any m coordinates.
         speed
-            (n,) rate of that coordinate by time.
+            (n, m) rates of these coordinates by time.
         t
             (n,) time, s.
         """
         if not self.components:
-            return np.zeros((len(t), 0))
-        rates = motion.rates * speed[:, None]
-        each = self.magnitudes(motion.values, rates, t) * self.velocities(motion)
-        return np.asarray(np.add.reduceat(each, self._first, axis=1))
+            return np.zeros((*speed.shape, 0))
+        rates = rates_by_time(motion, speed)
+        magnitudes = self.magnitudes(motion.values, rates, t)
+        each = magnitudes[:, None] * self.velocities(motion)
+        return np.asarray(np.add.reduceat(each, self._first, axis=2))
+
+
+def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
+    """Return the rates by time (n, variables), given those (n, m) of coordinates."""
+    return np.asarray((speed[:, None] @ motion.rates)[:, 0])
 
 
 @final
@@ -107,16 +113,16 @@ class _OnLinks:
         self._known: dict[tuple[str, str, Sequence[float] | None], Floats] = {}
 
     def power(self, moment: LinkMoment) -> Floats:
-        """Return the power (n,) of a moment per unit rate of the coordinate."""
+        """Return the power (n, m) of a moment per unit rate of each coordinate."""
         key = moment.link, moment.axes, moment.arm
         if key not in self._known:
             self._known[key] = self._velocity(*key)
         return np.asarray(self._known[key] @ np.array(moment.direction))
 
     def _velocity(self, link: str, axes: str, arm: Vector | None) -> Floats:
-        """Return w (n, 3), or the velocity w x arm of a point of the link."""
+        """Return w (n, m, 3), or the velocity w x arm of a point of the link."""
         number = self.mechanism.link_number[link]
-        w, turn = self.motion.w[:, number], self.motion.rotations[:, number]
+        w, turn = self.motion.w[:, :, number], self.motion.rotations[:, number]
         if arm is not None:
-            w = cross(w, turn @ np.array(arm))
-        return np.einsum("nji,nj->ni", turn, w) if axes == "link" else w
+            w = cross(w, (turn @ np.array(arm))[:, None])
+        return w @ turn if axes == "link" else w

@@ -1,6 +1,6 @@
 """The direct problem: the motion of a mechanism from its start and its loads."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -13,7 +13,7 @@ from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulation import NO_SERIES, Forecast, Simulation
 from spherekit.dynamics.solved import Solved, Solving, last, whole
-from spherekit.dynamics.start import PoseStart, Problem, Torque, prepare
+from spherekit.dynamics.start import PoseStart, Problem, Torques, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import EngineError, PlanError, SolveError
@@ -38,8 +38,8 @@ def simulate(
     start: Start | PoseStart,
     until: float,
     *,
-    torque: Torque | None = None,
-    input_pair: str | None = None,
+    torque: Torques | None = None,
+    input_pair: str | Sequence[str] | None = None,
     assembly_mode: int = 0,
     tolerance: float = 1e-9,
     switches: Iterable[float] = (),
@@ -49,7 +49,7 @@ def simulate(
     scheme: Literal["series", "paper"] = "series",
     step: float | None = None,
 ) -> Simulation:
-    """Return the motion of a single-DOF mechanism under its loads.
+    """Return the motion of a mechanism of any mobility under its loads.
 
     Parameters
     ----------
@@ -62,9 +62,10 @@ def simulate(
     torque
         The driving torque (N m) at the input, if there is one: a number, an expression
         such as ``"10*sin(2*t) - dtheta_21"``, or a function f(t, q, dq) of the time and of
-        the input's variable and rate, which the NumPy engine calls.
+        the input's variable and rate, which the NumPy engine calls. Of several inputs a
+        mapping from their names; an input without a torque is passive.
     input_pair, assembly mode
-        The driven R pair, by default the first input; the assembly mode at the start.
+        The driven R pairs, by default the inputs; the assembly mode at the start.
     tolerance
         Error of the pair variables (rad) aimed at. Steps are made for it; motions that
         depend strongly on their start multiply errors beyond it: see `check`.
@@ -77,7 +78,8 @@ def simulate(
         left to say.
     engine
         ``"auto"`` takes the one that is expected to be done first, or the one that can do
-        what is asked, kinks of loads included; the result says which, and why.
+        what is asked, kinks of loads included; the result says which, and why. Several
+        inputs are simulated by NumPy.
     compact
         False compiles longer for about two thirds of the time of solving.
     scheme, step
@@ -127,7 +129,7 @@ def solving(
     mechanism: Mechanism,
     start: Start | PoseStart,
     until: float,
-    torque: Torque | None,
+    torque: Torques | None,
     assembly_mode: int,
     tolerance: float,
     engine: Engine,
@@ -146,7 +148,8 @@ def _need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
         raise SolveError(
             f'{mechanism.name}: engine "{engine}" is not known; it is {listing(ENGINES)}'
         )
-    least = LEAST["numpy" if engine == "numpy" else "compiled"]
+    several = len(mechanism.inputs) > 1
+    least = LEAST["numpy" if engine == "numpy" or several else "compiled"]
     if not least <= tolerance <= 1e-2:
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is {least:g} to 1e-2"
@@ -192,8 +195,10 @@ def _difference(one: Simulation, other: Simulation) -> float:
 
 
 def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) -> Solving:
-    if engine == "numpy":
-        return _stepping(Collocation(problem, tolerance), "it was asked for")
+    if engine == "numpy" or (engine == "auto" and problem.equation.freedoms > 1):
+        asked = engine == "numpy"
+        why = "it was asked for" if asked else "the compiled engine is of one input"
+        return _stepping(Collocation(problem, tolerance), why)
     if engine == "compiled":
         return _compiled(problem, tolerance, compact, "it was asked for")
     return _cheaper(problem, tolerance, compact)

@@ -1,4 +1,4 @@
-"""The equivalent moment of inertia of a mechanism and its derivative, link by link."""
+"""The inertia of a mechanism in its coordinates and how it changes, link by link."""
 
 from dataclasses import dataclass
 from typing import final
@@ -8,7 +8,7 @@ import numpy as np
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, cross
 
 STILL = 1e-9
 """Links that turn slower than this part of the fastest stand still but for rounding."""
@@ -17,14 +17,36 @@ STILL = 1e-9
 @final
 @dataclass(frozen=True)
 class Inertia:
-    """Each link's part of the equivalent inertia B and of dB by the coordinate.
+    """Each link's part of the inertia matrix M and of its derivatives.
 
-    `B_parts` (n, masses) kg m2 per squared unit of the coordinate, `dB_parts` its
-    derivative, in the order of the mechanism's masses.
+    `M_parts` (n, masses, m, m) kg m2 per product of units of the m coordinates;
+    `dM_parts` (n, masses, m, m, m) at [i, j, k] the derivative of M_ij by coordinate k; in
+    the order of the mechanism's masses. The matrix of one coordinate is the equivalent
+    inertia B.
     """
 
-    B_parts: Floats
-    dB_parts: Floats
+    M_parts: Floats
+    dM_parts: Floats
+
+    @property
+    def M(self) -> Floats:
+        """(n, m, m) inertia matrix."""
+        return np.asarray(np.sum(self.M_parts, axis=1))
+
+    @property
+    def dM(self) -> Floats:
+        """(n, m, m, m) its derivatives, by the last axis."""
+        return np.asarray(np.sum(self.dM_parts, axis=1))
+
+    @property
+    def B_parts(self) -> Floats:
+        """(n, masses) parts of the equivalent inertia, of a single coordinate."""
+        return self.M_parts[:, :, 0, 0]
+
+    @property
+    def dB_parts(self) -> Floats:
+        """(n, masses) their derivatives by that coordinate."""
+        return self.dM_parts[:, :, 0, 0, 0]
 
     @property
     def B(self) -> Floats:
@@ -38,35 +60,56 @@ class Inertia:
 
 
 def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
-    """Return the equivalent inertia B and dB at every row of a motion.
+    """Return the inertia matrix and its derivatives at every row of a motion.
 
     Notes
     -----
-    With I the tensor of a link about the centre, turned to ground axes, and w its angular
-    velocity per unit rate of the coordinate, B is the sum of w . I w (Di Gregorio 2024,
-    eqs. (14), (15)). I turns with the link: dI = [w] I - I [w], with [w] the matrix of the
-    cross product. So w . dI w = w . (w x I w) - w . I (w x w) = 0, and
-    dB = 2 sum w . I dw, which is eq. (19) without its derivatives of rotations.
+    With I the tensor of a link about the centre, turned to ground axes, and w_i its angular
+    velocity per unit rate of coordinate i, M_ij is the sum of w_i . I w_j (Di Gregorio
+    2024, eqs. (14), (15), of one coordinate). I turns with the link: I_k is
+    [w_k] I - I [w_k], with [w] the matrix of the cross product, so that
+
+        w_i . I_k w_j = (w_i x w_k) . I w_j + (I w_i) . (w_j x w_k),
+
+    which is zero for i = j = k, and dB = 2 sum w . I dw of one coordinate is eq. (19) there
+    without its derivatives of rotations.
     """
-    tensors, (w, dw) = _in_links(mechanism, motion, (motion.w, motion.dw))
-    momentum = np.einsum("kij,nkj->nki", tensors, w)
-    return Inertia(np.sum(momentum * w, axis=2), 2.0 * np.sum(momentum * dw, axis=2))
+    tensors, w = _in_links(mechanism, motion, motion.w)
+    _, dw = _in_links(mechanism, motion, motion.dw)
+    momentum = _momentum(tensors, w)
+    half = np.einsum("nika,njlka->nkijl", momentum, dw)
+    across = cross(w[:, :, None], w[:, None])
+    half += np.einsum("nika,njlka->nkijl", momentum, across)
+    return Inertia(_products(momentum, w), half + np.swapaxes(half, 2, 3))
+
+
+def inertia_matrix(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
+    """Return M (n, m, m) alone, which needs the motion to the first order only."""
+    tensors, w = _in_links(mechanism, motion, motion.w)
+    return np.asarray(np.sum(_products(_momentum(tensors, w), w), axis=1))
 
 
 def equivalent_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
-    """Return B (n,) alone, which needs the motion to the first order only."""
-    tensors, (w,) = _in_links(mechanism, motion, (motion.w,))
-    return np.asarray(np.einsum("kij,nki,nkj->n", tensors, w, w))
+    """Return B (n,) of a single coordinate alone."""
+    return inertia_matrix(mechanism, motion)[:, 0, 0]
 
 
 def _in_links(
-    mechanism: Mechanism, motion: CoordinateMotion, vectors: tuple[Floats, ...]
-) -> tuple[Floats, list[Floats]]:
-    """Return the tensors (masses, 3, 3), and vectors (n, masses, 3) in link axes."""
+    mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
+) -> tuple[Floats, Floats]:
+    """Return the tensors (masses, 3, 3), and vectors (n, ..., masses, 3) in link axes."""
     links = [mechanism.link_number[mass.link] for mass in mechanism.masses]
     tensors = np.array([mass.tensor for mass in mechanism.masses]).reshape(-1, 3, 3)
     turns = motion.rotations[:, links]
-    return tensors, [np.einsum("nkji,nkj->nki", turns, v[:, links]) for v in vectors]
+    return tensors, np.einsum("nkji,n...kj->n...ki", turns, vectors[..., links, :])
+
+
+def _momentum(tensors: Floats, w: Floats) -> Floats:
+    return np.asarray(np.einsum("kij,n...kj->n...ki", tensors, w))
+
+
+def _products(momentum: Floats, w: Floats) -> Floats:
+    return np.asarray(np.einsum("nika,njka->nkij", momentum, w))
 
 
 def need_inertia(mechanism: Mechanism) -> None:
@@ -81,11 +124,11 @@ def need_inertia(mechanism: Mechanism) -> None:
 
 def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     """Raise `SolveError` where links with mass stand still while others move."""
-    B = float(equivalent_inertia(mechanism, motion)[0])
+    least = float(np.linalg.eigvalsh(inertia_matrix(mechanism, motion)[0])[0])
     moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
     sizes = [np.linalg.norm(mass.tensor, 2) for mass in moving]
     fastest = np.max(np.sum(motion.w[0] ** 2, axis=-1))
-    if not (STILL**2 * float(np.sum(sizes)) * fastest < B):
+    if not (STILL**2 * float(np.sum(sizes)) * fastest < least):
         raise SolveError(
             f"{mechanism.name}: at the start no link with mass moves (less than {STILL:g} "
             "of the fastest), so loads would accelerate the others endlessly; give mass to "

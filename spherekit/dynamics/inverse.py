@@ -1,5 +1,6 @@
-"""The inverse problem: the torque that drives a mechanism through a given motion."""
+"""The inverse problem: the torques that drive a mechanism through a given motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -7,31 +8,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import SINGULAR_RATIO, Status
+from spherekit.conventions import SINGULAR_RATIO, Status, listing
+from spherekit.dynamics.equation import driving_torques
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
-from spherekit.dynamics.kinematics import by_arc_length
+from spherekit.dynamics.kinematics import by_variables, determined
+from spherekit.dynamics.simulation import single
 from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
+from spherekit.guidance.schedule import Schedule
 from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.closure import Closure
 from spherekit.motion.continued import AngleMemory
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.timing import Timing, by_laws
+from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats
 
 DEAD_CENTRE = 1e-6
-"""An input whose rate along the curve is smaller loses half the digits of all rates."""
-
-
-def driving_torque(B: Floats, dB: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:
-    """Return tau (n,) = B q'' + 1/2 dB/dq q'^2 - Q, N m.
-
-    Eksergian's equation solved for the torque at the pair of q (Di Gregorio 2024,
-    eq. (21), with the factor 1/2 q'^2 of eq. (17)); Q is of all other loads.
-    """
-    return np.asarray(B * ddq + 0.5 * dB * dq**2 - Q)
+"""Inputs that say less surely how all variables move lose half the digits of rates."""
 
 
 def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
@@ -42,28 +40,29 @@ def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
 @final
 @dataclass(frozen=True)
 class InverseSolution:
-    """The driving torque, row after row: mode after mode, in each the times.
+    """The driving torques, row after row: mode after mode, in each the times.
 
-    `sample`, `assembly_mode`, `status` (n,); `t` s; `q`, `dq`, `ddq` the law of the input;
-    `B_parts`, `dB_parts` (n, masses) kg m2 by the input; `Q_parts` (n, loads) N m;
-    `tau` (n,) N m at the input; `values` (n, variables) rad; `pair_rates` (n, variables)
-    rates of the pair variables per unit rate of the input; `residual` (n,) rad.
-    Failed rows are NaN.
+    `sample`, `assembly_mode`, `status` (n,); `t` s; `inputs`, `input_rates`,
+    `input_accelerations` (n, inputs) the motion of the inputs; `M_parts` (n, masses,
+    inputs, inputs) kg m2 and `dM_parts` (n, masses, inputs, inputs, inputs) by the inputs;
+    `Q_parts` (n, inputs, loads) N m; `torques` (n, inputs) N m at the inputs; `values` (n,
+    variables) rad; `rates` (n, inputs, variables) those of the pair variables per unit rate
+    of each input; `residual` (n,) rad. Failed rows are NaN.
     """
 
     mechanism: Mechanism
     sample: NDArray[np.int64]
     assembly_mode: NDArray[np.int64]
     t: Floats
-    q: Floats
-    dq: Floats
-    ddq: Floats
-    B_parts: Floats
-    dB_parts: Floats
+    inputs: Floats
+    input_rates: Floats
+    input_accelerations: Floats
+    M_parts: Floats
+    dM_parts: Floats
     Q_parts: Floats
-    tau: Floats
+    torques: Floats
     values: Floats
-    pair_rates: Floats
+    rates: Floats
     residual: Floats
     status: NDArray[np.int8]
 
@@ -75,29 +74,82 @@ class InverseSolution:
         )
 
     @property
-    def B(self) -> Floats:
-        """(n,) equivalent inertia, kg m2."""
-        return total(self.B_parts, self.status)
+    def M(self) -> Floats:
+        """(n, inputs, inputs) inertia matrix, kg m2."""
+        return np.where(self._held[:, None, None], np.sum(self.M_parts, axis=1), np.nan)
 
     @property
-    def dB_dq(self) -> Floats:
-        """(n,) its derivative, kg m2/rad."""
-        return total(self.dB_parts, self.status)
+    def dM(self) -> Floats:
+        """(n, inputs, inputs, inputs) its derivatives by the inputs, the last axis."""
+        held = self._held[:, None, None, None]
+        return np.where(held, np.sum(self.dM_parts, axis=1), np.nan)
 
     @property
-    def Q(self) -> Floats:
-        """(n,) generalised force of all loads, N m."""
-        return total(self.Q_parts, self.status)
+    def Q_all(self) -> Floats:
+        """(n, inputs) generalised forces of all loads, N m."""
+        return np.where(self._held[:, None], np.sum(self.Q_parts, axis=2), np.nan)
 
     @property
     def kinetic(self) -> Floats:
         """(n,) kinetic energy, J."""
-        return np.asarray(0.5 * self.B * self.dq**2)
+        return np.asarray(
+            0.5 * np.einsum("ni,nij,nj->n", self.input_rates, self.M, self.input_rates)
+        )
 
     @property
     def power(self) -> Floats:
         """(n, loads) power of each load, W."""
-        return np.asarray(self.Q_parts * self.dq[:, None])
+        return np.asarray(np.einsum("ni,nil->nl", self.input_rates, self.Q_parts))
+
+    @property
+    def q(self) -> Floats:
+        """(n,) variable of the only input, rad; `SolveError` with several, as all below."""
+        return single(self.inputs)
+
+    @property
+    def dq(self) -> Floats:
+        """(n,) its rate, rad/s."""
+        return single(self.input_rates)
+
+    @property
+    def ddq(self) -> Floats:
+        """(n,) its acceleration, rad/s2."""
+        return single(self.input_accelerations)
+
+    @property
+    def tau(self) -> Floats:
+        """(n,) driving torque at it, N m."""
+        return single(self.torques)
+
+    @property
+    def B_parts(self) -> Floats:
+        """(n, masses) parts of the equivalent inertia, kg m2."""
+        return single(self.M_parts[..., 0])
+
+    @property
+    def dB_parts(self) -> Floats:
+        """(n, masses) their derivatives by the input."""
+        return single(self.dM_parts[..., 0, 0])
+
+    @property
+    def B(self) -> Floats:
+        """(n,) equivalent inertia, kg m2."""
+        return single(self.M[..., 0])
+
+    @property
+    def dB_dq(self) -> Floats:
+        """(n,) its derivative, kg m2/rad."""
+        return single(self.dM[..., 0, 0])
+
+    @property
+    def Q(self) -> Floats:
+        """(n,) generalised force of all loads, N m."""
+        return single(self.Q_all)
+
+    @property
+    def pair_rates(self) -> Floats:
+        """(n, variables) rates of the pair variables per unit rate of the input."""
+        return single(np.moveaxis(self.rates, 1, 2))
 
     def torque_at(self, pair: str) -> Floats:
         """Return the torque (n,) in N m that does the same at another R pair.
@@ -108,34 +160,48 @@ class InverseSolution:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.tau / self.pair_rates[:, number])
 
+    @property
+    def _held(self) -> NDArray[np.bool_]:
+        return np.asarray(self.status == Status.OK)
+
 
 @checked(SolveError)
 def inverse_dynamics(
     mechanism: AnyMechanism,
-    law: TimeLaw,
+    law: TimeLaw | Mapping[str, TimeLaw] | Schedule,
     times: ArrayLike,
     *,
     input_pair: str | None = None,
     assembly_mode: int | None = None,
     search: bool = True,
 ) -> InverseSolution:
-    """Return the torque that moves the input by a law against inertia and loads.
+    """Return the torques that move the inputs by laws against inertia and loads.
 
     Parameters
     ----------
     mechanism
-        A single-DOF mechanism with masses.
+        One with masses, loads or both.
     law
-        Variable, rate and acceleration of the input by time.
+        Variable, rate and acceleration of the input by time, of several inputs a mapping
+        from their names; or a rotation of an output in time (`spherekit.quickest`), in its
+        own assembly mode.
     times
         (k,) increasing times, s.
     input_pair, assembly mode, search
-        See `spherekit.trace`.
+        See `spherekit.trace`; not for a rotation, which has its own.
 
     Raises
     ------
     ModelError, PlanError, SolveError
         Before any sample is computed. Samples that cannot be reached get a status.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> laws = {"21": sk.ConstantSpeed(0.5, 1.0), "51": sk.ConstantSpeed(-0.2, 1.5)}
+    >>> found = sk.inverse_dynamics("five_bar", laws, [0.0, 0.5], assembly_mode=0)
+    >>> found.torques.shape
+    (2, 2)
     """
     mechanism = mechanism_of(mechanism)
     t = np.atleast_1d(np.asarray(times, dtype=float))
@@ -144,48 +210,109 @@ def inverse_dynamics(
             f"{mechanism.name}: the times (k,) of samples must be finite and increase"
         )
     need_terms(mechanism)
-    loads = Loads(mechanism)
-    q, dq, ddq = law.at(t)
-    tracer = reaching(
-        Tracer(mechanism, input_pair, assembly_mode, search), q, assembly_mode, search
-    )
-    motion = tracer.at(into_range(tracer, q))
-    count = len(tracer.assembly_modes)
+    if isinstance(law, Schedule):
+        return needed_torques(_scheduled(mechanism, law, t))
+    if isinstance(law, Mapping):
+        mechanism = mechanism.with_inputs(*_ordered(mechanism, law))
+        laws = law
+    else:
+        mechanism = driven_at(mechanism, input_pair)
+        names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+        if len(names) > 1:
+            raise SolveError(
+                f"{mechanism.name}: has {len(names)} inputs; give a law for each by its "
+                f"name: {listing(names)}"
+            )
+        laws = {names[0]: law}
+    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    q, timing = by_laws(names, laws, t)
+    if len(names) == 1:
+        tracer = Tracer(mechanism, names[0], assembly_mode, search)
+        tracer = reaching(tracer, q[:, 0], assembly_mode, search)
+        motion = tracer.at(into_range(tracer, q))
+        motion = replace(motion, inputs=np.tile(q, (len(tracer.assembly_modes), 1)))
+    else:
+        tracer = Tracer(mechanism, None, assembly_mode, search, path=q)
+        motion = tracer.motion()
+    motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
+    return needed_torques(_going_on(motion))
+
+
+def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:
+    """Return the inputs that laws are of, in the order of the mechanism's own."""
+    own = [item.pair for item in mechanism.inputs]
+    if sorted(own) == sorted(laws):
+        return own
+    lacking = [pair for pair in own if pair not in laws]
+    if len(laws) < len(own):
+        raise SolveError(
+            f"{mechanism.name}: input {lacking[0]} has no law; give one for every input "
+            f"({listing(own)})"
+        )
+    return list(laws)
+
+
+def _scheduled(mechanism: Mechanism, schedule: Schedule, t: Floats) -> Motion:
+    """Return the motion of a rotation in time, its angles going on."""
+    rows = schedule.at(t)
+    tracer = Tracer(mechanism.with_inputs(*rows.names), follow=False)
+    found = schedule.rotation.at(rows.theta)
+    values = found.values.copy()
+    angles = list(mechanism.angles.values())
+    values[:, angles] = np.unwrap(values[:, angles], axis=0)
+    motion = replace(tracer.given(values), inputs=rows.inputs, status=rows.status)
+    return replace(motion, timing=Timing(t, rows.rates, rows.accelerations))
+
+
+def _going_on(motion: Motion) -> Motion:
+    """Return a motion whose angles go on over all turns, as loads see them."""
     values = motion.values.copy()
-    pairs, owners = tracer.mechanism.pairs, tracer.mechanism.variable_owners
-    names = {number: pairs[owners[number]].name for number in tracer.solver.angles}
-    angles = AngleMemory().continued(motion, names.values())
-    for number, name in names.items():
-        values[:, number] = angles[name]
-    values[:, tracer.solver.single] = np.tile(q, count)
-    arc = by_arc_length(tracer.solver.closure, motion.values)
-    found = replace(arc.by_variable(tracer.solver.single), values=values)
-    t, q, dq, ddq = (np.tile(x, count) for x in (t, q, dq, ddq))
+    for pair, angle in AngleMemory().continued(motion, motion.mechanism.angles).items():
+        values[:, motion.mechanism.angles[pair]] = angle
+    return replace(motion, values=values)
+
+
+def needed_torques(motion: Motion) -> InverseSolution:
+    """Return the torques at the inputs that a motion in time needs.
+
+    Parameters
+    ----------
+    motion
+        Of all inputs, with its timing; its angles are those that loads see.
+    """
+    assert motion.timing is not None
+    mechanism, timing = motion.mechanism, motion.timing
+    numbers = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    closure = Closure.of(mechanism, motion.joints)
+    found = by_variables(closure, motion.values, numbers)
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, found)
-        forces = loads.parts(found, dq, t)
-        tau = driving_torque(masses.B, masses.dB, np.sum(forces, axis=1), dq, ddq)
+        forces = Loads(mechanism).parts(found, timing.dq, timing.t)
+        Q = np.sum(forces, axis=2)
+        torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
     status = motion.status.copy()
-    flat = ~(np.abs(arc.rates[:, tracer.solver.single]) >= DEAD_CENTRE)
+    flat = ~(determined(found.rates) >= DEAD_CENTRE)
     held = ~motion.failed
     # Where assembly modes nearly cross, rounding of the configuration decides the
     # derivatives.
-    kept = driven_rates(motion, held, tracer.assembly.input).reciprocal_condition
-    flat[held] |= ~(kept >= SINGULAR_RATIO)
+    for pair in motion.assembly.inputs:
+        kept = driven_rates(motion, held, pair).reciprocal_condition
+        flat[held] |= ~(kept >= SINGULAR_RATIO)
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
-    status[(status == Status.OK) & ~np.isfinite(tau)] = Status.OVERFLOW
-    bad = status != Status.OK
-    rows = (masses.B_parts, masses.dB_parts, forces, tau, values, found.rates)
+    lost = ~np.all(np.isfinite(torques), axis=1)
+    status[(status == Status.OK) & lost] = Status.OVERFLOW
+    values = motion.values.copy()
+    rows = (masses.M_parts, masses.dM_parts, forces, torques, values, found.rates)
     for array in rows:
-        array[bad] = np.nan
+        array[status != Status.OK] = np.nan
     return InverseSolution(
-        tracer.mechanism,
+        mechanism,
         motion.sample,
         motion.assembly_mode,
-        t,
-        q,
-        dq,
-        ddq,
+        timing.t,
+        motion.inputs,
+        timing.dq,
+        timing.ddq,
         *rows,
         motion.residual,
         status,

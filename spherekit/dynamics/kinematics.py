@@ -1,9 +1,11 @@
-"""Configurations with their first and second derivatives by one coordinate.
+"""Configurations with their first and second derivatives by independent coordinates.
 
-The coordinate is the arc length s of the configuration curve in the space of the pair
-variables, where every dead centre is an ordinary point, or the variable of a pair.
+There are as many coordinates as freedoms: the variables of the inputs, fixed sums of pair
+variables, or, of one freedom, the arc length s of the configuration curve in the space of
+the pair variables, where every dead centre is an ordinary point.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, final
 
@@ -12,22 +14,27 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status
 from spherekit.motion.closure import Closure
+from spherekit.motion.linearisation import Linearisation
+from spherekit.motion.loops import left_inverse
 from spherekit.motion.pairs import penetrates
-from spherekit.rates.core import null_motion, null_second_rates
+from spherekit.rates.core import null_motion
 from spherekit.sphere.rotation import Floats
+
+Order = Literal[1, 2]
 
 
 @final
 @dataclass(frozen=True)
 class CoordinateMotion:
-    """Configurations in rows, and how they change with one coordinate.
+    """Configurations in rows, and how they change with m coordinates.
 
-    `values`, `rates`, `second` (n, variables): the pair variables and their first and
-    second derivatives by the coordinate. `rotations` (n, links, 3, 3): link axes to
-    ground axes. `w`, `dw` (n, links, 3): angular velocities of the links relative to the
-    ground per unit rate of the coordinate, in ground axes, and their derivatives.
-    `second` and `dw` are NaN where only the first order was asked for. `status`
-    (n,): OK, or OFF_PROFILE or CURVATURE where a contact does not exist.
+    `values` (n, variables): the pair variables; `rates` (n, m, variables) and `second`
+    (n, m, m, variables) their first and second derivatives by the coordinates.
+    `rotations` (n, links, 3, 3): link axes to ground axes. `w` (n, m, links, 3): angular
+    velocities of the links relative to the ground per unit rate of each coordinate, in
+    ground axes; `dw` (n, m, m, links, 3): at [i, k] the derivative of the i-th by
+    coordinate k. `second` and `dw` are NaN where only the first order was asked for.
+    `status` (n,): OK, or OFF_PROFILE or CURVATURE where a contact does not exist.
     """
 
     values: Floats
@@ -39,40 +46,20 @@ class CoordinateMotion:
     status: NDArray[np.int8]
 
     def turned(self, signs: Floats) -> "CoordinateMotion":
-        """Return the same with the coordinate's sense reversed where signs (n,) are -1."""
+        """Return the same with the coordinates' sense reversed where signs (n,) are -1."""
         return CoordinateMotion(
             self.values,
-            self.rates * signs[:, None],
+            self.rates * signs[:, None, None],
             self.second,
             self.rotations,
-            self.w * signs[:, None, None],
+            self.w * signs[:, None, None, None],
             self.dw,
             self.status,
         )
 
-    def by_variable(self, number: int) -> "CoordinateMotion":
-        """Return the same configurations with a pair's variable as coordinate.
 
-        Not finite where that variable rests, at its dead centres.
-        """
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            factor = 1.0 / self.rates[:, number, None]
-            change = -self.second[:, number, None] * factor**3
-            return CoordinateMotion(
-                self.values,
-                self.rates * factor,
-                self.second * factor**2 + self.rates * change,
-                self.rotations,
-                self.w * factor[:, None],
-                self.dw * factor[:, None] ** 2 + self.w * change[:, None],
-                self.status,
-            )
-
-
-def by_arc_length(
-    closure: Closure, values: Floats, order: Literal[1, 2] = 2
-) -> CoordinateMotion:
-    """Return configurations with the arc length of their curve as coordinate.
+def by_arc_length(closure: Closure, values: Floats, order: Order = 2) -> CoordinateMotion:
+    """Return configurations with the arc length of their curve as the only coordinate.
 
     The unit tangent of the curve is the null vector of the velocity equations, in
     either sense: see `continued` and `CoordinateMotion.turned`.
@@ -86,37 +73,100 @@ def by_arc_length(
     order
         1 leaves out the second derivatives.
     """
-    tree, at = closure.tree, closure.at(values)
-    null = null_motion(tree, at.vectors)
-    status = np.zeros(len(values), dtype=np.int8)
-    status[penetrates(closure.joints, at.states)] = Status.CURVATURE
+    at = closure.at(values)
+    null = null_motion(closure.tree, at.vectors)
+    return _derived(at, null.rates[:, None], null.inverse[:, :, :-1], order)
+
+
+def by_combinations(
+    closure: Closure, values: Floats, frame: Floats, order: Order = 2
+) -> CoordinateMotion:
+    """Return configurations with sums of the pair variables as coordinates.
+
+    Parameters
+    ----------
+    closure
+        The closure of a whole mechanism of mobility m.
+    values
+        (n, variables) closed configurations.
+    frame
+        (m, variables), or (n, m, variables) for each row: the factors of the pair variables
+        in each coordinate. Rows are NaN where these do not say how all variables move.
+    order
+        1 leaves out the second derivatives.
+    """
+    at = closure.at(values)
+    count = frame.shape[-2]
+    rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
+    bordered = np.concatenate([at.jacobian, rows], axis=1)
+    inverse = left_inverse(bordered)
+    own = np.zeros((bordered.shape[1], count))
+    own[-count:] = np.eye(count)
+    found = inverse[:, :, -count:]
+    # The product with an inverse loses digits; a step of refinement brings them back.
+    found = found + inverse @ (own - bordered @ found)
+    rates = np.ascontiguousarray(np.swapaxes(found, 1, 2))
+    return _derived(at, rates, inverse[:, :, :-count], order)
+
+
+def by_variables(
+    closure: Closure, values: Floats, numbers: Sequence[int], order: Order = 2
+) -> CoordinateMotion:
+    """Return configurations with pair variables, by their numbers, as coordinates.
+
+    Not finite where these do not move independently: at dead centres of a single one, at
+    singularities of type II of several.
+    """
+    frame = np.eye(values.shape[1])[list(numbers)]
+    return by_combinations(closure, values, frame, order)
+
+
+def _derived(
+    at: Linearisation, rates: Floats, inverse: Floats, order: Order
+) -> CoordinateMotion:
+    """Return a motion from rates (n, m, variables), and what closes loops.
+
+    `inverse` (n, variables, equations) turns the change of the velocity equations into
+    that of the rates.
+    """
+    n, m, variables = rates.shape
+    tree = at.tree
+    w = tree.body_rates(at.vectors[:, None], rates)
+    status = np.zeros(n, dtype=np.int8)
+    status[penetrates(at.joints, at.states)] = Status.CURVATURE
     status[~np.all(at.states.inside, axis=1)] = Status.OFF_PROFILE
-    if order == 1:
-        unknown = np.full_like(values, np.nan), np.full_like(null.w, np.nan)
-        return CoordinateMotion(
-            values, null.rates, unknown[0], at.placed, null.w, unknown[1], status
-        )
-    changed = at.turned(null.w).vectors
-    bending = null_second_rates(tree, changed, null)
-    return CoordinateMotion(
-        values,
-        null.rates,
-        bending,
-        at.placed,
-        null.w,
-        at.body_rates(bending) + tree.body_rates(changed, null.rates),
-        status,
-    )
+    second = np.full((n, m, m, variables), np.nan)
+    dw = np.full((n, m, m, tree.count, 3), np.nan)
+    for k in range(m if order == 2 else 0):
+        turned = at.turned(w[:, k]).vectors
+        bias = rates @ np.swapaxes(tree.jacobian(turned), 1, 2)
+        second[:, :, k] = -bias @ np.swapaxes(inverse, 1, 2)
+        dw[:, :, k] = tree.body_rates(at.vectors[:, None], second[:, :, k])
+        dw[:, :, k] += tree.body_rates(turned[:, None], rates)
+    return CoordinateMotion(at.values, rates, second, at.placed, w, dw, status)
 
 
-def reciprocal_condition(closure: Closure, values: Floats) -> float:
-    """Return how surely one motion alone closes the loops at a configuration (variables,).
+def determined(rates: Floats) -> Floats:
+    """Return how surely coordinates say the motion (n,), given their rates.
 
-    The least singular value of the closure equations that a single freedom leaves, over
+    `rates` (n, m, variables) are of pair variables that are coordinates themselves. 1 where
+    no other variable moves, 0 where others move though none of these does: of one freedom,
+    the rate of its variable along the curve.
+    """
+    finite = np.all(np.isfinite(rates), axis=(1, 2))
+    found = np.zeros(len(rates))
+    found[finite] = 1.0 / np.linalg.norm(rates[finite], ord=2, axis=(1, 2))
+    return found
+
+
+def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) -> float:
+    """Return how surely only so many freedoms are left at a configuration (variables,).
+
+    The least singular value of the closure equations that these freedoms leave, over
     the greatest: 0 where curves of configurations cross, whatever equations are redundant.
     """
     sizes = np.linalg.svd(closure.at(values[None]).jacobian[0], compute_uv=False)
-    kept = len(values) - 1
+    kept = len(values) - freedoms
     if not kept:
         return 1.0
     return float(sizes[kept - 1] / sizes[0]) if len(sizes) >= kept else 0.0

@@ -18,6 +18,7 @@ from spherekit.dynamics.collocation import (
     next_length,
 )
 from spherekit.dynamics.events import StepEvents
+from spherekit.dynamics.inertia import inertia_matrix
 from spherekit.dynamics.kinematics import reciprocal_condition
 from spherekit.dynamics.path import CollocationPath, Travelled
 from spherekit.dynamics.simulation import (
@@ -57,6 +58,10 @@ MOST_STEPS = 100_000
 MISSED = 1.0
 """Part of the step's own measure of error by which it may miss a load within it."""
 
+ASKEW = 1.5
+"""Rates of all pair variables per unit rate of a frame's combination at which it is made
+anew; it begins with 1."""
+
 WINDOW = 4
 """Steps from whose time that of the steps to come is expected."""
 
@@ -69,14 +74,17 @@ class Collocation:
         self.problem = problem
         self.equation = problem.equation
         self.tolerance = tolerance
-        self.tangent = problem.tangent
+        self.frame = problem.frame
         self.path: list[Travelled] = []
         self.events: list[Event] = []
-        speed_one = self.equation.state(problem.values, 1.0, problem.tangent)
-        unit = float(speed_one[self.equation.variables])
-        self.sizes = np.ones(len(speed_one))
-        self.sizes[self.equation.variables :] = unit**2
-        self.sizes[self.equation.variables] = unit
+        motion = self.equation.motion(problem.values[None], problem.frame)
+        square = float(
+            np.linalg.norm(inertia_matrix(self.equation.mechanism, motion)[0], 2)
+        )
+        start = self.equation.state(problem.values, problem.speed, problem.frame)
+        self.sizes = np.ones(len(start))
+        self.sizes[self.equation.momenta] = np.sqrt(square)
+        self.sizes[self.equation.works] = square
         self._nodes = 0.5 * (gauss(NODES).nodes + 1.0)
         self.orientation = 0.0
         self.drift = 0.0
@@ -87,8 +95,8 @@ class Collocation:
         self._reached: list[tuple[float, float]] = [(0.0, 0.0)]
 
     def field(self, t: Floats, states: Floats) -> Floats:
-        """Return the rates of states, on the side of the last step's tangent."""
-        self.last = self.equation.at(t, states, self.tangent, self.problem.whole)
+        """Return the rates of states, in the frame of the last step's end."""
+        self.last = self.equation.at(t, states, self.frame, self.problem.whole)
         return self.equation.rates(self.last)
 
     def advance(self) -> bool:
@@ -143,7 +151,7 @@ class Collocation:
     def _integrate(self) -> Generator[float, None, SimulationEnd]:
         """Yield the time after each step; return the end."""
         problem = self.problem
-        t, state = 0.0, self.equation.state(problem.values, problem.speed, problem.tangent)
+        t, state = 0.0, self.equation.state(problem.values, problem.speed, problem.frame)
         length = self._first_length(state)
         before: Step | None = None
         for target in (*problem.switches, problem.until):
@@ -168,9 +176,12 @@ class Collocation:
                 t = target if tried_length == left else tried.step.stop
                 before = tried.step
                 state = self._closed(tried.step.end)
+                if self._askew():
+                    state, self.frame = self.equation.framed(state, self.frame)
+                    before = None
                 yield t
             if t < problem.until:
-                self._note("switch", t, self._input(state), "")
+                self._note("switch", t, state, "")
                 before = None
         return SimulationEnd("time", problem.until, "the time asked for is over")
 
@@ -178,35 +189,38 @@ class Collocation:
         self, t: float, length: float, state: Floats, before: Step | None
     ) -> Attempt:
         """Try a step; its error is infinite where it misses what a load does within it."""
-        stiff = self.equation.variables if self.equation.loads.watched else None
+        equation, watched = self.equation, self.equation.loads.watched
+        # Newton's method is of one momentum.
+        stiff = equation.variables if watched and equation.freedoms == 1 else None
         tried = attempt(
             self.field, t, length, state, self.tolerance, before, self.sizes, stiff
         )
         last = self.last
         assert last is not None
-        if stiff is None or tried.error > 1.0 or np.any(last.motion.status != Status.OK):
+        if not watched or tried.error > 1.0 or np.any(last.motion.status != Status.OK):
             return tried
-        scale = max(self.sizes[stiff], abs(float(state[stiff])))
+        momenta = equation.momenta
+        scale = max(self.sizes[momenta][0], float(np.max(np.abs(state[momenta]))))
         enough = MISSED * self.tolerance * (4 * NODES - 2) * scale / length
 
         def look(_: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
             when = t + x * length
             states = tried.step.at(when)
             nearest = np.argmin(np.abs(x[:, None] - self._nodes), axis=1)
-            along = last.motion.rates[nearest]
-            found = self.equation.at(when, states, along, self.problem.whole)
-            rates = self.equation.rates(found)[:, stiff]
-            missed = np.abs(rates - tried.step.rate(when)[:, stiff])
-            return missed / enough, self.equation.arguments(found, self.problem.whole, when)
+            frame = last.motion.rates[nearest] if equation.freedoms == 1 else self.frame
+            found = equation.at(when, states, frame, self.problem.whole)
+            missed = np.abs(found.push - tried.step.rate(when)[:, momenta])
+            missed = np.max(missed, axis=1) / enough
+            return missed, equation.arguments(found, self.problem.whole, when)
 
         good = float(good_until(look, 1)[0])
         return tried if good == 1.0 else replace(tried, error=np.inf)
 
     def _first_length(self, state: Floats) -> float:
         problem = self.problem
-        found = self.equation.at(np.zeros(1), state[None], self.tangent, problem.whole)
-        pace = abs(float(found.speed[0])) / FIRST_ARC
-        push = abs(float(np.sum(found.forces) / found.B[0]))
+        found = self.equation.at(np.zeros(1), state[None], self.frame, problem.whole)
+        pace = float(np.linalg.norm(found.speed[0])) / FIRST_ARC
+        push = float(np.linalg.norm(found.roots.solved(found.push)[0]))
         pace = max(pace, np.sqrt(push / FIRST_ARC))
         until = problem.until
         length = min(until, 1.0 / max(pace, 1e-300), 1.0)
@@ -224,19 +238,30 @@ class Collocation:
         """Keep a step and note its events; return the end if there is one within it."""
         assert self.last is not None
         mechanism, driven = self.equation.mechanism, self.problem.driven
-        tangents = self.last.motion.rates
-        within = StepEvents(step, tangents, self.problem.whole)
+        rates = self.last.motion.rates
+        within = StepEvents(step, rates, self.problem.whole)
         end = self._end(within)
         last = np.inf if end is None else end.t
-        name = mechanism.pairs[mechanism.variable_owners[driven]].name
-        found = [("dead_centre", t, name) for t in within.dead_centres(driven)]
-        found += [("rest", t, "") for t in within.rests(self.equation.variables)]
+        if len(driven) == 1:
+            name = mechanism.pairs[mechanism.variable_owners[driven[0]]].name
+            found = [("dead_centre", t, name) for t in within.dead_centres(driven)]
+            found += [("rest", t, "") for t in within.rests(self.equation.variables)]
+        else:
+            found = [("type_2", t, "") for t in within.dead_centres(driven)]
         for kind, t, pair in sorted(found, key=lambda item: item[1]):
             if t < last:
-                self._note(kind, t, self._input(step.at(np.array([t]))[0]), pair)
-        self.path.append(Travelled(step, tangents))
-        self.tangent = tangents[-1]
+                self._note(kind, t, step.at(np.array([t]))[0], pair)
+        if len(driven) == 1:
+            self.frame = rates[-1]
+        self.path.append(Travelled(step, rates if len(driven) == 1 else self.frame[None]))
         return end
+
+    def _askew(self) -> bool:
+        """Return whether the coordinates' vectors have turned far from the frame."""
+        if self.equation.freedoms == 1:
+            return False
+        assert self.last is not None
+        return bool(np.linalg.norm(self.last.motion.rates[-1], 2) > ASKEW)
 
     def _end(self, within: StepEvents) -> SimulationEnd | None:
         """Return the end that lies within a step: a stop, or a crossing of curves."""
@@ -255,15 +280,12 @@ class Collocation:
         state = within.step.at(np.array([t]))[0]
         place = variable_of(self.equation.mechanism, stop.pair)
         value = float(state[place] + self.problem.whole[place])
-        self._note("stop", t, self._input(state), stop.pair)
+        self._note("stop", t, state, stop.pair)
         return stop_end(t, stop.pair, value)
 
-    def _input(self, state: Floats) -> float:
-        driven = self.problem.driven
-        return float(state[driven] + self.problem.whole[driven])
-
-    def _note(self, kind: str, t: float, q: float, pair: str) -> None:
-        self.events.append(Event(kind, t, q, pair))  # type: ignore[arg-type]
+    def _note(self, kind: str, t: float, state: Floats, pair: str) -> None:
+        inputs = tuple(float(state[v] + self.problem.whole[v]) for v in self.problem.driven)
+        self.events.append(Event(kind, t, inputs, pair))  # type: ignore[arg-type]
 
     def _stuck(self, t: float, state: Floats, tried: Attempt) -> SimulationEnd:
         """Return why no step however short can be taken from here."""
@@ -277,7 +299,10 @@ class Collocation:
             if np.any(codes == code):
                 return SimulationEnd(kind, t, STATUS_MEANING[code])
         values = state[: self.equation.variables]
-        if reciprocal_condition(self.equation.closure, values) < 1e-5:
+        if (
+            reciprocal_condition(self.equation.closure, values, self.equation.freedoms)
+            < 1e-5
+        ):
             return SimulationEnd("singularity", t, CROSSING)
         why = f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}"
         if not self.path:

@@ -15,13 +15,14 @@ from spherekit.sphere.rotation import Floats
 class Traced:
     """States and their rates (n, states) at n times, as in `spherekit.dynamics.state`.
 
-    The variables in them are less `turns` (n, variables) whole turns. `along`
-    (n, variables) points to the side of the curve on which momentum is positive.
+    The variables in them are less `turns` (n, variables) whole turns. `frames`
+    (n, m, variables) are those of the momenta: of one freedom a vector to the side of the
+    curve on which momentum is positive.
     """
 
     states: Floats
     rates: Floats
-    along: Floats
+    frames: Floats
     turns: Floats
 
 
@@ -47,10 +48,13 @@ class StatePath(Protocol):
 @final
 @dataclass(frozen=True)
 class Travelled:
-    """An accepted step with the tangents (k, variables) of the curve along it."""
+    """An accepted step with the frames (k, m, variables) of its momenta, evenly along it.
+
+    Of one freedom these are tangents of the curve, of several one frame for all of it.
+    """
 
     step: Step
-    tangents: Floats
+    frames: Floats
 
 
 @final
@@ -80,11 +84,12 @@ class CollocationPath:
         owner = np.maximum(np.searchsorted(self.starts, t, side="right") - 1, 0)
         width = len(self.items[0].step.state)
         states, rates = np.empty((len(t), width)), np.empty((len(t), width))
-        along = np.empty((len(t), self.items[0].tangents.shape[1]))
+        frames = np.empty((len(t), *self.items[0].frames.shape[1:]))
         for number in np.unique(owner):
             rows, item = np.flatnonzero(owner == number), self.items[number]
             states[rows], rates[rows] = item.step.at(t[rows]), item.step.rate(t[rows])
-            place = (t[rows] - item.step.start) / item.step.length * len(item.tangents)
-            nearest = np.clip(place.astype(int), 0, len(item.tangents) - 1)
-            along[rows] = item.tangents[nearest]
-        return Traced(states, rates, along, np.broadcast_to(self.turns, along.shape))
+            place = (t[rows] - item.step.start) / item.step.length * len(item.frames)
+            nearest = np.clip(place.astype(int), 0, len(item.frames) - 1)
+            frames[rows] = item.frames[nearest]
+        turns = np.broadcast_to(self.turns, (len(t), len(self.turns)))
+        return Traced(states, rates, frames, turns)

@@ -88,6 +88,13 @@ def refined(
             f"{simulation.end.t:.6g} s ({simulation.end.message}); a reference is made "
             f"for ends by {listing(ENDS)}: ask for a shorter time"
         )
+    mechanism = simulation.mechanism
+    if len(mechanism.inputs) > 1:
+        raise EngineError(
+            f"{mechanism.name}: a reference in wide numbers is of one input, not of "
+            f"{len(mechanism.inputs)}"
+        )
+    (q,), (dq,) = start.each([item.pair for item in mechanism.inputs])
     path, last = simulation.path, simulation.end.t
     count = simulation.equation.variables
 
@@ -101,9 +108,9 @@ def refined(
     found = ExactSimulation(
         arithmetic or wide(),
         simulation.mechanism,
-        simulation.driven,
-        start.q,
-        start.dq,
+        simulation.driven[0],
+        float(q),
+        float(dq),
         until,
         near,
         nodes,

@@ -7,8 +7,9 @@ from typing import Literal, final
 
 import numpy as np
 
-from spherekit.dynamics.inertia import equivalent_inertia, inertia
-from spherekit.dynamics.kinematics import by_arc_length
+from spherekit.dynamics.equation import coriolis
+from spherekit.dynamics.forces import rates_by_time
+from spherekit.dynamics.inertia import inertia, inertia_matrix
 from spherekit.dynamics.path import StatePath, Traced
 from spherekit.dynamics.start import Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
@@ -17,7 +18,7 @@ from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
-EventKind = Literal["dead_centre", "rest", "stop", "switch"]
+EventKind = Literal["dead_centre", "type_2", "rest", "stop", "switch"]
 EndKind = Literal[
     "time",
     "stop",
@@ -60,16 +61,22 @@ up to 94 times as large.
 @final
 @dataclass(frozen=True)
 class Event:
-    """What happened at time `t` (s), at the input's variable `q` (rad).
+    """What happened at time `t` (s), at the variables of the `inputs` (rad).
 
-    dead_centre: the input's variable turns back though the mechanism moves on; rest: the
-    mechanism stands still; stop: a pair reached its stop; switch: a load has a kink.
+    dead_centre: the only input's variable turns back though the mechanism moves on; type_2:
+    several inputs do not hold the mechanism; rest: a mechanism with one input stands still;
+    stop: a pair reached its stop; switch: a load has a kink.
     """
 
     kind: EventKind
     t: float
-    q: float
+    inputs: tuple[float, ...]
     pair: str
+
+    @property
+    def q(self) -> float:
+        """The variable of the only input (rad); `SolveError` with several."""
+        return float(single(np.array(self.inputs)))
 
 
 @final
@@ -80,6 +87,16 @@ class SimulationEnd:
     kind: EndKind
     t: float
     message: str
+
+
+def single(columns: Floats) -> Floats:
+    """Return the only one of columns (..., inputs); `SolveError` with several inputs."""
+    if columns.shape[-1] != 1:
+        raise SolveError(
+            f"there are {columns.shape[-1]} inputs; read inputs, input_rates, "
+            "input_accelerations or torques"
+        )
+    return np.asarray(columns[..., 0])
 
 
 def stop_end(t: float, pair: str, value: float) -> SimulationEnd:
@@ -101,9 +118,9 @@ def given_up(
     """Return the end where no step is short enough: `why`, or the inertia has vanished."""
     chosen = np.linspace(0, len(path.starts) - 1, min(CHECKED, len(path.starts)))
     traced = path.at(np.append(path.starts[chosen.astype(int)], t))
-    motion = equation.motion(traced.states[:, : equation.variables], traced.along)
-    B = equivalent_inertia(equation.mechanism, motion)
-    if B[-1] < VANISHED * np.max(B):
+    motion = equation.motion(traced.states[:, : equation.variables], traced.frames)
+    sizes = np.linalg.eigvalsh(inertia_matrix(equation.mechanism, motion))
+    if sizes[-1, 0] < VANISHED * np.max(sizes):
         return SimulationEnd("no_inertia", t, NO_INERTIA)
     return SimulationEnd("too_fast", t, why)
 
@@ -171,27 +188,42 @@ class Checks:
 class History:
     """A simulation at n times, rows in order of time.
 
-    `t` s; `q`, `dq`, `ddq` of the input, rad and s; `values`, `value_rates`
-    (n, variables); `rotations` (n, links, 3, 3); `speed` along the curve, 1/s; `B`
-    (n, masses) and `Q` (n, loads) link by link and load by load, per unit arc length;
-    `kinetic` J; `power` (n, loads) W; `work` (n, loads) J since the start; `residual`
-    rad.
+    `t` s; `inputs`, `input_rates`, `input_accelerations` (n, inputs) rad and s; `values`,
+    `value_rates` (n, variables); `rotations` (n, links, 3, 3); `speed` (n, m) rates of the
+    coordinates of the integration, of one freedom along the curve, 1/s; `M` (n, masses, m,
+    m) and `Q` (n, m, loads) link by link and load by load, in these coordinates; `kinetic`
+    J; `power` (n, loads) W; `work` (n, loads) J since the start; `residual` rad.
     """
 
     t: Floats
-    q: Floats
-    dq: Floats
-    ddq: Floats
+    inputs: Floats
+    input_rates: Floats
+    input_accelerations: Floats
     values: Floats
     value_rates: Floats
     rotations: Floats
     speed: Floats
-    B: Floats
+    M: Floats
     Q: Floats
     kinetic: Floats
     power: Floats
     work: Floats
     residual: Floats
+
+    @property
+    def q(self) -> Floats:
+        """(n,) variable of the only input, rad; `SolveError` with several."""
+        return single(self.inputs)
+
+    @property
+    def dq(self) -> Floats:
+        """(n,) its rate, rad/s; `SolveError` with several inputs."""
+        return single(self.input_rates)
+
+    @property
+    def ddq(self) -> Floats:
+        """(n,) its acceleration, rad/s2; `SolveError` with several inputs."""
+        return single(self.input_accelerations)
 
     def __repr__(self) -> str:
         span = f" from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
@@ -209,7 +241,7 @@ class Simulation:
     """
 
     equation: EquationOfMotion
-    driven: int
+    driven: tuple[int, ...]
     path: StatePath
     events: tuple[Event, ...]
     end: SimulationEnd
@@ -270,30 +302,33 @@ class Simulation:
         """
         t = np.atleast_1d(np.asarray(t, dtype=float))
         traced, found = self._at(t)
-        equation, variables = self.equation, self.equation.variables
+        equation = self.equation
         states, speed = traced.states, found.speed
-        values = states[:, :variables]
+        values = states[:, : equation.variables]
         whole = values + FULL_TURN * traced.turns
-        second = by_arc_length(equation.closure, values)
-        signs = np.sign(np.sum(second.rates * found.motion.rates, axis=1))
-        motion = second.turned(signs)
+        motion = equation.motion(values, traced.frames, order=2)
         masses = inertia(equation.mechanism, motion)
-        drive = np.sum(found.forces, axis=1) - 0.5 * masses.dB * speed**2
-        along, bend = motion.rates[:, self.driven], motion.second[:, self.driven]
+        pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
+        drive = np.sum(found.forces, axis=2) - pull
+        change = np.linalg.solve(masses.M, drive[..., None])[..., 0]
+        bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
+        rates = rates_by_time(motion, speed)
+        second = rates_by_time(motion, change) + bend
+        driven = list(self.driven)
         return History(
             t=t,
-            q=whole[:, self.driven],
-            dq=along * speed,
-            ddq=along * drive / masses.B + bend * speed**2,
+            inputs=whole[:, driven],
+            input_rates=rates[:, driven],
+            input_accelerations=second[:, driven],
             values=whole,
-            value_rates=motion.rates * speed[:, None],
+            value_rates=rates,
             rotations=motion.rotations,
             speed=speed,
-            B=masses.B_parts,
+            M=masses.M_parts,
             Q=found.forces,
-            kinetic=0.5 * states[:, variables] ** 2,
-            power=found.forces * speed[:, None],
-            work=states[:, variables + 1 :],
+            kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
+            power=found.power,
+            work=states[:, equation.works],
             residual=equation.closure.at(values).gap,
         )
 
@@ -308,20 +343,22 @@ class Simulation:
         t = np.append(np.minimum(t, self.end.t), self.end.t)
         traced, found = self._at(t)
         states, rates = traced.states, traced.rates
-        closure, variables = self.equation.closure, self.equation.variables
-        gap = closure.at(states[:, :variables]).residual
-        momentum = states[:, variables]
-        kinetic = 0.5 * momentum**2
-        work = np.sum(states[:, variables + 1 :], axis=1)
-        push = rates[:, variables] - np.sum(found.forces, axis=1) / np.sqrt(found.B)
-        size = max(float(np.max(np.abs(momentum))), float(np.sqrt(np.max(found.B))))
-        push = np.where(t < self.end.t, push, 0.0)
+        equation = self.equation
+        gap = equation.closure.at(states[:, : equation.variables]).residual
+        momenta = states[:, equation.momenta]
+        kinetic = 0.5 * np.sum(momenta**2, axis=1)
+        work = np.sum(states[:, equation.works], axis=1)
+        missed = rates[:, equation.momenta] - found.push
+        missed[t >= self.end.t] = 0.0
+        root = float(np.sqrt(np.max(np.linalg.eigvalsh(found.M))))
+        size = max(float(np.max(np.linalg.norm(momenta, axis=1))), root)
+        push = np.linalg.norm(missed, axis=1)
         steps = np.append(np.tile(lengths, 3), 0.0)
         return Checks(
             energy=float(np.max(np.abs(kinetic - work - (kinetic[0] - work[0])))),
             energy_scale=float(max(np.max(kinetic), np.max(np.abs(work)))),
-            power=float(np.max(np.abs(momentum * push))),
-            momentum=float(np.max(np.abs(push) * steps)) / size,
+            power=float(np.max(np.abs(np.sum(momenta * missed, axis=1)))),
+            momentum=float(np.max(push * steps)) / size,
             closure=max(path.drift, float(np.max(np.abs(gap), initial=0.0))),
             error=self.error,
         )
@@ -339,4 +376,4 @@ class Simulation:
         t = np.clip(t, low, high)
         traced = self.path.at(t)
         whole = FULL_TURN * traced.turns
-        return traced, self.equation.at(t, traced.states, traced.along, whole)
+        return traced, self.equation.at(t, traced.states, traced.frames, whole)

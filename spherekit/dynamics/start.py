@@ -1,17 +1,17 @@
 """Where a simulation starts: the problem checked, the configuration closed."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
-from spherekit.conventions import STATUS_MEANING, Status, listing
+from spherekit.conventions import STATUS_MEANING, Status, counted, listing, nearest
 from spherekit.dynamics.inertia import need_inertia, need_moving_inertia
 from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.cache import Cache
 from spherekit.engine.loads import FULL_TURN
-from spherekit.errors import SolveError
+from spherekit.errors import ModelError, SolveError
 from spherekit.model.dynamics import DRIVE, PairTorque, TorqueFunction, TorqueTable
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
@@ -20,7 +20,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
 from spherekit.motion.turns import into_range as turned_into
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.sphere.rotation import Floats
 
 NEAR = 0.1
@@ -35,6 +35,9 @@ STANDSTILL = 1e-9
 Torque = float | str | TorqueFunction
 """A driving torque (N m): a number, an expression, or a function f(t, q, dq)."""
 
+Torques = Torque | Mapping[str, Torque]
+"""A driving torque of the only input, or those of inputs by their names."""
+
 KEPT = 8
 """Geometries whose assembly modes are kept, for further simulations of the same."""
 
@@ -48,30 +51,31 @@ class PoseStart:
 
     `values` (variables,) in the order of the mechanism's `variable_names`, closed to
     `NEAR`, angles with any number of whole turns; `rate` (rad/s) is that of the R pair
-    `pair`.
+    `pair`, of several freedoms one for each of as many pairs.
     """
 
     values: Sequence[float]
-    pair: str
-    rate: float
+    pair: str | Sequence[str]
+    rate: float | Sequence[float]
 
 
 @final
 @dataclass(frozen=True)
 class Problem:
-    """A direct problem that has passed all checks.
+    """A direct problem of m freedoms that has passed all checks.
 
-    `values` (variables,) closed at the start, less `turns` (variables,) whole turns, so
-    that they keep their digits; `speed` along `tangent` (variables,); `switches` times
+    `driven` are the numbers of the inputs' variables; `values` (variables,) closed at the
+    start, less `turns` (variables,) whole turns, so that they keep their digits; `speed`
+    (m,) the rates along the orthonormal vectors of `frame` (m, variables); `switches` times
     within the run at which steps begin anew.
     """
 
     equation: EquationOfMotion
-    driven: int
+    driven: tuple[int, ...]
     values: Floats
     turns: Floats
-    tangent: Floats
-    speed: float
+    frame: Floats
+    speed: Floats
     until: float
     switches: tuple[float, ...]
 
@@ -85,8 +89,8 @@ def prepare(
     mechanism: Mechanism,
     start: Start | PoseStart,
     until: float,
-    torque: Torque | None = None,
-    input_pair: str | None = None,
+    torque: Torques | None = None,
+    input_pair: str | Sequence[str] | None = None,
     assembly_mode: int = 0,
     switches: Iterable[float] = (),
 ) -> Problem:
@@ -97,52 +101,111 @@ def prepare(
             f"{name}: a simulation starts at t = 0 and cannot end at {until:g} s; give a "
             "finite time greater than 0"
         )
-    rate = start.rate if isinstance(start, PoseStart) else start.dq
-    if not np.isfinite(rate):
-        raise SolveError(f"{name}: the rate at the start is {rate}, give a finite number")
     need_inertia(mechanism)
-    if input_pair is None:
-        input_pair = mechanism.pairs[driven_pairs(mechanism)[0]].name
-    mechanism = mechanism.with_inputs(input_pair)
-    driven = variable_of(mechanism, input_pair)
-    if torque is not None:
-        given = repr(float(torque)) if isinstance(torque, int | float) else torque
-        drive = PairTorque(DRIVE, input_pair, given)
-        mechanism = replace(mechanism, loads=(*mechanism.loads, drive))
+    mechanism = driven_at(mechanism, input_pair)
+    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    mechanism = mechanism.with_inputs(*inputs)
+    if isinstance(start, PoseStart):
+        pairs = [start.pair] if isinstance(start.pair, str) else list(start.pair)
+        rates = np.atleast_1d(np.asarray(start.rate, dtype=float))
+    else:
+        pairs = inputs
+        q, rates = start.each(inputs)
+    if not np.all(np.isfinite(rates)):
+        raise SolveError(f"{name}: the rate at the start is {rates}, give finite numbers")
+    if not len(pairs) == len(rates) == len(inputs):
+        raise SolveError(
+            f"{name}: the start has {counted(len(pairs), 'pair')} with "
+            f"{counted(len(rates), 'rate')}, needs one for each of "
+            f"{counted(len(inputs), 'input')} ({listing(inputs)})"
+        )
+    driven = tuple(variable_of(mechanism, pair) for pair in inputs)
+    moved = [variable_of(mechanism, pair) for pair in pairs]
+    mechanism = mechanism.with_loads(*_drives(mechanism, torque))
     times = sorted({float(t) for t in switches} | set(_knots(mechanism, until)))
     if not all(np.isfinite(times)):
         raise SolveError(f"{name}: switches has a time that is not finite")
     closure = Closure.of(mechanism, geometry_of(mechanism).joints)
-    equation = EquationOfMotion(mechanism, closure)
+    equation = EquationOfMotion(mechanism, closure, len(inputs))
     if isinstance(start, PoseStart):
-        moved = variable_of(mechanism, start.pair)
         values, turns = _closed(closure, mechanism, start.values)
     else:
-        moved = driven
-        tracer = traced(mechanism)
-        if np.isfinite(start.q) and abs(start.q) <= FARTHEST:
-            tracer = reaching(tracer, np.array([start.q]))
-        values, turns = _configuration(tracer, start.q, assembly_mode)
-    vectors = closure.at(values[None]).vectors
-    if rank_mobility(closure.tree, vectors)[0] != 1:
+        values, turns = _configuration(mechanism, q, assembly_mode)
+    at = closure.at(values[None])
+    freedoms = int(rank_mobility(closure.tree, at.vectors)[0])
+    if freedoms != len(inputs):
         raise SolveError(
-            f"{name}: the start has {rank_mobility(closure.tree, vectors)[0]} freedoms of "
-            "velocity, so the loads do not say where it goes; start beside it"
+            f"{name}: the start has {counted(freedoms, 'freedom')} of velocity for "
+            f"{counted(len(inputs), 'input')}, so the loads do not say where it goes; "
+            "start beside it"
         )
-    motion = equation.motion(values[None], np.eye(len(values))[moved])
-    tangent = motion.rates[0]
-    need_moving_inertia(mechanism, motion)
-    if rate != 0.0 and abs(tangent[moved]) < STANDSTILL:
-        pair = mechanism.pairs[mechanism.variable_owners[moved]].name
-        raise SolveError(
-            f"{name}: pair {pair} is at a dead centre at the start and cannot move at "
-            f"{rate:g} rad/s; start elsewhere, or give PoseStart with the rate of "
-            "another pair"
-        )
-    speed = rate / tangent[moved] if rate != 0.0 else 0.0
+    frame = np.linalg.svd(at.jacobian[0])[2][-freedoms:]
+    if freedoms == 1 and frame[0, moved[0]] < 0.0:
+        frame = -frame
+    need_moving_inertia(mechanism, equation.motion(values[None], frame))
     _check_stops(mechanism, values + FULL_TURN * turns)
     inside = tuple(t for t in times if 0.0 < t < until)
-    return Problem(equation, driven, values, turns, tangent, speed, until, inside)
+    speed = _speed(mechanism, frame, moved, rates)
+    return Problem(equation, driven, values, turns, frame, speed, until, inside)
+
+
+def _speed(
+    mechanism: Mechanism, frame: Floats, moved: Sequence[int], rates: Floats
+) -> Floats:
+    """Return the rates (m,) along a frame at which pair variables have given ones (m,)."""
+    if not np.any(rates):
+        return np.zeros(len(rates))
+    share = frame[:, list(moved)].T
+    if np.linalg.svd(share, compute_uv=False)[-1] < STANDSTILL:
+        names = [mechanism.pairs[mechanism.variable_owners[v]].name for v in moved]
+        given = listing(f"{rate:g}" for rate in rates)
+        raise SolveError(
+            f"{mechanism.name}: pair {names[0]} is at a dead centre at the start and "
+            f"cannot move at {given} rad/s; start elsewhere, or give PoseStart with the "
+            "rate of another pair"
+            if len(moved) == 1
+            else f"{mechanism.name}: the pairs {listing(names)} do not move independently "
+            f"at the start, which is a singularity of type II, and cannot move at {given} "
+            "rad/s; start elsewhere, or give PoseStart with the rates of other pairs"
+        )
+    return np.asarray(np.linalg.solve(share, rates))
+
+
+def _drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
+    """Return the loads that driving torques at the inputs are."""
+    if torque is None:
+        return []
+    inputs = [item.pair for item in mechanism.inputs]
+    taken = {load.name for load in mechanism.loads}
+    if not isinstance(torque, Mapping):
+        if len(inputs) > 1:
+            raise SolveError(
+                f"{mechanism.name}: a torque has to say at which input it acts: give one "
+                f'by the name of each, as {{"{inputs[0]}": 1.0}}; inputs without one are '
+                f"passive. Inputs: {listing(inputs)}"
+            )
+        torque = {inputs[0]: torque}
+    drives = []
+    for pair, given in torque.items():
+        if pair not in inputs:
+            raise SolveError(
+                f'{mechanism.name}: a torque is given at "{pair}", which is not an input'
+                f"{nearest(pair, inputs) or ';'} Inputs: {listing(inputs)}"
+            )
+        name = drive_name(inputs, pair)
+        if name in taken:
+            raise ModelError(
+                f'{mechanism.name}: a load is named "{name}", as that of the driving '
+                "torque is; give it another name"
+            )
+        text = repr(float(given)) if isinstance(given, int | float) else given
+        drives.append(PairTorque(name, pair, text))
+    return drives
+
+
+def drive_name(inputs: Sequence[str], pair: str) -> str:
+    """Return the name of the load that a driving torque at an input becomes."""
+    return DRIVE if len(inputs) == 1 else f"{DRIVE}_{pair}"
 
 
 def variable_of(mechanism: Mechanism, pair: str) -> int:
@@ -196,9 +259,22 @@ def traced(mechanism: Mechanism) -> Tracer:
     return _TRACERS.get(bare, "assembly_modes", lambda: Tracer(bare))
 
 
-def _configuration(tracer: Tracer, q: float, assembly_mode: int) -> tuple[Floats, Floats]:
-    """Return the configuration at an input, and the whole turns that it is less."""
-    name = tracer.mechanism.name
+def _configuration(
+    mechanism: Mechanism, q: Floats, assembly_mode: int
+) -> tuple[Floats, Floats]:
+    """Return the configuration at inputs (m,), and the whole turns that it is less."""
+    name = mechanism.name
+    if not np.all(np.isfinite(q)):
+        raise SolveError(f"{name}: the input at the start is {q}, give finite numbers")
+    _need_digits(name, q)
+    if len(q) == 1:
+        tracer = reaching(traced(mechanism), q)
+        found = tracer.at(into_range(tracer, q[None]))
+    else:
+        bare = replace(mechanism, masses=(), loads=(), stops=())
+        near = q if mechanism.has_contacts else reduced(q)
+        tracer = Tracer(bare, path=near[None])
+        found = tracer.motion()
     numbers = [item.number for item in tracer.assembly_modes]
     if assembly_mode not in numbers:
         raise SolveError(
@@ -206,21 +282,18 @@ def _configuration(tracer: Tracer, q: float, assembly_mode: int) -> tuple[Floats
             f"found are "
             f"{listing(numbers)}"
         )
-    if not np.isfinite(q):
-        raise SolveError(f"{name}: the input at the start is {q}, give a finite number")
-    _need_digits(name, np.array([q]))
-    wanted = tracer.assembly_modes[numbers.index(assembly_mode)]
-    found = tracer.solver.evaluate(wanted, into_range(tracer, np.array([[q]])))
-    status = Status(int(found.status[0]))
+    row = numbers.index(assembly_mode)
+    status = Status(int(found.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):
+        where = listing(f"{x:.6g}" for x in q)
         raise SolveError(
-            f"{name}: no configuration of assembly mode {assembly_mode} at q = {q:.6g} rad "
+            f"{name}: no configuration of assembly mode {assembly_mode} at q = {where} rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
-    values: Floats = found.values[0].copy()
+    values: Floats = found.values[row].copy()
     turns = np.zeros(len(values))
-    driven = tracer.solver.single
-    values[driven], turns[driven] = reduced(np.array(q)), whole_turns(np.array(q))
+    driven = list(tracer.solver.driven)
+    values[driven], turns[driven] = reduced(q), whole_turns(q)
     return values, turns
 
 

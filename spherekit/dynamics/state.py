@@ -1,14 +1,22 @@
-"""The equation of motion along the configuration curve.
+"""The equation of motion on the configurations of a mechanism, of any mobility.
 
-The state is the pair variables v, the momentum p = sqrt(B) u, with u = ds/dt the speed
-along the curve, and the work W of each load. Eksergian's equation in the arc length s,
-B du/dt + 1/2 dB/ds u^2 = Q (Di Gregorio 2024, eq. (9)), is then
+The state is the pair variables v, the momenta p = R u, with u the rates of m coordinates
+and R the symmetric root of the inertia matrix M = R R, and the work W of each load. With
+the rates N of the variables by the coordinates, and M u' + C u = Q,
 
-    dv/dt = u dv/ds,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B),
+    dv/dt = N u,   dp/dt = R^-1 Q + S p,   dW/dt = Q u,   u = R^-1 p,
+    S = R' R^-1 - R^-1 C R^-1.
 
-for dp/dt = (B du/dt + 1/2 dB/ds u^2) / sqrt(B). The kinetic energy is p^2 / 2, and p is
-constant where no load acts; it is the rate of the arc length in the metric of the kinetic
-energy. No derivative of B is needed, and every dead centre is an ordinary point.
+S is skew, for R^-1 (M' - 2 C) R^-1 is; so the kinetic energy p^2 / 2 changes by the work of
+the loads alone. Of one freedom S is zero: p is constant where no load acts, the rate of the
+arc length in the metric of the kinetic energy, and no derivative of M is needed.
+
+Of one freedom the coordinate is the arc length s of the configuration curve, along which
+every dead centre is an ordinary point (Eksergian's equation B du/dt + 1/2 dB/ds u^2 = Q, Di
+Gregorio 2024, eq. (9)). Of several the coordinates are sums of the pair variables whose
+factors, the frame, are an orthonormal basis of the velocities somewhere near: so all
+configurations are ordinary points at which the velocity equations are regular, whether or
+not the inputs hold the mechanism there.
 """
 
 from dataclasses import dataclass, replace
@@ -16,61 +24,146 @@ from typing import final
 
 import numpy as np
 
-from spherekit.dynamics.forces import Loads
-from spherekit.dynamics.inertia import equivalent_inertia
-from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length, continued
+from spherekit.dynamics.equation import coriolis
+from spherekit.dynamics.forces import Loads, rates_by_time
+from spherekit.dynamics.inertia import inertia, inertia_matrix
+from spherekit.dynamics.kinematics import (
+    CoordinateMotion,
+    Order,
+    by_arc_length,
+    by_combinations,
+    continued,
+)
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, transpose
+
+
+@final
+@dataclass(frozen=True)
+class Roots:
+    """The symmetric roots R of inertia matrices (n, m, m), by their eigenvectors.
+
+    `vectors` (n, m, m) in columns, `sizes` (n, m) the eigenvalues of R; NaN where M is not
+    positive.
+    """
+
+    vectors: Floats
+    sizes: Floats
+
+    @classmethod
+    def of(cls, M: Floats) -> "Roots":
+        """Return the roots of M (n, m, m)."""
+        finite = np.all(np.isfinite(M), axis=(1, 2))
+        squares, vectors = np.linalg.eigh(np.where(finite[:, None, None], M, 0.0))
+        with np.errstate(invalid="ignore"):
+            sizes = np.sqrt(np.where(finite[:, None] & (squares > 0.0), squares, np.nan))
+        return cls(vectors, sizes)
+
+    def times(self, x: Floats) -> Floats:
+        """Return R x (n, m)."""
+        return self._scaled(x, self.sizes)
+
+    def solved(self, x: Floats) -> Floats:
+        """Return R^-1 x (n, m)."""
+        return self._scaled(x, 1.0 / self.sizes)
+
+    def _scaled(self, x: Floats, by: Floats) -> Floats:
+        turned = by[..., None] * (transpose(self.vectors) @ x[..., None])
+        return np.asarray((self.vectors @ turned)[..., 0])
+
+    def turning(self, dM: Floats, u: Floats, p: Floats) -> Floats:
+        """Return S p (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
+        change = (dM @ u[:, None, :, None])[..., 0]
+        own = transpose(self.vectors)
+        sums = self.sizes[:, :, None] + self.sizes[:, None]
+        root_change = (own @ change @ self.vectors) / sums
+        pull = own @ coriolis(dM, u) @ self.vectors / self.sizes[:, :, None]
+        part = (root_change - pull) / self.sizes[:, None]
+        skew = 0.5 * (part - transpose(part))
+        return np.asarray((self.vectors @ skew @ own @ p[..., None])[..., 0])
 
 
 @final
 @dataclass(frozen=True)
 class Dynamics:
-    """Motion, inertia and generalised forces at n states, with the coordinate s.
+    """Motion, inertia and generalised forces at n states.
 
-    `motion` is of the first order; `B` (n,) is by s, `forces` (n, loads) the Q of each
-    load, `speed` (n,) is u.
+    `motion` is of the first order where there is one coordinate, otherwise of the second;
+    `M` (n, m, m) with its `roots`, `forces` (n, m, loads) the Q of each load, `speed`
+    (n, m) is u, `bend` (n, m) is S p.
     """
 
     motion: CoordinateMotion
-    B: Floats
+    M: Floats
+    roots: Roots
     forces: Floats
     speed: Floats
+    bend: Floats
+
+    @property
+    def power(self) -> Floats:
+        """(n, loads) power of each load, W."""
+        return np.asarray((self.speed[:, None] @ self.forces)[:, 0])
+
+    @property
+    def push(self) -> Floats:
+        """(n, m) rates of the momenta."""
+        return self.roots.solved(np.sum(self.forces, axis=2)) + self.bend
 
 
 @final
 class EquationOfMotion:
-    """Rates of the state (n, variables + 1 + loads) of one mechanism with its loads."""
+    """Rates of the state (n, variables + m + loads) of one mechanism with its loads."""
 
-    def __init__(self, mechanism: Mechanism, closure: Closure) -> None:
+    def __init__(self, mechanism: Mechanism, closure: Closure, freedoms: int = 1) -> None:
         self.mechanism = mechanism
         self.closure = closure
+        self.freedoms = freedoms
         self.loads = Loads(mechanism)
         self.variables = len(mechanism.variable_names)
+        self.momenta = slice(self.variables, self.variables + freedoms)
+        self.works = slice(self.variables + freedoms, None)
 
-    def state(self, values: Floats, speed: float, along: Floats) -> Floats:
-        """Return the state (states,) at the start, where no work has been done."""
-        motion = self.motion(values[None], along)
-        root = np.sqrt(equivalent_inertia(self.mechanism, motion)[0])
-        return np.concatenate([values, [root * speed], np.zeros(len(self.loads.names))])
+    def state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
+        """Return the state (states,) at rates (m,), where no work has been done."""
+        motion = self.motion(values[None], frame)
+        roots = Roots.of(inertia_matrix(self.mechanism, motion))
+        momenta = roots.times(speed[None])[0]
+        return np.concatenate([values, momenta, np.zeros(len(self.loads.names))])
 
-    def motion(self, values: Floats, along: Floats) -> CoordinateMotion:
-        """Return the motion by arc length at pair variables (n, variables).
+    def framed(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
+        """Return a state in a frame that is orthonormal there, and that frame."""
+        found = self.at(np.zeros(1), state[None], frame)
+        rates = rates_by_time(found.motion, found.speed)[0]
+        rows = found.motion.rates[0]
+        squares, turn = np.linalg.eigh(rows @ rows.T)
+        frame = (turn / np.sqrt(squares)) @ turn.T @ rows
+        framed = self.state(state[: self.variables], frame @ rates, frame)
+        framed[self.works] = state[self.works]
+        return framed, frame
 
-        The first tangent points to the side of `along` (variables,), each further one to
-        the side of the one before; with `along` (n, variables) each to that of its row.
+    def motion(self, values: Floats, frame: Floats, order: Order = 1) -> CoordinateMotion:
+        """Return the motion at pair variables (n, variables).
+
+        Of one freedom it is by arc length: the first tangent points to the side of the
+        frame (1, variables), each further one to the side of the one before; with frames
+        (n, 1, variables) each to that of its row. Of several it is by the combinations in
+        the frame (m, variables), or in that of each row.
         """
-        motion = by_arc_length(self.closure, values, order=1)
-        if along.ndim == 1:
-            return motion.turned(continued(motion.rates, along))
-        side = np.sum(along * motion.rates, axis=1)
+        if self.freedoms > 1:
+            return by_combinations(self.closure, values, frame, order)
+        motion = by_arc_length(self.closure, values, order)
+        if frame.ndim == 2:
+            return motion.turned(continued(motion.rates[:, 0], frame[0]))
+        side = np.sum(frame * motion.rates, axis=(1, 2))
         return motion.turned(np.where(side < 0.0, -1.0, 1.0))
 
     def closed(self, values: Floats) -> tuple[Floats, float]:
-        """Return a configuration (variables,) put back onto its curve, and its residual.
+        """Return a configuration (variables,) put back among the closed ones, and its gap.
 
-        By a step of Newton's method along the normal space, so that no travel is added.
+        By a step of Newton's method along the normal space, so that no travel is added; the
+        gap is its residual (rad).
         """
         at = self.closure.at(values[None])
         if not at.residual.size:
@@ -79,32 +172,37 @@ class EquationOfMotion:
         return np.asarray(values - moved), float(at.gap[0])
 
     def at(
-        self, t: Floats, states: Floats, along: Floats, whole: Floats | None = None
+        self, t: Floats, states: Floats, frame: Floats, whole: Floats | None = None
     ) -> Dynamics:
-        """Return what acts at successive times t (n,); `along` as in `motion`.
+        """Return what acts at successive times t (n,); `frame` as in `motion`.
 
         `whole` (n, variables) rad are turns by which the states' variables are less than
         those that the loads see.
         """
-        motion = self.motion(states[:, : self.variables], along)
-        B = equivalent_inertia(self.mechanism, motion)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            speed = states[:, self.variables] / np.sqrt(B)
+        several = self.freedoms > 1
+        motion = self.motion(states[:, : self.variables], frame, 2 if several else 1)
+        momenta = states[:, self.momenta]
+        if several:
+            masses = inertia(self.mechanism, motion)
+            M = masses.M
+        else:
+            M = inertia_matrix(self.mechanism, motion)
+        roots = Roots.of(M)
+        speed = roots.solved(momenta)
+        bend = np.zeros_like(momenta)
+        if several:
+            bend = roots.turning(masses.dM, speed, momenta)
         seen = motion
         if whole is not None:
             seen = replace(motion, values=motion.values + whole)
-        return Dynamics(motion, B, self.loads.parts(seen, speed, t), speed)
+        return Dynamics(motion, M, roots, self.loads.parts(seen, speed, t), speed, bend)
 
     def arguments(self, found: Dynamics, whole: Floats, t: Floats) -> Floats:
         """Return the steep arguments (n, arguments) of the loads, `whole` as in `at`."""
-        rates = found.motion.rates * found.speed[:, None]
+        rates = rates_by_time(found.motion, found.speed)
         return self.loads.arguments(found.motion.values + whole, rates, t)
 
     def rates(self, found: Dynamics) -> Floats:
         """Return the rates of the states (n, states)."""
-        speed = found.speed[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            push = np.sum(found.forces, axis=1) / np.sqrt(found.B)
-        return np.concatenate(
-            [found.motion.rates * speed, push[:, None], found.forces * speed], axis=1
-        )
+        rates = rates_by_time(found.motion, found.speed)
+        return np.concatenate([rates, found.push, found.power], axis=1)

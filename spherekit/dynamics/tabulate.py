@@ -17,7 +17,11 @@ from spherekit.checked import checked
 from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
-from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length
+from spherekit.dynamics.kinematics import (
+    CoordinateMotion,
+    by_arc_length,
+    by_variables,
+)
 from spherekit.dynamics.model_metadata import ModelMetadata, StoredFunction, StoredLoad
 from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.errors import SolveError
@@ -311,12 +315,12 @@ class _Sampler:
 
     def _of_motion(self, motion: CoordinateMotion) -> Floats:
         made = self.mechanism
-        parts = [motion.values, motion.rates]
+        parts = [motion.values, motion.rates[:, 0]]
         if made.masses or made.loads:
             masses = inertia(made, motion)
             parts += [masses.B[:, None], masses.dB[:, None]]
         if self.velocities:
-            parts.append(self.loads.velocities(motion)[:, list(self.velocities)])
+            parts.append(self.loads.velocities(motion)[:, 0, list(self.velocities)])
         return np.concatenate(parts, axis=1)
 
     def _motion(self, x: Floats) -> CoordinateMotion:
@@ -324,9 +328,12 @@ class _Sampler:
         values = points.values - self.offset
         if self.by_input:
             values[:, self.driven] = x
-        motion = by_arc_length(self.curve.segments.closure, values)
-        motion = motion.turned(np.sign(np.sum(motion.rates * points.tangents, axis=1)))
-        return motion.by_variable(self.driven) if self.by_input else motion
+        closure = self.curve.segments.closure
+        if self.by_input:
+            return by_variables(closure, values, [self.driven])
+        motion = by_arc_length(closure, values)
+        side = np.sum(motion.rates[:, 0] * points.tangents, axis=1)
+        return motion.turned(np.sign(side))
 
     def _places(self, q: Floats) -> Floats:
         """Return the arc lengths (n,) at which the input has the values q (n,)."""
@@ -361,15 +368,16 @@ class _Sampler:
         """Return unit vectors along the pole axes, in either sense."""
         lines = evaluate_lines(self.plan, self._as_motion(motion))
         found: dict[Pole, Floats] = {}
-        size = np.max(np.linalg.norm(motion.w, axis=2), axis=1)
+        w = motion.w[:, 0]
+        size = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
             unit = lines.unit[pole].T.copy()
             error = np.nan_to_num(lines.error[pole], nan=np.inf)
-            w = motion.w[:, pole[1]] - motion.w[:, pole[0]]
-            length = np.linalg.norm(w, axis=1)
+            apart = w[:, pole[1]] - w[:, pole[0]]
+            length = np.linalg.norm(apart, axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 better = (error > SURE) & (8.0 * EPS * size / length < error)
-                unit[better] = w[better] / length[better, None]
+                unit[better] = apart[better] / length[better, None]
             if not np.all(np.isfinite(unit)):
                 name = _pole_name(self.mechanism, pole)
                 raise SolveError(
@@ -431,8 +439,8 @@ class _Sampler:
 def _of_pole(motion: CoordinateMotion, pole: Pole, unit: Floats) -> Floats:
     """Return direction, coefficient and the coefficient's derivative (n, 5)."""
     first, second = pole
-    w = motion.w[:, second] - motion.w[:, first]
-    dw = motion.dw[:, second] - motion.dw[:, first]
+    w = motion.w[:, 0, second] - motion.w[:, 0, first]
+    dw = motion.dw[:, 0, 0, second] - motion.dw[:, 0, 0, first]
     rate, change = np.sum(w * unit, axis=1), np.sum(dw * unit, axis=1)
     return np.column_stack([unit, rate, change])
 

@@ -1,7 +1,7 @@
 """Time laws of an input: its variable, rate and acceleration at any time."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -178,14 +178,39 @@ class TimeLaw(Protocol):
 @final
 @dataclass(frozen=True)
 class Start:
-    """The input's variable (rad) and rate (rad/s) when a simulation starts, at t = 0."""
+    """The input's variable (rad) and rate (rad/s) when a simulation starts, at t = 0.
 
-    q: float
-    dq: float = 0.0
+    Of several inputs one number for each, in their order; a rate of 0 is that of all.
+    """
+
+    q: float | tuple[float, ...]
+    dq: float | tuple[float, ...] = 0.0
 
     def __post_init__(self) -> None:
-        _need_finite("q", self.q)
-        _need_finite("dq", self.dq)
+        for key, given in (("q", self.q), ("dq", self.dq)):
+            _need_finite(key, *(given if isinstance(given, tuple) else (given,)))
+
+    def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
+        """Return variable and rate (inputs,) of each input, by their names.
+
+        Raises
+        ------
+        ModelError
+            If there is not one number for each.
+        """
+        found = []
+        for key, given in (("q", self.q), ("dq", self.dq)):
+            numbers = np.atleast_1d(np.asarray(given, dtype=float))
+            if key == "dq" and given == 0.0:
+                numbers = np.zeros(len(inputs))
+            if len(numbers) != len(inputs):
+                raise ModelError(
+                    f"start: {key} has {len(numbers)} "
+                    f"{'number' if len(numbers) == 1 else 'numbers'}, needs {len(inputs)}, "
+                    f"one for each input ({', '.join(inputs)})"
+                )
+            found.append(numbers)
+        return found[0], found[1]
 
 
 KINDS: Mapping[str, type[Law]] = {

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.model.laws import Law
+from spherekit.model.laws import TimeLaw
 from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
 
@@ -56,7 +56,7 @@ def _ends(rows: Floats) -> Floats:
 
 
 def by_laws(
-    inputs: Sequence[str], laws: Mapping[str, Law], t: Floats
+    inputs: Sequence[str], laws: Mapping[str, TimeLaw], t: Floats
 ) -> tuple[Floats, Timing]:
     """Return the inputs (n, inputs) rad at times (n,) by the law of each, and the timing.
 

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
+    from spherekit.dynamics.equation import driving_torques as driving_torques
     from spherekit.dynamics.forces import Loads as Loads
     from spherekit.dynamics.inertia import Inertia as Inertia
     from spherekit.dynamics.inertia import inertia as inertia
-    from spherekit.dynamics.inverse import driving_torque as driving_torque
     from spherekit.dynamics.inverse import need_terms as need_terms
     from spherekit.dynamics.inverse import total as total
     from spherekit.dynamics.kinematics import CoordinateMotion as CoordinateMotion

@@ -165,7 +165,7 @@ class _Solver:
         own = self.course(simulation, Setting(tolerance=LEAST["numpy"]))
         assert own.t is not None
         (motion,) = own.blocks(len(own))
-        found, driven = exact.at(own.t), simulation.driven
+        found, (driven,) = exact.at(own.t), simulation.driven
         floats = exact.arithmetic.floats
         turn = 2 * exact.arithmetic.pi()
         near = motion.values

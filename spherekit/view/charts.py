@@ -163,7 +163,7 @@ class Chart:
         resolution = max(curve.resolution for curve, _, _ in curves)
         every = np.concatenate([values for _, _, values in curves])
         span = plotted_range(every, scale_of(every, unit), resolution)
-        yield from frame(self.width, _Side.of(self.over[0]), _Side("", span, False))
+        yield from frame(self.width, _Side.of(self.over[0]), _Side("", span, unit == "deg"))
         for number, (curve, rows, values) in enumerate(curves):
             line = np.stack([self.across(rows[0]), values], axis=1)
             line = cut(broken(line, span, TURNS.get(unit)), span)

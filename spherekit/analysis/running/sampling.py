@@ -356,7 +356,7 @@ def _over_time(
     last = simulation.end.t
     if last < t[-1]:
         t = np.append(t[t < last], last)
-    q, dq, ddq = (np.empty((len(t), 1)) for _ in range(3))
+    q, dq, ddq = (np.empty((len(t), len(simulation.driven))) for _ in range(3))
     done = 0
     if before is not None and before.timing is not None:
         done = len(before)
@@ -364,7 +364,8 @@ def _over_time(
     for start in range(done, len(t), BLOCK):
         rows = slice(start, start + BLOCK)
         found = simulation.at(t[rows])
-        q[rows, 0], dq[rows, 0], ddq[rows, 0] = found.q, found.dq, found.ddq
+        q[rows], dq[rows] = found.inputs, found.input_rates
+        ddq[rows] = found.input_accelerations
     return q, Timing(t, dq, ddq)
 
 
@@ -377,8 +378,7 @@ def motion_of(
     values = found.values.copy()
     angles = tracer.solver.angles
     values[:, angles] = wrap(values[:, angles])
-    driven = simulation.driven
-    values[:, driven] = found.q
+    values[:, list(simulation.driven)] = found.inputs
     pair = tracer.inputs[0]
     turns = [e.t for e in simulation.events if e.kind == "dead_centre" and e.pair == pair]
     return Motion(
@@ -389,12 +389,12 @@ def motion_of(
         samples=n,
         sample=sample,
         assembly_mode=np.full(n, tracer.assembly_modes[0].number),
-        inputs=found.q[:, None],
+        inputs=found.inputs,
         values=values,
-        rotations=found.rotations,
+        placed=found.rotations,
         status=np.full(n, Status.OK, dtype=np.int8),
         residual=found.residual,
-        timing=Timing(t, found.dq[:, None], found.ddq[:, None]),
+        timing=Timing(t, found.input_rates, found.input_accelerations),
         sense=np.where(np.searchsorted(turns, t) % 2 == 1, -1.0, 1.0),
     )
 

@@ -1,0 +1,191 @@
+"""Equations of motion of several inputs, against links as free bodies held together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from multibody import Hinge, MultiBody
+from newton_euler import body, loaded, newton_euler
+
+import spherekit as sk
+from spherekit.dynamics.equation import coriolis
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.errors import ModelError, SolveError
+from spherekit.model.geometry import geometry_of
+from spherekit.model.laws import Polynomial, Start
+from spherekit.motion.closure import Closure
+from spherekit.plugin.rotations import normal_at
+
+STARTS = {
+    "two_dof_spm": (0.3, 0.35),
+    "five_bar": (1.0, 1.2),
+    "three_rrr": (0.9, 1.0, 1.2),
+    "bevel_differential": (0.5, 0.4),
+}
+
+
+def laws_of(made, name):
+    return {
+        item.pair: Polynomial((q, 0.2 * (-1) ** k, 0.15, 0.1 * k))
+        for k, (item, q) in enumerate(zip(made.inputs, STARTS[name], strict=True))
+    }
+
+
+def heavy(name):
+    """Return a shipped mechanism with five points of mass in each link."""
+    random = np.random.default_rng(sum(map(ord, name)))
+    made = sk.load(name)
+    return replace(made, masses=tuple(body(random, link) for link in made.links[1:]))
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_newton_and_euler_give_the_same_torques(name):
+    mechanism, joint = loaded(name, np.random.default_rng(sum(map(ord, name))))
+    found = inverse_dynamics(
+        mechanism, laws_of(mechanism, name), [0.0, 0.2, 0.4], assembly_mode=0
+    )
+    assert np.all(found.status == 0)
+    for row, t in enumerate(found.t):
+        want = newton_euler(
+            found.mechanism,
+            found.values[row],
+            found.values[row, mechanism.angles[joint]],
+            t,
+            found.input_rates[row],
+            found.input_accelerations[row],
+            joint,
+        )
+        assert found.torques[row] == pytest.approx(want, rel=1e-10, abs=1e-10)
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
+    """M' along a motion comes from M alone, by the series through it at 28 times."""
+    made = heavy(name)
+    nodes = np.cos(np.pi * (np.arange(28)[::-1] + 0.5) / 28)
+    found = inverse_dynamics(made, laws_of(made, name), 0.2 + 0.2 * nodes, assembly_mode=0)
+    M = found.M
+    size = np.max(np.abs(M))
+    assert np.max(np.abs(M - np.swapaxes(M, 1, 2))) < 1e-14 * size
+    assert np.min(np.linalg.eigvalsh(M)) > 1e-3 * size
+    series = np.polynomial.chebyshev.chebfit(nodes, M.reshape(len(M), -1), 27)
+    slope = np.polynomial.chebyshev.chebder(series) / 0.2
+    change = np.polynomial.chebyshev.chebval(nodes, slope).T.reshape(M.shape)
+    C = coriolis(found.dM, found.input_rates)
+    left = change - 2.0 * C
+    assert np.max(np.abs(left + np.swapaxes(left, 1, 2))) < 1e-11 * size
+    own = np.einsum("nijk,nk->nij", found.dM, found.input_rates) - 2.0 * C
+    assert np.max(np.abs(own + np.swapaxes(own, 1, 2))) < 1e-13 * size
+
+
+@pytest.mark.parametrize("name", ["two_dof_spm", "five_bar", "three_rrr"])
+def test_bodies_held_together_move_the_same_way(name):
+    made = heavy(name)
+    driven, *passive = [item.pair for item in made.inputs]
+    dq = tuple(0.1 * (-1) ** (k + 1) for k in range(len(made.inputs)))
+    torque = {driven: f"5*sin(2*t) - 0.5*dtheta_{driven}"}
+    found = sk.simulate(made, Start(STARTS[name], dq), 0.6, torque=torque, tolerance=1e-12)
+    assert found.end.kind == "time" and found.engine.name == "numpy" and passive
+    checks = found.checks
+    assert checks.energy < 1e-12 * checks.energy_scale
+    t = np.linspace(0.0, 0.6, 7)
+    history = found.at(t)
+    assert np.max(np.abs(history.kinetic - history.kinetic[0] - history.work[:, 0])) < 1e-12
+    at = Closure.of(made, geometry_of(made).joints).at(history.values[:1])
+    turns = at.placed[0]
+    hinges = [
+        Hinge(pair.name, *ends, turns[ends[0]] @ at.states.first[0, k][:, 2])
+        for k, (pair, ends) in enumerate(zip(made.pairs, made.ends, strict=True))
+    ]
+    tensors = []
+    for link, mass in enumerate(made.masses, 1):
+        tensors.append(turns[link] @ np.array(mass.tensor) @ turns[link].T)
+    bodies = MultiBody(tensors, hinges)
+    w = bodies.rates_of(dict(zip((driven, *passive), dq, strict=True)))
+
+    def pull(t, angles, rates):
+        return {driven: 5.0 * np.sin(2.0 * t) - 0.5 * rates[driven]}
+
+    turned = bodies.solve(pull, w, t, longest=0.05)
+    for pair, angle in turned.items():
+        moved = history.values[:, made.angles[pair]] - history.values[0, made.angles[pair]]
+        assert angle == pytest.approx(moved, abs=1e-11)
+
+
+def test_a_feedback_law_and_a_spring_hold_a_differential():
+    """By the derivatives that the law itself asks for: a rate that dies away."""
+    made = heavy("bevel_differential")
+    torque = {
+        "left_axle": lambda t, q, dq: -3.0 * dq,
+        "right_axle": lambda t, q, dq: -3.0 * dq,
+    }
+    found = sk.simulate(made, Start((0.5, 0.4), (1.0, -2.0)), 40.0, torque=torque)
+    assert np.max(np.abs(found.at([40.0]).input_rates)) < 1e-3
+    assert found.checks.energy < 1e-9
+
+
+def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
+    """Chen et al. 2021, Table 3: to where sets of configurations cross, and on from there.
+
+    The torques are handed to the direct problem as functions of time alone.
+    """
+    made = heavy("two_dof_spm")
+    form = sk.mid_plane_form(made)
+    start, stop = (normal_at(*np.radians(pose)) for pose in [(75, -20), (70, 20)])
+    turn = form.rotation_between(start, stop, modes=(-1, 1, 1))
+    plan = sk.quickest(turn, speed=0.5, acceleration=1.3)
+    for low, high in ((0.0, 0.6), (0.82, 1.0)):
+        low, high = low * plan.duration, high * plan.duration
+        nodes = np.cos(np.pi * (np.arange(64)[::-1] + 0.5) / 64)
+        t = 0.5 * (high - low) * (nodes + 1.0) + low
+        found = inverse_dynamics(made, plan, t)
+        assert np.all(found.status == 0)
+        series = np.polynomial.chebyshev.chebfit(nodes, found.torques, 63)
+
+        def at(t, column, series=series, span=high - low):
+            return np.polynomial.chebyshev.chebval(2.0 * t / span - 1.0, series[:, column])
+
+        ends = plan.at([low, high])
+        moved = sk.simulate(
+            made,
+            sk.PoseStart(
+                turn.at(ends.theta[:1]).values[0], plan.rotation.inputs, ends.rates[0]
+            ),
+            high - low,
+            torque={
+                pair: lambda t, q, dq, k=k: at(t, k)
+                for k, pair in enumerate(plan.rotation.inputs)
+            },
+            tolerance=1e-12,
+        )
+        assert moved.end.kind == "time"
+        last = moved.at([high - low])
+        assert last.inputs[0] == pytest.approx(ends.inputs[1], abs=1e-9)
+        want = turn.at(ends.theta[1:]).orientation[0]
+        got = last.rotations[0, made.link_number["4"]]
+        first = moved.at([0.0]).rotations[0, made.link_number["4"]]
+        begun = turn.at(ends.theta[:1]).orientation[0]
+        assert np.max(np.abs(got @ first.T - want @ begun.T)) < 1e-9
+
+
+def test_where_sets_of_configurations_cross_a_simulation_ends():
+    made = heavy("two_dof_spm")
+    found = sk.simulate(made, Start((0.3, 0.25), (0.3, -0.3)), 3.0)
+    assert found.end.kind == "singularity" and 0.1 < found.end.t < 1.0
+    assert "cross" in found.end.message
+
+
+def test_what_is_wrong_is_said():
+    made = heavy("five_bar")
+    with pytest.raises(ModelError, match=r"q has 1 number, needs 2.*21, 51"):
+        sk.simulate(made, Start(0.3), 1.0)
+    with pytest.raises(SolveError, match=r'by the name of each, as \{"21": 1.0\}'):
+        sk.simulate(made, Start((1.0, 1.2)), 1.0, torque=2.0)
+    with pytest.raises(SolveError, match='at "32", which is not an input'):
+        sk.simulate(made, Start((1.0, 1.2)), 1.0, torque={"32": 2.0})
+    with pytest.raises(SolveError, match="input 51 has no law"):
+        inverse_dynamics(made, {"21": sk.ConstantSpeed(1.0)}, [0.0])
+    with pytest.raises(SolveError, match="give a law for each by its name: 21, 51"):
+        inverse_dynamics(made, sk.ConstantSpeed(1.0), [0.0])
+    with pytest.raises(SolveError, match="there are 2 inputs; read inputs"):
+        _ = sk.simulate(made, Start((1.0, 1.2)), 0.01).at([0.0]).q
