@@ -138,6 +138,7 @@ def test_a_mechanism_turned_or_renamed_is_the_same(name):
 
 SHIPPED = {
     "poles": "four_bar",
+    "dynamics": "five_bar",
     "eksergian": "four_bar",
     "singularities:output=4/1": "four_bar",
     "workspace": "five_bar",
