@@ -37,6 +37,7 @@ from spherekit.plugin import (
     link_bodies,
     numbered,
 )
+from spherekit.plugin.designs import Merit, middle_pairs
 from spherekit.plugin.singularities import (
     RelationAt,
     RelationMeasures,
@@ -183,6 +184,18 @@ class SingularityAnalysis(AbstractAnalysis):
         ]
         rest = beside or [k for k in range(1, len(mechanism.links)) if k not in driven]
         return tuple((link, 0) for link in dict.fromkeys(rest))
+
+    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+        """Return the least transmission angle of each dyad, 0 at a type II singularity."""
+        return tuple(
+            Merit(
+                f"least_transmission_angle_{pair}",
+                "min",
+                f"transmission_angle_{pair}",
+                meaning=f"least angle between the arcs at pair {pair}, 0 at type II",
+            )
+            for pair in middle_pairs(mechanism)
+        )
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the tracer, whose configuration curves are asked for more points."""

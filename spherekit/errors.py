@@ -29,6 +29,10 @@ class AnalysisError(SpherekitError):
     """An analysis was asked for wrongly, or failed."""
 
 
+class DesignError(SpherekitError):
+    """A sweep, a sensitivity or a sizing was asked for wrongly, or failed."""
+
+
 class UndeclaredNeed(AnalysisError):
     """An analysis read a quantity that its `needs` did not declare."""
 
@@ -51,3 +55,7 @@ class EngineError(SpherekitError):
 
 class EngineMissing(EngineError):
     """heyoka is not installed, so nothing can be compiled."""
+
+
+class ProofMissing(SpherekitError):
+    """python-flint is not installed, so nothing can be proven."""

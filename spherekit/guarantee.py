@@ -10,10 +10,12 @@ import numpy as np
 class Guarantee(Enum):
     """How complete a set of configurations, curves or points is; the best first.
 
-    Nothing here is interval arithmetic: counts, degrees, residuals and errors of
+    Only the first is proven. For the others counts, degrees, residuals and errors of
     interpolants are checked in floating point, and what fails a check claims less.
     """
 
+    CERTIFIED = "certified"
+    """Everything is there, and is proven for the mechanism as its file is written."""
     COMPLETE = "complete"
     """Everything is there: the number is known and was checked."""
     TO_BOX = "complete to a box size"

@@ -144,6 +144,55 @@ def write_table(
     return list(names.values())
 
 
+def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
+    """Write columns of numbers and texts to a Parquet file, texts as dictionaries.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an older file is then unchanged.
+    """
+    import json
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = {
+        name: pa.array(values).dictionary_encode()
+        if np.asarray(values).dtype.kind in "OU"
+        else pa.array(values)
+        for name, values in columns.items()
+    }
+    table = pa.table(arrays).replace_schema_metadata({NOTES: json.dumps(notes).encode()})
+    with writing(path) as stream:
+        pq.write_table(table, stream, compression="zstd")
+
+
+def columns_of_files(paths: Sequence[Path]) -> dict[str, NDArray[Any]]:
+    """Return the columns of files that `write_columns` wrote, one after the other."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    whole = pa.concat_tables([_with_words(pq.read_table(path)) for path in paths])
+    return {name: whole[name].to_numpy() for name in whole.column_names}
+
+
+def frame_of(
+    columns: Mapping[str, NDArray[Any]], notes: Mapping[str, Any]
+) -> "pd.DataFrame":
+    """Return columns as a frame, texts as categories, with notes in its `attrs`."""
+    import pandas as pd
+
+    frame = pd.DataFrame(
+        {
+            name: pd.Categorical(values) if values.dtype.kind in "OU" else values
+            for name, values in columns.items()
+        }
+    )
+    frame.attrs.update(notes)
+    return frame
+
+
 def _with_words(rows: "pa.Table") -> "pa.Table":
     """Return rows with words in place of their numbers."""
     import pyarrow as pa

@@ -122,7 +122,7 @@ class Trial:
         values = np.full_like(motion.values, np.nan)
         rotations[:, links] = motion.rotations[:, links]
         values[:, kept] = motion.values[:, kept]
-        made = replace(motion, rotations=rotations, values=values)
+        made = replace(motion, placed=rotations, values=values)
         for name in ("linearisation", "conditioning"):  # these follow from all
             vars(made)[name] = getattr(motion, name)
         return made

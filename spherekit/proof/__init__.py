@@ -1,0 +1,1 @@
+"""Certified statements: assembly modes and singular configurations proven with balls."""

@@ -1,0 +1,145 @@
+"""The only home of python-flint: numbers that carry a bound of their own error.
+
+A ball is a centre and a radius; every operation returns a ball that contains all exact
+results of all numbers in its operands (F. Johansson, Arb, 2017).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from spherekit.errors import ProofMissing
+from spherekit.sphere.rotation import Floats
+
+Ball = Any
+"""A real ball, `flint.arb`, or a complex one, `flint.acb`."""
+BallMatrix = Any
+"""A matrix of complex balls, `flint.acb_mat`."""
+
+UNIT = 2.0**-53
+"""Relative error of one rounding to float64."""
+
+
+def library() -> Any:
+    """Return python-flint.
+
+    Raises
+    ------
+    ProofMissing
+        If it is not installed.
+    """
+    try:
+        import flint
+    except ImportError:
+        raise ProofMissing(
+            "proofs need ball arithmetic, which is not installed: "
+            'pip install "spherekit-mechanisms[proof]"'
+        ) from None
+    return flint
+
+
+@contextmanager
+def bits(precision: int) -> Iterator[None]:
+    """Compute with centres of so many bits within this context."""
+    with library().ctx.workprec(precision):
+        yield
+
+
+def precision() -> int:
+    """Return the bits of centres at present."""
+    return int(library().ctx.prec)
+
+
+def inverse_near(square: BallMatrix) -> BallMatrix | None:
+    """Return a matrix without radii next to the inverse, None if centres are singular."""
+    try:
+        return square.mid().inv().mid()
+    except ZeroDivisionError:
+        return None
+
+
+def decimal(text: str) -> Ball:
+    """Return a ball around a decimal number as it is written."""
+    made = library().arb(text)
+    assert made.is_finite()
+    return made
+
+
+def exact(number: float) -> Ball:
+    """Return a float64 number without error."""
+    return library().arb(float(number))
+
+
+def wide(centre: Ball, radius: float) -> Ball:
+    """Return the ball around all numbers at most a radius from those of a ball."""
+    return centre + library().arb(0.0, radius) if radius else centre
+
+
+def pi() -> Ball:
+    """Return the circle's number."""
+    return library().arb.pi()
+
+
+def angle_of(cosine: Ball, sine: Ball) -> Ball:
+    """Return the angle (rad) of a point of a circle, without a jump at half a turn."""
+    atan2 = library().arb.atan2
+    if cosine < 0:
+        return atan2(-sine, -cosine) + pi()
+    return atan2(sine, cosine)
+
+
+def complex_ball(number: complex | Ball) -> Ball:
+    """Return a complex ball: of a float without error, of a real ball the same set."""
+    flint = library()
+    if isinstance(number, complex):
+        return flint.acb(number.real, number.imag)
+    return flint.acb(number)
+
+
+def matrix(rows: Sequence[Sequence[Any]]) -> BallMatrix:
+    """Return a matrix of complex balls."""
+    return library().acb_mat([list(row) for row in rows])
+
+
+def upper(ball: Ball) -> float:
+    """Return a float64 number that no magnitude in a ball exceeds."""
+    return float(np.nextafter(float(ball.abs_upper()), np.inf))
+
+
+def lower(ball: Ball) -> float:
+    """Return a float64 number that every magnitude in a ball reaches."""
+    return max(float(np.nextafter(float(ball.abs_lower()), -np.inf)), 0.0)
+
+
+def middle(ball: Ball) -> float:
+    """Return a float64 number next to the centre of a real ball."""
+    return float(ball.mid())
+
+
+def middle_of(ball: Ball) -> complex:
+    """Return a complex float64 number next to the centre of a complex ball."""
+    return complex(float(ball.real.mid()), float(ball.imag.mid()))
+
+
+def parts_of(ball: Ball) -> tuple[int, int]:
+    """Return mantissa and exponent of 2 of a real ball without radius."""
+    assert ball.is_exact()
+    mantissa, exponent = ball.man_exp()
+    return int(mantissa), int(exponent)
+
+
+def circle(angles: Sequence[Ball] | Floats) -> Floats:
+    """Return float64 cosines and sines (n, 2) of angles, each rounded once.
+
+    Angles are float64 numbers, taken as they are, or balls far narrower than a rounding.
+    """
+    out = np.empty((len(angles), 2))
+    for row, angle in enumerate(angles):
+        ball = exact(angle) if isinstance(angle, float) else angle
+        sine, cosine = ball.sin_cos()
+        out[row] = float(cosine.mid()), float(sine.mid())
+    return out

@@ -1,0 +1,254 @@
+"""The order in which links are placed, each across one pair or on two, and what is left.
+
+A link across one pair turns by that pair's angle: an unknown, or an input. A link that has
+two pairs with links placed before is put on these two axes, and the arc between them is one
+equation. A structure that can just be assembled has at least one body with at most two
+pairs, and has one again without it, so such an order always exists.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.errors import PlanError
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.inputs import driven_pairs, merged
+
+MOST_ORDERS = 20000
+"""Orders looked at; those of eight-bars are some hundred."""
+
+
+@final
+@dataclass(frozen=True)
+class Across:
+    """A link placed across a pair from a link placed before; `variable` is its angle."""
+
+    link: int
+    parent: int
+    pair: int
+    variable: int
+
+
+@final
+@dataclass(frozen=True)
+class Onto:
+    """A link put on the axes of two pairs with links placed before; one equation."""
+
+    link: int
+    pairs: tuple[int, int]
+    parents: tuple[int, int]
+
+
+Step = Across | Onto
+
+
+@final
+@dataclass(frozen=True)
+class Construction:
+    """All links of a mechanism in an order of placing them, from `root` on.
+
+    Variables are numbered: the unknown angles, then those of the inputs, whose pairs are
+    `pairs` in that order.
+    """
+
+    root: int
+    steps: tuple[Step, ...]
+    pairs: tuple[int, ...]
+    unknowns: int
+
+    @property
+    def equations(self) -> tuple[Onto, ...]:
+        """The links put on two axes, whose arcs are the equations, in order."""
+        return tuple(step for step in self.steps if isinstance(step, Onto))
+
+    @cached_property
+    def degrees(self) -> NDArray[np.intp]:
+        """(equations, variables): the degree of each equation in e^(i angle), halved."""
+        ranks = Ranks(self)
+        rows = [ranks.between(*step.parents)[1] for step in self.equations]
+        return np.array(rows, dtype=np.intp).reshape(len(rows), len(self.pairs))
+
+    @cached_property
+    def bound(self) -> int:
+        """Most isolated complex modes, by Bezout's theorem for products of lines.
+
+        An equation has degree 2 m in the half tangent of an angle in which `degrees` is
+        m; the bound is the permanent of these degrees.
+        """
+        degrees = 2 * self.degrees[:, : self.unknowns]
+        return permanent(degrees)
+
+
+def permanent(matrix: NDArray[np.intp]) -> int:
+    """Return the sum over permutations of the products of a square matrix's entries."""
+    sums = {0: 1}
+    for row in matrix:
+        following: dict[int, int] = {}
+        for used, total in sums.items():
+            for column, entry in enumerate(row):
+                if entry and not used >> column & 1:
+                    key = used | 1 << column
+                    following[key] = following.get(key, 0) + total * int(entry)
+        sums = following
+    return sum(sums.values())
+
+
+@final
+class Ranks:
+    """How links depend on variables: for each link the one it is placed in, and degrees.
+
+    A link put on two axes counts as placed in the last link that both ways to its parents
+    share. `stretch[link]` is None for a link across a pair, else its two parents.
+    """
+
+    def __init__(self, construction: Construction) -> None:
+        count = len(construction.pairs)
+        self.parent: dict[int, int | None] = {construction.root: None}
+        self.local: dict[int, NDArray[np.intp]] = {}
+        self.parents: dict[int, tuple[int, int] | None] = {}
+        for step in construction.steps:
+            if isinstance(step, Across):
+                self.parent[step.link] = step.parent
+                self.local[step.link] = np.zeros(count, dtype=np.intp)
+                self.local[step.link][step.variable] = 1
+                self.parents[step.link] = None
+            else:
+                shared, degrees = self.between(*step.parents)
+                self.parent[step.link], self.local[step.link] = shared, degrees
+                self.parents[step.link] = step.parents
+
+    def way(self, link: int) -> list[int]:
+        """Return a link and all that it is placed in, up to the root."""
+        found = [link]
+        while (above := self.parent[found[-1]]) is not None:
+            found.append(above)
+        return found
+
+    def apart(self, one: int, other: int) -> tuple[int, list[int], list[int]]:
+        """Return the last link that two ways share, and the links of each before it."""
+        first, second = self.way(one), self.way(other)
+        shared = next(link for link in first if link in second)
+        return shared, first[: first.index(shared)], second[: second.index(shared)]
+
+    def between(self, one: int, other: int) -> tuple[int, NDArray[np.intp]]:
+        """Return the last link shared, and the degrees of the relative orientation."""
+        shared, first, second = self.apart(one, other)
+        total = sum(self.local[link] for link in [*first, *second])
+        count = len(next(iter(self.local.values()), ()))
+        return shared, np.asarray(total + np.zeros(count, dtype=np.intp))
+
+
+def construct(mechanism: Mechanism) -> Construction:
+    """Return the order of placing links that has the lowest bound of complex modes.
+
+    Raises
+    ------
+    PlanError
+        If there is none, since the pairs do not leave one freedom for each input.
+    """
+    inputs = driven_pairs(mechanism)
+    best: tuple[tuple[float, ...], Construction] | None = None
+    bodies = merged(mechanism, inputs)
+    roots = sorted(
+        set(bodies), key=lambda body: body != bodies[mechanism.ends[inputs[0]][0]]
+    )
+    found = chain.from_iterable(_orders(mechanism, inputs, root) for root in roots)
+    for number, made in enumerate(found):
+        weight = float(np.sum(made.degrees))
+        if made.bound and (best is None or (made.bound, weight) < best[0]):
+            best = (float(made.bound), weight), made
+        if number >= MOST_ORDERS:
+            break
+    if best is None:
+        raise PlanError(
+            f"{mechanism.name}: its links cannot be placed one after another on at most "
+            f"two axes each; proofs need one freedom for each input by counting"
+        )
+    return best[1]
+
+
+def _orders(
+    mechanism: Mechanism, inputs: tuple[int, ...], first: int
+) -> Iterator[Construction]:
+    """Yield constructions from a body on, no two that differ only in what comes when."""
+    bodies = merged(mechanism, inputs)
+    members: dict[int, list[int]] = {}
+    for link, body in enumerate(bodies):
+        members.setdefault(body, []).append(link)
+    free = [pair for pair in range(len(mechanism.pairs)) if pair not in inputs]
+    if any(len(set(mechanism.ends[p])) < 2 for p in free):
+        return
+    joins = {p: (bodies[mechanism.ends[p][0]], bodies[mechanism.ends[p][1]]) for p in free}
+    if any(one == other for one, other in joins.values()):
+        return
+    seen: set[tuple[frozenset[int], ...]] = set()
+
+    def removed(
+        left: frozenset[int], last: tuple[tuple[int, ...], ...]
+    ) -> Iterator[Construction]:
+        """Take bodies away, the one placed last first; `last` holds their pairs."""
+        if left == {first}:
+            key = tuple(sorted((frozenset((-1 - b[0], *b[1:])) for b in last), key=sorted))
+            if key not in seen:
+                seen.add(key)
+                made = _constructed(mechanism, inputs, members, first, last)
+                if made is not None:
+                    yield made
+            return
+        for body in sorted(left - {first}):
+            own = tuple(p for p, two in joins.items() if body in two and set(two) <= left)
+            if 1 <= len(own) <= 2:
+                yield from removed(left - {body}, ((body, *own), *last))
+
+    yield from removed(frozenset(members), ())
+
+
+def _constructed(
+    mechanism: Mechanism,
+    inputs: tuple[int, ...],
+    members: dict[int, list[int]],
+    first: int,
+    order: tuple[tuple[int, ...], ...],
+) -> Construction | None:
+    """Return the construction in which bodies come in an order, None if it is none."""
+    ends = mechanism.ends
+    unknown = [own[0] for _, *own in order if len(own) == 1]
+    pairs = (*unknown, *inputs)
+    steps: list[Step] = []
+    placed: set[int] = set()
+
+    def spread(body: int) -> None:
+        """Place the links that inputs join to one placed of a body."""
+        waiting = True
+        while waiting:
+            waiting = False
+            for pair in inputs:
+                for a, b in (ends[pair], ends[pair][::-1]):
+                    if a in placed and b not in placed:
+                        steps.append(Across(b, a, pair, pairs.index(pair)))
+                        placed.add(b)
+                        waiting = True
+
+    root = members[first][0]
+    placed.add(root)
+    spread(first)
+    for body, *own in order:
+        links = [next(link for link in ends[p] if link in members[body]) for p in own]
+        parents = [sum(ends[p]) - link for p, link in zip(own, links, strict=True)]
+        if len(set(links)) != 1 or (len(parents) == 2 and parents[0] == parents[1]):
+            return None
+        if len(own) == 1:
+            steps.append(Across(links[0], parents[0], own[0], pairs.index(own[0])))
+        else:
+            steps.append(Onto(links[0], (own[0], own[1]), (parents[0], parents[1])))
+        placed.add(links[0])
+        spread(body)
+    equations = sum(isinstance(step, Onto) for step in steps)
+    if equations != len(unknown):
+        return None
+    return Construction(root, tuple(steps), pairs, len(unknown))

@@ -1,0 +1,365 @@
+"""The equations of a mechanism: the arc of each link that is put on two axes.
+
+f = U . W - cos(arc), with U and W the axes of the link's two pairs in the links placed
+before, is a polynomial in the cosines and sines of the angles. Every placed link turns
+another one by a rotation about a fixed axis, of norm 1 as are all its derivatives by the
+angle; a link put on two axes contributes a matrix of known norm. So the derivatives of f
+of any order are bounded by one constant for each equation, for all configurations at once,
+real ones or with imaginary parts of the angles up to a bound.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.errors import PlanError
+from spherekit.proof.balls import (
+    UNIT,
+    Ball,
+    BallMatrix,
+    complex_ball,
+    exact,
+    lower,
+    matrix,
+    middle,
+    upper,
+)
+from spherekit.proof.construction import Across, Construction, Onto, Ranks
+from spherekit.proof.jets import Arithmetic, Balls, Batches, Jet, product, total
+from spherekit.proof.written import Frame, Vector, Written, cross, dot
+from spherekit.sphere.rotation import Floats
+
+SHORTEST = 1e-6
+"""Least sine of the arc of a link that is put on two axes: else it can spin there."""
+
+
+@final
+@dataclass(frozen=True)
+class Turning:
+    """How a link turns in the one before: still + cos(angle) even + sin(angle) odd."""
+
+    variable: int
+    parts: tuple[Any, Any, Any]
+
+
+@final
+@dataclass(frozen=True)
+class Putting:
+    """A link put on axes u and w of two others; `rows` take its axes to coordinates.
+
+    Its orientation is U a + W b + (U x W) n, with U and W the axes where they are and a, b,
+    n the `rows`. `cosine` is that of its arc; `sine` is a lower bound.
+    """
+
+    u: Any
+    w: Any
+    rows: tuple[Any, Any, Any]
+    cosine: Any
+    sine: float
+
+
+@final
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds of f of each equation, (equations,) each.
+
+    All derivatives of order k are at most `constant` times the k-th power of `degrees`;
+    the float64 values are off by at most `error` times that. `degrees` is
+    (equations, variables).
+    """
+
+    constant: Floats
+    error: Floats
+    degrees: Floats
+
+
+@final
+class Equations:
+    """The equations of a mechanism in the arithmetic of balls of the present precision.
+
+    Raises
+    ------
+    PlanError
+        If a link that is put on two axes has an arc of 0 or 180 degrees.
+    """
+
+    def __init__(self, written: Written, construction: Construction) -> None:
+        self.written, self.construction = written, construction
+        self.ranks = Ranks(construction)
+        self.unknowns = construction.unknowns
+        self.variables = len(construction.pairs)
+        names = [pair.name for pair in written.mechanism.pairs]
+        self.frames = [written.frames()[name] for name in names]
+        self.parts: dict[int, Turning | Putting] = {}
+        for step in construction.steps:
+            made = self._turning(step) if isinstance(step, Across) else self._putting(step)
+            self.parts[step.link] = made
+        self._carrying = {
+            above for link in self.ranks.parent for above in self.ranks.way(link)[1:]
+        } | {p for step in construction.equations for p in step.parents}
+
+    def frame(self, pair: int, link: int) -> Frame:
+        """Return the frame of a pair in one of its links."""
+        side = self.written.mechanism.ends[pair].index(link)
+        return self.frames[pair][side]
+
+    def _turning(self, step: Across) -> Turning:
+        one = _columns(self.frame(step.pair, step.parent))
+        other = _columns(self.frame(step.pair, step.link)).transpose()
+        ahead = self.written.mechanism.ends[step.pair][0] == step.parent
+        sense = 1 if ahead else -1
+        parts = ([0, 0, 0, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 1, 0, 0, 0, 0])
+        odd = [0, -sense, 0, sense, 0, 0, 0, 0, 0]
+        still, even, turned = (
+            one * matrix([row[:3], row[3:6], row[6:]]) * other for row in (*parts, odd)
+        )
+        return Turning(step.variable, (still, even, turned))
+
+    def _putting(self, step: Onto) -> Putting:
+        a, b = (self.frame(pair, step.link)[2] for pair in step.pairs)
+        normal = cross(a, b)
+        square = dot(normal, normal)
+        sine = float(np.sqrt(lower(square)) * (1 - 8 * UNIT))
+        if not sine > SHORTEST:
+            mechanism = self.written.mechanism
+            raise PlanError(
+                f"{mechanism.name}: link {mechanism.links[step.link]} has an arc of about "
+                "0 or 180 deg between two pairs, about which it could spin; nothing can "
+                "be proven of it"
+            )
+        rows = [
+            matrix([[entry / square for entry in vector]])
+            for vector in (cross(b, normal), cross(normal, a), normal)
+        ]
+        axes = [
+            _column(self.frame(pair, parent)[2])
+            for pair, parent in zip(step.pairs, step.parents, strict=True)
+        ]
+        return Putting(axes[0], axes[1], (rows[0], rows[1], rows[2]), dot(a, b), sine)
+
+    def at(self, places: Sequence[Ball], order: int = 1) -> list[Jet]:
+        """Return the jets of f of each equation at balls of all variables."""
+        pairs = [complex_ball(place).sin_cos() for place in places]
+        turns = [(cosine, sine) for sine, cosine in pairs]
+        return _Placing(self, Balls(), self.parts, turns, order).equations()
+
+    def orientations(self, places: Sequence[Ball], order: int = 0) -> dict[int, Jet]:
+        """Return the jets of all links' orientations in the root, at balls of variables."""
+        pairs = [complex_ball(place).sin_cos() for place in places]
+        turns = [(cosine, sine) for sine, cosine in pairs]
+        return _Placing(self, Balls(), self.parts, turns, order).orientations()
+
+    @cached_property
+    def floats(self) -> "FloatEquations":
+        """The same equations in float64, with bounds of what that is off by."""
+        return FloatEquations(self)
+
+    def bounds(self, stretch: Floats | None = None) -> Bounds:
+        """Return bounds for angles whose imaginary parts are at most the log of `stretch`.
+
+        `stretch` (variables,) is 1 for real angles, the default.
+        """
+        factors = np.ones(self.variables) if stretch is None else stretch
+        constants: dict[int, float] = {}
+        found = []
+        for step in self.construction.steps:
+            if isinstance(step, Across):
+                constants[step.link] = float(factors[step.variable])
+                continue
+            one, other = self._ways(step, constants)
+            both = one * other
+            sine = self._part(step.link).sine
+            constants[step.link] = (one + other + both) / sine * (1 + 16 * UNIT)
+            found.append(both)
+        constant = np.array(found) * (1 + 64 * UNIT)
+        degrees = self.construction.degrees.astype(float)
+        return Bounds(constant, np.zeros(len(found)), degrees)
+
+    def _part(self, link: int) -> Putting:
+        part = self.parts[link]
+        assert isinstance(part, Putting)
+        return part
+
+    def _ways(self, step: Onto, factors: dict[int, float]) -> tuple[float, float]:
+        """Return the products of factors along the two ways to a link's parents."""
+        _, first, second = self.ranks.apart(*step.parents)
+        one, other = (
+            float(np.prod([factors[link] for link in way])) for way in (first, second)
+        )
+        return one, other
+
+
+def _constant(value: Any) -> Jet:
+    return {(): value}
+
+
+def _columns(frame: Frame) -> BallMatrix:
+    return matrix([[complex_ball(vector[row]) for vector in frame] for row in range(3)])
+
+
+def _column(vector: Vector) -> BallMatrix:
+    return matrix([[complex_ball(entry)] for entry in vector])
+
+
+@final
+class _Placing:
+    """Links placed at one configuration, or at many, with derivatives."""
+
+    def __init__(
+        self,
+        equations: Equations,
+        arithmetic: Arithmetic,
+        parts: dict[int, Turning | Putting],
+        turns: Sequence[tuple[Any, Any]],
+        order: int,
+    ) -> None:
+        self.equations_of, self.arithmetic, self.order = equations, arithmetic, order
+        self.parts, self.turns = parts, turns
+        self.local: dict[int, Jet] = {}
+        self.values: list[Jet] = []
+        for step in equations.construction.steps:
+            if isinstance(step, Across):
+                self.local[step.link] = self._turned(step)
+            else:
+                self.local[step.link] = self._put(step)
+
+    def equations(self) -> list[Jet]:
+        return self.values
+
+    def orientations(self) -> dict[int, Jet]:
+        """Return the jets of orientations in the root."""
+        construction, times = self.equations_of.construction, self.arithmetic.times
+        ranks = self.equations_of.ranks
+        placed: dict[int, Jet] = {}
+        for step in construction.steps:
+            above = ranks.parent[step.link]
+            own = self.local[step.link]
+            if above == construction.root:
+                placed[step.link] = own
+            else:
+                assert above is not None
+                placed[step.link] = product(placed[above], own, times, self.order)
+        return placed
+
+    def _turned(self, step: Across) -> Jet:
+        part = self.parts[step.link]
+        assert isinstance(part, Turning)
+        cosine, sine = self.turns[step.variable]
+        still, even, odd = part.parts
+        one = even * cosine + odd * sine
+        jet: dict[tuple[int, ...], Any] = {(): still + one}
+        if self.order > 0:
+            jet[(step.variable,)] = odd * cosine - even * sine
+        if self.order > 1:
+            jet[(step.variable, step.variable)] = -one
+        return jet
+
+    def _put(self, step: Onto) -> Jet:
+        part = self.parts[step.link]
+        assert isinstance(part, Putting)
+        arithmetic = self.arithmetic
+        _, first, second = self.equations_of.ranks.apart(*step.parents)
+        one, other = self._along(first, part.u), self._along(second, part.w)
+        value = dict(product(one, other, arithmetic.dot, self.order))
+        value[()] = value[()] - part.cosine
+        self.values.append(value)
+        if step.link not in self.equations_of._carrying and not self.whole:
+            return {}
+        third = product(one, other, arithmetic.cross, self.order)
+        a, b, n = (_constant(row) for row in part.rows)
+        times = arithmetic.times
+        return total(
+            product(one, a, times, self.order),
+            product(other, b, times, self.order),
+            product(third, n, times, self.order),
+        )
+
+    whole = True
+
+    def _along(self, way: Sequence[int], axis: Any) -> Jet:
+        """Return an axis of the first link of a way in the link that the way leads to."""
+        jet: Jet = {(): axis}
+        for link in way:
+            jet = product(self.local[link], jet, self.arithmetic.times, self.order)
+        return jet
+
+
+@final
+class FloatEquations:
+    """Equations in float64 for many configurations at once."""
+
+    def __init__(self, equations: Equations) -> None:
+        self.equations = equations
+        self.parts: dict[int, Turning | Putting] = {}
+        errors: dict[int, float] = {}
+        constants: dict[int, float] = {}
+        off = []
+        for step in equations.construction.steps:
+            part = equations.parts[step.link]
+            if isinstance(part, Turning):
+                made = [_floats(each) for each in part.parts]
+                still, even, odd = (array for array, _ in made)
+                self.parts[step.link] = Turning(part.variable, (still, even, odd))
+                errors[step.link] = 3.0 * sum(miss for _, miss in made) + 64 * UNIT
+                constants[step.link] = 1.0
+                continue
+            assert isinstance(step, Onto)
+            (u, off_u), (w, off_w) = _floats(part.u), _floats(part.w)
+            rows = [_floats(row) for row in part.rows]
+            cosine = middle(part.cosine)
+            off_cosine = upper(part.cosine - exact(cosine))
+            self.parts[step.link] = Putting(
+                u, w, (rows[0][0], rows[1][0], rows[2][0]), cosine, part.sine
+            )
+            _, first, second = equations.ranks.apart(*step.parents)
+            c_u, e_u = _carried(first, constants, errors, 2.0 * off_u)
+            c_w, e_w = _carried(second, constants, errors, 2.0 * off_w)
+            both = e_u * c_w + c_u * e_w + e_u * e_w + 32 * UNIT * c_u * c_w
+            off.append(both + off_cosine + 8 * UNIT * (c_u * c_w + 1.0))
+            off_rows = 2.0 * max(miss for _, miss in rows)
+            sums = c_u + c_w + c_u * c_w
+            constants[step.link] = sums / part.sine
+            errors[step.link] = (e_u + e_w + both) * (1.0 / part.sine + off_rows)
+            errors[step.link] += sums * (off_rows + 64 * UNIT / part.sine)
+        bounds = equations.bounds()
+        self.bounds = Bounds(bounds.constant, 2.0 * np.array(off), bounds.degrees)
+
+    def at(self, turns: NDArray[Any], order: int) -> list[Jet]:
+        """Return the jets, each entry (n,), at cosines and sines (n, variables, 2)."""
+        pairs = [
+            (turns[:, v, 0, None, None], turns[:, v, 1, None, None])
+            for v in range(turns.shape[1])
+        ]
+        placing = _Placing(self.equations, Batches(), self.parts, pairs, order)
+        return [
+            {key: value[..., 0, 0] for key, value in jet.items()}
+            for jet in placing.equations()
+        ]
+
+
+def _carried(
+    way: Sequence[int], constants: dict[int, float], errors: dict[int, float], off: float
+) -> tuple[float, float]:
+    """Return the norm of an axis carried along a way, and its error in float64."""
+    constant, error = 1.0, off + 4 * UNIT
+    for link in way:
+        c, e = constants[link], errors[link]
+        error = e * constant + c * error + e * error + 32 * UNIT * c * constant
+        constant *= c
+    return constant, error
+
+
+def _floats(balls: BallMatrix) -> tuple[Floats, float]:
+    """Return a real matrix of balls in float64, and how far its entries are off."""
+    rows = balls.tolist()
+    made = np.array([[float(entry.real.mid()) for entry in row] for row in rows])
+    miss = max(
+        upper(entry.real - exact(float(near)))
+        for row, nears in zip(rows, made, strict=True)
+        for entry, near in zip(row, nears, strict=True)
+    )
+    return made, miss

@@ -1,0 +1,220 @@
+"""All assembly modes at inputs, certified: every complex root, counted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from spherekit.guarantee import Claim, Guarantee
+from spherekit.proof.balls import (
+    Ball,
+    angle_of,
+    bits,
+    circle,
+    complex_ball,
+    matrix,
+    middle_of,
+)
+from spherekit.proof.construction import Construction, construct
+from spherekit.proof.equations import Equations
+from spherekit.proof.homotopy import SEEDS, Complexes, modes_near
+from spherekit.proof.jets import Jet
+from spherekit.proof.roots import Root, root_near
+from spherekit.proof.written import Written
+
+PRECISIONS = (80, 160, 320, 640)
+"""Bits of centres; the next are used where roots are not told apart."""
+CLOSE = 1e-7
+"""Roots that are alone in a smaller ball (rad) only have neighbours that may be lost."""
+FAR = 12.0
+"""Imaginary part (rad) beyond which an approximation is taken for a root at infinity."""
+NUDGES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-11, 1e-14)
+"""How far (rad) from a root a lost neighbour of it is looked for."""
+
+
+@final
+@dataclass(frozen=True)
+class CertifiedModes:
+    """What is proven of the modes at inputs.
+
+    `inputs` are the texts of the inputs in the unit of the file. `roots` are proven
+    different from each other. They are all complex modes if there are `bound` of them.
+    `precision` is the number of bits that they were proven in.
+    """
+
+    written: Written
+    construction: Construction
+    inputs: tuple[str, ...]
+    roots: tuple[Root, ...]
+    precision: int
+
+    @property
+    def bound(self) -> int:
+        """Most isolated complex modes that there can be."""
+        return self.construction.bound
+
+    @property
+    def real(self) -> tuple[Root, ...]:
+        """The assembly modes."""
+        return tuple(root for root in self.roots if root.real)
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is proven that no mode is missing."""
+        return len(self.roots) == self.bound
+
+    @cached_property
+    def claim(self) -> Claim:
+        """What is guaranteed, and what that rests on."""
+        found = f"{len(self.roots)} of at most {self.bound} complex modes proven"
+        rests = f"ball arithmetic of {self.precision} bits"
+        if self.complete:
+            return Claim(
+                Guarantee.CERTIFIED,
+                f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
+                f"bound, each alone in its ball; {rests}",
+            )
+        return Claim(
+            Guarantee.SAMPLED, f"{found}; others may be missing, or coincide; {rests}"
+        )
+
+    def angles(self) -> list[list[Ball]]:
+        """Return balls (rad) of all pairs' angles, in the order of pairs, of real modes."""
+        with bits(self.precision):
+            equations = Equations(self.written, self.construction)
+            driven = [self.written.input_angle(text) for text in self.inputs]
+            return [pair_angles(equations, [*root.balls(), *driven]) for root in self.real]
+
+
+def certified_modes(
+    written: Written, inputs: Sequence[str], construction: Construction | None = None
+) -> CertifiedModes:
+    """Return all complex modes at inputs, as far as they are proven.
+
+    Parameters
+    ----------
+    written
+        The mechanism.
+    inputs
+        The input angles as decimal numbers in the unit of the file.
+    construction
+        By default that of `construct`.
+
+    Raises
+    ------
+    PlanError
+        If the mechanism is none that proofs are for.
+    """
+    made = construction or construct(written.mechanism)
+    found: list[Root] = []
+    near: list[Complexes] = []
+    precision = PRECISIONS[0]
+    for precision in PRECISIONS:
+        with bits(precision):
+            search = _Search(written, made, inputs)
+            search.prove_again(found)
+            for seed in range(SEEDS) if not near else ():
+                if len(search.found) < made.bound:
+                    near.append(modes_near(search.equations.floats, search.turns, seed))
+                    search.try_all(near[-1])
+            if precision > PRECISIONS[0]:
+                for starts in near:
+                    search.try_all(starts)
+                search.try_beside()
+            found = search.found
+        if len(found) >= made.bound or not search.doubtful:
+            break
+    assert len(found) <= made.bound, "more roots were proven than there can be"
+    order = sorted(found, key=_place)
+    return CertifiedModes(written, made, tuple(inputs), tuple(order), precision)
+
+
+@final
+class _Search:
+    """Roots proven so far at one precision."""
+
+    def __init__(
+        self, written: Written, construction: Construction, inputs: Sequence[str]
+    ) -> None:
+        self.equations = Equations(written, construction)
+        self.driven = [written.input_angle(text) for text in inputs]
+        self.turns = circle(self.driven)
+        self.found: list[Root] = []
+        self.lost = False
+
+    def prove_again(self, roots: Sequence[Root]) -> None:
+        """Prove roots once more, so that all are of this precision."""
+        for root in roots:
+            self.take([middle_of(each) for each in root.centre])
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether roots may be missing since they were not told apart."""
+        return self.lost or any(root.unique < CLOSE for root in self.found)
+
+    def try_all(self, starts: Complexes) -> None:
+        """Try approximations, and those of the complex conjugates."""
+        for start in starts:
+            for each in (start, start.conj()):
+                self.take([complex(angle) for angle in each])
+
+    def take(self, near: Sequence[complex]) -> None:
+        """Try one approximation; keep what it leads to if that is new."""
+        root = root_near(self.equations, self.driven, near)
+        if root is None:
+            # far from the unit circle it is on its way to a root at infinity
+            self.lost = self.lost or max(abs(each.imag) for each in near) < FAR
+        elif all(root.apart(other) for other in self.found):
+            self.found.append(root)
+
+    def try_beside(self) -> None:
+        """Look for roots next to those found, where some are missing."""
+        bound = self.equations.construction.bound
+        if len(self.found) in (0, bound):
+            return
+        closest = sorted(self.found, key=lambda root: root.unique)[:4]
+        for root in closest:
+            centre = np.array([middle_of(each) for each in root.centre])
+            for nudge in NUDGES:
+                for way in np.concatenate([np.eye(len(centre)), 1j * np.eye(len(centre))]):
+                    for sense in (nudge, -nudge):
+                        if len(self.found) < bound:
+                            self.take([complex(a) for a in centre + sense * way])
+
+
+def _place(root: Root) -> tuple[float, ...]:
+    """Return where a root comes in the order: real ones first, by their angles."""
+    middles = [middle_of(each) for each in root.centre]
+    wrapped = [float(np.round(np.remainder(m.real + np.pi, 2 * np.pi), 9)) for m in middles]
+    return (float(not root.real), *wrapped, *(m.imag for m in middles))
+
+
+def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
+    """Return balls of the angles of all pairs (rad) at real balls of all variables."""
+    construction = equations.construction
+    placed = equations.orientations(places)
+    found = []
+    for number, ends in enumerate(equations.written.mechanism.ends):
+        if number in construction.pairs:
+            found.append(places[construction.pairs.index(number)])
+            continue
+        one, other = (equations.frames[number][side] for side in (0, 1))
+        axes = []
+        for link, vectors in zip(ends, (one[:2], other[:1]), strict=True):
+            for vector in vectors:
+                axes.append(_turned(placed.get(link), vector))
+        cosine, sine = (
+            sum(a * b for a, b in zip(axes[k], axes[2], strict=True)) for k in (0, 1)
+        )
+        found.append(angle_of(cosine, sine))
+    return found
+
+
+def _turned(jet: Jet | None, vector: Sequence[Ball]) -> list[Ball]:
+    """Return a vector of a link in the axes of the root, real parts."""
+    if jet is None:
+        return list(vector)
+    column = matrix([[complex_ball(entry)] for entry in vector])
+    return [entry.real for entry in (jet[()] * column).entries()]

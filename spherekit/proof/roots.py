@@ -1,0 +1,169 @@
+"""A ball with exactly one solution of the equations in it, by the Newton-Kantorovich test.
+
+With x the centre, Y near the inverse of F'(x), b >= |Y F(x)|, a >= |1 - Y F'(x)| and
+k r >= |Y (F'(y) - F'(x))| for all y at most r from x (largest components, row sums),
+y - Y F(y) maps that ball into itself and contracts if b + (a + k r) r < r and a + k r < 1.
+It then has exactly one fixed point there, at most b / (1 - a - k r) from x, and Y is
+regular, so that fixed points are the solutions (L. Kantorovich, 1948; it is R. Krawczyk's
+test with the derivative's change bounded by a constant).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.proof.balls import (
+    Ball,
+    BallMatrix,
+    complex_ball,
+    exact,
+    inverse_near,
+    lower,
+    matrix,
+    precision,
+    upper,
+    wide,
+)
+from spherekit.proof.equations import Equations
+
+WIDEST = 0.0625
+"""Largest radius (rad) of a ball looked at: the bounds of the derivatives are for it."""
+MARGIN = 4.0
+"""A solution is said to be in a ball so much wider than proven, so that others see it."""
+STEPS = 80
+NEAR_REAL = 1e-6
+"""Roots with smaller imaginary parts (rad) are tried as real ones."""
+
+
+@final
+@dataclass(frozen=True)
+class Root:
+    """Unknown angles with exactly one solution within `unique` of `centre` (rad).
+
+    The solution is within `radius`. `centre` are balls without radius. The solution is
+    real if `real` says so, and has an imaginary part if it does not.
+    """
+
+    centre: tuple[Ball, ...]
+    radius: float
+    unique: float
+    real: bool
+
+    def balls(self) -> list[Ball]:
+        """Return balls of the angles that contain the solution."""
+        if self.real:
+            return [wide(each.real, self.radius) for each in self.centre]
+        both = [(each.real, each.imag) for each in self.centre]
+        return [
+            complex_ball(wide(x, self.radius)) + _i() * wide(y, self.radius)
+            for x, y in both
+        ]
+
+    def apart(self, other: "Root") -> bool:
+        """Return whether two solutions are proven different, up to whole turns."""
+        pairs = zip(self.points(), other.points(), strict=True)
+        return any(not one.overlaps(two) for one, two in pairs)
+
+    def points(self) -> list[Ball]:
+        """Return balls of e^(i angle)."""
+        return [(_i() * complex_ball(each)).exp() for each in self.balls()]
+
+
+def _i() -> Ball:
+    return complex_ball(1j)
+
+
+def root_near(
+    equations: Equations, driven: Sequence[Ball], near: Sequence[complex]
+) -> Root | None:
+    """Return the solution next to an approximation, None where nothing is proven.
+
+    `driven` are balls of the inputs.
+    """
+    x = [complex_ball(complex(each)) for each in near]
+    for _ in range(STEPS):
+        values, first = _at(equations, x, driven)
+        change = _step(values, first)
+        if change is None:
+            return None
+        x = [(each - d).mid() for each, d in zip(x, change, strict=True)]
+        size = max(upper(d) for d in change)
+        if size < _unit():
+            break
+        if not size < 10.0:
+            return None
+    if max(upper(each.imag) for each in x) < NEAR_REAL:
+        found = _certified(equations, driven, [complex_ball(each.real) for each in x], True)
+        if found is not None:
+            return found
+    return _certified(equations, driven, x, False)
+
+
+def _unit() -> float:
+    """Return the spacing of centres at the present precision, as a float64 number."""
+    return float(2.0 ** (-precision() / 2))
+
+
+def _at(
+    equations: Equations, x: Sequence[Ball], driven: Sequence[Ball]
+) -> tuple[BallMatrix, BallMatrix]:
+    """Return F (k, 1) and F' (k, k) at balls of the unknowns."""
+    jets = equations.at([*x, *driven], 1)
+    zero = exact(0.0)
+    count = equations.unknowns
+    values = matrix([[jet[()].entries()[0]] for jet in jets])
+    rows = [
+        [jet[(j,)].entries()[0] if (j,) in jet else zero for j in range(count)]
+        for jet in jets
+    ]
+    return values, matrix(rows)
+
+
+def _step(values: BallMatrix, first: BallMatrix) -> list[Ball] | None:
+    inverse = inverse_near(first)
+    return None if inverse is None else list((inverse * values).entries())
+
+
+def _certified(
+    equations: Equations, driven: Sequence[Ball], x: Sequence[Ball], real: bool
+) -> Root | None:
+    values, first = _at(equations, x, driven)
+    inverse = inverse_near(first)
+    if inverse is None:
+        return None
+    count = equations.unknowns
+    miss = np.array([upper(each) for each in (inverse * values).entries()])
+    rest = (inverse * first).tolist()
+    contraction = [
+        sum(upper(entry - (1 if row == column else 0)) for column, entry in enumerate(each))
+        for row, each in enumerate(rest)
+    ]
+    away = np.array([upper(each.imag) for each in x])
+    stretch = np.ones(equations.variables)
+    stretch[:count] = np.exp(away + 2 * WIDEST)
+    bounds = equations.bounds(stretch)
+    sums = np.sum(bounds.degrees[:, :count], axis=1)
+    rows = [[upper(entry) for entry in each] for each in inverse.tolist()]
+    bend = np.array(rows) @ (bounds.constant * sums * sums)
+    found = radii(float(np.max(miss)), max(contraction), float(np.max(bend)))
+    if found is None:
+        return None
+    radius, unique = found
+    if not real and not any(lower(each.imag) > radius for each in x):
+        return None
+    return Root(tuple(x), radius, unique, real)
+
+
+def radii(miss: float, contraction: float, bend: float) -> tuple[float, float] | None:
+    """Return within what a solution lies and is the only one, None if none is proven."""
+    up = 1.0 + 1e-12
+    miss, contraction, bend = miss * up, contraction * up, bend * up
+    if not (np.isfinite(miss) and np.isfinite(bend) and contraction < 1.0):
+        return None
+    unique = min(WIDEST, 0.5 * (1.0 - contraction) / bend)
+    slope = (contraction + bend * unique) * up
+    if not (slope < 1.0 and miss < unique * (1.0 - slope) / up):
+        return None
+    return min(max(MARGIN * miss / (1.0 - slope), 1e-300), unique), unique

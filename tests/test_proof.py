@@ -1,0 +1,209 @@
+"""Certified assembly modes against elimination, and by a checker of their own."""
+
+import copy
+import itertools
+import json
+import random
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+from proof_checker import Refused, check
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.errors import PlanError
+from spherekit.files.document import parse
+from spherekit.files.read import read
+from spherekit.guarantee import Guarantee
+from spherekit.motion.assemblies import assemblies
+from spherekit.motion.assembly_modes import Solver
+from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import driven_at
+from spherekit.proof.balls import middle, upper
+from spherekit.proof.certificate import modes_certificate
+from spherekit.proof.construction import construct, permanent
+from spherekit.proof.modes import certified_modes
+from spherekit.proof.written import Written
+
+CASES = [
+    ("four_bar", None, ("40",), 2),
+    ("watt", "23", ("100",), 4),
+    ("stephenson", "16", ("30",), 8),
+    ("eight_bar_01", "56", ("33.3",), 8),
+    ("double_butterfly", "A", ("50",), 24),
+    ("double_butterfly", "D", ("10",), 32),
+    ("three_rrr", None, ("10", "20", "30"), 8),
+    ("agile_eye", None, ("10", "20", "30"), 8),
+]
+
+
+def proven(name, pair, inputs, tolerance=0.0):
+    mechanism = driven_at(sk.load(name), pair)
+    return certified_modes(Written.of(mechanism, tolerance=tolerance), inputs)
+
+
+def certificate_of(modes):
+    return json.loads(json.dumps(modes_certificate(modes)))
+
+
+@pytest.mark.parametrize(("name", "pair", "inputs", "bound"), CASES)
+def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
+    name, pair, inputs, bound
+):
+    modes = proven(name, pair, inputs)
+    assert modes.bound == bound == len(modes.roots) and modes.complete
+    assert modes.claim.guarantee is Guarantee.CERTIFIED
+    mechanism = modes.written.mechanism
+    solver = Solver(mechanism, plan_assembly(mechanism))
+    found = assemblies(solver, np.radians([float(value) for value in inputs]))
+    assert len(found.modes) == len(modes.real)
+    balls = modes.angles()
+    for _, values in found.modes:
+        near = [
+            all(
+                abs(np.remainder(middle(ball) - value + np.pi, 2 * np.pi) - np.pi) < 1e-9
+                and upper(ball - ball.mid()) < 1e-15
+                for ball, value in zip(row, values, strict=True)
+            )
+            for row in balls
+        ]
+        assert sum(near) == 1
+    check(certificate_of(modes))
+
+
+def test_every_pair_of_every_chain_can_drive_it_by_the_construction():
+    for number in (1, 2, 4, 7, 10, 15):
+        mechanism = sk.load(f"eight_bar_{number:02d}")
+        for pair in mechanism.pairs:
+            made = construct(driven_at(mechanism, pair.name))
+            assert 8 <= made.bound <= 32 and len(made.equations) == made.unknowns == 3
+
+
+def test_permanent_is_the_sum_over_permutations():
+    matrix = np.random.default_rng(3).integers(0, 4, (5, 5))
+    terms = (
+        np.prod([matrix[row, column] for row, column in enumerate(order)])
+        for order in itertools.permutations(range(5))
+    )
+    assert permanent(matrix) == sum(terms)
+
+
+def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them():
+    modes = proven("four_bar", None, ("40",), 1e-6)
+    assert modes.complete and len(modes.real) == 2
+    balls = modes.angles()
+    moves = random.Random(5)
+    mechanism = modes.written.mechanism
+    for _ in range(5):
+        moved = mechanism.with_sizes(
+            angle_unit="rad",
+            arcs={
+                link: [arc + moves.uniform(-1e-6, 1e-6) for arc in sizes.arcs]
+                for link, sizes in mechanism.geometry.links.items()
+            },
+        )
+        for row in certified_modes(Written.of(moved), ("40",)).angles():
+            assert any(
+                all(a.overlaps(b) for a, b in zip(row, each, strict=True)) for each in balls
+            )
+    assert not proven("four_bar", None, ("40",), 0.05).complete
+
+
+def tampered(certificate, moves):
+    """Return a certificate changed so that what it says is not so, or not shown."""
+    changed = copy.deepcopy(certificate)
+    roots = changed["roots"]
+    root = moves.choice(roots)
+    part = moves.choice(root["centre"])
+    kind = moves.randrange(10)
+    if kind == 0:
+        mantissa, exponent = part[0]
+        step = 1 << max(mantissa.bit_length() - moves.randrange(2, 30), 1)
+        part[0] = [mantissa + step, exponent]
+    elif kind == 1:
+        root["real"] = not root["real"]
+    elif kind == 2:
+        roots.remove(root)
+    elif kind == 3:
+        changed["bound"] += moves.choice((-1, 1, 8))
+    elif kind == 4:
+        changed["modes"] += moves.choice((-1, 1, 2))
+    elif kind == 5:
+        other = moves.choice([each for each in roots if each is not root])
+        roots[roots.index(root)] = copy.deepcopy(other)
+    elif kind == 6:
+        root["radius"] *= 2.0 ** -moves.randrange(20, 60)
+    elif kind == 7:
+        key = next(iter(changed["inputs"]))
+        off = 10.0 ** -moves.randrange(1, 9)
+        changed["inputs"][key] = repr(float(changed["inputs"][key]) + off)
+    elif kind == 8:
+        step = moves.choice(changed["construction"]["steps"])
+        step["by"] = step["by"][::-1] if len(step["by"]) == 2 else 2 * step["by"]
+    else:
+        text = changed["mechanism"]
+        places = [k for k in range(len(text)) if text.startswith("arcs = [", k)]
+        place = moves.choice(places)
+        changed["mechanism"] = text[: place + 8] + "0.001" + text[place + 9 :]
+    return changed
+
+
+def test_the_checker_refuses_a_hundred_tampered_certificates():
+    moves = random.Random(17)
+    whole = [
+        certificate_of(proven(*case))
+        for case in (
+            ("four_bar", None, ("40",)),
+            ("stephenson", "16", ("30",)),
+            ("three_rrr", None, ("10", "20", "30")),
+        )
+    ]
+    for number in range(100):
+        changed = tampered(whole[number % 3], moves)
+        assert changed not in whole
+        with pytest.raises(Refused):
+            check(changed)
+
+
+def stretched(coupler):
+    """A four-bar whose crank at 0 leaves 40 degrees to a follower of 30 and a coupler."""
+    text = Written.of(sk.load("four_bar")).document.text
+    text = text.replace("arcs = [40.0]", "arcs = [30.0]")
+    document = parse(text.replace("arcs = [70.0]", f"arcs = [{coupler}]"), "stretched")
+    return Written.of(read(document), document)
+
+
+@pytest.mark.parametrize("digits", (6, 16, 30))
+def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(digits):
+    far = certified_modes(stretched("9." + "9" * digits), ("0",))
+    assert far.complete and not far.real
+    near = certified_modes(stretched("10." + "0" * digits + "1"), ("0",))
+    assert near.complete and len(near.real) == 2
+    check(certificate_of(near))
+    double = certified_modes(stretched("10"), ("0",))
+    assert not double.complete and double.claim.guarantee is not Guarantee.CERTIFIED
+
+
+def test_the_command_prints_modes_and_writes_a_certificate(tmp_path, capsys):
+    path = tmp_path / "modes.json"
+    assert main(["certify", "three_rrr", "--at", "10,20,30", "-o", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "certified: 2 real of 8 complex modes" in said and said.count("mode ") == 2
+    check(json.loads(path.read_text(encoding="utf-8")))
+    for words, message in (
+        (["four_bar", "--at", "x"], "not a decimal number"),
+        (["four_bar", "--at", "1,2"], "has 1 input"),
+        (["bevel_pair", "--at", "1"], "contact pair"),
+    ):
+        assert main(["certify", *words]) == 1
+        assert message in capsys.readouterr().err
+
+
+def test_what_proofs_are_not_for_is_refused():
+    with pytest.raises(PlanError, match="contact pair"):
+        Written.of(sk.load("roller_cam"))
+    with pytest.raises(PlanError, match="makes no sense"):
+        Written.of(sk.load("four_bar"), tolerance=-1.0)
