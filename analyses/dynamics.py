@@ -1,7 +1,7 @@
 """Equations of motion of any number of inputs: inertia matrix, loads, driving torques."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -33,6 +33,8 @@ from spherekit.plugin.dynamics import (
     needed_torques,
     used_pairs,
 )
+
+from .load_motion import as_loads_see
 
 Floats = NDArray[np.float64]
 
@@ -154,7 +156,7 @@ class Dynamics(AbstractAnalysis):
         }
 
     def _found(self, batch: Batch) -> InverseSolution:
-        return batch.once("torques", lambda: _solved(batch))
+        return batch.once("torques", lambda: needed_torques(as_loads_see(batch)))
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque at each input, and where that is."""
@@ -239,14 +241,6 @@ def _said(figures: Mapping[str, Any], lost: int) -> Findings:
     return Findings(
         {"inputs": dict(figures), "rows_at_singularities": lost}, warnings, remarks
     )
-
-
-def _solved(batch: Batch) -> InverseSolution:
-    mechanism = batch.mechanism
-    values = batch.motion.values.copy()
-    for pair in batch.needs.continued_values:
-        values[:, mechanism.angles[pair]] = batch.continued_value(pair)
-    return needed_torques(replace(batch.motion, values=values))
 
 
 def _columns(mechanism: Mechanism, name: str, values: Floats) -> dict[str, Any]:
