@@ -53,8 +53,8 @@ ADVANTAGES = Column(
 class Statics(AbstractAnalysis):
     """Torques that hold the mechanism at rest, and how stiffly the inputs hold outputs.
 
-    `stiffness` is that of the drives in N m/rad: one for all inputs, or one for each. `time`
-    (s) is when loads that depend on it are taken.
+    `stiffness` is that of the drives in N m/rad: one for all inputs, or one for each.
+    `time` (s) is when loads that depend on it are taken.
     """
 
     name: ClassVar[str] = "statics"
@@ -83,8 +83,8 @@ class Statics(AbstractAnalysis):
                         Column(
                             f"stiffness_{number}",
                             "N m/rad",
-                            f"{words} principal stiffness of the output; infinite where "
-                            "no input yields",
+                            f"{words} principal stiffness of the output; infinite "
+                            "where no input yields",
                         ),
                         *(
                             Column(

@@ -139,6 +139,7 @@ def failed_at(row: int) -> Change:
         for name in ("values", "rotations", "residual"):
             made[name][row] = np.nan
         made["status"][row] = Status.OUT_OF_REACH
-        return replace(motion, **made)
+        placed = made.pop("rotations")
+        return replace(motion, placed=placed, **made)
 
     return change

@@ -181,8 +181,8 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
         if len(inputs) > 1:
             raise SolveError(
                 f"{mechanism.name}: a torque has to say at which input it acts: give one "
-                f'by the name of each, as {{"{inputs[0]}": 1.0}}; inputs without one are '
-                f"passive. Inputs: {listing(inputs)}"
+                f'by the name of each, as {{"{inputs[0]}": 1.0}}; inputs without one '
+                f"turn freely. Inputs: {listing(inputs)}"
             )
         torque = {inputs[0]: torque}
     found = []
