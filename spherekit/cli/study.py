@@ -59,7 +59,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         "--torque",
         action="append",
         metavar="[PAIR=]EXPR",
-        help="driving torque at an input, N m, with --start; inputs without one turn freely",
+        help="driving torque at an input, N m, with --start; others turn freely",
     )
     parser.add_argument(
         "--duration",
