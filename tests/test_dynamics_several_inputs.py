@@ -210,7 +210,7 @@ torque = {21 = "0.002*sin(2*t)"}
     table = found.frame("dynamics")
     assert np.all(table["status"] == "OK")
     assert table["tau_21"].to_numpy() == pytest.approx(
-        0.002 * np.sin(2.0 * table["t"].to_numpy()), abs=1e-9
+        0.002 * np.sin(2.0 * table["t"].to_numpy()), abs=1e-7
     )
     assert table["tau_51"].to_numpy() == pytest.approx(np.zeros(len(table)), abs=1e-7)
     start = Start((1.0, 1.2), (0.5, 0.0))
