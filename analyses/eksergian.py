@@ -31,6 +31,7 @@ from spherekit.plugin import (
     TableData,
     listing,
 )
+from spherekit.plugin.designs import Merit
 from spherekit.plugin.dynamics import (
     CoordinateMotion,
     Inertia,
@@ -129,6 +130,17 @@ class Eksergian(AbstractAnalysis):
     )
 
     at: str = ""
+
+    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+        """Return the largest torque and the ends of the equivalent inertia."""
+        if not mechanism.masses or len(mechanism.inputs) != 1:
+            return ()
+        return (
+            Merit("largest_torque", "max", "abs(torque)", meaning="at the input"),
+            Merit("rms_torque", "rms", "torque", meaning="at the input"),
+            Merit("least_inertia", "min", "B"),
+            Merit("largest_inertia", "max", "B"),
+        )
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return rates of the links with mass, and what the loads depend on."""

@@ -31,6 +31,7 @@ from spherekit.plugin import (
     parse_pole,
     pole_of,
 )
+from spherekit.plugin.designs import Merit
 from spherekit.plugin.rotations import link_axes
 
 from .pole_scenes import (
@@ -158,6 +159,23 @@ class Poles(AbstractAnalysis):
             return parse_pole(mechanism, self.circles)
         primary = _primary(mechanism)
         return next((p for p in self.poles(mechanism) if p not in primary), None)
+
+    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+        """Return the largest coefficients: of the poles asked for, else of the outputs."""
+        names = mechanism.links
+        wanted = [(names[j], names[i]) for i, j in self.poles(mechanism)]
+        if not self.only:
+            given = [(own.link, own.relative_to) for own in mechanism.outputs]
+            wanted = given or [(link, names[0]) for link in names[1:]]
+        return tuple(
+            Merit(
+                f"largest_coefficient_{link}_{other}",
+                "max",
+                f"abs(velocity_coefficient_{link}_{other})",
+                meaning=f"largest |velocity coefficient| of link {link} seen from {other}",
+            )
+            for link, other in wanted
+        )
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the wanted poles with their rates, derivatives and great circles."""

@@ -37,6 +37,7 @@ from spherekit.plugin import (
     link_bodies,
     numbered,
 )
+from spherekit.plugin.designs import Merit, middle_pairs
 from spherekit.plugin.singularities import (
     RelationAt,
     RelationMeasures,
@@ -183,6 +184,18 @@ class SingularityAnalysis(AbstractAnalysis):
         ]
         rest = beside or [k for k in range(1, len(mechanism.links)) if k not in driven]
         return tuple((link, 0) for link in dict.fromkeys(rest))
+
+    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+        """Return the least transmission angle of each dyad, 0 at a type II singularity."""
+        return tuple(
+            Merit(
+                f"least_transmission_angle_{pair}",
+                "min",
+                f"transmission_angle_{pair}",
+                meaning=f"least angle between the arcs at pair {pair}, 0 at type II",
+            )
+            for pair in middle_pairs(mechanism)
+        )
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the tracer, whose configuration curves are asked for more points."""
@@ -598,16 +611,19 @@ class SingularityAnalysis(AbstractAnalysis):
             "reference s, or the fourth link of form ii. Great circles: the planes that "
             "coincide.",
             "",
-            "| sample | kind | condition | assembly mode | q, deg | output | what "
-            "coincides |",
-            "|---|---|---|---|---|---|---|",
+            "| sample | type | condition | mode | q, deg | output |",
+            "|---|---|---|---|---:|---|",
         ]
         for k in range(n):
             lines.append(
                 f"| {k} | {points['kind'][k]} | {points['condition'][k]} | "
-                f"{points['assembly_mode'][k]} | {np.degrees(points['q'][k]):.6f} | "
-                f"{points['output'][k]} | {points['note'][k]} |"
+                f"{points['assembly_mode'][k]} | {np.degrees(points['q'][k]):.4f} | "
+                f"{points['output'][k]} |"
             )
+        lines += ["", "What coincides:", ""]
+        for note in dict.fromkeys(note for note in points["note"].tolist() if note):
+            (rows,) = np.nonzero(points["note"] == note)
+            lines.append(f"- {numbered('sample', rows.tolist())}: {note}")
         parts.append(Text("list", "Singularities", "\n".join(lines)))
         for output in range(len(found.report.outputs)):
             whole = self._input_output(batch, output, slice(0, len(batch)))

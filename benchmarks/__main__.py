@@ -28,6 +28,7 @@ NAMES = (
     "tracking",
     "engine",
     "stored",
+    "designs",
     "peers",
     "planar_peer",
     "region",

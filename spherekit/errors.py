@@ -29,6 +29,10 @@ class AnalysisError(SpherekitError):
     """An analysis was asked for wrongly, or failed."""
 
 
+class DesignError(SpherekitError):
+    """A sweep, a sensitivity or a sizing was asked for wrongly, or failed."""
+
+
 class UndeclaredNeed(AnalysisError):
     """An analysis read a quantity that its `needs` did not declare."""
 

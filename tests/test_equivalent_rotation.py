@@ -348,7 +348,7 @@ def motion_of(form, tracer, normals, modes):
         assembly_mode=np.zeros(n, dtype=np.int64),
         inputs=values[:, driven_variables(form)],
         values=values,
-        rotations=placed,
+        placed=placed,
         status=np.zeros(n, dtype=np.int8),
         residual=np.max(np.abs(gap), axis=1),
         is_path=False,

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.merit import Merit
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import Table, TableData
 from spherekit.conventions import Status
@@ -469,6 +470,14 @@ class AbstractAnalysis(ABC):
         """
         del batch
         return Findings()
+
+    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+        """Return the figures of merit that compare designs; none by default.
+
+        Their expressions are of `spherekit.plugin.designs.row_quantities`.
+        """
+        del mechanism
+        return ()
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return what is to be said of all blocks `before` and of the next one together.

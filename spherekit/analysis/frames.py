@@ -72,6 +72,18 @@ def _frame(
     return frame
 
 
+def _headed(
+    table: Table, data: TableData, words: Mapping[str, Sequence[str]], degrees: bool
+) -> "pd.DataFrame":
+    """Return rows as a frame with columns named as in files."""
+    frame = _frame(table, data, words, degrees)
+    headers = {column.name: column.header(degrees) for column in table.columns}
+    units = {headers[name]: unit for name, unit in frame.attrs["units"].items()}
+    frame = frame.rename(columns=headers)
+    frame.attrs["units"] = units
+    return frame
+
+
 def write_table(
     folder: Path,
     stem: str,
@@ -109,7 +121,7 @@ def write_table(
         schema, parquet, text = None, None, None
         try:
             for piece in rows.chunks():
-                frame = _frame(table, piece, rows.words, wanted.degrees)
+                frame = _headed(table, piece, rows.words, wanted.degrees)
                 whole = pa.Table.from_pandas(frame, preserve_index=False)
                 if schema is None:
                     metadata = dict(whole.schema.metadata or {})
@@ -144,6 +156,55 @@ def write_table(
     return list(names.values())
 
 
+def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
+    """Write columns of numbers and texts to a Parquet file, texts as dictionaries.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an older file is then unchanged.
+    """
+    import json
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = {
+        name: pa.array(values).dictionary_encode()
+        if np.asarray(values).dtype.kind in "OU"
+        else pa.array(values)
+        for name, values in columns.items()
+    }
+    table = pa.table(arrays).replace_schema_metadata({NOTES: json.dumps(notes).encode()})
+    with writing(path) as stream:
+        pq.write_table(table, stream, compression="zstd")
+
+
+def columns_of_files(paths: Sequence[Path]) -> dict[str, NDArray[Any]]:
+    """Return the columns of files that `write_columns` wrote, one after the other."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    whole = pa.concat_tables([_with_words(pq.read_table(path)) for path in paths])
+    return {name: whole[name].to_numpy() for name in whole.column_names}
+
+
+def frame_of(
+    columns: Mapping[str, NDArray[Any]], notes: Mapping[str, Any]
+) -> "pd.DataFrame":
+    """Return columns as a frame, texts as categories, with notes in its `attrs`."""
+    import pandas as pd
+
+    frame = pd.DataFrame(
+        {
+            name: pd.Categorical(values) if values.dtype.kind in "OU" else values
+            for name, values in columns.items()
+        }
+    )
+    frame.attrs.update(notes)
+    return frame
+
+
 def _with_words(rows: "pa.Table") -> "pa.Table":
     """Return rows with words in place of their numbers."""
     import pyarrow as pa
@@ -168,7 +229,7 @@ def _csv(rows: Iterable[Sequence[str]]) -> bytes:
 def columns_text(tables: Mapping[str, Table], degrees: bool) -> bytes:
     """Return the text of `COLUMNS`: of tables by their files' stems, column by column."""
     rows = [
-        (stem, column.name, column.stated_unit(degrees), column.meaning)
+        (stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
         for stem, table in tables.items()
         for column in table.columns
     ]
@@ -210,7 +271,8 @@ class ParquetColumns(Mapping[str, NDArray[Any]]):
         import pyarrow.parquet as pq
 
         column = self._columns[name]
-        found = pq.read_table(self._path, columns=[name]).to_pandas()[name]
+        header = column.header(self._degrees)
+        found = pq.read_table(self._path, columns=[header]).to_pandas()[header]
         if column.kind == "status":
             return np.asarray(found.cat.codes)
         if column.kind == "text":

@@ -58,7 +58,7 @@ class Column:
     `turns` says what becomes of it where the mechanism is turned as a whole: ``"no"`` for
     what no turn changes, ``"vector"`` for a component of a vector in ground axes, x, y, z
     in successive columns, ``"otherwise"`` for what else depends on the ground's axes. Rows
-    of a table without samples are then others too.
+    of a table without samples, or with a text that does, are then others too.
     """
 
     name: str
@@ -72,6 +72,11 @@ class Column:
     def unit_in(self, degrees: bool) -> str:
         """Return the unit of its numbers in a table with angles in rad or degrees."""
         return IN_DEGREES.get(self.unit, self.unit) if degrees else self.unit
+
+    def header(self, degrees: bool) -> str:
+        """Return what files call it: with its unit, ``q [deg]``, where that is not SI."""
+        unit = self.unit_in(degrees)
+        return self.name if unit == self.unit else f"{self.name} [{unit}]"
 
     def stated_unit(self, degrees: bool) -> str:
         """Return that unit as files say it: 1 of a pure number, empty of a name."""

@@ -20,6 +20,7 @@ COMMANDS = {
     "explain": "say what an analysis will compute, before anything is computed",
     "certify": "prove modes, curves and singularities; write a certificate",
     "run": "run analyses over the motion; write tables and a recording",
+    "sweep": "compare designs: figures of merit while sizes are varied",
     "trade": "measure speed against accuracy, and find the cheapest setting",
     "export": "write a mechanism for other programs: stored functions, MuJoCo model",
     "view": "open a recording, or a run's folder, in the viewer, or take a picture",

@@ -11,12 +11,21 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import listing, nearest
-from spherekit.engine.algebra import SeriesExpressions, by_coordinate, dot
+from spherekit.engine.algebra import (
+    Exprs,
+    SeriesExpressions,
+    by_coordinate,
+    constants,
+    cross,
+    dot,
+)
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
-from spherekit.engine.dyads import ClosedPlacements, place_by_input
+from spherekit.engine.derivatives import derivatives
+from spherekit.engine.dyads import ClosedDyad, middle_of, place_by_input
 from spherekit.engine.expression_graph import (
     Expr,
+    ExpressionNode,
     function,
     hoisted,
     symbols,
@@ -25,10 +34,13 @@ from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import RateExpressions, Structure
 from spherekit.engine.loads import LoadState, generalised_force
+from spherekit.engine.misfits import answers, misfit_rates, misfits
+from spherekit.engine.pose import LinkOrientation, place_by_variables
+from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import pole_of
-from spherekit.sphere.rotation import Floats
 
 SAMPLE = ("q", "dq", "ddq", "t")
 """What a sample is: the input's angle (rad), its rate, its acceleration, and the time."""
@@ -39,69 +51,177 @@ SAMPLE = ("q", "dq", "ddq", "t")
 class DesignKernel:
     """A function of designs and samples.
 
-    `prepare` takes the sizes (variables, n) to what is the same at all samples of a design;
-    `evaluate` takes q, dq, ddq, t, the sign of each dyad and that to the columns. The first
-    columns, one for each dyad, are not negative where it closes; the others are `columns`.
+    `prepare` takes the sizes (variables, n) to what is the same at all samples of a design.
+    `evaluate` takes q, dq, ddq, t, the places of the links and what is prepared to the
+    `columns`, then to their derivatives, size by size, where they were asked for. Places
+    are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
+    not negative where it closes. Otherwise they are the variables of all pairs.
     """
 
-    signs: int
+    places: tuple[str, ...]
+    closed_form: bool
     columns: tuple[str, ...]
     prepare: CompiledFunction | ArrayFunction
     evaluate: CompiledFunction | ArrayFunction
 
-    def rows(
-        self, prepared: Floats, sample: Sequence[float], signs: Sequence[int]
-    ) -> Floats:
-        """Return the inputs (inputs, n) of a sample in an assembly mode."""
-        made = np.empty((len(SAMPLE) + self.signs + len(prepared), prepared.shape[1]))
-        fixed = [*sample, *signs]
-        made[: len(fixed)] = np.array(fixed, dtype=float)[:, None]
-        made[len(fixed) :] = prepared
+    @property
+    def reaches(self) -> int:
+        """How many outputs come before the columns."""
+        return len(self.places) if self.closed_form else 0
+
+
+Geometry = Callable[[Mapping[str, Expr]], DesignGeometry]
+"""The geometry in which sizes, by name, are terms."""
+
+
+@final
+@dataclass(frozen=True)
+class DesignTerms:
+    """What kernels of a topology are written in.
+
+    Attributes
+    ----------
+    structure
+        The kinematics, with `sizes` for the numbers of the mechanism.
+    sample, places
+        The variables of `SAMPLE`, and the signs of dyads or the variables of pairs.
+    links, dyads
+        The links placed by these, and the dyads in closed form.
+    """
+
+    structure: Structure
+    sizes: tuple[ExpressionNode, ...]
+    sample: tuple[ExpressionNode, ...]
+    places: tuple[ExpressionNode, ...]
+    links: tuple[LinkOrientation, ...]
+    dyads: tuple[ClosedDyad, ...]
+
+    @staticmethod
+    def of(
+        mechanism: Mechanism,
+        input_pair: str,
+        sizes: Sequence[str] = (),
+        geometry: Geometry | None = None,
+        closed_form: bool | None = None,
+    ) -> "DesignTerms":
+        """Return the terms of a mechanism; by default in closed form where there is one.
+
+        Raises
+        ------
+        EngineError
+            If the engine does not know the mechanism's pairs or groups.
+        """
+        terms = symbols(sizes)
+        design = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
+        structure = Structure.of(mechanism, input_pair, design)
+        sample = symbols(SAMPLE)
+        if closed_form is None:
+            closed_form = structure.assembly.has_closed_form
+        dyads: list[ClosedDyad] = []
+        if closed_form:
+            places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
+            placed = place_by_input(structure, sample[0], places)
+            links, dyads = placed.links, placed.dyads
+        else:
+            places = symbols(mechanism.variable_names)
+            links = place_by_variables(mechanism, structure.pairs, places)
+        return DesignTerms(
+            structure,
+            sizes=tuple(terms),
+            sample=tuple(sample),
+            places=tuple(places),
+            links=tuple(links),
+            dyads=tuple(dyads),
+        )
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether the links are placed by the signs of dyads."""
+        return bool(self.dyads) or not self.places
+
+    def by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
+        """Return the derivatives of expressions by each size, the loops kept closed."""
+        if self.closed_form:
+            return [derivatives(items, size) for size in self.sizes]
+        by_places = [derivatives(items, place) for place in self.places]
+        made = []
+        for size in self.sizes:
+            rates = misfit_rates(self.structure, self.links, self.places, size)
+            moved = answers(self.structure, self.links, rates)
+            total = derivatives(items, size)
+            for change, partial in zip(moved, by_places, strict=True):
+                total = [x + y * change for x, y in zip(total, partial, strict=True)]
+            made.append(total)
         return made
 
 
 def design_kernel(
-    mechanism: Mechanism,
-    input_pair: str,
-    variables: Sequence[str],
-    geometry: Callable[[Mapping[str, Expr]], DesignGeometry],
+    terms: DesignTerms,
     columns: Sequence[str],
+    gradients: bool = False,
+    compiled: bool = True,
 ) -> DesignKernel:
     """Return the kernel of a topology.
 
     Parameters
     ----------
-    mechanism, input_pair
-        A mechanism with one freedom, whose groups are all dyads, and its driven pair.
-    variables
-        Names of the sizes that are inputs.
-    geometry
-        The geometry with terms for these.
+    terms
+        What it is written in.
     columns
         Names of `row_quantities`.
+    gradients
+        Whether their derivatives by all sizes are wanted too.
+    compiled
+        Whether to compile, where heyoka is installed, or to be ready at once.
 
     Raises
     ------
     EngineError
-        If the engine does not know the mechanism's pairs or groups, or a column.
+        If a column is not known.
     """
-    terms = symbols(variables)
-    design = geometry(dict(zip(variables, terms, strict=True)))
-    structure = Structure.of(mechanism, input_pair, design)
-    sample = symbols(SAMPLE)
-    signs = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
-    placed = place_by_input(structure, sample[0], signs)
-    quantities = RowQuantities(structure, placed, sample)
-    outputs = [dyad.square for dyad in placed.dyads]
-    outputs += [quantities.of(name) for name in columns]
-    moving = [*sample, *signs]
+    quantities = RowQuantities(terms)
+    outputs = [quantities.of(name) for name in columns]
+    if gradients:
+        outputs += [each for own in terms.by_sizes(outputs) for each in own]
+    outputs = [dyad.square for dyad in terms.dyads] + outputs
+    moving = [*terms.sample, *terms.places]
     row_terms, fixed = hoisted(outputs, moving, "design_")
-    make = compile_function if available() else array_function
+    make = compile_function if compiled and available() else array_function
     return DesignKernel(
-        len(signs),
+        tuple(each.arguments[0] for each in terms.places),
+        terms.closed_form,
         tuple(columns),
-        make(list(fixed.values()), terms),
+        make(list(fixed.values()), terms.sizes),
         make(row_terms, [*moving, *fixed]),
+    )
+
+
+@final
+@dataclass(frozen=True)
+class NewtonKernel:
+    """Newton's step towards closed loops, for designs in rows.
+
+    `prepare` as in `DesignKernel`; `step` takes the variables of all pairs and what is
+    prepared to the changes of the variables, the input at rest, and then to the square of
+    the misfit (rad2).
+    """
+
+    prepare: CompiledFunction | ArrayFunction
+    step: CompiledFunction | ArrayFunction
+
+
+def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
+    """Return the kernel of Newton's step; `terms` are of variables, not of signs."""
+    off = misfits(terms.structure, terms.links, terms.places)
+    change = answers(terms.structure, terms.links, off)
+    square: Expr = 0.0
+    for each in off.values():
+        square = square + dot(each, each)
+    row_terms, fixed = hoisted([*change, square], terms.places, "design_")
+    make = compile_function if compiled and available() else array_function
+    return NewtonKernel(
+        make(list(fixed.values()), terms.sizes),
+        make(row_terms, [*terms.places, *fixed]),
     )
 
 
@@ -130,12 +250,12 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
 class RowQuantities:
     """The quantities of a row as expressions, each formed when it is asked for."""
 
-    def __init__(
-        self, structure: Structure, placed: ClosedPlacements, sample: Sequence[Expr]
-    ) -> None:
-        self.structure = structure
-        self.placed = placed
-        self.sample = sample
+    def __init__(self, terms: DesignTerms) -> None:
+        self.structure = terms.structure
+        self.links = terms.links
+        self.dyads = terms.dyads
+        self.sample = terms.sample
+        self.variables = None if terms.closed_form else terms.places
         self._flows: dict[int, RateExpressions] = {}
 
     def of(self, name: str) -> Expr:
@@ -164,7 +284,7 @@ class RowQuantities:
 
     def _flow(self, order: int) -> RateExpressions:
         if order not in self._flows:
-            self._flows[order] = RateExpressions(self.structure, self.placed.links, order)
+            self._flows[order] = RateExpressions(self.structure, self.links, order)
         return self._flows[order]
 
     def _by_q(self, flow: RateExpressions) -> SeriesExpressions:
@@ -176,9 +296,11 @@ class RowQuantities:
 
     def _angle(self, pair: str) -> Expr:
         structure = self.structure
+        if self.variables is not None:
+            return self.variables[self._variable(pair)]
         number = structure.mechanism.pair_number[pair]
         chain = structure.pairs.chains[number]
-        first, second = (self.placed.links[k] for k in structure.mechanism.ends[number])
+        first, second = (self.links[k] for k in structure.mechanism.ends[number])
         zero = first.direction(chain.constants[0][:, 0])
         side = first.direction(chain.constants[0][:, 1])
         reached = second.direction(chain.constants[1][0])
@@ -194,7 +316,7 @@ class RowQuantities:
     def _transmission_angle(self, pair: str) -> Expr:
         mechanism = self.structure.mechanism
         number = mechanism.pair_number[pair]
-        by_pair = {dyad.middle: dyad for dyad in self.placed.dyads}
+        by_pair = {dyad.middle: dyad for dyad in self.dyads}
         if number not in by_pair:
             middles = listing(mechanism.pairs[k].name for k in by_pair)
             raise EngineError(
@@ -247,3 +369,41 @@ class RowQuantities:
             f"{self.structure.mechanism.name}: loads.{name}: a table of torques cannot be "
             "part of a kernel; write the torque as an expression"
         )
+
+
+def arc_function(
+    mechanism: Mechanism,
+    variables: Sequence[str],
+    geometry: Callable[[Mapping[str, Expr]], DesignGeometry],
+) -> tuple[tuple[int, ...], ArrayFunction]:
+    """Return the links with two axes, and the function of sizes that gives their arcs.
+
+    The arcs (links, n) are in [0, pi] rad.
+    """
+    terms = symbols(variables)
+    pairs = turning_pairs(mechanism, geometry(dict(zip(variables, terms, strict=True))))
+    axes: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
+    for variable, (spin, *rest) in enumerate(pairs.spins):
+        if not rest and variable in pairs.twin:
+            for end in (spin, pairs.twin[variable]):
+                axes[end.link].append(constants(end.axis))
+    links = tuple(link for link, own in axes.items() if len(own) == 2)
+    arcs = []
+    for link in links:
+        one, other = axes[link]
+        normal = cross(one, other)
+        arcs.append(function("atan2", np.sqrt(dot(normal, normal)), dot(one, other)))
+    return links, array_function(arcs, terms)
+
+
+def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the pairs with a ``transmission_angle``: those in the middle of dyads.
+
+    None where a group is no dyad, or with several inputs.
+    """
+    if len(mechanism.inputs) != 1:
+        return ()
+    assembly = plan_assembly(mechanism)
+    if not assembly.has_closed_form:
+        return ()
+    return tuple(mechanism.pairs[middle_of(group)].name for group in assembly.groups)

@@ -82,6 +82,15 @@ def place_by_input(
     return ClosedPlacements(within, dyads)
 
 
+def middle_of(group: Group) -> int:
+    """Return the number of the pair in the middle of a dyad."""
+    return group.pairs[_joint(group, 1, 2)]
+
+
+def _joint(group: Group, a: int, b: int) -> int:
+    return next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
+
+
 def _turned(basis: Exprs, placed: LinkOrientation) -> LinkOrientation:
     return LinkOrientation(
         np.asarray(basis @ placed.basis), placed.within, placed.metric, placed.depth + 1
@@ -94,10 +103,7 @@ def _close(
     """Place the two free bodies of a dyad in the first one."""
     mechanism = structure.mechanism
 
-    def joint(a: int, b: int) -> int:
-        return next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
-
-    near, middle, far = joint(0, 1), joint(1, 2), joint(0, 2)
+    near, middle, far = (_joint(group, *ends) for ends in ((0, 1), (1, 2), (0, 2)))
 
     def held(which: int, body: int) -> tuple[int, Entries]:
         pair = group.pairs[which]
@@ -133,7 +139,7 @@ def _close(
             within[link] = LinkOrientation(
                 np.asarray(onto @ old.basis), old.within, old.metric, depth
             )
-    return ClosedDyad(group.pairs[middle], square, angle)
+    return ClosedDyad(middle_of(group), square, angle)
 
 
 def _frame(a: Exprs, b: Exprs) -> Exprs:

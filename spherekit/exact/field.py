@@ -30,7 +30,7 @@ def exact_motion(motion: Motion, rows: NDArray[np.bool_], exact: ExactRows) -> M
     return replace(
         motion.rows(rows),
         values=floats(exact.values),
-        rotations=floats(exact.rotations),
+        placed=floats(exact.rotations),
         residual=exact.residual,
         status=exact.status,
     )

@@ -41,9 +41,10 @@ class Motion(ArrayRows):
 
     Row r belongs to assembly mode `assembly_modes[r // samples]`. Shapes: `sample`,
     `assembly_mode`, `status`, `residual` (n,); `inputs` (n, inputs) rad; `values` (n,
-    variables) rad; `rotations` (n, links, 3, 3), from link axes to ground axes. Rows with a
-    status other than OK or AT_SINGULARITY hold NaN, except for sample, assembly mode,
-    inputs and status. `is_path` says that successive samples are neighbours. `timing` says
+    variables) rad; `placed` (n, links, 3, 3) the `rotations`, where these are known.
+    Rows with a status other than OK or AT_SINGULARITY hold NaN, except for sample,
+    assembly mode, inputs and status. `is_path` says that successive samples are neighbours.
+    `timing` says
     when the rows happen, if that is known. `sense` (n,) is given where rows follow a
     mechanism through dead centres of its input: +1, or -1 where the input moves back while
     the mechanism moves on.
@@ -58,9 +59,9 @@ class Motion(ArrayRows):
     assembly_mode: NDArray[np.int64]
     inputs: Floats
     values: Floats
-    rotations: Floats
     status: NDArray[np.int8]
     residual: Floats
+    placed: Floats | None = None
     is_path: bool = True
     timing: Timing | None = None
     sense: Floats | None = None
@@ -95,6 +96,13 @@ class Motion(ArrayRows):
                 f"{self.mechanism.name} has {self.inputs.shape[1]} inputs; read `inputs`"
             )
         return self.inputs[:, 0]
+
+    @cached_property
+    def rotations(self) -> Floats:
+        """(n, links, 3, 3) from link axes to ground axes."""
+        if self.placed is not None:
+            return self.placed
+        return Linearisation(LoopTree.of(self.mechanism), self.joints, self.values).placed
 
     @cached_property
     def linearisation(self) -> Linearisation:
@@ -252,7 +260,7 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
         assembly_mode=np.zeros(n, dtype=np.int64),
         inputs=values[:, list(solver.driven)],
         values=values,
-        rotations=at.placed,
+        placed=at.placed,
         status=np.full(n, Status.OK, dtype=np.int8),
         residual=at.gap,
         is_path=False,
@@ -444,7 +452,7 @@ class Tracer:
             assembly_mode=np.repeat(numbers, k),
             inputs=np.tile(q, (count, 1)),
             values=values,
-            rotations=rotations,
+            placed=rotations,
             status=np.full(k * count, Status.OK, dtype=np.int8),
             residual=np.full(k * count, np.nan),
         )

@@ -6,7 +6,7 @@ signed component of w along it.
 """
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -26,6 +26,7 @@ from spherekit.numeric.hermite import cubic
 from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole, pole_of
 from spherekit.rates.bounds import Bounds, mended_and_bounded
+from spherekit.rates.columns import RateColumns
 from spherekit.rates.core import Equations, LinkRates, driven_rates, equations
 from spherekit.rates.gnomonic import Chart
 from spherekit.rates.lines import (
@@ -69,7 +70,8 @@ class PoleField(ArrayRows):
     of the largest of them, or of 1, that may be wrong. `status` (n,): the motion's, with
     AT_SINGULARITY where the rates are not finite. `pole_status[pole]` (n,): the same, with
     NO_POLE or ILL_CONDITIONED where only this pole cannot be given. `by_equations` (n,):
-    samples solved from the velocity equations instead.
+    samples solved from the velocity equations instead; `by_kernel` (n,): rows that a kernel
+    vouches for.
     """
 
     direction: dict[Pole, Floats]
@@ -85,6 +87,7 @@ class PoleField(ArrayRows):
     status: NDArray[np.int8]
     pole_status: dict[Pole, NDArray[np.int8]]
     by_equations: NDArray[np.bool_]
+    by_kernel: NDArray[np.bool_]
     loss: Floats
 
 
@@ -176,7 +179,29 @@ def evaluate(
         found = driven_rates(motion, everywhere, wanted.plan.input)
         return field_of_rates(motion, wanted, found, memory)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        return _by_lines(motion, wanted, memory, route)
+        return _signed(_by_lines(motion, wanted, route), motion, wanted, memory)
+
+
+def field_of_columns(
+    motion: Motion,
+    wanted: Request,
+    columns: RateColumns,
+    vouched: NDArray[np.bool_],
+    memory: SignMemory,
+    with_planes: bool,
+) -> PoleField:
+    """Return the requested poles of a motion from what a kernel found of its rows.
+
+    Rows that it does not vouch for (n,) are found by `evaluate`'s ``best``, and put in
+    their place; `columns` are written to. Great circles are drawn when they are read, or at
+    once, `with_planes`.
+    """
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        field = _of_columns(motion, wanted, columns, vouched)
+        field = _signed(field, motion, wanted, memory)
+    for pole in wanted.planes if with_planes else ():
+        _ = field.planes[pole]
+    return field
 
 
 def field_of_rates(
@@ -206,13 +231,83 @@ def field_of_rates(
         flat = ~(found.reciprocal_condition >= SINGULAR_RATIO) | np.isinf(solved.loss)
         status = motion.status.copy()
         status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
-        return _field(motion, wanted, lines, (w, dw), status, everywhere, solved, memory)
+        field = _field(motion, wanted, lines, (w, dw), status, everywhere, solved)
+        return _signed(field, motion, wanted, memory)
 
 
-def _by_lines(
-    motion: Motion, wanted: Request, memory: SignMemory, route: Route
+def _of_columns(
+    motion: Motion, wanted: Request, columns: RateColumns, vouched: NDArray[np.bool_]
 ) -> PoleField:
-    """Return the poles by the great circles of the plan."""
+    """Return what `field_of_columns` does, with any signs."""
+    n = len(motion)
+    rest = np.flatnonzero(~vouched & ~motion.failed)
+    nothing = np.flatnonzero(motion.failed)
+    if len(nothing):
+        for part in columns.every:
+            part[..., nothing] = np.nan
+    at = {pole: k for k, pole in enumerate(columns.poles)}
+    loss = np.zeros(n)
+    loss[nothing] = np.nan
+    field = PoleField(
+        direction={pole: columns.direction[:, k].T for pole, k in at.items()},
+        velocity_coefficient={pole: columns.rate[0, k] for pole, k in at.items()},
+        acceleration_coefficient={pole: columns.rate[1, k] for pole, k in at.items()},
+        angle={pole: columns.angle[k] for pole, k in at.items()},
+        error={pole: columns.error[0, k] for pole, k in at.items()},
+        velocity_coefficient_error={pole: columns.error[1, k] for pole, k in at.items()},
+        acceleration_coefficient_error={
+            pole: columns.error[2, k] for pole, k in at.items()
+        },
+        planes=_PlanesWhenRead(wanted, motion),
+        w={link: values.T for link, values in columns.w.items()},
+        dw={link: values.T for link, values in columns.dw.items()},
+        status=motion.status.copy() if len(rest) else motion.status,
+        pole_status=dict.fromkeys(columns.poles, motion.status),
+        by_equations=np.zeros(n, dtype=bool),
+        by_kernel=vouched,
+        loss=loss,
+    )
+    for pole in wanted.poles:
+        if pole not in at:
+            _add_locked(field, motion, pole)
+    if not len(rest):
+        return field
+    careful = _by_lines(motion.rows(rest), replace(wanted, planes=frozenset()), "best")
+    for pole in at:
+        field.pole_status[pole] = motion.status.copy()
+    for name, own in vars(field).items():
+        new = getattr(careful, name)
+        if name == "by_kernel":
+            continue
+        if not isinstance(own, dict):
+            own[rest] = new
+            continue
+        for key, values in own.items():
+            values[rest] = new[key]
+    return field
+
+
+@final
+class _PlanesWhenRead(dict[Pole, Floats]):
+    """The great circles of poles, drawn when they are first read."""
+
+    def __init__(self, wanted: Request, motion: Motion) -> None:
+        super().__init__()
+        self._wanted, self._motion = wanted, motion
+
+    def __missing__(self, pole: Pole) -> Floats:
+        plan, motion = self._wanted.plan, self._motion
+        own = plan.pole(*pole)
+        self[pole] = np.full((len(motion), 2, 3), np.nan)
+        if pole in self._wanted.planes and own is not None:
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                lines = evaluate_lines(plan, motion, [own])
+            self[pole] = np.moveaxis(lines.planes[own], -1, 0)
+        return self[pole]
+
+
+def _by_lines(motion: Motion, wanted: Request, route: Route) -> PoleField:
+    """Return the poles by the great circles of the plan, with any signs."""
     chart = Chart(wanted.plan, motion) if route == "gnomonic" else None
     kept = [pole for pole in (wanted.plan.pole(*pole) for pole in wanted.planes) if pole]
     if chart is None:
@@ -243,7 +338,7 @@ def _by_lines(
         lost = ~(doubt < USABLE_DIRECTION) & (status == Status.OK)
         status[lost] = Status.ILL_CONDITIONED
     status[np.isinf(solved.loss) & (status == Status.OK)] = Status.AT_SINGULARITY
-    return _field(motion, wanted, lines, (w, dw), status, weak, solved, memory)
+    return _field(motion, wanted, lines, (w, dw), status, weak, solved)
 
 
 def _field(
@@ -254,9 +349,8 @@ def _field(
     status: NDArray[np.int8],
     by_equations: NDArray[np.bool_],
     solved: Equations,
-    memory: SignMemory,
 ) -> PoleField:
-    """Return what was found by the poles that were asked for."""
+    """Return what was found by the poles that were asked for, with any signs."""
     bounds = mended_and_bounded(
         _body_poles(wanted),
         (_pairs(wanted), _rounded(wanted)),
@@ -271,11 +365,26 @@ def _field(
         for value in vectors.values():
             value[:, no_rate] = np.nan
     loss = np.where(no_rate, np.nan, solved.loss)
+    by_kernel = np.zeros(len(motion), dtype=bool)
     field = PoleField(
-        {}, {}, {}, {}, {}, {}, {}, {}, {}, {}, status, {}, by_equations, loss
+        direction={},
+        velocity_coefficient={},
+        acceleration_coefficient={},
+        angle={},
+        error={},
+        velocity_coefficient_error={},
+        acceleration_coefficient_error={},
+        planes={},
+        w={},
+        dw={},
+        status=status,
+        pole_status={},
+        by_equations=by_equations,
+        by_kernel=by_kernel,
+        loss=loss,
     )
     for pole in wanted.poles:
-        _add_pole(field, motion, wanted, lines, pole, w, dw, bounds, memory)
+        _add_pole(field, motion, wanted, lines, pole, w, dw, bounds)
     nothing = np.full((len(motion), 2, 3), np.nan)
     for pole in wanted.planes:
         own = wanted.plan.pole(*pole)
@@ -369,7 +478,6 @@ def _add_pole(
     w: dict[int, Floats],
     dw: dict[int, Floats],
     bounds: Bounds,
-    memory: SignMemory,
 ) -> None:
     own = wanted.plan.pole(*pole)
     if own is None:
@@ -385,14 +493,6 @@ def _add_pole(
     nothing = np.full(unit.shape[1], np.nan)
     rate = dot(w[j] - w[i], unit) if known else nothing
     acceleration_coefficient = dot(dw[j] - dw[i], unit) if known else nothing.copy()
-    if own not in _pairs(wanted):
-        v, dv = (w[j] - w[i], dw[j] - dw[i]) if known else (None, None)
-        signs = _continuous_signs(motion, unit, rate, v, dv, pole, memory)
-        unit, rate, acceleration_coefficient = (
-            unit * signs,
-            rate * signs,
-            acceleration_coefficient * signs,
-        )
     codes = field.status.copy()
     unknown = bad & (codes == Status.OK)
     codes[unknown] = Status.ILL_CONDITIONED
@@ -415,6 +515,26 @@ def _add_pole(
         np.isnan(acceleration_coefficient), np.nan, bounds.acceleration_coefficient[own]
     )
     field.angle[pole] = np.where(bad, np.nan, np.nan_to_num(lines.angle[own]))
+
+
+def _signed(
+    field: PoleField, motion: Motion, wanted: Request, memory: SignMemory
+) -> PoleField:
+    """Give directions, and coefficients along them, the signs that continue; in place."""
+    pairs = _pairs(wanted)
+    for pole in wanted.poles:
+        own = wanted.plan.pole(*pole)
+        if own is None or own in pairs:
+            continue
+        i, j = pole
+        unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
+        known = i in field.w and j in field.w
+        v = (field.w[j] - field.w[i]).T if known else None
+        dv = (field.dw[j] - field.dw[i]).T if known else None
+        signs = _continuous_signs(motion, unit, rate, v, dv, pole, memory)
+        for values in (unit, rate, field.acceleration_coefficient[pole]):
+            values *= signs
+    return field
 
 
 def _add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:

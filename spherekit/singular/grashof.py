@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from spherekit.model.geometry import link_axes
 from spherekit.model.mechanism import Mechanism
@@ -53,35 +54,53 @@ def grashof(mechanism: Mechanism) -> Grashof | None:
     None for other mechanisms. The fixed link is the ground, where the driven pair is on
     it, else the pair's first link.
     """
-    names, ends = mechanism.links, mechanism.ends
-    if len(ends) != 4 or len(names) != 4 or len(mechanism.inputs) != 1:
+    places = four_bar_links(mechanism)
+    if places is None:
         return None
     axes = [list(own.values()) for own in link_axes(mechanism).values()]
-    if any(len(own) != 2 for own in axes):
+    name = class_of(*(_arc(*axes[k]) for k in places))
+    return Grashof(str(name), mechanism.links[places[1]], mechanism.links[places[3]])
+
+
+def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
+    """Return the numbers of fixed link, input, coupler and output of a four-bar.
+
+    None for other mechanisms.
+    """
+    ends = mechanism.ends
+    if len(ends) != 4 or len(mechanism.links) != 4 or len(mechanism.inputs) != 1:
+        return None
+    if not all(pair.kind.has_axis for pair in mechanism.pairs):
+        return None
+    joined = [sum(k in own for own in ends) for k in range(4)]
+    if joined != [2, 2, 2, 2]:
         return None
     driven = mechanism.pair_number[mechanism.inputs[0].pair]
     fixed = 0 if 0 in ends[driven] else ends[driven][0]
     moved = next(link for link in ends[driven] if link != fixed)
     beside = next(k for k, own in enumerate(ends) if fixed in own and k != driven)
     output = next(link for link in ends[beside] if link != fixed)
-    coupler = ({0, 1, 2, 3} - {fixed, moved, output}).pop()
-    g, a, h, b = (_arc(*axes[k]) for k in (fixed, moved, coupler, output))
-    return Grashof(class_of(g, a, h, b), names[moved], names[output])
+    return fixed, moved, ({0, 1, 2, 3} - {fixed, moved, output}).pop(), output
 
 
 def _arc(one: Floats, other: Floats) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
 
 
-def class_of(g: float, a: float, h: float, b: float) -> str:
-    """Return the class of the arcs (rad) of fixed link, input, coupler and output."""
-    t = np.array([g - a + h - b, g - a - h + b, h + b - g - a, 2.0 * np.pi - g - a - h - b])
-    if np.min(np.abs(t)) < FOLDS:
-        return "change-point"
-    turns = t[0] * t[1] > 0.0 and t[2] * t[3] > 0.0
-    output_turns = t[0] * t[2] < 0.0 and t[1] * t[3] < 0.0
-    if turns:
-        return "double-crank" if output_turns else "crank-rocker"
-    if output_turns:
-        return "rocker-crank"
-    return "double-rocker" if np.prod(t) > 0.0 else "triple-rocker"
+def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[np.str_]:
+    """Return the class (n,) of arcs (n,) rad of fixed link, input, coupler and output."""
+    g, a, h, b = (np.asarray(arc, dtype=float) for arc in (g, a, h, b))
+    t = np.stack([g - a + h - b, g - a - h + b, h + b - g - a, 2.0 * np.pi - g - a - h - b])
+    turns = (t[0] * t[1] > 0.0) & (t[2] * t[3] > 0.0)
+    output_turns = (t[0] * t[2] < 0.0) & (t[1] * t[3] < 0.0)
+    return np.select(
+        [
+            np.min(np.abs(t), axis=0) < FOLDS,
+            turns & output_turns,
+            turns,
+            output_turns,
+            np.prod(t, axis=0) > 0.0,
+        ],
+        ["change-point", "double-crank", "crank-rocker", "rocker-crank", "double-rocker"],
+        "triple-rocker",
+    )

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import Needs
 from spherekit.analysis.running.interpolated_motion import InterpolatedMotion
+from spherekit.analysis.running.rows_at_once import RowsAtOnce
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.running.setting import ORDINARY, Setting
 from spherekit.conventions import Status
 from spherekit.engine.kernels import Kernel, kernel
 from spherekit.errors import AnalysisError
@@ -21,6 +22,9 @@ from spherekit.rates.core import LinkRates
 from spherekit.rates.field import PoleField, SignMemory, evaluate, field_of_rates
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
+
+ORDINARY_WAY = ORDINARY.engine, ORDINARY.route, ORDINARY.representation
+"""What a kernel may stand in for: the best route at every sample."""
 
 
 @final
@@ -60,6 +64,9 @@ class Evaluation:
             self._represented = self._functions(requests, all_links)
         elif setting.engine != "numpy":
             _ = self._kernel
+        self.at_once: RowsAtOnce | None = None
+        if (setting.engine, setting.route, setting.representation) == ORDINARY_WAY:
+            self.at_once = RowsAtOnce.of(course, self.requests, all_links)
 
     def _functions(
         self, requests: Sequence[Request], all_links: bool
@@ -93,8 +100,18 @@ class Evaluation:
             number=np.longdouble if extended else float,
         )
 
+    @property
+    def block(self) -> int:
+        """Samples in a block, as many as are quick together."""
+        if self.at_once is not None:
+            return self.at_once.block
+        return self.course.tracer.block
+
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples."""
+        if self.at_once is not None:
+            yield from self.at_once.blocks(size, first)
+            return
         if self._represented is None:
             yield from self.course.blocks(size, first)
             return
@@ -110,6 +127,8 @@ class Evaluation:
     def motion_at(self, rows: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers in rising order."""
         course = self.course
+        if self.at_once is not None:
+            return self.at_once.motion_at(rows)
         if self._represented is not None:
             motion = self._represented.motion(course.inputs[rows, 0], 0)
         elif course.simulation is not None:
@@ -127,6 +146,8 @@ class Evaluation:
         """Return the poles of a block of `blocks` for each input that moves."""
         if self._represented is not None:
             return tuple(self._represented.field(motion) for _ in self.requests)
+        if self.at_once is not None:
+            return self.at_once.fields(motion, memories)
         pairs = zip(self.requests, memories, strict=False)
         if self.setting.engine == "numpy":
             return tuple(

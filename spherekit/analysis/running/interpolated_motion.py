@@ -260,6 +260,7 @@ class InterpolatedMotion:
             status=status,
             pole_status={pole: resting if pole in still else status for pole in poles},
             by_equations=np.zeros(n, dtype=bool),
+            by_kernel=np.zeros(n, dtype=bool),
             loss=np.zeros(n),
         )
 

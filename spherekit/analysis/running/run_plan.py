@@ -82,7 +82,10 @@ class RunPlan:
     @property
     def identity(self) -> dict[str, Any]:
         """What makes the run the one it is, ready for JSON."""
-        return identity_of(self.course, self.analyses, self.block, self.evaluation.setting)
+        made, at_once = self.evaluation, self.evaluation.at_once
+        kernel = None if at_once is None else at_once.engine
+        own = identity_of(self.course, self.analyses, self.block, made.setting)
+        return own | {"kernel": kernel}
 
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
         """Return the tables of an analysis."""
@@ -177,7 +180,7 @@ def job_of(
     if asked.at_once:
         block = course.total
         need_memory(mechanism, block * len(tracer.assembly_modes), asked.at_once)
-    block = min(block or tracer.block, course.total)
+    block = min(block or evaluation.block, course.total)
     return RunPlan(course, asked, wanted, block, evaluation)
 
 

@@ -29,6 +29,7 @@ class RunStatistics:
         self._rate: float | None = None
         self._rate_dq: float | None = None
         self._by_equations = [0, 0]
+        self._by_kernel = 0
         self._rank: int | None = None
         self._repeated: dict[str, Any] | None = None
 
@@ -45,6 +46,7 @@ class RunStatistics:
             "velocity_coefficient": self._rate,
             "acceleration_coefficient": self._rate_dq,
             "by_equations": self._by_equations,
+            "by_kernel": self._by_kernel,
             "rank": self._rank,
             "repeated": self._repeated,
         }
@@ -64,6 +66,7 @@ class RunStatistics:
             state["acceleration_coefficient"],
         )
         tally._by_equations = list(state["by_equations"])
+        tally._by_kernel = int(state["by_kernel"])
         tally._rank, tally._repeated = state["rank"], state["repeated"]
         return tally
 
@@ -95,6 +98,7 @@ class RunStatistics:
                 self._rate_dq = _largest(self._rate_dq, error[good])
             self._by_equations[0] += int(np.sum(found.by_equations))
             self._by_equations[1] += len(found.by_equations)
+            self._by_kernel += int(np.count_nonzero(found.by_kernel))
         if self._rank is None and np.any(motion.status == Status.OK):
             row = int(np.argmax(motion.status == Status.OK))
             closure = tracer.solver.closure
@@ -150,6 +154,7 @@ class RunStatistics:
             "largest_velocity_coefficient_error_bound": self._rate,
             "largest_acceleration_coefficient_error_bound": self._rate_dq,
             "fraction_by_velocity_equations": some / every if every else None,
+            "fraction_by_kernel": self._by_kernel / every if every else None,
         }
 
 

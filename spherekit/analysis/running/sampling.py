@@ -391,7 +391,7 @@ def motion_of(
         assembly_mode=np.full(n, tracer.assembly_modes[0].number),
         inputs=found.inputs,
         values=values,
-        rotations=found.rotations,
+        placed=found.rotations,
         status=np.full(n, Status.OK, dtype=np.int8),
         residual=found.residual,
         timing=Timing(t, found.input_rates, found.input_accelerations),

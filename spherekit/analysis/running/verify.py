@@ -363,8 +363,11 @@ def _replaced(
         changed[at] = new[source]
         return changed
 
-    names = ("values", "rotations", "residual")
-    parts = {name: put(getattr(motion, name), getattr(better, name)) for name in names}
+    names = {"values": "values", "placed": "rotations", "residual": "residual"}
+    parts = {
+        part: put(getattr(motion, name), getattr(better, name))
+        for part, name in names.items()
+    }
     found = tuple(
         PoleField(
             **{name: put(value, getattr(new, name)) for name, value in vars(old).items()}

@@ -1,0 +1,198 @@
+"""Figures of merit: one number of a design in an assembly mode, from its rows."""
+
+import re
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import listing, nearest
+from spherekit.errors import AnalysisError, ModelError
+from spherekit.model.expression import Expression, parse
+
+Floats = NDArray[np.float64]
+
+REDUCTIONS = {
+    "min": "the least value",
+    "max": "the greatest value",
+    "mean": "the mean over the samples",
+    "rms": "the root of the mean square",
+    "range": "the greatest value less the least",
+    "swing": "the range of an angle that is followed over whole turns",
+    "sum": "the sum over the rows",
+    "argmin": "the input at which it is least",
+    "argmax": "the input at which it is greatest",
+    "at": "the value at an input: at(EXPRESSION, Q)",
+}
+"""How rows become one number. Samples that do not close are left out."""
+
+_FORM = re.compile(r"(?:([A-Za-z_]\w*)\s*=(?!=))?\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.S)
+_BARE = re.compile(r"\s*(?:abs\s*\(\s*)?([A-Za-z_]\w*)\s*\)?\s*")
+
+
+@final
+@dataclass(frozen=True)
+class Merit:
+    """A figure of merit: a reduction of an expression over the rows of a design.
+
+    Attributes
+    ----------
+    name
+        What its column is called.
+    reduction
+        One of `REDUCTIONS`.
+    expression
+        Of quantities of a row (rad, SI), or of the columns of a `table`.
+    point
+        The input (rad) of ``at``.
+    table
+        ``ANALYSIS.TABLE`` whose rows are meant; None for those that kernels compute.
+    meaning
+        What it says, in a few words.
+    """
+
+    name: str
+    reduction: str
+    expression: str
+    point: float | None = None
+    table: str | None = None
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        if self.reduction not in REDUCTIONS:
+            hint = nearest(self.reduction, REDUCTIONS) or ";"
+            raise AnalysisError(
+                f'{self.name}: "{self.reduction}" is no reduction{hint} it is '
+                f"{listing(REDUCTIONS)}"
+            )
+        if not re.fullmatch(r"[A-Za-z_]\w*", self.name):
+            raise AnalysisError(
+                f'"{self.name}" cannot name a figure of merit: letters, digits and _ can'
+            )
+        if (self.point is None) == (self.reduction == "at"):
+            raise AnalysisError(
+                f"{self.name}: at(EXPRESSION, Q) needs an input Q, and no other has one"
+            )
+
+    def parsed(self, names: dict[str, str]) -> Expression:
+        """Return the expression, of quantities with units by name.
+
+        Raises
+        ------
+        AnalysisError
+            If it is not an expression of these.
+        """
+        try:
+            return parse(self.expression, names)
+        except ModelError as problem:
+            raise AnalysisError(f"{self.name}: {problem}") from None
+
+    def unit(self, names: dict[str, str]) -> str:
+        """Return its unit where the expression is a quantity or its size, else nothing."""
+        if self.reduction.startswith("arg"):
+            return names.get("q", "")
+        bare = _BARE.fullmatch(self.expression)
+        return names.get(bare[1], "") if bare else ""
+
+
+def parse_merit(text: str, radians: float) -> Merit:
+    """Return the figure of merit of ``NAME=REDUCTION(EXPRESSION)``, the name optional.
+
+    Parameters
+    ----------
+    text
+        Such as ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``.
+    radians
+        What a unit of an input given by ``at`` is in rad.
+
+    Raises
+    ------
+    AnalysisError
+        If it has not that form.
+    """
+    found = _FORM.fullmatch(text.strip())
+    if found is None:
+        raise AnalysisError(
+            f'"{text}" is no figure of merit: write NAME=REDUCTION(EXPRESSION), such as '
+            f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
+        )
+    name, reduction, expression = found.groups()
+    point = None
+    if reduction == "at":
+        expression, _, place = expression.rpartition(",")
+        try:
+            point = float(place) * radians
+        except ValueError:
+            raise AnalysisError(
+                f'"{text}": at needs an expression and an input, at(theta_41, 30)'
+            ) from None
+    if name is None:
+        words = f"{reduction}_{expression}" + ("" if point is None else f"_{place.strip()}")
+        name = re.sub(r"\W+", "_", words).strip("_")
+    return Merit(name, reduction, expression.strip(), point)
+
+
+@final
+class Reducing:
+    """A figure of merit of n designs while their samples come, in order."""
+
+    def __init__(self, merit: Merit, count: int) -> None:
+        self.kind = merit.reduction
+        self._low = np.full(count, np.nan)
+        self._high = np.full(count, np.nan)
+        self._total = np.zeros(count)
+        self._rows = np.zeros(count)
+        self._place = np.full(count, np.nan)
+        self._before = np.full(count, np.nan)
+        self._reached = np.full(count, np.nan)
+
+    def take(self, q: float, values: Floats) -> None:
+        """Take the values (n,) at an input q; NaN where the design does not close."""
+        kind = self.kind
+        if kind in ("max", "range"):
+            np.fmax(self._high, values, out=self._high)
+        if kind in ("min", "range"):
+            np.fmin(self._low, values, out=self._low)
+        if kind == "at":
+            self._high = values.copy()
+        if kind in ("mean", "rms", "sum"):
+            known = np.isfinite(values)
+            self._rows += known
+            part = values * values if kind == "rms" else values
+            self._total += np.where(known, part, 0.0)
+        if kind in ("argmin", "argmax"):
+            better = values < self._low if kind == "argmin" else values > self._low
+            better |= np.isnan(self._low) & np.isfinite(values)
+            self._low[better] = values[better]
+            self._place[better] = q
+        if kind == "swing":
+            self._turn(values)
+
+    def _turn(self, values: Floats) -> None:
+        """Go on with angles; a gap begins anew, and the widest piece counts."""
+        onward = np.remainder(values - self._before + np.pi, 2.0 * np.pi) - np.pi
+        fresh = np.isnan(onward)
+        self._reached = np.where(fresh, values, self._reached + onward)
+        self._low = np.where(fresh, values, np.fmin(self._low, self._reached))
+        self._high = np.where(fresh, values, np.fmax(self._high, self._reached))
+        self._before = values
+        self._total = np.fmax(self._total, self._high - self._low)
+        self._rows += np.isfinite(values)
+
+    def result(self) -> Floats:
+        """Return the figure (n,); NaN for designs without a value."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found: Any = {
+                "min": self._low,
+                "max": self._high,
+                "at": self._high,
+                "range": self._high - self._low,
+                "mean": self._total / self._rows,
+                "rms": np.sqrt(self._total / self._rows),
+                "sum": np.where(self._rows > 0, self._total, np.nan),
+                "swing": np.where(self._rows > 0, self._total, np.nan),
+                "argmin": self._place,
+                "argmax": self._place,
+            }[self.kind]
+        return np.asarray(found, dtype=float)

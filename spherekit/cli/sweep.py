@@ -1,0 +1,157 @@
+"""`spherekit sweep`: figures of merit of many designs."""
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from spherekit.cli.study import add_study_arguments, study_from
+from spherekit.cli.suggest import analyses as names_of_analyses
+from spherekit.cli.suggest import suggesting
+from spherekit.conventions import counted
+
+if TYPE_CHECKING:
+    from spherekit.design.sweep import SweepResult
+
+EXAMPLES = (
+    (
+        "spherekit sweep four_bar --vary links.2.arc=10:40:31 --vary links.3.arc=50:90:41 "
+        "-a singularities -o designs",
+        "the least transmission angle over a grid of two arcs",
+    ),
+    (
+        "spherekit sweep four_bar --vary links.2.arc=10:40 --vary links.4.arc=30:60 "
+        '--designs 1000 -a singularities --where "least_transmission_angle_43 > 40"',
+        "of a thousand designs those that transmit well",
+    ),
+)
+
+SHOWN = 10
+"""Rows that are printed."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_study_arguments(parser)
+    parser.add_argument(
+        "--vary",
+        action="append",
+        metavar="KEY=VALUES",
+        required=True,
+        help="a number of the file, such as links.2.arc, and what it takes on in the "
+        "file's unit: LOW:HIGH:COUNT, a list A,B,C, or LOW:HIGH with --designs; may be "
+        "repeated",
+    )
+    suggesting(
+        parser.add_argument(
+            "-a",
+            "--analysis",
+            action="append",
+            metavar="NAME[:key=value,...]",
+            help="an analysis whose figures of merit are wanted, may be repeated",
+        ),
+        names_of_analyses,
+    )
+    parser.add_argument(
+        "--reduce",
+        action="append",
+        metavar="[NAME=]HOW(EXPR)",
+        help="a figure of merit: how (min, max, mean, rms, range, swing, sum, argmin, "
+        "argmax, at) and an expression of what a configuration has, in rad; may be "
+        "repeated",
+    )
+    parser.add_argument(
+        "--where",
+        action="append",
+        metavar="A<B",
+        help="leave out designs and rows that do not meet this; may be repeated",
+    )
+    parser.add_argument(
+        "--designs", type=int, metavar="N", help="so many designs, not a grid"
+    )
+    parser.add_argument(
+        "--scheme",
+        metavar="NAME",
+        help="how they are chosen: sobol (default), latin or random",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="K", help="of that choice; default 0"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="write Parquet parts here while it goes on; the same command goes on with a "
+        "sweep that was stopped",
+    )
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="processes (default: one for each core)"
+    )
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="compute on the workers of this Dask scheduler, which see the folder",
+    )
+    parser.add_argument("--json", action="store_true", help="print the rows as JSON lines")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Compute, and print the first rows."""
+    from dataclasses import replace
+
+    from spherekit.analysis.registry import create
+    from spherekit.design.space import DesignSpace, variation
+    from spherekit.errors import DesignError
+    from spherekit.front.sweep import perform, sweep_of
+
+    variations = []
+    for text in options.vary:
+        key, equals, values = text.partition("=")
+        if not equals:
+            raise DesignError(
+                f"--vary {text}: write KEY=VALUES, such as links.2.arc=10:40:31"
+            )
+        variations.append(variation(key.strip(), values))
+    space = DesignSpace.of(variations, options.designs, options.scheme, options.seed)
+    study = study_from(options)
+    analyses = [create(text) for text in options.analysis or ()]
+    sweep = sweep_of(study, space, options.reduce or (), analyses, source=options.file)
+    sweep = replace(sweep, where=tuple(options.where or ()))
+    result = perform(sweep, options.output, options.workers, options.dask)
+    if options.json:
+        _lines(result)
+    elif not options.quiet:
+        _tell(result)
+    sys.stdout.flush()
+    if options.output is None and not options.quiet and not options.json:
+        print("nothing was written: use -o DIR for all rows", file=sys.stderr)
+    return 0
+
+
+def _lines(result: "SweepResult") -> None:
+    for row in result.frame().to_dict("records"):
+        plain = {key: None if value != value else value for key, value in row.items()}
+        print(json.dumps(plain, ensure_ascii=False))
+
+
+def _tell(result: "SweepResult") -> None:
+    frame: Any = result.frame()
+    units = frame.attrs["units"]
+    failed = frame["status"] != "OK"
+    words = [
+        counted(result.sweep.space.count, "design"),
+        counted(len(frame), "row") + ", one for each assembly mode",
+    ]
+    if failed.any():
+        words.append(f"{int(failed.sum())} of them impossible or never closing")
+    print(f"{result.sweep.mechanism.name}: {', '.join(words)}")
+    frame.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in frame.columns]
+    print(frame.head(SHOWN).to_string(index=False, na_rep="", float_format="%.6g"))
+    if len(frame) > SHOWN:
+        print(f"... {counted(len(frame) - SHOWN, 'more row')}")
+    if result.folder is not None:
+        print(
+            f"{counted(result.sweep.parts, 'part')} in {result.folder}, "
+            f"{result.computed} computed now; read with pandas.read_parquet",
+            file=sys.stderr,
+        )

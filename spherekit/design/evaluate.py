@@ -1,0 +1,347 @@
+"""Figures of merit of designs: by a kernel for all of them at once, or one by one."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.merit import Merit, Reducing
+from spherekit.design.samples import DesignSamples
+from spherekit.design.variables import DesignVariable, design_geometry, designed
+from spherekit.engine.design_kernel import (
+    SAMPLE,
+    DesignKernel,
+    DesignTerms,
+    arc_function,
+    design_kernel,
+    row_quantities,
+)
+from spherekit.errors import SpherekitError
+from spherekit.files.document import Document
+from spherekit.model.expression import Expression
+from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.motion.motion import Tracer
+from spherekit.singular.grashof import class_of, four_bar_links
+from spherekit.sphere.rotation import Floats
+
+BLOCK = 4096
+"""Designs evaluated together: their rows stay in the cache."""
+
+OK = "OK"
+NEVER = "does not close at any sample"
+INERTIAL = ("B", "dB_dq", "torque")
+DEG = np.pi / 180.0
+
+
+@final
+@dataclass(frozen=True)
+class Evaluated:
+    """Designs in their assembly modes: one row for each that closes, one for the others.
+
+    `design` (n,) counts within what was given, `mode` (n,) says which assembly mode, ""
+    where none closes; `closes` (n,) is the share of samples that do, `status` (n,) OK or
+    why not, `merits` the figures (n,) by name, in rad and SI.
+    """
+
+    design: NDArray[np.int64]
+    mode: NDArray[np.object_]
+    closes: Floats
+    status: NDArray[np.object_]
+    merits: Mapping[str, Floats]
+
+    @staticmethod
+    def joined(parts: "Sequence[Evaluated]", names: Sequence[str]) -> "Evaluated":
+        """Return several in order of design, then as they come."""
+        design = np.concatenate([part.design for part in parts])
+        order = np.argsort(design, kind="stable")
+
+        def of(each: Sequence[Any]) -> Any:
+            return np.concatenate(each)[order]
+
+        return Evaluated(
+            design[order],
+            of([part.mode for part in parts]),
+            of([part.closes for part in parts]),
+            of([part.status for part in parts]),
+            {name: of([part.merits[name] for part in parts]) for name in names},
+        )
+
+
+@final
+class Evaluator:
+    """The figures of merit of designs of one topology.
+
+    Sizes that kernels take are varied in one kernel for all designs, where every group is
+    a dyad; other numbers, and other groups, design by design.
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        mechanism: Mechanism,
+        variables: Sequence[DesignVariable],
+        merits: Sequence[Merit],
+        samples: DesignSamples,
+    ) -> None:
+        self.document = document
+        self.mechanism = mechanism
+        self.input = mechanism.inputs[0].pair
+        self.variables = tuple(variables)
+        self.merits = tuple(merits)
+        self.samples = samples
+        names = row_quantities(mechanism)
+        self.expressions = [merit.parsed(names) for merit in merits]
+        used = sorted({name for each in self.expressions for name in each.names})
+        self.columns = [name for name in used if name not in SAMPLE]
+        self.kernel = self._kernel()
+
+    def _kernel(self) -> DesignKernel | None:
+        """Return the kernel of all designs, None where they have none."""
+        if any(variable.slot is None for variable in self.variables):
+            return None
+        if set(self.columns) & set(INERTIAL) and self._masses_follow():
+            return None
+        terms = self.terms()
+        return design_kernel(terms, self.columns) if terms.closed_form else None
+
+    def terms(self, closed_form: bool | None = None) -> DesignTerms:
+        """Return what kernels of all designs are written in."""
+        return DesignTerms.of(
+            self.mechanism,
+            self.input,
+            [variable.name for variable in self.variables],
+            lambda numbers: design_geometry(self.variables, numbers),
+            closed_form,
+        )
+
+    def _masses_follow(self) -> bool:
+        """Return whether the file states masses by sizes of links, which then follow."""
+        masses: Mapping[str, Mapping[str, Any]] = self.document.data.get("mass", {})
+        return any("tensor" not in each for each in masses.values())
+
+    def radians(self, values: Floats) -> Floats:
+        """Return values (variables, n) in the file's units in rad and SI."""
+        unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
+        scale = [unit if each.is_angle else 1.0 for each in self.variables]
+        return np.asarray(values * np.array(scale)[:, None])
+
+    def classes(self, values: Floats) -> NDArray[np.str_] | None:
+        """Return the Grashof class of four-bars (variables, n), None for others."""
+        places = four_bar_links(self.mechanism)
+        if places is None or self.kernel is None:
+            return None
+        names = [variable.name for variable in self.variables]
+        links, arcs = arc_function(
+            self.mechanism, names, lambda numbers: design_geometry(self.variables, numbers)
+        )
+        found = dict(zip(links, arcs(self.radians(values)), strict=True))
+        return class_of(*(found[k] for k in places))
+
+    def at(self, values: Floats) -> Evaluated:
+        """Return the figures of merit of designs (variables, n), in the file's units."""
+        parts = []
+        for start in range(0, values.shape[1], BLOCK):
+            some = values[:, start : start + BLOCK]
+            found = self._together(some) if self.kernel else self._one_by_one(some)
+            parts.append(replace(found, design=found.design + start))
+        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+
+    # All designs in one kernel.
+
+    def _together(self, values: Floats) -> Evaluated:
+        assert self.kernel is not None
+        sizes = self.radians(values)
+        refused = self._refused(values, sizes)
+        possible = np.flatnonzero(refused == OK)
+        parts = [_without(np.flatnonzero(refused != OK), refused, self.merits)]
+        if len(possible):
+            found = self._modes(self.kernel, sizes[:, possible])
+            parts.append(replace(found, design=possible[found.design]))
+        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+
+    def _refused(self, values: Floats, sizes: Floats) -> NDArray[np.object_]:
+        """Return why designs (n,) are impossible, OK where they are not."""
+        found = np.full(values.shape[1], OK, dtype=object)
+        for variable, row, given in zip(self.variables, sizes, values, strict=True):
+            if variable.slot is None or variable.slot[0] != "arcs":
+                continue
+            outside = ~((row > 0.0) & (row < np.pi)) & ~_signed(self.mechanism, variable)
+            for k in np.flatnonzero(outside & (found == OK)):
+                found[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
+        return found
+
+    def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
+        """Return designs (variables, n) of a kernel in all their modes."""
+        n = sizes.shape[1]
+        prepared = kernel.prepare(np.ascontiguousarray(sizes))
+        parts, closing = [], np.zeros(n, dtype=bool)
+        for signs in product((1.0, -1.0), repeat=len(kernel.places)):
+            reducing = [Reducing(merit, n) for merit in self.merits]
+            closes = np.zeros(n)
+            with np.errstate(all="ignore"):
+                for sample, known, closed in _in_mode(
+                    kernel, prepared, signs, self.samples.rows
+                ):
+                    closes += closed
+                    self._take(reducing, sample, known, closed, None)
+                for sample, known, closed in _in_mode(
+                    kernel, prepared, signs, self._points()
+                ):
+                    self._take(reducing, sample, known, closed, float(sample[0]))
+            label = "".join("+" if sign > 0 else "-" for sign in signs)
+            rows = np.flatnonzero(closes > 0)
+            parts.append(self._rows(rows, [label] * n, closes, reducing))
+            closing |= closes > 0
+        why = np.full(n, NEVER, dtype=object)
+        parts.append(_without(np.flatnonzero(~closing), why, self.merits))
+        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+
+    def _rows(
+        self,
+        rows: NDArray[np.intp],
+        labels: Sequence[str],
+        closes: Floats,
+        reducing: Sequence[Reducing],
+    ) -> Evaluated:
+        results = zip(self.merits, (each.result() for each in reducing), strict=True)
+        return Evaluated(
+            rows,
+            np.array(labels, dtype=object)[rows],
+            closes[rows] / len(self.samples.rows),
+            np.full(len(rows), OK, dtype=object),
+            {merit.name: found[rows] for merit, found in results},
+        )
+
+    def _points(self) -> Floats:
+        """Return the samples (n, 4) that figures at given inputs need."""
+        points = {merit.point for merit in self.merits if merit.point is not None}
+        return DesignSamples.at(sorted(points), self.samples.rows[0, 0]).rows
+
+    def _take(
+        self,
+        reducing: Sequence[Reducing],
+        sample: Floats,
+        known: Mapping[str, Any],
+        closed: NDArray[np.bool_],
+        point: float | None,
+    ) -> None:
+        for merit, expression, each in zip(
+            self.merits, self.expressions, reducing, strict=True
+        ):
+            if merit.point == point:
+                values = _value(expression, known, len(closed))
+                each.take(float(sample[0]), np.where(closed, values, np.nan))
+
+    # One design after the other.
+
+    def _one_by_one(self, values: Floats) -> Evaluated:
+        parts = []
+        for k, design in enumerate(values.T):
+            try:
+                found = self._single(designed(self.document, self.variables, design))
+            except SpherekitError as problem:
+                why = np.array([_reason(problem)], dtype=object)
+                found = _without(np.zeros(1, dtype=np.int64), why, self.merits)
+            parts.append(replace(found, design=found.design + k))
+        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+
+    def _single(self, mechanism: Mechanism) -> Evaluated:
+        terms = DesignTerms.of(mechanism, self.input)
+        kernel = design_kernel(terms, self.columns, compiled=False)
+        if kernel.closed_form:
+            return self._modes(kernel, np.empty((0, 1)))
+        rows = self.samples.rows
+        tracer = Tracer(mechanism, self.input, path=rows[:, :1])
+        modes = tracer.assembly_modes
+        count = len(modes)
+        reducing = [Reducing(merit, count) for merit in self.merits]
+        closes = np.zeros(count)
+        with np.errstate(all="ignore"):
+            for sample, known, closed in _at_variables(kernel, tracer, rows):
+                closes += closed
+                self._take(reducing, sample, known, closed, None)
+            for sample, known, closed in _at_variables(kernel, tracer, self._points()):
+                self._take(reducing, sample, known, closed, float(sample[0]))
+        if not np.any(closes):
+            why = np.array([NEVER], dtype=object)
+            return _without(np.zeros(1, dtype=np.int64), why, self.merits)
+        labels = [f"{mode.number} {mode.label}" for mode in modes]
+        found = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing)
+        return replace(found, design=np.zeros_like(found.design))
+
+
+Sampled = Iterator[tuple[Floats, Mapping[str, Any], NDArray[np.bool_]]]
+"""A sample, the quantities (n,) there by name, and who closes (n,)."""
+
+
+def _in_mode(
+    kernel: DesignKernel, prepared: Floats, signs: Sequence[float], samples: Floats
+) -> Sampled:
+    """Yield designs in an assembly mode at samples (k, 4), as many at once as pay."""
+    n = prepared.shape[1]
+    together = max(1, BLOCK // n)
+    fixed = len(SAMPLE) + len(signs)
+    for start in range(0, len(samples), together):
+        some = samples[start : start + together]
+        rows = np.empty((fixed + len(prepared), len(some), n))
+        rows[: len(SAMPLE)] = some.T[:, :, None]
+        rows[len(SAMPLE) : fixed] = np.array(signs)[:, None, None]
+        rows[fixed:] = prepared[:, None, :]
+        found = kernel.evaluate(rows.reshape(len(rows), -1))
+        shaped = np.reshape(found, (-1, len(some), n))
+        for k, sample in enumerate(some):
+            closed = np.all(shaped[: kernel.reaches, k] >= 0.0, axis=0)
+            yield sample, _named(kernel, sample, shaped[kernel.reaches :, k]), closed
+
+
+def _at_variables(kernel: DesignKernel, tracer: Tracer, samples: Floats) -> Sampled:
+    """Yield the assembly modes of one design at samples (k, 4)."""
+    if not len(samples) or not tracer.assembly_modes:
+        return
+    motion = tracer.at(samples[:, 0])
+    shape = len(tracer.assembly_modes), len(samples)
+    closed = ~motion.failed.reshape(shape)
+    every = np.tile(samples, (shape[0], 1)).T
+    found = kernel.evaluate(np.concatenate([every, motion.values.T]))
+    shaped = np.reshape(found, (-1, *shape))
+    for k, sample in enumerate(samples):
+        yield sample, _named(kernel, sample, shaped[:, :, k]), closed[:, k]
+
+
+def _named(kernel: DesignKernel, sample: Floats, columns: Floats) -> Mapping[str, Any]:
+    known = dict(zip(kernel.columns, columns, strict=True))
+    return known | dict(zip(SAMPLE, sample, strict=True))
+
+
+def _value(expression: Expression, known: Mapping[str, Any], count: int) -> Floats:
+    found = expression.evaluate({name: known[name] for name in expression.names})
+    return np.broadcast_to(found, count)
+
+
+def _without(
+    rows: NDArray[np.intp], why: NDArray[np.object_], merits: Sequence[Merit]
+) -> Evaluated:
+    """Return rows of designs that have no figures, with the reason of each."""
+    nothing = np.full(len(rows), np.nan)
+    return Evaluated(
+        rows,
+        np.full(len(rows), "", dtype=object),
+        np.zeros(len(rows)),
+        why[rows],
+        {merit.name: nothing for merit in merits},
+    )
+
+
+def _signed(mechanism: Mechanism, variable: DesignVariable) -> bool:
+    """Return whether the file lets an arc run beyond half a turn."""
+    assert isinstance(mechanism.geometry, SizeGeometry) and variable.slot is not None
+    return mechanism.geometry.links[variable.slot[1][0]].signed
+
+
+def _reason(problem: SpherekitError) -> str:
+    """Return the first line of what is wrong with a design, without the file's name."""
+    line, *_ = str(problem).splitlines()
+    return line

@@ -1,0 +1,159 @@
+"""Which designs there are: grids, lists, and sets that fill a space evenly."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, final
+
+import numpy as np
+
+from spherekit.conventions import listing, nearest
+from spherekit.errors import DesignError
+from spherekit.sphere.rotation import Floats
+
+Scheme = Literal["grid", "sobol", "latin", "random"]
+
+SCHEMES: tuple[Scheme, ...] = ("grid", "sobol", "latin", "random")
+"""All combinations; a scrambled Sobol sequence; Latin hypercube; independent, uniform."""
+
+Values = Sequence[float] | tuple[float, float, int] | tuple[float, float]
+
+
+@final
+@dataclass(frozen=True)
+class Variation:
+    """What a variable takes on: listed `values`, or all from `low` to `high`."""
+
+    key: str
+    low: float
+    high: float
+    values: tuple[float, ...] | None = None
+
+
+def variation(key: str, text: str) -> Variation:
+    """Return the variation of ``10:40:31``, ``10:40`` or ``10,20,25``.
+
+    Raises
+    ------
+    DesignError
+        If it is none of these.
+    """
+    try:
+        if ":" in text:
+            low, high, *count = text.split(":")
+            ends = float(low), float(high)
+            if not count:
+                return between(key, *ends)
+            (number,) = count
+            return listed(key, np.linspace(*ends, int(number)).tolist())
+        return listed(key, [float(part) for part in text.split(",")])
+    except ValueError:
+        raise DesignError(
+            f"{key}={text}: write LOW:HIGH:COUNT, such as 10:40:31, a list such as "
+            "10,20,25, or LOW:HIGH for --designs"
+        ) from None
+
+
+def between(key: str, low: float, high: float) -> Variation:
+    """Return a variation over a range."""
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise DesignError(
+            f"{key}: {low:g} to {high:g} is no range; give the lower end first"
+        )
+    return Variation(key, low, high)
+
+
+def listed(key: str, values: Sequence[float]) -> Variation:
+    """Return a variation over a list."""
+    if not values or not np.all(np.isfinite(values)):
+        raise DesignError(f"{key}: give at least one value, and finite ones")
+    return Variation(key, min(values), max(values), tuple(values))
+
+
+@final
+@dataclass(frozen=True)
+class DesignSpace:
+    """Designs by number, the same whenever and wherever they are asked for."""
+
+    variations: tuple[Variation, ...]
+    scheme: Scheme
+    count: int
+    seed: int
+
+    @staticmethod
+    def of(
+        variations: Sequence[Variation],
+        designs: int | None = None,
+        scheme: Scheme | None = None,
+        seed: int = 0,
+    ) -> "DesignSpace":
+        """Return the space of variations: their grid, or so many designs by a scheme.
+
+        Raises
+        ------
+        DesignError
+            If ranges have no count for a grid, or nothing is varied.
+        """
+        if not variations:
+            raise DesignError("nothing is varied: give --vary KEY=LOW:HIGH:COUNT")
+        chosen = scheme or ("grid" if designs is None else "sobol")
+        if chosen not in SCHEMES:
+            hint = nearest(chosen, SCHEMES) or ";"
+            raise DesignError(f'scheme "{chosen}" is not known{hint} {listing(SCHEMES)}')
+        if chosen == "grid":
+            if designs is not None:
+                raise DesignError(
+                    "a grid has as many designs as combinations: leave out "
+                    "the number of designs, or take sobol, latin or random"
+                )
+            counts = [len(each.values) if each.values else 0 for each in variations]
+            for each in variations:
+                if each.values is None:
+                    raise DesignError(
+                        f"{each.key}: a grid needs how many values, "
+                        f"{each.key}={each.low:g}:{each.high:g}:11; or give --designs N"
+                    )
+            return DesignSpace(tuple(variations), chosen, math.prod(counts), seed)
+        if designs is None or designs < 1:
+            raise DesignError(f"{chosen}: give how many designs, at least 1")
+        return DesignSpace(tuple(variations), chosen, designs, seed)
+
+    def designs(self, start: int, stop: int) -> Floats:
+        """Return the designs from one number to before another, (variables, n)."""
+        if self.scheme == "grid":
+            values = [np.array(each.values) for each in self.variations]
+            numbers = np.arange(start, min(stop, self.count))
+            places = np.unravel_index(numbers, [len(each) for each in values])
+            return np.stack([own[k] for own, k in zip(values, places, strict=True)])
+        return self._scaled(self._unit(start, min(stop, self.count)))
+
+    def _scaled(self, unit: Floats) -> Floats:
+        rows = []
+        for each, share in zip(self.variations, unit, strict=True):
+            if each.values is None:
+                rows.append(each.low + (each.high - each.low) * share)
+            else:
+                values = np.array(each.values)
+                place = (share * len(values)).astype(int)
+                rows.append(values[np.minimum(place, len(values) - 1)])
+        return np.stack(rows)
+
+    def _unit(self, start: int, stop: int) -> Floats:
+        """Return points of the unit cube (variables, n)."""
+        from scipy.stats import qmc
+
+        size = len(self.variations)
+        if self.scheme == "sobol":
+            sobol = qmc.Sobol(size, scramble=True, rng=self.seed)
+            if start:
+                sobol.fast_forward(start)
+            with warnings.catch_warnings():
+                # A number that is no power of 2 costs balance only, which parts have not.
+                warnings.simplefilter("ignore", UserWarning)
+                return np.asarray(sobol.random(stop - start).T)
+        if self.scheme == "latin":
+            whole = qmc.LatinHypercube(size, rng=self.seed).random(self.count)
+            return np.asarray(whole[start:stop].T)
+        generator = np.random.Generator(np.random.PCG64(self.seed).advance(start * size))
+        return np.asarray(generator.random((stop - start, size)).T)

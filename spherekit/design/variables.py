@@ -1,0 +1,105 @@
+"""What is varied: a number of a mechanism file, and where kernels take it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+from spherekit.engine.frames import DesignGeometry
+from spherekit.errors import DesignError
+from spherekit.files.change import number_at, number_path, with_numbers
+from spherekit.files.document import Document
+from spherekit.files.locate import KeyPath
+from spherekit.files.read import read
+from spherekit.model.mechanism import Mechanism
+
+_GEOMETRY = ("arcs", "angles", "zeros", "values", "longitudes", "latitudes")
+
+
+@final
+@dataclass(frozen=True)
+class DesignVariable:
+    """A number of a mechanism file that is varied.
+
+    Attributes
+    ----------
+    key
+        As users name it, ``links.2.arc``.
+    path
+        Where it stands in the file.
+    value
+        What the file says, in the file's unit.
+    is_angle
+        Whether it is an angle, in the file's unit of angles.
+    slot
+        Which size of a kernel it is, if it is one.
+    """
+
+    key: str
+    path: KeyPath
+    value: float
+    is_angle: bool
+    slot: tuple[str, Any] | None
+
+    @property
+    def name(self) -> str:
+        """Its name in tables and expressions."""
+        return self.key.replace(".", "_").replace("-", "_")
+
+
+def design_variable(document: Document, key: str) -> DesignVariable:
+    """Return the variable of a key; `FileError` if the file has no such number."""
+    path = number_path(document, key)
+    slot = _slot(document, path)
+    angle = slot is not None or path[0] in ("inputs", "stops")
+    return DesignVariable(key, path, number_at(document, path), angle, slot)
+
+
+def _slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
+    match path:
+        case ("links", str(link), "arcs" | "angles" as kind, int(k)):
+            axes = document.data["links"][link]["axes"]
+            return kind, (link, axes[k + (1 if kind == "arcs" else 2)])
+        case ("pairs", str(pair), "zero" | "value" as kind):
+            return f"{kind}s", pair
+        case ("pairs", str(pair), "lonlat", int(k)):
+            return ("longitudes", "latitudes")[k], pair
+    return None
+
+
+def design_geometry(
+    variables: Sequence[DesignVariable], numbers: Mapping[str, Any]
+) -> DesignGeometry:
+    """Return the geometry in which variables have these numbers or terms, by name."""
+    made: dict[str, dict[Any, Any]] = {kind: {} for kind in _GEOMETRY}
+    for variable in variables:
+        if variable.slot is not None:
+            kind, place = variable.slot
+            made[kind][place] = numbers[variable.name]
+    return DesignGeometry(**made)
+
+
+def designed(
+    document: Document, variables: Sequence[DesignVariable], values: Sequence[float]
+) -> Mechanism:
+    """Return the mechanism of a design, with values in the file's units.
+
+    Raises
+    ------
+    FileError
+        If there is no such mechanism.
+    """
+    paths = [variable.path for variable in variables]
+    numbers = dict(zip(paths, map(float, values), strict=True))
+    return read(with_numbers(document, numbers))
+
+
+def check_variables(document: Document, variables: Sequence[DesignVariable]) -> None:
+    """Raise `DesignError` where a number is named twice."""
+    seen: dict[KeyPath, str] = {}
+    for variable in variables:
+        if variable.path in seen:
+            raise DesignError(
+                f"{document.name}: {variable.key} and {seen[variable.path]} are the same "
+                "number; vary it once"
+            )
+        seen[variable.path] = variable.key

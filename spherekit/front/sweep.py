@@ -1,0 +1,173 @@
+"""A sweep from names, paths and texts."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from spherekit.analysis.merit import Merit, parse_merit
+from spherekit.analysis.registry import create
+from spherekit.checked import checked
+from spherekit.design.samples import DesignSamples
+from spherekit.design.space import DesignSpace, Scheme, Variation, listed, variation
+from spherekit.design.sweep import Sweep, SweepResult, run_sweep
+from spherekit.errors import DesignError
+from spherekit.files.change import document_of
+from spherekit.files.library import find, is_study
+from spherekit.files.study import load_study
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
+
+if TYPE_CHECKING:
+    from spherekit.analysis.contract import AbstractAnalysis
+
+Subject = Study | Mechanism | str | os.PathLike[str]
+Vary = Mapping[str, str | Sequence[float]]
+
+
+@checked(DesignError)
+def sweep(
+    subject: Subject,
+    vary: Vary,
+    reduce: str | Sequence[str] = (),
+    *,
+    analyses: Sequence[str] = (),
+    where: str | Sequence[str] = (),
+    samples: int | None = None,
+    designs: int | None = None,
+    scheme: Scheme | None = None,
+    seed: int = 0,
+    folder: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    dask: str | None = None,
+) -> SweepResult:
+    """Return figures of merit of many designs of one topology, in every assembly mode.
+
+    Parameters
+    ----------
+    subject
+        A mechanism or a study with one input, or the path or the shipped name of either.
+    vary
+        By key of the file, such as ``"links.2.arc"`` or ``"pairs.41.zero"``, in the
+        file's units: a sequence of values, ``"10:40:31"`` for so many from 10 to 40, or
+        ``"10:40"`` for all between with `designs`.
+    reduce
+        Figures of merit, ``"least=min(transmission_angle_43)"``: a name if wanted, a
+        reduction, an expression of what a configuration has (rad, SI).
+    analyses
+        Names of analyses whose own figures of merit are wanted too.
+    where
+        Conditions, ``"links_2_arc < links_4_arc"`` or ``"least > 30"``: designs and rows
+        that do not meet them are left out.
+    samples
+        Samples of the input that each design goes through; by default the study's.
+    designs, scheme, seed
+        How many designs, by ``"sobol"``, ``"latin"`` or ``"random"``; without them the
+        grid of all combinations.
+    folder
+        Where parts are written, Parquet; a sweep that was stopped there goes on.
+    workers
+        Processes at work, by default one for each core; in memory there is one.
+    dask
+        Address of a Dask scheduler whose workers compute the parts; they see the folder.
+
+    Returns
+    -------
+    SweepResult
+        A row for each design and assembly mode; designs that are impossible or never close
+        have one with the reason in `status`.
+
+    Raises
+    ------
+    DesignError, FileError, AnalysisError
+        With what is asked for wrongly, before anything is computed.
+    EngineError
+        If the mechanism has pairs that no kernel knows.
+    OutputError
+        If the folder holds another sweep, or cannot be written.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> found = sk.sweep(
+    ...     "four_bar",
+    ...     {"links.2.arc": "10:30:3", "links.3.arc": [60, 70]},
+    ...     "least=min(transmission_angle_43)",
+    ... )
+    >>> found.frame()[["links_2_arc", "grashof", "least"]].shape
+    (12, 3)
+    """
+    made = sweep_of(
+        subject,
+        DesignSpace.of([_variation(*each) for each in vary.items()], designs, scheme, seed),
+        [reduce] if isinstance(reduce, str) else reduce,
+        [create(name) for name in analyses],
+        samples,
+    )
+    conditions = (where,) if isinstance(where, str) else tuple(where)
+    return perform(replace(made, where=conditions), folder, workers, dask)
+
+
+def sweep_of(
+    subject: Subject,
+    space: DesignSpace,
+    reduce: Sequence[str],
+    analyses: Sequence["AbstractAnalysis"] = (),
+    samples: int | None = None,
+    source: str | os.PathLike[str] | None = None,
+) -> Sweep:
+    """Return the sweep that texts ask for; `source` is the file of a study, if known."""
+    study = _study(subject)
+    if samples is not None:
+        study = replace(study, samples=samples, path=None)
+    file = subject if source is None else source
+    named = isinstance(file, str | os.PathLike) and not is_study(find(file))
+    document = document_of(file if named else study.mechanism)  # type: ignore[arg-type]
+    radians = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
+    merits: dict[str, Merit] = {}
+    for analysis in analyses:
+        own = analysis.merits(study.mechanism)
+        if not own:
+            raise DesignError(
+                f"{analysis.name} has no figures of merit of its own for "
+                f"{study.mechanism.name}; say what is wanted by reduce"
+            )
+        merits |= {merit.name: merit for merit in own}
+    merits |= {m.name: m for m in (parse_merit(text, radians) for text in reduce)}
+    return Sweep(
+        study.mechanism, DesignSamples.of(study), document, space, tuple(merits.values())
+    )
+
+
+def perform(
+    sweep: Sweep,
+    folder: str | os.PathLike[str] | None,
+    workers: int | None,
+    dask: str | None,
+) -> SweepResult:
+    """Return what a sweep finds, by so many processes or by the workers of a cluster."""
+    if workers is not None and workers < 1:
+        raise DesignError(f"workers: {workers} processes; give at least 1")
+    if dask is None:
+        return run_sweep(sweep, folder, workers or os.cpu_count() or 1)
+    if folder is None:
+        raise DesignError("dask: give a folder that its workers see, for their parts")
+    from spherekit.design.cluster import Cluster
+
+    return run_sweep(sweep, folder, elsewhere=Cluster(dask))
+
+
+def _study(subject: Subject) -> Study:
+    if isinstance(subject, Study):
+        return subject
+    if isinstance(subject, Mechanism):
+        return Study(subject.name, subject)
+    return load_study(subject)
+
+
+def _variation(key: str, values: str | Sequence[float]) -> Variation:
+    if isinstance(values, str):
+        return variation(key, values)
+    return listed(key, [float(value) for value in values])

@@ -1,0 +1,16 @@
+"""For analyses with figures of merit that compare designs."""
+
+from typing import TYPE_CHECKING
+
+from spherekit.lazily import offered as _offered
+
+if TYPE_CHECKING:
+    from spherekit.analysis.merit import REDUCTIONS as REDUCTIONS
+    from spherekit.analysis.merit import Merit as Merit
+    from spherekit.design.sensitivity import Deviations as Deviations
+    from spherekit.design.sensitivity import Distribution as Distribution
+    from spherekit.design.sensitivity import Sensitivity as Sensitivity
+    from spherekit.engine.design_kernel import middle_pairs as middle_pairs
+    from spherekit.engine.design_kernel import row_quantities as row_quantities
+
+__all__, __getattr__, __dir__ = _offered(__name__, __file__)

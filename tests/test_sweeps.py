@@ -1,0 +1,339 @@
+"""Sweeps over designs against every design evaluated on its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import spherekit as sk
+from spherekit.design.space import DesignSpace, between, variation
+from spherekit.errors import AnalysisError, DesignError, FileError, OutputError
+from spherekit.files.change import document_of, number_path, with_numbers
+from spherekit.files.read import read
+from spherekit.plugin.designs import middle_pairs, row_quantities
+
+SAMPLES = 25
+
+FIGURES = {
+    "least_rate": "min(rate_{pair})",
+    "largest": "max(abs(velocity_coefficient_{link}_{ground}))",
+    "bend": "max(abs(acceleration_coefficient_{link}_{ground}))",
+    "mean": "mean(cos(theta_{pair}))",
+    "swing": "swing(theta_{pair})",
+    "place": "argmax(rate_{pair})",
+    "there": "at(sin(theta_{pair}), 100)",
+}
+
+
+def of_mode(mechanism, mode, pair, pole):
+    """Return the same figures from poles by the plan, in one mode."""
+    (driven,) = mechanism.inputs
+    q = np.linspace(driven.start, driven.stop, SAMPLES)
+    here = sk.evaluate(mechanism, q, assembly_mode=mode)
+    closed = here.status == 0
+    theta, rate = here.variable(pair), here.variable_coefficient(pair)
+    pieces = np.split(theta, np.flatnonzero(~closed))
+    pieces = [np.unwrap(piece[np.isfinite(piece)]) for piece in pieces]
+    there = sk.evaluate(mechanism, np.radians(100.0), assembly_mode=mode)
+    return {
+        "closes": np.mean(closed),
+        "least_rate": np.nanmin(rate),
+        "largest": np.nanmax(np.abs(here.velocity_coefficient(pole))),
+        "bend": np.nanmax(np.abs(here.acceleration_coefficient(pole))),
+        "mean": np.nanmean(np.cos(theta)),
+        "swing": np.degrees(max(np.ptp(piece) for piece in pieces if len(piece))),
+        "place": np.degrees(q[np.nanargmax(rate)]) % 360.0,
+        "there": np.sin(there.variable(pair))[0],
+    }
+
+
+CASES = [
+    ("four_bar", ["links.1.arc", "links.3.arc", "pairs.41.zero"], "41", "3", "3/1"),
+    ("stephenson", ["links.1.arcs.14", "links.3.angle", "links.6.arc"], "16", "5", "5/1"),
+    ("watt", None, None, None, None),
+]
+
+
+@pytest.mark.parametrize("name, keys, pair, link, pole", CASES)
+def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link, pole):
+    mechanism, document = sk.load(name), document_of(name)
+    ground = mechanism.ground
+    if keys is None:
+        keys = [
+            f"links.{own}.arcs.{leads}"
+            for own, sizes in mechanism.geometry.links.items()
+            for leads in sizes.axes[1:]
+        ]
+        output = mechanism.links[-1]
+        pair = next(p.name for p in mechanism.pairs if output in p.links)
+        link, pole = output, f"{output}/{ground}"
+    rng = np.random.default_rng(3)
+    paths = [number_path(document, key) for key in keys]
+    before = np.array([_at(document, path) for path in paths])
+    designs = before[:, None] + rng.normal(size=(len(keys), 4)) * 4.0
+    designs[:, 0] = before
+    words = {"pair": pair, "link": link, "ground": ground}
+    reduce = [f"{k}={text.format(**words)}" for k, text in FIGURES.items()]
+    for values in designs.T:
+        vary = {key: [value] for key, value in zip(keys, values, strict=True)}
+        found = sk.sweep(name, vary, reduce, samples=SAMPLES).frame()
+        changed = read(with_numbers(document, dict(zip(paths, values, strict=True))))
+        modes = sk.trace(changed, samples=SAMPLES).assembly_modes
+        assert sorted(found["mode"]) == sorted(mode.label for mode in modes)
+        for mode in modes:
+            row = found[found["mode"] == mode.label].iloc[0].copy()
+            wanted = of_mode(changed, mode.number, pair, pole)
+            row["place"] %= 360.0
+            for figure, value in wanted.items():
+                assert row[figure] == pytest.approx(value, rel=1e-9, abs=1e-9), figure
+
+
+def _at(document, path):
+    place = document.data
+    for step in path:
+        place = place.get(step, 0.0) if isinstance(step, str) else place[step]
+    return float(place)
+
+
+def test_torques_and_transmission_angles_are_those_of_the_analyses():
+    vary = {"links.2.arc": "15:25:3", "links.4.arc": [38.0, 44.0]}
+    analyses = ["eksergian", "singularities", "poles"]
+    found = sk.sweep("four_bar", vary, analyses=analyses, samples=SAMPLES).frame()
+    mechanism = sk.load("four_bar")
+    for _, row in found.iterrows():
+        sizes = {"2": row["links_2_arc"], "4": row["links_4_arc"]}
+        other = mechanism.with_sizes(angle_unit="deg", arcs=sizes)
+        run = sk.run(other, ["eksergian", "singularities"], samples=SAMPLES)
+        labels = {m.label: m.number for m in sk.trace(other, samples=3).assembly_modes}
+        table, near = run.frame("eksergian"), run.frame("singularities", "relation")
+        table = table[table["assembly_mode"] == labels[row["mode"]]]
+        near = near[near["assembly_mode"] == labels[row["mode"]]]
+        assert row["largest_torque"] == pytest.approx(table["tau"].abs().max(), rel=1e-9)
+        assert row["largest_inertia"] == pytest.approx(table["B"].max(), rel=1e-9)
+        least = np.degrees(near["transmission"].min())
+        assert row["least_transmission_angle_43"] == pytest.approx(least, abs=1e-7)
+        assert row["grashof"] == sk_grashof(other)
+
+
+def sk_grashof(mechanism):
+    from spherekit.plugin.singularities import grashof
+
+    return grashof(mechanism).name
+
+
+def test_groups_beyond_dyads_are_taken_one_by_one():
+    name, key = "double_butterfly", "pairs.C.longitude"
+    reduce = ["largest=max(abs(velocity_coefficient_4_1))", "mean=mean(cos(theta_H))"]
+    found = sk.sweep(name, {key: [-9.0]}, reduce, samples=5).frame()
+    document = document_of(name)
+    changed = read(with_numbers(document, {number_path(document, key): -9.0}))
+    here = sk.evaluate(changed, np.linspace(0.0, 2.0 * np.pi, 5))
+    modes = sorted(set(here.assembly_mode))
+    assert len(found) == len(modes) > 1
+    for (_, row), mode in zip(found.iterrows(), modes, strict=True):
+        rows = here.assembly_mode == mode
+        wanted = np.nanmax(np.abs(here.velocity_coefficient("4/1")[rows]))
+        assert row["largest"] == pytest.approx(wanted, rel=1e-9)
+        wanted = np.nanmean(np.cos(here.variable("H")[rows]))
+        assert row["mean"] == pytest.approx(wanted, abs=1e-9)
+
+
+def test_a_cone_rolls_by_the_ratio_of_sines_and_impossible_ones_are_rows():
+    vary = {"links.arm.arc": [70.0, 75.0], "pairs.contact.half_angles.1": [20.0, 25.0]}
+    reduce = "ratio=mean(rate_roller_axis)"
+    found = sk.sweep("rolling_cones", vary, reduce, samples=5).frame()
+    for _, row in found.iterrows():
+        radius = row["pairs_contact_half_angles_1"]
+        if row["links_arm_arc"] == 50.0 + radius:
+            ratio = np.sin(np.radians(50.0)) / np.sin(np.radians(radius))
+            assert row["status"] == "OK"
+            assert abs(row["ratio"]) == pytest.approx(ratio, rel=1e-12)
+        else:
+            assert row["status"] != "OK" and np.isnan(row["ratio"]) and row["mode"] == ""
+    assert len(found) == 4
+
+
+def test_designs_that_cannot_be_are_rows_with_their_reason():
+    vary = {"links.2.arc": [20.0, 0.0, 190.0], "links.3.arc": [70.0, 5.0]}
+    found = sk.sweep("four_bar", vary, "max(q)", samples=9).frame()
+    assert sorted(set(found["design"])) == list(range(6))
+    reasons = found[found["status"] != "OK"].set_index("design")["status"]
+    assert reasons[2] == "links.2.arc = 0: not between 0 and 180 deg"
+    assert reasons[4].startswith("links.2.arc = 190")
+    assert found[found["design"] == 1]["closes"].max() < 1.0
+
+
+def test_masses_stated_by_sizes_follow_them(tmp_path):
+    text = """
+format = 1
+name = "bar"
+angle_unit = "deg"
+ground = "g"
+links.g = {axes = ["a", "d"], arcs = [60.0]}
+links.c = {axes = ["a", "b"], arcs = [20.0]}
+links.k = {axes = ["b", "e"], arcs = [70.0]}
+links.r = {axes = ["e", "d"], arcs = [40.0]}
+pairs.a = {type = "R", links = ["g", "c"]}
+pairs.b = {type = "R", links = ["c", "k"]}
+pairs.e = {type = "R", links = ["k", "r"]}
+pairs.d = {type = "R", links = ["g", "r"]}
+inputs.a = {from = 0.0, to = 360.0}
+mass.c = {mass = 2.0, arc = ["a", "b"], radius = 0.1}
+"""
+    path = tmp_path / "bar.toml"
+    path.write_text(text)
+    found = sk.sweep(path, {"links.c.arc": [20.0, 40.0]}, "max(B)", samples=5).frame()
+    for arc in (20.0, 40.0):
+        alpha = np.radians(arc)
+        # A uniform arc about one of its ends: m R^2 times the mean of sin^2.
+        wanted = 0.02 * (0.5 - np.sin(2.0 * alpha) / (4.0 * alpha))
+        rows = found[found["links_c_arc"] == arc]
+        assert np.allclose(rows["max_B"], wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["grid", "sobol", "latin", "random"])
+def test_a_design_is_the_same_in_whatever_part_it_is_asked_for(scheme):
+    variations = [variation("a", "1:2:5"), variation("b", "3,7,9"), variation("c", "0:1:4")]
+    count = None if scheme == "grid" else 60
+    space = DesignSpace.of(variations, count, scheme, seed=5)
+    whole = space.designs(0, 60)
+    assert whole.shape == (3, 60)
+    cuts = [0, 1, 17, 18, 60]
+    parts = [space.designs(*ends) for ends in pairwise(cuts)]
+    assert np.array_equal(np.concatenate(parts, axis=1), whole)
+    assert set(whole[1]) <= {3.0, 7.0, 9.0}
+    if scheme == "grid":
+        assert len({tuple(design) for design in whole.T}) == 60
+
+
+def test_conditions_leave_out_designs_and_rows():
+    vary = {"links.2.arc": "10:40:7", "links.4.arc": "20:50:4"}
+    reduce = "least=min(transmission_angle_43)"
+    every = sk.sweep("four_bar", vary, reduce, samples=9).frame()
+    where = ["links_2_arc < links_4_arc", "least > 30"]
+    found = sk.sweep("four_bar", vary, reduce, where=where, samples=9).frame()
+    kept = every[(every["links_2_arc"] < every["links_4_arc"]) & (every["least"] > 30.0)]
+    assert 0 < len(found) < len(every)
+    pd.testing.assert_frame_equal(
+        found.astype({"mode": str, "status": str, "grashof": str}),
+        kept.reset_index(drop=True).astype({"mode": str, "status": str, "grashof": str}),
+    )
+
+
+def rows_of(folder):
+    """Return all rows of a data set, in order of the parts."""
+    parts = sorted(folder.glob("part-*.parquet"))
+    return [pq.read_table(part).to_pandas() for part in parts]
+
+
+VARIED = ["links.2.arc=10:40:40", "links.3.arc=50:90:41", "links.4.arc=30:60:40"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A command for a sweep of several parts, and its rows when nothing disturbs it."""
+    folder = tmp_path_factory.mktemp("whole")
+    vary = dict(text.split("=") for text in VARIED)
+    sk.sweep("four_bar", vary, "max(rate_41)", samples=91, folder=folder, workers=1)
+    code = [sys.executable, "-m", "spherekit", "sweep", "four_bar", "--samples", "91"]
+    code += [word for text in VARIED for word in ("--vary", text)]
+    return [*code, "--reduce", "max(rate_41)", "-q", "-o"], rows_of(folder)
+
+
+def first_part(running, folder):
+    """Wait until a sweep has written something."""
+    while not list(folder.glob("part-*.parquet")):
+        assert running.poll() is None
+        time.sleep(0.002)
+
+
+def test_a_sweep_that_was_killed_goes_on_to_the_same_data_set(whole, tmp_path):
+    code, rows = whole
+    running = subprocess.Popen([*code, tmp_path, "--workers", "1"])
+    first_part(running, tmp_path)
+    running.send_signal(signal.SIGKILL)
+    running.wait()
+    left = {part: part.stat().st_mtime_ns for part in tmp_path.glob("part-*.parquet")}
+    subprocess.run([*code, tmp_path, "--workers", "2"], check=True)
+    assert all(part.stat().st_mtime_ns == when for part, when in left.items())
+    for one, other in zip(rows, rows_of(tmp_path), strict=True):
+        pd.testing.assert_frame_equal(one, other, check_exact=True)
+
+
+def test_a_folder_holds_one_sweep(tmp_path):
+    vary = {"links.2.arc": [10.0, 20.0]}
+    sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
+    again = sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
+    assert again.computed == 0 and len(again.frame()) == 4
+    with pytest.raises(OutputError, match="holds another sweep, with other samples"):
+        sk.sweep("four_bar", vary, "max(q)", samples=6, folder=tmp_path)
+
+
+def test_lost_workers_of_a_cluster_change_nothing(whole, tmp_path):
+    pytest.importorskip("distributed")
+    code, rows = whole
+    file, folder = tmp_path / "scheduler.json", tmp_path / "parts"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1"]
+    run += ["--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+    processes = [subprocess.Popen(run, **quiet)]
+    try:
+        while not (file.exists() and file.read_text().endswith("}")):
+            time.sleep(0.05)
+        address = json.loads(file.read_text())["address"]
+        work = [sys.executable, "-m", "distributed.cli.dask_worker", address]
+        work += ["--nthreads", "1", "--no-dashboard", "--no-nanny"]
+        processes += [subprocess.Popen(work, **quiet) for _ in range(2)]
+        running = subprocess.Popen([*code, folder, "--dask", address])
+        first_part(running, folder)
+        os.kill(processes[1].pid, signal.SIGKILL)
+        assert running.wait(300) == 0
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+    for one, other in zip(rows, rows_of(folder), strict=True):
+        pd.testing.assert_frame_equal(one, other, check_exact=True)
+
+
+MISTAKES = [
+    ({"links.9.arc": [1.0]}, "max(q)", FileError, 'links: there is no "9"'),
+    ({"links.2.axes": [1.0]}, "max(q)", FileError, "is not a number"),
+    ({"links.2.arc": "10-20"}, "max(q)", DesignError, "write LOW:HIGH:COUNT"),
+    ({"links.2.arc": "40:10"}, "max(q)", DesignError, "give the lower end first"),
+    ({"links.2.arc": "10:40"}, "max(q)", DesignError, "a grid needs how many values"),
+    ({}, "max(q)", DesignError, "nothing is varied"),
+    ({"links.2.arc": [1.0]}, "", AnalysisError, "is no figure of merit"),
+    ({"links.2.arc": [1.0]}, (), DesignError, "no figure of merit is asked for"),
+    ({"links.2.arc": [1.0]}, "most(q)", AnalysisError, "did you mean"),
+    ({"links.2.arc": [1.0]}, "max(theta_99)", AnalysisError, "theta_99"),
+    ({"links.2.arc": [1.0]}, "at(q)", AnalysisError, "needs an expression and an input"),
+    (
+        {"links.2.arc": [1.0], "links.2.arcs.32": [2.0]},
+        "max(q)",
+        DesignError,
+        "are the same number",
+    ),
+]
+
+
+@pytest.mark.parametrize("vary, reduce, error, message", MISTAKES)
+def test_mistakes_are_told_before_anything_is_computed(vary, reduce, error, message):
+    with pytest.raises(error, match=message):
+        sk.sweep("four_bar", vary, reduce)
+
+
+def test_ranges_and_middles():
+    with pytest.raises(DesignError, match="lower end first"):
+        between("x", 2.0, 1.0)
+    assert middle_pairs(sk.load("four_bar")) == ("43",)
+    assert middle_pairs(sk.load("double_butterfly")) == ()
+    assert row_quantities(sk.load("stephenson"))["theta_16"] == "rad"
