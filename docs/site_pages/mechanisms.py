@@ -92,6 +92,8 @@ def pages(home: Path, only: Sequence[str]) -> Iterator[tuple[str, str]]:
     rows = []
     for name in sorted(only or sk.mechanisms()):
         mechanism = sk.load(name)
+        if not mechanism.inputs:
+            mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
         rows.append(_row(mechanism))
         folder = home / "generated" / "mechanisms"
         folder.mkdir(parents=True, exist_ok=True)
