@@ -172,6 +172,8 @@ def _swings(mechanism: sk.Mechanism, result: sk.RunResult) -> str:
     frame = frame[frame["status"] == "OK"]
     driven = {f"theta_{each.pair}" for each in mechanism.inputs}
     columns = [c for c in frame.columns if c.startswith("theta_") and c not in driven]
+    if not columns:
+        return ""
     lines = [
         "## Swings",
         "",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, final
 
 from spherekit.analysis import run as analysis
 from spherekit.analysis.result import Columns, RunResult
-from spherekit.analysis.running.replay import Replay
+from spherekit.front.replay import Replay
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
