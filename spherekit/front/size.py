@@ -50,7 +50,7 @@ def size_of(
     Examples
     --------
     >>> import spherekit as sk
-    >>> sized = sk.size_of("examples/sizing/function.toml", designs=512, starts=2)
+    >>> sized = sk.size_of("examples/sizing/torque.toml", designs=512, starts=2)
     >>> sized.mechanism().name
     'four_bar'
     """
