@@ -27,6 +27,8 @@ from spherekit.plugin.designs import Deviations, Distribution, Sensitivity
 
 Floats = NDArray[np.float64]
 DEG = np.pi / 180.0
+SHOWN = 6
+"""Quantities whose derivatives are drawn, and sizes of each."""
 
 
 @final
@@ -236,20 +238,52 @@ class SensitivityAnalysis(AbstractAnalysis):
         return Findings(figures=figures, remarks=tuple(remarks))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return the spread of each quantity over the input."""
+        """Return the spread of each quantity, and the derivatives that make most of it."""
         sensitivity, deviations = self._asked(batch.mechanism)
         _, gradients = self._found(batch, sensitivity)
-        spread = np.sqrt(np.sum((gradients * deviations.spread) ** 2, axis=0))
+        squares = (gradients * deviations.spread) ** 2
+        spread = np.sqrt(np.sum(squares, axis=0))
+        keys = sensitivity.keys
         return tuple(
             Scene(
                 mode,
-                tuple(
-                    Series(f"plots/spread/{name}", name, "standard deviation", each[rows])
-                    for name, each in zip(sensitivity.quantities, spread, strict=True)
+                (
+                    *(
+                        Series(
+                            f"plots/spread/{name}",
+                            name,
+                            "standard deviation"
+                            if _is_angle(name)
+                            else f"spread of {name}",
+                            spread[k, rows],
+                            "rad" if _is_angle(name) else "",
+                        )
+                        for k, name in enumerate(sensitivity.quantities)
+                    ),
+                    *(
+                        Series(
+                            f"plots/derivative_{name}/{keys[size].replace('.', '_')}",
+                            keys[size],
+                            f"derivative of {name} by",
+                            gradients[size, k, rows],
+                        )
+                        for k, name in enumerate(sensitivity.quantities[:SHOWN])
+                        for size in _largest(squares[:, k, rows])
+                    ),
                 ),
             )
             for mode, rows in batch.assembly_mode_rows().items()
         )
+
+
+def _largest(squares: Floats) -> list[int]:
+    """Return the sizes (at most `SHOWN`) with the largest shares, in their order."""
+    shares = np.nansum(squares, axis=1)
+    return sorted(np.argsort(-shares, kind="stable")[:SHOWN].tolist())
+
+
+def _is_angle(name: str) -> bool:
+    return name.startswith(("theta_", "transmission_angle_"))
 
 
 def _split(text: str) -> tuple[str, ...]:
@@ -273,7 +307,7 @@ def _moments(off: Floats) -> Floats:
 
 
 def _size(value: float, name: str) -> str:
-    if name.startswith(("theta_", "transmission_angle_")):
+    if _is_angle(name):
         return f"{np.degrees(value):.3g} deg"
     return f"{value:.3g}"
 

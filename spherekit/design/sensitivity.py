@@ -234,9 +234,9 @@ def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the keys of all arcs and angles, or of all axes in a reference pose."""
     if isinstance(mechanism.geometry, SizeGeometry):
         return tuple(
-            f"links.{link}.{kind}.{pair}"
+            f"links.{link}.{kind}" + (f"s.{pair}" if len(axes) > 1 else "")
             for link, sizes in mechanism.geometry.links.items()
-            for kind, axes in (("arcs", sizes.axes[1:]), ("angles", sizes.axes[2:]))
+            for kind, axes in (("arc", sizes.axes[1:]), ("angle", sizes.axes[2:]))
             for pair in axes
         )
     return tuple(
