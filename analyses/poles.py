@@ -1,6 +1,6 @@
 """Pole axes and velocity coefficients of links relative to each other."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
@@ -17,7 +17,9 @@ from spherekit.plugin import (
     Arrow,
     Batch,
     Column,
+    GivenData,
     GreatCircle,
+    Interleaved,
     Mechanism,
     Needs,
     Pole,
@@ -26,7 +28,6 @@ from spherekit.plugin import (
     Series,
     Status,
     Table,
-    TableData,
     all_poles,
     parse_pole,
     pole_of,
@@ -204,7 +205,7 @@ class Poles(AbstractAnalysis):
         """Return whether the construction is shown step by step: of all poles, by one."""
         return not self.only and len(mechanism.inputs) == 1
 
-    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+    def compute(self, batch: Batch) -> Mapping[str, GivenData]:
         """Return the table `poles`."""
         mechanism = batch.mechanism
         poles = self.poles(mechanism)
@@ -212,44 +213,47 @@ class Poles(AbstractAnalysis):
         wanted = [(*pole, moved) for moved in inputs for pole in poles]
         n, k = len(batch), len(wanted)
 
-        def per_row(values: NDArray[Any]) -> NDArray[Any]:
-            return np.repeat(values, k)
+        def per_row(values: NDArray[Any]) -> Interleaved:
+            return Interleaved([values] * k)
 
-        def per_pole(values: list[NDArray[Any]]) -> NDArray[Any]:
-            return np.stack(values, axis=1).ravel()
+        def named(names: Sequence[str]) -> Interleaved:
+            return Interleaved([np.broadcast_to(np.array(name), n) for name in names])
 
-        directions = np.stack([batch.direction(*pole) for pole in wanted], axis=1)
-        directions = directions.reshape(n * k, 3)
-        turns = np.stack([_turn(batch, pole) for pole in wanted], axis=1).reshape(n * k, 3)
-        links, pairs = np.array(mechanism.links), np.array(batch.moving_inputs)
+        directions = [batch.direction(*pole) for pole in wanted]
+        turns = [_turn(batch, pole) for pole in wanted]
+        links, pairs = mechanism.links, batch.moving_inputs
         return {
             "poles": {
                 "sample": per_row(batch.sample),
                 "assembly_mode": per_row(batch.assembly_mode),
-                "q": per_pole([batch.inputs[:, moved] for *_, moved in wanted]),
-                "link": np.tile(links[[j for _, j, _ in wanted]], n),
-                "relative_to": np.tile(links[[i for i, *_ in wanted]], n),
-                "ux": directions[:, 0],
-                "uy": directions[:, 1],
-                "uz": directions[:, 2],
-                **{f"du{axis}_dq": turns[:, c] for c, axis in enumerate("xyz")},
-                "velocity_coefficient": per_pole(
+                "q": Interleaved([batch.inputs[:, moved] for *_, moved in wanted]),
+                "link": named([links[j] for _, j, _ in wanted]),
+                "relative_to": named([links[i] for i, *_ in wanted]),
+                **{
+                    f"u{axis}": Interleaved([each[:, c] for each in directions])
+                    for c, axis in enumerate("xyz")
+                },
+                **{
+                    f"du{axis}_dq": Interleaved([each[:, c] for each in turns])
+                    for c, axis in enumerate("xyz")
+                },
+                "velocity_coefficient": Interleaved(
                     [batch.velocity_coefficient(*pole) for pole in wanted]
                 ),
-                "acceleration_coefficient": per_pole(
+                "acceleration_coefficient": Interleaved(
                     [batch.acceleration_coefficient(*pole) for pole in wanted]
                 ),
-                "conditioning": per_pole([batch.conditioning(*pole) for pole in wanted]),
-                "error_bound": per_pole([batch.error_bound(*pole) for pole in wanted]),
-                "velocity_coefficient_error_bound": per_pole(
+                "conditioning": Interleaved([batch.conditioning(*pole) for pole in wanted]),
+                "error_bound": Interleaved([batch.error_bound(*pole) for pole in wanted]),
+                "velocity_coefficient_error_bound": Interleaved(
                     [batch.velocity_coefficient_error_bound(*pole) for pole in wanted]
                 ),
-                "acceleration_coefficient_error_bound": per_pole(
+                "acceleration_coefficient_error_bound": Interleaved(
                     [batch.acceleration_coefficient_error_bound(*pole) for pole in wanted]
                 ),
                 "residual": per_row(batch.residual),
-                "status": per_pole([batch.pole_status(*pole) for pole in wanted]),
-                "moving": np.tile(pairs[[moved for *_, moved in wanted]], n),
+                "status": Interleaved([batch.pole_status(*pole) for pole in wanted]),
+                "moving": named([pairs[moved] for *_, moved in wanted]),
             }
         }
 

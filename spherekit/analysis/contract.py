@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import Table, TableData
+from spherekit.analysis.tables import GivenData, Table
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
@@ -455,7 +455,7 @@ class AbstractAnalysis(ABC):
         """Return what will be read; cheap, and `AnalysisError` for bad parameters."""
 
     @abstractmethod
-    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+    def compute(self, batch: Batch) -> Mapping[str, GivenData]:
         """Return the declared tables by name for all rows of the batch."""
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from spherekit.model.mechanism import Mechanism
 
@@ -110,7 +110,7 @@ class Table:
             ]
         return replace(self, columns=tuple(columns))
 
-    def typed(self, data: "TableData") -> dict[str, NDArray[Any]]:
+    def typed(self, data: "GivenData") -> dict[str, NDArray[Any]]:
         """Return columns in the type of their kind; text stays as it is."""
         return {
             column.name: np.asarray(data[column.name], dtype=TYPES.get(column.kind))
@@ -123,7 +123,47 @@ class Table:
         return {SAMPLE.name, ASSEMBLY_MODE.name} <= {column.name for column in self.columns}
 
 
+@final
+class Interleaved:
+    """A column with a row for each of several subjects at every row of a batch.
+
+    `parts` (n,) are those of one subject each: their first rows come first, then their
+    second ones. An array is made of them where one is wanted.
+    """
+
+    def __init__(self, parts: Sequence[NDArray[Any]]) -> None:
+        self.parts = tuple(np.asarray(part) for part in parts)
+        self.dtype = np.result_type(*self.parts)
+        self.ndim = self.parts[0].ndim
+
+    def __len__(self) -> int:
+        return len(self.parts) * len(self.parts[0])
+
+    def __array__(
+        self, dtype: DTypeLike | None = None, copy: bool | None = None
+    ) -> NDArray[Any]:
+        """Return the rows as an array (subjects n,)."""
+        if copy is False:
+            raise ValueError("rows of several subjects cannot be read without a copy")
+        made = np.empty((len(self.parts[0]), len(self.parts)), dtype or self.dtype)
+        self.put(made.reshape(-1), slice(None))
+        return made.reshape(-1)
+
+    def put(self, out: NDArray[Any], rows: slice) -> None:
+        """Write the subjects' rows (n,) at `rows` of the batch into an array."""
+        made = out.reshape(-1, len(self.parts))
+        for number, part in enumerate(self.parts):
+            made[:, number] = part[rows]
+
+
 TableData = Mapping[str, NDArray[Any]]
+GivenData = Mapping[str, NDArray[Any] | Interleaved]
+"""A table's columns, and these as an analysis may give them."""
+
+
+def arrays(data: GivenData) -> dict[str, NDArray[Any]]:
+    """Return all columns as arrays."""
+    return {name: np.asarray(values) for name, values in data.items()}
 
 
 def input_columns(mechanism: Mechanism, inputs: NDArray[np.float64]) -> dict[str, Any]:

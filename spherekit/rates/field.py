@@ -532,8 +532,11 @@ def _signed(
         v = (field.w[j] - field.w[i]).T if known else None
         dv = (field.dw[j] - field.dw[i]).T if known else None
         signs = _continuous_signs(motion, unit, rate, v, dv, pole, memory)
-        for values in (unit, rate, field.acceleration_coefficient[pole]):
-            values *= signs
+        if np.all(signs == signs[:1]):
+            signs = signs[:1]
+        if np.any(signs < 0.0):
+            for values in (unit, rate, field.acceleration_coefficient[pole]):
+                values *= signs
     return field
 
 
@@ -605,39 +608,47 @@ def _continuous_signs(
         good = np.flatnonzero(moved)
         if not len(good):
             continue
-        t = way[rows][good]
-        u = unit[:, rows][:, good]
+        chosen = slice(None) if len(good) == len(moved) else good
+        t = way[rows][chosen]
+        u = unit[:, rows][:, chosen]
         if w is not None and dw is not None:
-            here = sense[rows][good]
-            along = np.where(rate[rows][good] * here < 0.0, -1.0, 1.0)
-            v, dv = here * w[:, rows][:, good], here * dw[:, rows][:, good]
+            here = sense[rows][chosen]
+            along = np.where(rate[rows][chosen] * here < 0.0, -1.0, 1.0)
+            v, dv = w[:, rows][:, chosen], dw[:, rows][:, chosen]
+            if motion.sense is not None:
+                v, dv = here * v, here * dv
         else:
             here = np.ones(len(t))
             along, v, dv = np.ones(len(t)), u, np.zeros_like(u)
         if not single:
             dv = np.zeros_like(u)  # by the way of all inputs together it is not known
-        home = memory.home.setdefault(
-            assembly_mode.number,
-            np.sum(motion.frames[rows.start + good[0], :, :, 2], axis=0),
-        )
+        if assembly_mode.number not in memory.home:
+            (frames,) = motion.rows(rows.start + good[:1]).frames
+            memory.home[assembly_mode.number] = np.sum(frames[:, :, 2], axis=0)
+        home = memory.home[assembly_mode.number]
         if not motion.is_path:
             signs[rows.start + good] = np.where(home @ u < 0.0, -1.0, 1.0)
             continue
         key = (assembly_mode.number, pole)
         if key in memory.last:
             last = memory.last[key]
-            flips = _flips(
-                np.append(last.way, t),
-                np.append(last.sense, here),
-                np.column_stack([last.w, v]),
-                np.column_stack([last.dw, dv]),
+            first = _flips(
+                np.append(last.way, t[:1]),
+                np.append(last.sense, here[:1]),
+                np.column_stack([last.w, v[:, :1]]),
+                np.column_stack([last.dw, dv[:, :1]]),
             )
-            chain = last.sign * np.cumprod(flips)
+            chain = last.sign * np.cumprod(np.append(first, _flips(t, here, v, dv)))
         else:
             side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
             chain = np.cumprod(np.append(side, _flips(t, here, v, dv)))
         signs[rows.start + good] = chain * along
-        memory.last[key] = _Last(t[-1:], here[-1:], v[:, -1:], dv[:, -1:], float(chain[-1]))
+        way_here, sense_here, w_here, dw_here = (
+            each[..., -1:].copy() for each in (t, here, v, dv)
+        )
+        memory.last[key] = _Last(way_here, sense_here, w_here, dw_here, float(chain[-1]))
+        if len(good) == len(moved):
+            continue
         for row in np.flatnonzero(known & ~moved):
             near = rows.start + good[np.argmin(np.abs(good - row))]
             beside = signs[near] * unit[:, near] @ unit[:, rows.start + row]
@@ -656,8 +667,9 @@ def _flips(q: Floats, sense: Floats, v: Floats, dv: Floats) -> Floats:
         return flips
     h = np.where(sense[1:] == sense[:-1], q[1:] - q[:-1], 0.0)[gap]
     t = np.linspace(0.0, 1.0, SUBSTEPS + 1)[:, None]
-    slope = np.nan_to_num(dv)
-    start, stop = ((v[:, None, end], slope[:, None, end]) for end in (gap, gap + 1))
+    start, stop = (
+        (v[:, None, end], np.nan_to_num(dv[:, None, end])) for end in (gap, gap + 1)
+    )
     path = cubic(start, stop, h, t)
     turns = np.sum(path[:, 1:] * path[:, :-1], axis=0)
     flips[gap] = np.where(np.sum(turns < 0.0, axis=0) % 2 == 1, -1.0, 1.0)

@@ -1,10 +1,11 @@
 """Where the rows of a run go while it goes on: memory, parts on disk, or nowhere."""
 
+import itertools
 import os
 import shutil
 from abc import ABC, abstractmethod
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, final
 
@@ -17,6 +18,8 @@ from spherekit.analysis.tables import (
     SAMPLE,
     TYPES,
     AbstractRows,
+    GivenData,
+    Interleaved,
     Table,
     TableData,
 )
@@ -31,7 +34,7 @@ class AbstractStore(ABC):
     """Takes the tables of block after block."""
 
     @abstractmethod
-    def add(self, analysis: str, table: Table, data: TableData) -> None:
+    def add(self, analysis: str, table: Table, data: GivenData) -> None:
         """Take the rows of one block."""
 
     @abstractmethod
@@ -43,7 +46,7 @@ class AbstractStore(ABC):
 class Nowhere(AbstractStore):
     """Keeps nothing, for runs of which only the summary or the recording is wanted."""
 
-    def add(self, analysis: str, table: Table, data: TableData) -> None:
+    def add(self, analysis: str, table: Table, data: GivenData) -> None:
         """Take the rows of one block."""
 
     def clear(self) -> None:
@@ -55,29 +58,114 @@ class InMemory(AbstractStore):
     """Keeps the blocks as they come."""
 
     def __init__(self) -> None:
-        self._blocks: dict[Key, list[TableData]] = defaultdict(list)
+        self._blocks: dict[Key, list[GivenData]] = defaultdict(list)
 
-    def add(self, analysis: str, table: Table, data: TableData) -> None:
+    def add(self, analysis: str, table: Table, data: GivenData) -> None:
         """Take the rows of one block."""
-        self._blocks[analysis, table.name].append(table.typed(data))
+        kept = {
+            column.name: values
+            if isinstance(values := data[column.name], Interleaved)
+            else np.asarray(values, dtype=TYPES.get(column.kind))
+            for column in table.columns
+        }
+        self._blocks[analysis, table.name].append(kept)
 
     def clear(self) -> None:
         """Forget all rows."""
         self._blocks.clear()
 
-    def table(self, analysis: str, table: Table) -> TableData:
+    def table(self, analysis: str, table: Table) -> Mapping[str, NDArray[Any]]:
         """Return all rows: by assembly mode, then sample, where they belong to these."""
-        blocks = self._blocks[analysis, table.name]
-        if len(blocks) == 1:
+        return _Joined(self._blocks[analysis, table.name], table)
+
+
+@final
+class _Joined(Mapping[str, NDArray[Any]]):
+    """The columns of blocks, each joined when it is first read.
+
+    By assembly mode, then sample, where rows belong to these.
+    """
+
+    def __init__(self, blocks: Sequence[GivenData], table: Table) -> None:
+        self._blocks = [dict(block) for block in blocks]
+        self._names = [column.name for column in table.columns]
+        self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
+        self._made: dict[str, NDArray[Any]] = {}
+        self._order: NDArray[np.intp] | None = None
+        lengths = [len(next(iter(block.values()))) for block in blocks]
+        in_order = None
+        if len(blocks) > 1 and table.in_assembly_modes:
+            in_order = _parts_in_order(blocks)
+            if in_order is None:
+                each = SAMPLE.name, ASSEMBLY_MODE.name
+                self._order = _order({name: self._joined(name) for name in each})
+        self._parts = in_order or [(k, slice(0, n)) for k, n in enumerate(lengths)]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._made:
+            if name not in self._names:
+                raise KeyError(name)
+            made = self._joined(name)
+            self._made[name] = made if self._order is None else made[self._order]
+            for block in self._blocks:
+                del block[name]
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def _joined(self, name: str) -> NDArray[Any]:
+        blocks = [block[name] for block in self._blocks]
+        if len(blocks) == 1 and isinstance(blocks[0], np.ndarray):
             return blocks[0]
-        whole = {
-            column.name: np.concatenate([block[column.name] for block in blocks])
-            for column in table.columns
-        }
-        if not table.in_assembly_modes:
-            return whole
-        order = _order(whole)
-        return {name: values[order] for name, values in whole.items()}
+        kind = self._types[name] or np.result_type(*(each.dtype for each in blocks))
+        made = np.empty(sum(len(each) for each in blocks), dtype=kind)
+        at = 0
+        for number, rows in self._parts:
+            block, out = blocks[number], made[at : at + rows.stop - rows.start]
+            if isinstance(block, Interleaved):
+                count = len(block.parts)
+                block.put(out, slice(rows.start // count, rows.stop // count))
+            else:
+                out[:] = block[rows]
+            at += len(out)
+        return made
+
+
+def _parts_in_order(blocks: Sequence[GivenData]) -> list[tuple[int, slice]] | None:
+    """Return pieces of successive blocks, mode after mode; None if that is not their order.
+
+    In each block modes rise, in each mode samples, and from block to block these go on.
+    """
+    parts: list[tuple[int, int, slice]] = []
+    last: dict[int, int] = {}
+    for number, block in enumerate(blocks):
+        (modes, each), (samples, _) = (
+            _once(block[column.name]) for column in (ASSEMBLY_MODE, SAMPLE)
+        )
+        if len(modes) != len(samples) or np.any(np.diff(modes) < 0):
+            return None
+        edges = np.flatnonzero(np.diff(modes, prepend=-1, append=-1)).tolist()
+        for start, stop in itertools.pairwise(edges):
+            own, mode = samples[start:stop], int(modes[start])
+            if np.any(np.diff(own) < 0) or own[0] < last.get(mode, own[0]):
+                return None
+            last[mode] = int(own[-1])
+            parts.append((mode, number, slice(each * start, each * stop)))
+    return [(number, rows) for _, number, rows in sorted(parts, key=lambda each: each[:2])]
+
+
+def _once(column: NDArray[Any] | Interleaved) -> tuple[NDArray[Any], int]:
+    """Return a column without the rows that repeat, and how often each is there."""
+    if not isinstance(column, Interleaved):
+        return column, 1
+    first = column.parts[0]
+    if all(part is first for part in column.parts):
+        return first, len(column.parts)
+    return np.asarray(column), 1
 
 
 @final
@@ -117,7 +205,7 @@ class OnDisk(AbstractStore):
             "words": [[*key, list(words)] for key, words in self._words.items()],
         }
 
-    def add(self, analysis: str, table: Table, data: TableData) -> None:
+    def add(self, analysis: str, table: Table, data: GivenData) -> None:
         """Append the rows of one block.
 
         Raises

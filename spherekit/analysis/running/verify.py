@@ -27,6 +27,7 @@ from spherekit.analysis.tables import (
     Column,
     Table,
     TableData,
+    arrays,
 )
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status, listing
 from spherekit.errors import SpherekitError
@@ -194,7 +195,12 @@ class Verifier:
                 verdict["not_verified"].append(analysis.name)
                 continue
             pairs += [
-                (analysis.name, table, first[table.name], second[table.name])
+                (
+                    analysis.name,
+                    table,
+                    arrays(first[table.name]),
+                    arrays(second[table.name]),
+                )
                 for table in own
             ]
         columns = [item for each in pairs for item in _compared(rows, *each)]
