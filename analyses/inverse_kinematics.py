@@ -482,10 +482,10 @@ def _listed(mechanism: Mechanism, rows: InverseRows, shown: NDArray[np.int64]) -
     names = [item.pair for item in mechanism.inputs]
     lines = [
         "| sample | pose | mode | " + " | ".join(f"{name}, deg" for name in names) + " |",
-        "|---" * (3 + len(names)) + "|",
+        "|---" * 3 + "|---:" * len(names) + "|",
     ]
     for sample, row in enumerate(shown[:LISTED].tolist()):
-        inputs = " | ".join(f"{q:.6g}" for q in np.degrees(rows.inputs[row]))
+        inputs = " | ".join(f"{q:.4f}" for q in np.degrees(rows.inputs[row]))
         lines.append(f"| {sample} | {rows.pose[row]} | {rows.mode[row]} | {inputs} |")
     if len(shown) > LISTED:
         lines += ["", f"and {len(shown) - LISTED} more, up to sample {len(shown) - 1}"]

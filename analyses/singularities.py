@@ -611,16 +611,19 @@ class SingularityAnalysis(AbstractAnalysis):
             "reference s, or the fourth link of form ii. Great circles: the planes that "
             "coincide.",
             "",
-            "| sample | kind | condition | assembly mode | q, deg | output | what "
-            "coincides |",
-            "|---|---|---|---|---|---|---|",
+            "| sample | type | condition | mode | q, deg | output |",
+            "|---|---|---|---|---:|---|",
         ]
         for k in range(n):
             lines.append(
                 f"| {k} | {points['kind'][k]} | {points['condition'][k]} | "
-                f"{points['assembly_mode'][k]} | {np.degrees(points['q'][k]):.6f} | "
-                f"{points['output'][k]} | {points['note'][k]} |"
+                f"{points['assembly_mode'][k]} | {np.degrees(points['q'][k]):.4f} | "
+                f"{points['output'][k]} |"
             )
+        lines += ["", "What coincides:", ""]
+        for note in dict.fromkeys(note for note in points["note"].tolist() if note):
+            (rows,) = np.nonzero(points["note"] == note)
+            lines.append(f"- {numbered('sample', rows.tolist())}: {note}")
         parts.append(Text("list", "Singularities", "\n".join(lines)))
         for output in range(len(found.report.outputs)):
             whole = self._input_output(batch, output, slice(0, len(batch)))

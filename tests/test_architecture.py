@@ -31,7 +31,7 @@ LAYERS = (
     ("exact", "singular", "output", "guidance", "engine", "proof"),
     ("dynamics", "workspace"),
     ("analysis",),
-    ("trade", "design"),
+    ("tradeoff", "design"),
     ("figures", "view"),
     ("front",),
     ("conformance",),
@@ -52,10 +52,10 @@ SIBLINGS = {
     "guidance": {"exact", "proof"},
     "engine": {"singular", "exact", "proof"},
     "dynamics": {"singular", "workspace"},
-    "figures": {"view", "trade"},
+    "figures": {"view", "tradeoff"},
     "view": {"figures"},
-    "trade": {"design"},
-    "design": {"trade"},
+    "tradeoff": {"design"},
+    "design": {"tradeoff"},
     "workspace": {"dynamics", "engine", "singular"},
 }
 HOME_OF = {
@@ -230,10 +230,19 @@ def test_public_functions_have_no_catch_all_keywords_and_are_described():
 MOST_PARAMETERS = 6
 
 
+def test_no_public_name_is_that_of_a_module():
+    """The module would take its place once anything in it is imported."""
+    for package in PUBLIC:
+        offered = set(importlib.import_module(package).__all__)
+        folder = PACKAGE.joinpath(*package.split(".")[1:])
+        if folder.is_dir():
+            assert offered.isdisjoint(path.stem for path in folder.iterdir()), package
+
+
 def test_what_carries_a_run_takes_few_parameters():
     """What a run goes through is one object, and how it is done another."""
     too_many = []
-    for part in ("analysis", "trade", "cli"):
+    for part in ("analysis", "tradeoff", "cli"):
         for path in sorted((PACKAGE / part).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.FunctionDef):

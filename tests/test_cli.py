@@ -123,7 +123,7 @@ def test_run_writes_tables_and_recording(capsys, tmp_path):
     assert "assembly modes 0 (+), 1 (-): each 13 OK" in out
     assert "recording in" in err
     frame = pd.read_csv(tmp_path / "poles.csv")
-    assert frame["q"].max() == 360.0
+    assert frame["q [deg]"].max() == 360.0
     assert (tmp_path / "a.rrd").stat().st_size > 10_000
 
 

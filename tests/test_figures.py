@@ -11,13 +11,13 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.placed_labels import placed_labels
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
 from spherekit.figures import style
 from spherekit.figures.contents import figures_of
-from spherekit.figures.labels import placed_labels
 from spherekit.figures.projection import (
     EQUAL_AREA,
     STEREOGRAPHIC,
@@ -255,11 +255,15 @@ def test_a_logarithmic_portrait_names_its_marks_where_nothing_is_covered():
 
 
 def test_labels_of_crowded_points_do_not_cover_each_other():
-    places = np.random.default_rng(3).uniform(0.0, 100.0, (12, 2))
+    places = np.random.default_rng(3).uniform(0.0, 100.0, (5, 12, 2))
+    places[2, 4] = np.nan
     found = placed_labels(["ab"] * 12, places, 6.0)
-    gaps = np.abs(found[:, None] - found[None])
-    apart = (gaps[..., 0] > 4.0) | (gaps[..., 1] > 5.9)
+    gaps = np.abs(found[:, :, None] - found[:, None])
+    apart = (gaps[..., 0] > 4.0) | (gaps[..., 1] > 5.9) | np.isnan(gaps[..., 0])
     assert np.all(apart | np.eye(12, dtype=bool))
+    assert np.array_equal(np.isnan(found), np.isnan(places))
+    assert np.nanmax(np.linalg.norm(found - places, axis=2)) < 6.0 * 4.5
+    assert np.array_equal(found[3], placed_labels(["ab"] * 12, places[3:4], 6.0)[0])
 
 
 def test_the_border_of_a_workspace_is_on_both_maps(tmp_path):

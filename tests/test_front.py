@@ -15,7 +15,7 @@ from spherekit.dynamics.tabulate import online_model
 from spherekit.errors import SpherekitError
 from spherekit.model.laws import ConstantSpeed, Cycloidal, Start, Tabulated
 from spherekit.motion.motion import Tracer
-from spherekit.trade.trade import trade
+from spherekit.tradeoff.trade import trade
 
 NAN = float("nan")
 FOUR_BAR, FIVE_BAR = sk.load("four_bar"), sk.load("five_bar")

@@ -24,6 +24,7 @@ from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.analysis.folder import journal, store
 from spherekit.analysis.folder import resource_check as room
 from spherekit.analysis.folder.journal import WORK, RunFolder
+from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
@@ -383,7 +384,15 @@ def test_memory_and_folder_give_the_same_bits(job, tmp_path):
 
 def test_degrees_in_files_come_back_in_rad(tmp_path):
     streamed = four_bar(tmp_path, degrees=True)
-    assert pd.read_csv(tmp_path / "poles.csv")["q"].max() == 360.0
+    written = pd.read_csv(tmp_path / "poles.csv")
+    assert written["q [deg]"].max() == 360.0
+    assert "acceleration_coefficient" in written  # 1/rad in any case
+    assert list(written) == list(read_parquet(tmp_path / "poles.parquet"))
+    listed = pd.read_csv(tmp_path / "columns.csv").query("table == 'poles'")
+    assert list(listed["column"]) == list(written)
+    summary = json.loads((tmp_path / "summary.json").read_text("utf-8"))
+    assert list(summary["units"]["poles"]) == list(written)
+    assert summary["units"]["poles"]["q [deg]"] == "deg"
     pd.testing.assert_frame_equal(streamed.frame(), four_bar().frame(), rtol=1e-15)
 
 

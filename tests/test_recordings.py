@@ -20,9 +20,9 @@ from spherekit.cli.view import find_recording
 from spherekit.errors import OutputError, SolveError
 from spherekit.view.charts import FRAME_HEIGHT, gridded, ticks, written
 from spherekit.view.diagrams import clipped
+from spherekit.view.pictures import check_picture, check_version
 from spherekit.view.preview import preview
 from spherekit.view.rerun_view import RerunRecorder
-from spherekit.view.screenshot import check_picture, check_version
 
 
 class Listener:

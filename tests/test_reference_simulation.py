@@ -22,7 +22,7 @@ from spherekit.model.dynamics import Gravity, Mass, PairTorque, Spring, Stop, To
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
-from spherekit.trade.trade import trade
+from spherekit.tradeoff.trade import trade
 
 WIDE = np.finfo(np.longdouble).eps < 1e-18
 wide = pytest.mark.skipif(not WIDE, reason="longdouble is no wider than float64 here")
@@ -290,7 +290,7 @@ SETTINGS += [
 def tables_of(made, analysis, setting, t, start, toward=None):
     """Return the tables of a simulation by a setting, as an ordinary run gives them."""
     from spherekit.analysis.running.sampling import simulated_course
-    from spherekit.trade.measure import Benchmark
+    from spherekit.tradeoff.measure import Benchmark
 
     done = simulate(
         made,
@@ -358,7 +358,7 @@ def free_motion(made, start, t, nodes):
 
 
 def error_of_poles(tables, exact, poles):
-    """Return the largest scaled error of the table `poles`, see `spherekit.trade`."""
+    """Return the largest scaled error of the table `poles`, see `tradeoff.deviation`."""
     data = tables["poles"]
     floats = exact.arithmetic.floats
     worst = 0.0
@@ -429,8 +429,8 @@ def test_the_table_says_what_the_reference_was(monkeypatch):
     def none(*given, **more):
         raise EngineError("there is none")
 
-    monkeypatch.setattr("spherekit.trade.simulated.refined", none)
-    monkeypatch.setattr("spherekit.trade.simulated.available", lambda: False)
+    monkeypatch.setattr("spherekit.tradeoff.simulated.refined", none)
+    monkeypatch.setattr("spherekit.tradeoff.simulated.available", lambda: False)
     found = short_trade()
     assert found.reference.startswith("simulation numpy tolerance 1e-13, known to")
     assert found.reference.endswith("from numpy tolerance 1e-12 (there is none)")

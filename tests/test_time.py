@@ -398,7 +398,7 @@ def test_recordings_without_time_are_as_before(tmp_path):
 @pytest.mark.viewer
 def test_pictures_of_a_time_and_of_a_tab(tmp_path):
     from spherekit.errors import OutputError
-    from spherekit.view.screenshot import screenshot
+    from spherekit.view.pictures import screenshot
 
     laws = {"21": ConstantSpeed(1.0)}
     path = recorded(tmp_path / "a.rrd", samples=21, laws=laws, duration=2.0)

@@ -21,11 +21,11 @@ from spherekit.exact.field import exact_direction
 from spherekit.exact.rows import exact_rows
 from spherekit.model.mechanism import LinkSizes, PoseGeometry
 from spherekit.model.study import Study
-from spherekit.trade.choice import WORTH, choose
-from spherekit.trade.measure import Benchmark
-from spherekit.trade.record import MARGIN, Measured, check_tolerance
-from spherekit.trade.stored import read_trade
-from spherekit.trade.trade import trade
+from spherekit.tradeoff.choice import WORTH, choose
+from spherekit.tradeoff.measure import Benchmark
+from spherekit.tradeoff.record import MARGIN, Measured, check_tolerance
+from spherekit.tradeoff.stored import read_trade
+from spherekit.tradeoff.trade import trade
 
 FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
 FEW = (
@@ -376,7 +376,7 @@ def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
     capsys, tmp_path, monkeypatch
 ):
     few = [Setting(integrator="numpy", tolerance=t) for t in (1e-4, 1e-7, 1e-11)]
-    monkeypatch.setattr("spherekit.trade.simulated.of_simulation", lambda: few)
+    monkeypatch.setattr("spherekit.tradeoff.simulated.of_simulation", lambda: few)
     kept = stored_trade(tmp_path, *MOVED)
     capsys.readouterr()
     given = ["run", "four_bar", *MOVED, "--trade", kept]

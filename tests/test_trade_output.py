@@ -7,9 +7,9 @@ import numpy as np
 from spherekit.analysis.running.setting import Setting
 from spherekit.cli.main import main
 from spherekit.figures.contents import figures_of
-from spherekit.trade.chart import scene
-from spherekit.trade.record import Measured, Trade
-from spherekit.trade.text import as_text, seconds
+from spherekit.tradeoff.chart import scene
+from spherekit.tradeoff.record import Measured, Trade
+from spherekit.tradeoff.text import as_text, seconds
 
 
 def made():

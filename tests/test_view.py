@@ -33,8 +33,8 @@ from spherekit.analysis.scene import (
     Text,
 )
 from spherekit.errors import OutputError
+from spherekit.view.pictures import screenshot
 from spherekit.view.rerun_view import RerunRecorder
-from spherekit.view.screenshot import screenshot
 from spherekit.view.shapes import path_on_sphere, quaternions_to
 from spherekit.view.timelines import input_scale, input_timeline
 

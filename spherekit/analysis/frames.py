@@ -72,6 +72,18 @@ def _frame(
     return frame
 
 
+def _headed(
+    table: Table, data: TableData, words: Mapping[str, Sequence[str]], degrees: bool
+) -> "pd.DataFrame":
+    """Return rows as a frame with columns named as in files."""
+    frame = _frame(table, data, words, degrees)
+    headers = {column.name: column.header(degrees) for column in table.columns}
+    units = {headers[name]: unit for name, unit in frame.attrs["units"].items()}
+    frame = frame.rename(columns=headers)
+    frame.attrs["units"] = units
+    return frame
+
+
 def write_table(
     folder: Path,
     stem: str,
@@ -109,7 +121,7 @@ def write_table(
         schema, parquet, text = None, None, None
         try:
             for piece in rows.chunks():
-                frame = _frame(table, piece, rows.words, wanted.degrees)
+                frame = _headed(table, piece, rows.words, wanted.degrees)
                 whole = pa.Table.from_pandas(frame, preserve_index=False)
                 if schema is None:
                     metadata = dict(whole.schema.metadata or {})
@@ -217,7 +229,7 @@ def _csv(rows: Iterable[Sequence[str]]) -> bytes:
 def columns_text(tables: Mapping[str, Table], degrees: bool) -> bytes:
     """Return the text of `COLUMNS`: of tables by their files' stems, column by column."""
     rows = [
-        (stem, column.name, column.stated_unit(degrees), column.meaning)
+        (stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
         for stem, table in tables.items()
         for column in table.columns
     ]
@@ -259,7 +271,8 @@ class ParquetColumns(Mapping[str, NDArray[Any]]):
         import pyarrow.parquet as pq
 
         column = self._columns[name]
-        found = pq.read_table(self._path, columns=[name]).to_pandas()[name]
+        header = column.header(self._degrees)
+        found = pq.read_table(self._path, columns=[header]).to_pandas()[header]
         if column.kind == "status":
             return np.asarray(found.cat.codes)
         if column.kind == "text":

@@ -200,10 +200,7 @@ def _text(plans: Sequence[Plan]) -> Text:
             "",
             as_markdown(plan),
             "",
-            "```",
-            *steps,
-            "```",
-            "",
+            *(["```", *steps, "```", ""] if steps else []),
         ]
     lines += [
         "x: primary pole (axis of a pair). I, II, ...: the pass of the "

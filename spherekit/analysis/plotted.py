@@ -17,6 +17,8 @@ AROUND = 0.05
 """Half the range about what does not change, over its scale."""
 MARGIN = 0.05
 """Between curves and their frame, over the range."""
+MOST_KINDS = 5
+"""With more names of marks each is written beside its mark, and not in the legend."""
 DIMENSIONAL = ("kg", "N", "W", "J", "m")
 """Parts of units of quantities that may be as small as a mechanism is."""
 MAP_RESOLUTION = 1e-6

@@ -256,7 +256,8 @@ class RunResult:
     ) -> list[Path]:
         """Write every table as CSV and Parquet, and `summary.json`; return the paths.
 
-        `columns.csv` and the summary say each column's unit.
+        `columns.csv` and the summary say each column's unit. With `degrees` angles, their
+        rates and accelerations are in degrees, and their columns are headed ``q [deg]``.
 
         The files appear together when all are complete, in place of those of an older
         run.
@@ -305,7 +306,9 @@ def stem_of(analysis: str, tables: Sequence[Table], table: Table) -> str:
 def units_of(tables: Mapping[str, Table], degrees: bool) -> dict[str, dict[str, str]]:
     """Return the unit of every column of tables by the stems of their files."""
     return {
-        stem: {column.name: column.stated_unit(degrees) for column in table.columns}
+        stem: {
+            column.header(degrees): column.stated_unit(degrees) for column in table.columns
+        }
         for stem, table in tables.items()
     }
 

@@ -73,6 +73,11 @@ class Column:
         """Return the unit of its numbers in a table with angles in rad or degrees."""
         return IN_DEGREES.get(self.unit, self.unit) if degrees else self.unit
 
+    def header(self, degrees: bool) -> str:
+        """Return what files call it: with its unit, ``q [deg]``, where that is not SI."""
+        unit = self.unit_in(degrees)
+        return self.name if unit == self.unit else f"{self.name} [{unit}]"
+
     def stated_unit(self, degrees: bool) -> str:
         """Return that unit as files say it: 1 of a pure number, empty of a name."""
         return self.unit_in(degrees) or ("1" if self.kind == "number" else "")

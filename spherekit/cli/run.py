@@ -375,7 +375,7 @@ def _accuracy(
         )
     if options.tol is None or (study.start is not None and not options.trade):
         return {}
-    from spherekit.trade.choice import choose, choose_simulation, stored_for
+    from spherekit.tradeoff.choice import choose, choose_simulation, stored_for
 
     stored = stored_for(study, analyses, options.trade) if options.trade else []
     if study.start is not None:

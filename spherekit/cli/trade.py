@@ -55,8 +55,8 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.analysis.study import analyses_of
     from spherekit.errors import AnalysisError
     from spherekit.front.trade import trade
-    from spherekit.trade.record import check_tolerance
-    from spherekit.trade.text import as_text
+    from spherekit.tradeoff.record import check_tolerance
+    from spherekit.tradeoff.text import as_text
 
     study = study_from(options)
     if options.tol is not None:
@@ -100,7 +100,7 @@ def _check_places(options: argparse.Namespace) -> None:
 
 def _write(found: Any, options: argparse.Namespace) -> None:
     from spherekit.files.atomic import make_folder, write_text
-    from spherekit.trade.text import as_csv
+    from spherekit.tradeoff.text import as_csv
 
     folder = make_folder(options.output)
     data = json.dumps(found.as_dict(options.tol), indent=2, ensure_ascii=False)
@@ -121,7 +121,7 @@ def _record(found: Any, options: argparse.Namespace) -> None:
 
     import numpy as np
 
-    from spherekit.trade.chart import scene
+    from spherekit.tradeoff.chart import scene
     from spherekit.view.rerun_view import RerunRecorder
 
     with RerunRecorder(found.mechanism, path=Path(options.save)) as recorder:

@@ -73,7 +73,7 @@ def execute(options: argparse.Namespace) -> int:
     if options.web and options.png is not None:
         raise OutputError("--web and --png: say one of them")
     if options.png is not None:
-        from spherekit.view.screenshot import check_picture
+        from spherekit.view.pictures import check_picture
 
         check_picture(Path(options.png), _size(options.size))
     if is_mechanism(options.file):
@@ -131,7 +131,7 @@ def _of_recording(path: Path, options: argparse.Namespace) -> int:
         if note and not options.quiet:
             print(note, file=sys.stderr)
         return 0
-    from spherekit.view.screenshot import screenshot
+    from spherekit.view.pictures import screenshot
 
     screenshot(
         path,

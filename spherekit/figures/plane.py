@@ -6,16 +6,14 @@ from typing import final
 
 import numpy as np
 
-from spherekit.analysis.plotted import TURNS
+from spherekit.analysis.placed_labels import placed_labels
+from spherekit.analysis.plotted import MOST_KINDS, TURNS
 from spherekit.analysis.scene import Axis, Floats, Mark, Page, Portrait, titled
 from spherekit.figures import style
 from spherekit.figures.curves import page_look
-from spherekit.figures.labels import placed_labels
 from spherekit.figures.sdk import Axes, Figure, Line2D, LogLocator, NullFormatter
 from spherekit.figures.sheet import Sheet, line_between, spot, spot_look, stroke, ticks_of
 
-MOST_KINDS = 5
-"""With more names of marks each is written beside its mark."""
 RATIO = 0.72
 AROUND = 0.03
 FEW_DECADES = 1e3
@@ -137,9 +135,8 @@ def _label(panel: Axes, marks: Sequence[Mark]) -> None:
     places: Floats = panel.transData.transform(np.array([mark.place for mark in marks]))
     texts = [mark.label for mark in marks]
     dots = panel.figure.dpi / 72.0
-    for mark, place, at in zip(
-        marks, places, placed_labels(texts, places, 6.5 * dots), strict=True
-    ):
+    middles = placed_labels(texts, places[None], 6.5 * dots)[0]
+    for mark, place, at in zip(marks, places, middles, strict=True):
         offset = (at - place) / dots
         panel.annotate(
             mark.label,

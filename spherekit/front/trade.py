@@ -6,8 +6,8 @@ from functools import wraps
 from typing import TYPE_CHECKING, ParamSpec
 
 from spherekit.analysis.result import Columns
-from spherekit.trade import trade as measured
-from spherekit.trade.record import Trade
+from spherekit.tradeoff import trade as measured
+from spherekit.tradeoff.record import Trade
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,7 +27,7 @@ def _drawable(function: Callable[P, Trade]) -> Callable[P, Trade]:
 
 def _figure(found: Trade, tolerance: float | None, columns: Columns) -> "Figure":
     from spherekit.figures.contents import figures_of
-    from spherekit.trade.chart import scene
+    from spherekit.tradeoff.chart import scene
 
     (figure,) = figures_of([scene(found, tolerance)], {}, columns=columns).values()
     return figure

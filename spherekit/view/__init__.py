@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
+    from spherekit.view.pictures import screenshot as screenshot
     from spherekit.view.rerun_view import RerunRecorder as RerunRecorder
-    from spherekit.view.screenshot import screenshot as screenshot
     from spherekit.view.viewer import open_viewer as open_viewer
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__)

@@ -136,10 +136,11 @@ class Layout:
         space: rrb.View | rrb.Container = self._space(page, title)
         scale = next((path for owner, path in self.scales if owner == page), None)
         if scale is not None:
-            space = rrb.Vertical(space, self._scale(scale), row_shares=[9, 1], name=title)
+            space = rrb.Vertical(space, self._scale(scale), row_shares=[7, 1], name=title)
         if not rows:
             return rrb.Horizontal(space, name=title)
-        return rrb.Horizontal(space, rrb.Vertical(*rows), column_shares=[11, 9], name=title)
+        shares = [11, 9] if plots else [2, 1]
+        return rrb.Horizontal(space, rrb.Vertical(*rows), column_shares=shares, name=title)
 
     def _space(self, page: Page, title: str) -> rrb.Spatial3DView:
         def here(owner: Page) -> bool:

@@ -11,7 +11,15 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.plotted import MARGIN, TURNS, broken, cut, plotted_range, scale_of
+from spherekit.analysis.plotted import (
+    MARGIN,
+    MOST_KINDS,
+    TURNS,
+    broken,
+    cut,
+    plotted_range,
+    scale_of,
+)
 from spherekit.analysis.scene import (
     Axis,
     Floats,
@@ -27,7 +35,7 @@ from spherekit.view.sdk import rr
 
 WIDTH, HEIGHT = 930.0, 372.0
 LEFT, TOP, BOTTOM = 92.0, 32.0, 66.0
-LEGEND = 205.0
+LEGEND = 235.0
 """Width of one column of the legend."""
 LONGEST = 17
 """Letters of a name for which the legend has room."""
@@ -48,7 +56,7 @@ MOST_COLUMNS = 2
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 ANGLE_STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 360.0)
 
-SCALE_BOUNDS = ((-40.0, WIDTH + 40.0), (-44.0, 58.0))
+SCALE_BOUNDS = ((-40.0, WIDTH + 40.0), (-46.0, 62.0))
 """What a view of a scale of colours shows."""
 
 Drawn = tuple[str, rr.AsComponents]
@@ -155,7 +163,7 @@ class Chart:
         resolution = max(curve.resolution for curve, _, _ in curves)
         every = np.concatenate([values for _, _, values in curves])
         span = plotted_range(every, scale_of(every, unit), resolution)
-        yield from frame(self.width, _Side.of(self.over[0]), _Side("", span, False))
+        yield from frame(self.width, _Side.of(self.over[0]), _Side("", span, unit == "deg"))
         for number, (curve, rows, values) in enumerate(curves):
             line = np.stack([self.across(rows[0]), values], axis=1)
             line = cut(broken(line, span, TURNS.get(unit)), span)
@@ -335,6 +343,9 @@ def portrait(item: Portrait) -> Iterator[Drawn]:
         placed = item.framed(curve.points)
         yield f"curve_{number}", portrait_line(placed, colours.tone(curve.tone))
     named = {each.label: colours.tone(each.tone) for each in item.curves if each.label}
+    kinds = {each.label: colours.tone(each.tone) for each in item.marks}
+    if len(kinds) <= MOST_KINDS:
+        named |= kinds
     if named:
         x = PORTRAIT_WIDTH + 0.5 * LEGEND
         line = _line(len(named))
@@ -343,7 +354,8 @@ def portrait(item: Portrait) -> Iterator[Drawn]:
         yield "legend", legend_style(np.array(lines), tints, list(named))
     if item.marks:
         places = item.framed(np.array([mark.place for mark in item.marks]))
-        yield "marks", _marked(in_frame(places), item.marks)
+        told = len(kinds) <= MOST_KINDS or len(places) > MOST_LABELS
+        yield "marks", _marked(in_frame(places), item.marks, not told)
 
 
 def portrait_line(placed: Floats, colour: colours.Colour) -> rr.LineStrips2D:
@@ -362,13 +374,13 @@ def in_frame(placed: Floats) -> Floats:
     )
 
 
-def _marked(places: Floats, marks: Sequence[Mark]) -> rr.Points2D:
+def _marked(places: Floats, marks: Sequence[Mark], written: bool) -> rr.Points2D:
     return rr.Points2D(
         places,
         labels=[mark.label for mark in marks],
         colors=[colours.tone(mark.tone) for mark in marks],
         radii=rr.Radius.ui_points(4.0),
-        show_labels=len(marks) <= MOST_LABELS,
+        show_labels=written,
     )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from spherekit.analysis.placed_labels import placed_labels
 from spherekit.analysis.scene import Diagram, Floats
 from spherekit.view import charts, colours
 from spherekit.view.sdk import rr
@@ -13,6 +14,8 @@ UNIT = 100.0
 LEGEND = 62.0
 """Width of the list of points with their readings."""
 LINE = 7.2
+LABEL = 5.0
+"""The viewer writes a label so far below its point."""
 MOST_LISTED = 14
 
 Still = tuple[str, rr.AsComponents]
@@ -55,8 +58,14 @@ def still(item: Diagram) -> Iterator[Still]:
             show_labels=True,
         ),
     )
-    dot = rr.Radius.ui_points(4.0)
-    yield "points", rr.Points2D.from_fields(radii=dot, show_labels=True)
+    yield "points", rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0))
+    yield "names", rr.Points2D.from_fields(radii=0.0, show_labels=True)
+    yield (
+        "leaders",
+        rr.LineStrips2D.from_fields(
+            colors=colours.GRATICULE, radii=rr.Radius.ui_points(0.7)
+        ),
+    )
     yield (
         "lines",
         rr.LineStrips2D.from_fields(colors=colours.VIOLET, radii=rr.Radius.ui_points(1.0)),
@@ -80,14 +89,22 @@ def moving(item: Diagram) -> Iterator[Moving]:
     tints = np.array([colours.tone(tone) for tone in item.tones], dtype=np.uint8)
     places = _placed(item, item.places.reshape(-1, 2)).reshape(n, k, 2)
     names = np.broadcast_to(np.array(item.names, dtype=object), (n, k))
+    shades = np.broadcast_to(tints, (n, k, 3))[seen]
+    middles = placed_labels(item.names, np.where(seen[..., None], places, np.nan), LINE)
     yield (
         "points",
+        rr.Points2D.columns(positions=places[seen], colors=shades).partition(count),
+    )
+    yield (
+        "names",
         rr.Points2D.columns(
-            positions=places[seen],
+            positions=middles[seen] - [0.0, LABEL],
             labels=names[seen].tolist(),
-            colors=np.broadcast_to(tints, (n, k, 3))[seen],
+            colors=shades,
         ).partition(count),
     )
+    leaders = np.stack([places[seen], middles[seen]], axis=1)
+    yield "leaders", rr.LineStrips2D.columns(strips=list(leaders)).partition(count)
     ends, known = clipped(item)
     strips = _placed(item, ends.reshape(-1, 2)).reshape(*ends.shape)[known]
     yield "lines", rr.LineStrips2D.columns(strips=strips).partition(known.sum(axis=1))

@@ -47,6 +47,8 @@ LEVELS = 6
 JOINT_RADIUS = 0.03
 LABEL_HEIGHT = 1.09
 LINK_LABEL_HEIGHT = 1.15
+ASIDE = 0.07
+"""Angle (rad) between a joint and its name."""
 POINT = 0.001
 GRAPH_SIZE = (420.0, 220.0)
 GRATICULE_LIFT = 1.006
@@ -244,16 +246,18 @@ def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
             rr.Points3D(lift * body.joints, colors=colours.PALE, radii=JOINT_RADIUS),
         )
     where: list[Floats] = []
+    named: list[Floats] = []
     words: list[str] = []
     tints: list[colours.Colour] = []
     for joint, label in zip(body.joints, body.joint_labels, strict=True):
         if label and label not in labelled:
             labelled.add(label)
-            near = [k for k, at in enumerate(where) if at @ joint > NEAR * LABEL_HEIGHT]
+            near = [k for k, at in enumerate(named) if at @ joint > NEAR]
             if near:
                 words[near[0]] += f", {label}"
                 continue
-            where.append(LABEL_HEIGHT * joint)
+            where.append(LABEL_HEIGHT * _beside(joint, body.joints))
+            named.append(joint)
             words.append(label)
             tints.append(colours.PALE)
     if len(body.curves) > 0 and body.label:
@@ -271,6 +275,20 @@ def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
             show_labels=True if body.quaternions is None else None,
         ),
     )
+
+
+def _beside(joint: Floats, joints: Floats) -> Floats:
+    """Return where the name of a joint of a link goes: away from the link's other joints.
+
+    So names of joints of different links keep apart where these joints meet.
+    """
+    other = np.sum(joints, axis=0)
+    along = other - (other @ joint) * joint
+    size = float(np.linalg.norm(along))
+    if size < ASIDE:
+        return joint
+    beside: Floats = joint - ASIDE / size * along
+    return beside / float(np.linalg.norm(beside))
 
 
 def _still_curves(item: SphereCurves) -> Iterator[Still]:
@@ -291,7 +309,7 @@ def _still_curves(item: SphereCurves) -> Iterator[Still]:
                 labels=[mark.label for mark in item.marks],
                 colors=[colours.tone(mark.tone) for mark in item.marks],
                 radii=rr.Radius.ui_points(4.0),
-                show_labels=len(item.marks) <= charts.MOST_LABELS,
+                show_labels=len({mark.label for mark in item.marks}) == len(item.marks),
             ),
         )
 

@@ -16,11 +16,11 @@ from spherekit.conventions import listing
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.trade.deviation import Deviation, worst
-from spherekit.trade.measure import Benchmark
-from spherekit.trade.record import MARGIN, Trade, check_tolerance, recommended
-from spherekit.trade.stored import check_run, read_trade, run_of
-from spherekit.trade.trade import trade
+from spherekit.tradeoff.deviation import Deviation, worst
+from spherekit.tradeoff.measure import Benchmark
+from spherekit.tradeoff.record import MARGIN, Trade, check_tolerance, recommended
+from spherekit.tradeoff.stored import check_run, read_trade, run_of
+from spherekit.tradeoff.trade import trade
 
 WORTH = 50_000
 """Samples from which on a short trade costs little beside the run; below, none is made."""
@@ -95,7 +95,7 @@ def choose(
     Trades that are `stored` decide, if there are any. Else with fewer than `WORTH` samples
     the ordinary setting is taken, with more a short trade decides. Where none meets the
     tolerance, the most accurate is taken, and `met` is false. Errors are scaled as
-    `spherekit.trade.deviation` says.
+    `spherekit.tradeoff.deviation` says.
 
     Raises
     ------

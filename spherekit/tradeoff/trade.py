@@ -22,14 +22,14 @@ from spherekit.exact.arithmetic import wide
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.sphere.rotation import Floats
-from spherekit.trade.candidates import of_samples
-from spherekit.trade.check_samples import at_places, places
-from spherekit.trade.deviation import Deviation, scale_words
-from spherekit.trade.effort import Effort
-from spherekit.trade.measure import Benchmark, Found, Tables, timing_loop
-from spherekit.trade.record import Measured, Trade, gathered
-from spherekit.trade.simulated import measured
-from spherekit.trade.stored import run_of
+from spherekit.tradeoff.candidates import of_samples
+from spherekit.tradeoff.check_samples import at_places, places
+from spherekit.tradeoff.deviation import Deviation, scale_words
+from spherekit.tradeoff.effort import Effort
+from spherekit.tradeoff.measure import Benchmark, Found, Tables, timing_loop
+from spherekit.tradeoff.record import Measured, Trade, gathered
+from spherekit.tradeoff.simulated import measured
+from spherekit.tradeoff.stored import run_of
 
 CHECKED = 361
 """Most samples at which errors are measured, and"""

@@ -28,9 +28,9 @@ from spherekit.planning.poles import Plan
 from spherekit.progress import Working
 from spherekit.rates.field import PoleField, SignMemory, evaluate
 from spherekit.sphere.rotation import Floats
-from spherekit.trade.deviation import Deviation, deviations, worst
-from spherekit.trade.effort import Effort
-from spherekit.trade.record import Measured
+from spherekit.tradeoff.deviation import Deviation, deviations, worst
+from spherekit.tradeoff.effort import Effort
+from spherekit.tradeoff.record import Measured
 
 LEAST_ROUNDS = 2
 

@@ -22,10 +22,10 @@ from spherekit.model.laws import Start
 from spherekit.model.study import Study
 from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats
-from spherekit.trade.candidates import of_simulation
-from spherekit.trade.deviation import Deviation
-from spherekit.trade.effort import Effort
-from spherekit.trade.measure import Benchmark, Found, Reference, Tables, timing_loop
+from spherekit.tradeoff.candidates import of_simulation
+from spherekit.tradeoff.deviation import Deviation
+from spherekit.tradeoff.effort import Effort
+from spherekit.tradeoff.measure import Benchmark, Found, Reference, Tables, timing_loop
 
 OTHER_NODES = 24
 """Nodes of each step of the run that shows how well the reference is known."""

@@ -82,7 +82,7 @@ class Trade:
     measured, `reference` what they are measured against, and `floor` how well that is
     known itself. `derivatives` is the order of the rates' derivatives that the analysis
     reads, and no more is computed; None where no rates are. `made_for` says which run it
-    was made for, see `spherekit.trade.stored`; `draw` makes its figure.
+    was made for, see `spherekit.tradeoff.stored`; `draw` makes its figure.
     """
 
     mechanism: str

@@ -5,7 +5,7 @@ import io
 
 import numpy as np
 
-from spherekit.trade.record import MARGIN, Measured, Trade
+from spherekit.tradeoff.record import MARGIN, Measured, Trade
 
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
 TO_THE_RIGHT = ("time", "median", "compiling")

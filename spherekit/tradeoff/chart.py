@@ -6,8 +6,8 @@ import numpy as np
 
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
 from spherekit.sphere.rotation import Floats
-from spherekit.trade.record import Measured, Trade
-from spherekit.trade.text import as_text
+from spherekit.tradeoff.record import Measured, Trade
+from spherekit.tradeoff.text import as_text
 
 SERIES = ("linear", "cubic", "spectral")
 FRONT, EVALUATED, TOLERANCE = 1, 0, 5

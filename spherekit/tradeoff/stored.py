@@ -17,7 +17,7 @@ from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.study import Study
 from spherekit.planning.inputs import driven_pairs
-from spherekit.trade.record import Measured, Trade
+from spherekit.tradeoff.record import Measured, Trade
 from spherekit.version import __version__
 
 FILE = "trade.json"
