@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import TYPES, Column, GivenData, Interleaved, Table
+from spherekit.analysis.tables import TYPES, Column, Interleaved, Table, TableData
 from spherekit.conventions import listing
 from spherekit.errors import PluginError
 
@@ -24,7 +24,7 @@ _WORDS = {
 
 def computed(
     analysis: AbstractAnalysis, tables: Sequence[Table], batch: Batch
-) -> dict[str, GivenData]:
+) -> dict[str, TableData]:
     """Return the tables of a batch, columns in the types of their kinds.
 
     Raises
@@ -43,7 +43,7 @@ def computed(
             f"{analysis.name}: compute returned {what or 'no tables'}, it has to return "
             f"the declared tables by name: {listing(names)}"
         )
-    found: dict[str, GivenData] = {}
+    found: dict[str, TableData] = {}
     for table in tables:
         where = f"{analysis.name}: table {table.name}"
         found[table.name] = own = _columns(where, table, given[table.name])

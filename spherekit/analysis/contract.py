@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import GivenData, Table
+from spherekit.analysis.tables import Interleaved, Table, TableData
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
@@ -239,6 +239,14 @@ class Batch:
         made: Made = self._made[key]
         return made
 
+    @staticmethod
+    def interleaved(parts: Sequence[NDArray[Any]]) -> Interleaved:
+        """Return a column with a row for each of several subjects at every row.
+
+        `parts` (n,) are those of one subject each; they are not copied.
+        """
+        return Interleaved(parts)
+
     def assembly_mode_rows(self) -> Mapping[int, slice]:
         """Return the rows of each assembly mode, by its number."""
         k = self._motion.samples
@@ -455,7 +463,7 @@ class AbstractAnalysis(ABC):
         """Return what will be read; cheap, and `AnalysisError` for bad parameters."""
 
     @abstractmethod
-    def compute(self, batch: Batch) -> Mapping[str, GivenData]:
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the declared tables by name for all rows of the batch."""
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:

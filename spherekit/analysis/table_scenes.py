@@ -14,8 +14,8 @@ from spherekit.analysis.tables import (
     SAMPLE,
     TIME,
     Column,
-    GivenData,
     Table,
+    TableData,
 )
 
 MOST_SUBJECTS = 60
@@ -23,7 +23,7 @@ MOST_SUBJECTS = 60
 
 
 def table_scenes(
-    tables: Sequence[Table], data: Mapping[str, GivenData], batch: Batch
+    tables: Sequence[Table], data: Mapping[str, TableData], batch: Batch
 ) -> tuple[Scene, ...]:
     """Return the numbers of tables with rows at the samples, over these, by mode.
 
@@ -43,7 +43,7 @@ def table_scenes(
 
 
 def _parts(
-    table: Table, data: GivenData, mode: int, samples: NDArray[np.int64]
+    table: Table, data: TableData, mode: int, samples: NDArray[np.int64]
 ) -> Iterator[Primitive]:
     """Yield the columns of one mode, of each subject that has a row at every sample."""
     here = np.asarray(data[ASSEMBLY_MODE.name]) == mode

@@ -115,7 +115,7 @@ class Table:
             ]
         return replace(self, columns=tuple(columns))
 
-    def typed(self, data: "GivenData") -> dict[str, NDArray[Any]]:
+    def typed(self, data: "TableData") -> dict[str, NDArray[Any]]:
         """Return columns in the type of their kind; text stays as it is."""
         return {
             column.name: np.asarray(data[column.name], dtype=TYPES.get(column.kind))
@@ -161,12 +161,12 @@ class Interleaved:
             made[:, number] = part[rows]
 
 
-TableData = Mapping[str, NDArray[Any]]
-GivenData = Mapping[str, NDArray[Any] | Interleaved]
+TableArrays = Mapping[str, NDArray[Any]]
+TableData = Mapping[str, NDArray[Any] | Interleaved]
 """A table's columns, and these as an analysis may give them."""
 
 
-def arrays(data: GivenData) -> dict[str, NDArray[Any]]:
+def arrays(data: TableData) -> dict[str, NDArray[Any]]:
     """Return all columns as arrays."""
     return {name: np.asarray(values) for name, values in data.items()}
 
@@ -197,7 +197,7 @@ class AbstractRows(ABC):
     words: Mapping[str, Sequence[str]]
 
     @abstractmethod
-    def chunks(self) -> Iterator[TableData]:
+    def chunks(self) -> Iterator[TableArrays]:
         """Yield at least one piece; all but the last have `CHUNK` rows."""
 
 
@@ -205,7 +205,7 @@ class AbstractRows(ABC):
 class RowsInMemory(AbstractRows):
     """The rows of arrays."""
 
-    def __init__(self, table: Table, data: TableData) -> None:
+    def __init__(self, table: Table, data: TableArrays) -> None:
         self._columns = table.typed(data)
         self.words = {}
         for column in table.columns:
@@ -214,7 +214,7 @@ class RowsInMemory(AbstractRows):
                 self.words[column.name] = [str(word) for word in found[0]]
                 self._columns[column.name] = found[1]
 
-    def chunks(self) -> Iterator[TableData]:
+    def chunks(self) -> Iterator[TableArrays]:
         """Yield pieces of the arrays."""
         count = len(next(iter(self._columns.values())))
         for start in range(0, max(count, 1), CHUNK):

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from spherekit.analysis.tables import STATUS as STATUS
     from spherekit.analysis.tables import TIME as TIME
     from spherekit.analysis.tables import Column as Column
-    from spherekit.analysis.tables import GivenData as GivenData
-    from spherekit.analysis.tables import Interleaved as Interleaved
     from spherekit.analysis.tables import Table as Table
     from spherekit.analysis.tables import TableData as TableData
     from spherekit.analysis.tables import input_columns as input_columns

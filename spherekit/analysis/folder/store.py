@@ -18,9 +18,9 @@ from spherekit.analysis.tables import (
     SAMPLE,
     TYPES,
     AbstractRows,
-    GivenData,
     Interleaved,
     Table,
+    TableArrays,
     TableData,
 )
 from spherekit.errors import OutputError
@@ -34,7 +34,7 @@ class AbstractStore(ABC):
     """Takes the tables of block after block."""
 
     @abstractmethod
-    def add(self, analysis: str, table: Table, data: GivenData) -> None:
+    def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
 
     @abstractmethod
@@ -46,7 +46,7 @@ class AbstractStore(ABC):
 class Nowhere(AbstractStore):
     """Keeps nothing, for runs of which only the summary or the recording is wanted."""
 
-    def add(self, analysis: str, table: Table, data: GivenData) -> None:
+    def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
 
     def clear(self) -> None:
@@ -58,9 +58,9 @@ class InMemory(AbstractStore):
     """Keeps the blocks as they come."""
 
     def __init__(self) -> None:
-        self._blocks: dict[Key, list[GivenData]] = defaultdict(list)
+        self._blocks: dict[Key, list[TableData]] = defaultdict(list)
 
-    def add(self, analysis: str, table: Table, data: GivenData) -> None:
+    def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
         kept = {
             column.name: values
@@ -86,7 +86,7 @@ class _Joined(Mapping[str, NDArray[Any]]):
     By assembly mode, then sample, where rows belong to these.
     """
 
-    def __init__(self, blocks: Sequence[GivenData], table: Table) -> None:
+    def __init__(self, blocks: Sequence[TableData], table: Table) -> None:
         self._blocks = [dict(block) for block in blocks]
         self._names = [column.name for column in table.columns]
         self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
@@ -135,7 +135,7 @@ class _Joined(Mapping[str, NDArray[Any]]):
         return made
 
 
-def _parts_in_order(blocks: Sequence[GivenData]) -> list[tuple[int, slice]] | None:
+def _parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | None:
     """Return pieces of successive blocks, mode after mode; None if that is not their order.
 
     In each block modes rise, in each mode samples, and from block to block these go on.
@@ -205,7 +205,7 @@ class OnDisk(AbstractStore):
             "words": [[*key, list(words)] for key, words in self._words.items()],
         }
 
-    def add(self, analysis: str, table: Table, data: GivenData) -> None:
+    def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Append the rows of one block.
 
         Raises
@@ -213,25 +213,30 @@ class OnDisk(AbstractStore):
         OutputError
             If the disk is full.
         """
-        typed = table.typed(data)
-        rows = np.empty(len(next(iter(typed.values()))), dtype=packed(table))
+        rows = np.empty(len(next(iter(data.values()))), dtype=packed(table))
         for column in table.columns:
-            values = typed[column.name]
+            values = data[column.name]
             if column.kind == "text":
                 words = self._words.setdefault((analysis, table.name, column.name), {})
                 values = _coded(values, words)
-            rows[column.name] = values
+            if isinstance(values, Interleaved):
+                values.put(rows[column.name], slice(None))
+            else:
+                rows[column.name] = values
         if not (self._split and table.in_assembly_modes):
             self._append(analysis, table, 0, rows)
             return
         if not len(rows):
             return
-        rows = rows[_order(typed)]
-        assembly_modes, starts = np.unique(rows[ASSEMBLY_MODE.name], return_index=True)
-        for assembly_mode, own in zip(
-            assembly_modes, np.split(rows, starts[1:]), strict=True
-        ):
-            self._append(analysis, table, int(assembly_mode), own)
+        parts = _parts_in_order([data])
+        if parts is None:
+            rows = rows[_order({name: rows[name] for name in rows.dtype.names or ()})]
+            modes = rows[ASSEMBLY_MODE.name]
+            edges = np.flatnonzero(np.diff(modes, prepend=-1, append=-1)).tolist()
+            parts = [(0, slice(*each)) for each in itertools.pairwise(edges)]
+        for _, own in parts:
+            mode = int(rows[ASSEMBLY_MODE.name][own.start])
+            self._append(analysis, table, mode, rows[own])
 
     def _append(
         self, analysis: str, table: Table, assembly_mode: int, rows: NDArray[np.void]
@@ -318,7 +323,7 @@ class RowsOnDisk(AbstractRows):
             for name, own in words.items()
         }
 
-    def chunks(self) -> Iterator[TableData]:
+    def chunks(self) -> Iterator[TableArrays]:
         """Yield pieces of the files, which may go on from one file into the next."""
         held: list[NDArray[np.void]] = []
         count = 0
@@ -336,7 +341,7 @@ class RowsOnDisk(AbstractRows):
         if held or not self._parts:
             yield self._columns(held or [np.empty(0, dtype=self._type)])
 
-    def _columns(self, pieces: list[NDArray[np.void]]) -> TableData:
+    def _columns(self, pieces: list[NDArray[np.void]]) -> TableArrays:
         rows = np.concatenate(pieces)
         columns = {
             name: np.ascontiguousarray(rows[name]) for name in self._type.names or ()
@@ -351,13 +356,24 @@ def packed(table: Table) -> np.dtype[np.void]:
     return np.dtype([(c.name, TYPES.get(c.kind, np.int32)) for c in table.columns])
 
 
-def _coded(values: NDArray[Any], words: dict[str, int]) -> NDArray[np.int32]:
+def _coded(
+    values: NDArray[Any] | Interleaved, words: dict[str, int]
+) -> NDArray[np.int32] | Interleaved:
     """Return texts as numbers of words; new words are added."""
+    if isinstance(values, Interleaved):
+        return Interleaved([_codes(part, words) for part in values.parts])
+    return _codes(np.asarray(values), words)
+
+
+def _codes(values: NDArray[Any], words: dict[str, int]) -> NDArray[np.int32]:
+    if len(values) and values.strides == (0,):  # one word for all
+        code = words.setdefault(str(values[0]), len(words))
+        return np.broadcast_to(np.int32(code), values.shape)
     unique, inverse = np.unique(values, return_inverse=True)
     codes = [words.setdefault(str(word), len(words)) for word in unique]
     return np.array(codes, dtype=np.int32)[inverse]
 
 
-def _order(data: TableData) -> NDArray[np.intp]:
+def _order(data: TableArrays) -> NDArray[np.intp]:
     """Return the order of rows by mode, then sample; rows of one sample keep theirs."""
     return np.lexsort((data[SAMPLE.name], data[ASSEMBLY_MODE.name]))

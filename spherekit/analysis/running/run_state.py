@@ -13,7 +13,7 @@ from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.running.run_statistics import RunStatistics
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import Setting
-from spherekit.analysis.tables import GivenData
+from spherekit.analysis.tables import TableData
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.continued import AngleMemory
 from spherekit.rates.field import SignMemory
@@ -45,7 +45,7 @@ class RunState:
         fresh = RunState([SignMemory() for _ in self.signs], failures=dict(refused))
         vars(self).update(vars(fresh), seconds=self.seconds)
 
-    def count(self, analysis: str, table: str, data: GivenData) -> None:
+    def count(self, analysis: str, table: str, data: TableData) -> None:
         """Count the rows of a block of a table."""
         self.rows[analysis, table] += len(next(iter(data.values())))
 

@@ -26,7 +26,7 @@ from spherekit.analysis.tables import (
     SAMPLE,
     Column,
     Table,
-    TableData,
+    TableArrays,
     arrays,
 )
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status, listing
@@ -323,7 +323,7 @@ class _Rows:
     condition: Floats
     allowed: Floats
 
-    def of(self, data: TableData) -> NDArray[np.intp]:
+    def of(self, data: TableArrays) -> NDArray[np.intp]:
         """Return the row that each row of a table belongs to, -1 if none."""
         number = {
             place: row
@@ -395,7 +395,7 @@ def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats
 
 def _configurations(
     motion: Motion, better: Motion
-) -> Iterator[tuple[Table, TableData, TableData]]:
+) -> Iterator[tuple[Table, TableArrays, TableArrays]]:
     """Yield the table of pair variables, as it was and in many digits."""
     mechanism = motion.mechanism
     names = mechanism.variable_names
@@ -419,7 +419,7 @@ def _allowed(motion: Motion) -> Floats:
 
 
 def _compared(
-    rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
+    rows: _Rows, analysis: str, table: Table, given: TableArrays, reference: TableArrays
 ) -> Iterator[dict[str, Any]]:
     """Yield for each column of numbers the place where it deviates most."""
     if not {"sample", "assembly_mode"} <= set(given):
