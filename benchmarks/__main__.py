@@ -35,6 +35,7 @@ NAMES = (
     "long_run",
     "fuzz",
     "pruning",
+    "road",
     "extremes",
     "sceptic",
 )

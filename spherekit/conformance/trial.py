@@ -134,9 +134,10 @@ def failed_at(row: int) -> Change:
     def change(motion: Motion) -> Motion:
         made = {
             name: getattr(motion, name).copy()
-            for name in ("values", "rotations", "residual", "status")
+            for name in ("values", "residual", "status")
         }
-        for name in ("values", "rotations", "residual"):
+        made["placed"] = motion.rotations.copy()
+        for name in ("values", "placed", "residual"):
             made[name][row] = np.nan
         made["status"][row] = Status.OUT_OF_REACH
         return replace(motion, **made)
