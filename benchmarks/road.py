@@ -38,8 +38,8 @@ def run(quick: bool) -> list[Section]:
             "Runs of many samples",
             "`sk.run(mechanism, 'poles')` in memory, all assembly modes, by the kernel of "
             "rows (so many of them) and with care throughout, and the batch kernel of the "
-            "same poles and derivatives alone, from pair variables to an array that is there "
-            "already. The time that the search for assembly modes takes is left out.",
+            "same poles and derivatives alone, from pair variables to an array that is "
+            "there already. The time of the search for assembly modes is left out.",
             (
                 "mechanism",
                 "engine",
@@ -52,8 +52,8 @@ def run(quick: bool) -> list[Section]:
                 "of which careful, ns",
             ),
             rows,
-            "All of it is processor time of one thread. Of profiles other than circles there "
-            "is no kernel, with several inputs none of one of them: no ratio is given.",
+            "All of it is processor time of one thread. Of profiles other than circles "
+            "there is no kernel, with several inputs none of one of them: no ratio then.",
             ratios=("run / kernel", "careful / run"),
             keys=2,
         )

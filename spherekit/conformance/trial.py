@@ -133,8 +133,7 @@ def failed_at(row: int) -> Change:
 
     def change(motion: Motion) -> Motion:
         made = {
-            name: getattr(motion, name).copy()
-            for name in ("values", "residual", "status")
+            name: getattr(motion, name).copy() for name in ("values", "residual", "status")
         }
         made["placed"] = motion.rotations.copy()
         for name in ("values", "placed", "residual"):
