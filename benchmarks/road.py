@@ -1,7 +1,7 @@
 """A run of many samples against the kernel alone, and against every row with care."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from unittest.mock import patch
 
@@ -91,7 +91,7 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
         with _by(None):
             sk.run(made, "poles", samples=few)
 
-    jobs = {
+    jobs: dict[str, Callable[[], object]] = {
         "run": quickly,
         "careful": carefully,
         "search": lambda: Tracer(made, samples=samples),

@@ -58,7 +58,7 @@ class Column:
     `turns` says what becomes of it where the mechanism is turned as a whole: ``"no"`` for
     what no turn changes, ``"vector"`` for a component of a vector in ground axes, x, y, z
     in successive columns, ``"otherwise"`` for what else depends on the ground's axes. Rows
-    of a table without samples are then others too.
+    of a table without samples, or with a text that does, are then others too.
     """
 
     name: str

@@ -27,11 +27,12 @@ def difference(
 
     What describes the computation is compared where the mechanism is said the same. With
     a `rotation` (3, 3) vectors of the first are turned by it, and what else depends on axes
-    is left out. Where rows are not those of samples, they are other rows in other axes, and
-    none is compared.
+    is left out. Where rows are not those of samples, or texts that depend on axes name
+    them, they are other rows in other axes, and none is compared.
     """
-    others = any(column.turns == "otherwise" for column in table.columns)
-    if rotation is not None and others and not table.in_assembly_modes:
+    others = [column.kind for column in table.columns if column.turns == "otherwise"]
+    unnamed = not table.in_assembly_modes or "text" in others
+    if rotation is not None and others and unnamed:
         return ""
     rows = [len(next(iter(data.values()))) for data in (one, other)]
     if rows[0] != rows[1]:

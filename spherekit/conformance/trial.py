@@ -132,13 +132,13 @@ def failed_at(row: int) -> Change:
     """Return what makes a row of a motion one without a configuration."""
 
     def change(motion: Motion) -> Motion:
-        made = {
-            name: getattr(motion, name).copy() for name in ("values", "residual", "status")
-        }
-        made["placed"] = motion.rotations.copy()
-        for name in ("values", "placed", "residual"):
-            made[name][row] = np.nan
-        made["status"][row] = Status.OUT_OF_REACH
-        return replace(motion, **made)
+        values, placed = motion.values.copy(), motion.rotations.copy()
+        residual, status = motion.residual.copy(), motion.status.copy()
+        for numbers in (values, placed, residual):
+            numbers[row] = np.nan
+        status[row] = Status.OUT_OF_REACH
+        return replace(
+            motion, values=values, placed=placed, residual=residual, status=status
+        )
 
     return change

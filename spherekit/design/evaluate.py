@@ -14,6 +14,7 @@ from spherekit.design.variables import DesignVariable, design_geometry, designed
 from spherekit.engine.design_kernel import (
     SAMPLE,
     DesignKernel,
+    DesignTerms,
     arc_function,
     design_kernel,
     row_quantities,
@@ -103,14 +104,18 @@ class Evaluator:
             return None
         if set(self.columns) & set(INERTIAL) and self._masses_follow():
             return None
-        kernel = design_kernel(
+        terms = self.terms()
+        return design_kernel(terms, self.columns) if terms.closed_form else None
+
+    def terms(self, closed_form: bool | None = None) -> DesignTerms:
+        """Return what kernels of all designs are written in."""
+        return DesignTerms.of(
             self.mechanism,
             self.input,
-            self.columns,
             [variable.name for variable in self.variables],
             lambda numbers: design_geometry(self.variables, numbers),
+            closed_form,
         )
-        return kernel if kernel.closed_form else None
 
     def _masses_follow(self) -> bool:
         """Return whether the file states masses by sizes of links, which then follow."""
@@ -244,7 +249,8 @@ class Evaluator:
         return Evaluated.joined(parts, [merit.name for merit in self.merits])
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
-        kernel = design_kernel(mechanism, self.input, self.columns, compiled=False)
+        terms = DesignTerms.of(mechanism, self.input)
+        kernel = design_kernel(terms, self.columns, compiled=False)
         if kernel.closed_form:
             return self._modes(kernel, np.empty((0, 1)))
         rows = self.samples.rows

@@ -21,9 +21,11 @@ from spherekit.engine.algebra import (
 )
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
+from spherekit.engine.derivatives import derivatives
 from spherekit.engine.dyads import ClosedDyad, middle_of, place_by_input
 from spherekit.engine.expression_graph import (
     Expr,
+    ExpressionNode,
     function,
     hoisted,
     symbols,
@@ -32,6 +34,7 @@ from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import RateExpressions, Structure
 from spherekit.engine.loads import LoadState, generalised_force
+from spherekit.engine.misfits import answers, misfit_rates, misfits
 from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
@@ -50,9 +53,9 @@ class DesignKernel:
 
     `prepare` takes the sizes (variables, n) to what is the same at all samples of a design.
     `evaluate` takes q, dq, ddq, t, the places of the links and what is prepared to the
-    `columns`. Places are the sign of each dyad where every group is one; then the first
-    outputs, one for each dyad, are not negative where it closes. Otherwise they are the
-    variables of all pairs.
+    `columns`, then to their derivatives, size by size, where they were asked for. Places
+    are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
+    not negative where it closes. Otherwise they are the variables of all pairs.
     """
 
     places: tuple[str, ...]
@@ -67,58 +70,158 @@ class DesignKernel:
         return len(self.places) if self.closed_form else 0
 
 
+Geometry = Callable[[Mapping[str, Expr]], DesignGeometry]
+"""The geometry in which sizes, by name, are terms."""
+
+
+@final
+@dataclass(frozen=True)
+class DesignTerms:
+    """What kernels of a topology are written in.
+
+    Attributes
+    ----------
+    structure
+        The kinematics, with `sizes` for the numbers of the mechanism.
+    sample, places
+        The variables of `SAMPLE`, and the signs of dyads or the variables of pairs.
+    links, dyads
+        The links placed by these, and the dyads in closed form.
+    """
+
+    structure: Structure
+    sizes: tuple[ExpressionNode, ...]
+    sample: tuple[ExpressionNode, ...]
+    places: tuple[ExpressionNode, ...]
+    links: tuple[LinkOrientation, ...]
+    dyads: tuple[ClosedDyad, ...]
+
+    @staticmethod
+    def of(
+        mechanism: Mechanism,
+        input_pair: str,
+        sizes: Sequence[str] = (),
+        geometry: Geometry | None = None,
+        closed_form: bool | None = None,
+    ) -> "DesignTerms":
+        """Return the terms of a mechanism; by default in closed form where there is one.
+
+        Raises
+        ------
+        EngineError
+            If the engine does not know the mechanism's pairs or groups.
+        """
+        terms = symbols(sizes)
+        design = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
+        structure = Structure.of(mechanism, input_pair, design)
+        sample = symbols(SAMPLE)
+        if closed_form is None:
+            closed_form = structure.assembly.has_closed_form
+        dyads: list[ClosedDyad] = []
+        if closed_form:
+            places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
+            placed = place_by_input(structure, sample[0], places)
+            links, dyads = placed.links, placed.dyads
+        else:
+            places = symbols(mechanism.variable_names)
+            links = place_by_variables(mechanism, structure.pairs, places)
+        return DesignTerms(
+            structure,
+            sizes=tuple(terms),
+            sample=tuple(sample),
+            places=tuple(places),
+            links=tuple(links),
+            dyads=tuple(dyads),
+        )
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether the links are placed by the signs of dyads."""
+        return bool(self.dyads) or not self.places
+
+    def by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
+        """Return the derivatives of expressions by each size, the loops kept closed."""
+        if self.closed_form:
+            return [derivatives(items, size) for size in self.sizes]
+        by_places = [derivatives(items, place) for place in self.places]
+        made = []
+        for size in self.sizes:
+            rates = misfit_rates(self.structure, self.links, self.places, size)
+            moved = answers(self.structure, self.links, rates)
+            total = derivatives(items, size)
+            for change, partial in zip(moved, by_places, strict=True):
+                total = [x + y * change for x, y in zip(total, partial, strict=True)]
+            made.append(total)
+        return made
+
+
 def design_kernel(
-    mechanism: Mechanism,
-    input_pair: str,
+    terms: DesignTerms,
     columns: Sequence[str],
-    variables: Sequence[str] = (),
-    geometry: Callable[[Mapping[str, Expr]], DesignGeometry] | None = None,
+    gradients: bool = False,
     compiled: bool = True,
 ) -> DesignKernel:
     """Return the kernel of a topology.
 
     Parameters
     ----------
-    mechanism, input_pair
-        A mechanism with one freedom, and its driven pair.
+    terms
+        What it is written in.
     columns
         Names of `row_quantities`.
-    variables, geometry
-        Names of the sizes that are inputs, and the geometry with terms for these.
+    gradients
+        Whether their derivatives by all sizes are wanted too.
     compiled
         Whether to compile, where heyoka is installed, or to be ready at once.
 
     Raises
     ------
     EngineError
-        If the engine does not know the mechanism's pairs or groups, or a column.
+        If a column is not known.
     """
-    terms = symbols(variables)
-    design = geometry(dict(zip(variables, terms, strict=True))) if geometry else None
-    structure = Structure.of(mechanism, input_pair, design)
-    sample = symbols(SAMPLE)
-    closed = structure.assembly.has_closed_form
-    dyads: list[ClosedDyad] = []
-    if closed:
-        places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
-        placed = place_by_input(structure, sample[0], places)
-        links, dyads = placed.links, placed.dyads
-    else:
-        places = symbols(mechanism.variable_names)
-        links = place_by_variables(mechanism, structure.pairs, places)
-    variable_terms = None if closed else places
-    quantities = RowQuantities(structure, links, dyads, sample, variable_terms)
-    outputs = [dyad.square for dyad in dyads]
-    outputs += [quantities.of(name) for name in columns]
-    moving = [*sample, *places]
+    quantities = RowQuantities(terms)
+    outputs = [quantities.of(name) for name in columns]
+    if gradients:
+        outputs += [each for own in terms.by_sizes(outputs) for each in own]
+    outputs = [dyad.square for dyad in terms.dyads] + outputs
+    moving = [*terms.sample, *terms.places]
     row_terms, fixed = hoisted(outputs, moving, "design_")
     make = compile_function if compiled and available() else array_function
     return DesignKernel(
-        tuple(each.arguments[0] for each in places),
-        closed,
+        tuple(each.arguments[0] for each in terms.places),
+        terms.closed_form,
         tuple(columns),
-        make(list(fixed.values()), terms),
+        make(list(fixed.values()), terms.sizes),
         make(row_terms, [*moving, *fixed]),
+    )
+
+
+@final
+@dataclass(frozen=True)
+class NewtonKernel:
+    """Newton's step towards closed loops, for designs in rows.
+
+    `prepare` as in `DesignKernel`; `step` takes the variables of all pairs and what is
+    prepared to the changes of the variables, the input at rest, and then to the square of
+    the misfit (rad2).
+    """
+
+    prepare: CompiledFunction | ArrayFunction
+    step: CompiledFunction | ArrayFunction
+
+
+def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
+    """Return the kernel of Newton's step; `terms` are of variables, not of signs."""
+    off = misfits(terms.structure, terms.links, terms.places)
+    change = answers(terms.structure, terms.links, off)
+    square: Expr = 0.0
+    for each in off.values():
+        square = square + dot(each, each)
+    row_terms, fixed = hoisted([*change, square], terms.places, "design_")
+    make = compile_function if compiled and available() else array_function
+    return NewtonKernel(
+        make(list(fixed.values()), terms.sizes),
+        make(row_terms, [*terms.places, *fixed]),
     )
 
 
@@ -147,19 +250,12 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
 class RowQuantities:
     """The quantities of a row as expressions, each formed when it is asked for."""
 
-    def __init__(
-        self,
-        structure: Structure,
-        links: Sequence[LinkOrientation],
-        dyads: Sequence[ClosedDyad],
-        sample: Sequence[Expr],
-        variables: Sequence[Expr] | None,
-    ) -> None:
-        self.structure = structure
-        self.links = links
-        self.dyads = dyads
-        self.sample = sample
-        self.variables = variables
+    def __init__(self, terms: DesignTerms) -> None:
+        self.structure = terms.structure
+        self.links = terms.links
+        self.dyads = terms.dyads
+        self.sample = terms.sample
+        self.variables = None if terms.closed_form else terms.places
         self._flows: dict[int, RateExpressions] = {}
 
     def of(self, name: str) -> Expr:

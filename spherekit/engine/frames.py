@@ -15,7 +15,7 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, cross, vector
 from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.errors import EngineError
-from spherekit.model.geometry import COLLINEAR
+from spherekit.model.geometry import COLLINEAR, axes_from_sizes, reference_frame
 from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
 
 
@@ -85,10 +85,11 @@ def _in_link(
     pair: str,
 ) -> Exprs:
     sizes = geometry.links.get(link, LinkSizes(()))
+    if link not in {own for own, _ in (*design.arcs, *design.angles)}:
+        frame = reference_frame(axes_from_sizes(sizes), pair)
+        return np.array(frame.tolist(), dtype=object)
     place = sizes.axes.index(pair)
     leading = place or 1
-    if len(sizes.axes) == 1:
-        return np.array(np.eye(3).tolist(), dtype=object)
     if abs(np.sin(sizes.arcs[leading - 1])) < COLLINEAR:
         raise EngineError(
             f"{mechanism.name}: links.{link}: the arc to {sizes.axes[leading]} is 0 or 180 "

@@ -8,7 +8,7 @@ is found group by group: a group's variables by Cramer's rule, and everything fo
 multiplied by the group's determinant.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -147,7 +147,8 @@ class HomogeneousRates:
     """The rates of variables found so far, from the vectors (3,) of all variables.
 
     `span(a, b)` is the constant |A x B|^2 of two variables' vectors, or None where it is
-    not constant.
+    not constant. With `misfits` (3,) of pairs the input rests, and the rates over `scale`
+    are the answers of the variables (`spherekit.engine.misfits`).
     """
 
     def __init__(
@@ -156,13 +157,16 @@ class HomogeneousRates:
         driven: int,
         vectors: Sequence[Exprs],
         span: Callable[[int, int], Expr | None],
+        misfits: Mapping[int, Exprs] | None = None,
     ) -> None:
         self.mechanism = mechanism
         self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
         self.vectors = vectors
         self.span = span
         (first,) = self.owned[driven]
-        self.rates: dict[int, Expr] = {first: 1.0}
+        self.rates: dict[int, Expr] = {first: 1.0 if misfits is None else 0.0}
+        self.misfits = misfits or {}
+        self.scale: Expr = 1.0
         self.closed = [driven]
 
     def _between(self, start: int, end: int) -> Exprs | None:
@@ -185,6 +189,9 @@ class HomogeneousRates:
             for variable in self.owned[pair]:
                 part = self.vectors[variable] * self.rates[variable] * float(sense)
                 total = part if total is None else total + part
+            if pair in self.misfits:
+                assert total is not None
+                total = total - self.misfits[pair] * (self.scale * float(sense))
         return total
 
     def _loop(self, group: Group, loop: Loop) -> tuple[dict[int, Exprs], Exprs]:
@@ -196,6 +203,8 @@ class HomogeneousRates:
             number = group.pairs[pair]
             for variable in self.owned[number]:
                 columns[variable] = self.vectors[variable] * float(sense)
+            if number in self.misfits:
+                known = known - self.misfits[number] * (self.scale * float(sense))
             enters = self.mechanism.ends[number][1 if sense > 0 else 0]
             leaves = self.mechanism.ends[group.pairs[after]][0 if next_sense > 0 else 1]
             part = self._between(enters, leaves)
@@ -229,6 +238,7 @@ class HomogeneousRates:
                 self._check_span(*loop.private)
                 self._private(loop.private, columns, known, scale, found)
         self.rates = {v: rate * scale for v, rate in self.rates.items()} | found
+        self.scale = self.scale * scale
         self.closed += group.pairs
 
     def _check_span(self, a: int, b: int) -> None:

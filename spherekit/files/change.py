@@ -1,6 +1,7 @@
 """Numbers of a mechanism file put in the place of others."""
 
 import copy
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import replace
@@ -30,17 +31,32 @@ def document_of(
 ) -> Document:
     """Return the document of a file or shipped name, or of a mechanism, in a unit.
 
+    Axes of a reference pose are there by longitude and latitude.
+
     Raises
     ------
     FileError
         If there is no such file, or with one line for each fault in it.
     """
     if isinstance(given, Mechanism):
-        return parse(canonical_text(given, unit), given.name)
+        return _with_lonlat(parse(canonical_text(given, unit), given.name))
     path = find(given)
     document = parse(read_text(path), str(path))
     check(document)
-    return document
+    return _with_lonlat(document)
+
+
+def _with_lonlat(document: Document) -> Document:
+    pairs = dict(document.data["pairs"])
+    unit = math.degrees if document.data["angle_unit"] == "deg" else float
+    for name, pair in pairs.items():
+        if "xyz" in pair:
+            x, y, z = map(float, pair["xyz"])
+            angles = math.atan2(y, x), math.atan2(z, math.hypot(x, y))
+            rest = {key: value for key, value in pair.items() if key != "xyz"}
+            lonlat = [LiteralNumber(repr(unit(angle))) for angle in angles]
+            pairs[name] = {**rest, "lonlat": lonlat}
+    return replace(document, data={**document.data, "pairs": pairs})
 
 
 def number_path(document: Document, key: str) -> KeyPath:

@@ -7,6 +7,9 @@ from spherekit.lazily import offered as _offered
 if TYPE_CHECKING:
     from spherekit.analysis.merit import REDUCTIONS as REDUCTIONS
     from spherekit.analysis.merit import Merit as Merit
+    from spherekit.design.sensitivity import Deviations as Deviations
+    from spherekit.design.sensitivity import Distribution as Distribution
+    from spherekit.design.sensitivity import Sensitivity as Sensitivity
     from spherekit.engine.design_kernel import middle_pairs as middle_pairs
     from spherekit.engine.design_kernel import row_quantities as row_quantities
 

@@ -5,7 +5,7 @@ the input. A pole's direction is a unit vector along its axis, and the coefficie
 signed component of w along it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any, final
 
@@ -528,16 +528,85 @@ def _signed(
             continue
         i, j = pole
         unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
+        steady = _steady_signs(field, motion, pole, memory)
+        if steady is not None:
+            _turn_round(field, pole, steady)
+            continue
         known = i in field.w and j in field.w
         v = (field.w[j] - field.w[i]).T if known else None
         dv = (field.dw[j] - field.dw[i]).T if known else None
         signs = _continuous_signs(motion, unit, rate, v, dv, pole, memory)
-        if np.all(signs == signs[:1]):
-            signs = signs[:1]
-        if np.any(signs < 0.0):
-            for values in (unit, rate, field.acceleration_coefficient[pole]):
-                values *= signs
+        for values in (unit, rate, field.acceleration_coefficient[pole]):
+            values *= signs
     return field
+
+
+def _turn_round(field: PoleField, pole: Pole, signs: Sequence[float]) -> None:
+    """Reverse a pole's directions in the assembly modes whose sign is -1, in place."""
+    unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
+    samples = len(rate) // len(signs)
+    for number, sign in enumerate(signs):
+        if sign < 0.0:
+            rows = slice(number * samples, (number + 1) * samples)
+            for values in (unit, rate, field.acceleration_coefficient[pole]):
+                np.negative(values[..., rows], out=values[..., rows])
+
+
+def _steady_signs(
+    field: PoleField, motion: Motion, pole: Pole, memory: SignMemory
+) -> list[float] | None:
+    """Return one sign for each assembly mode, where none changes within the block.
+
+    None where one does, or may: `_continuous_signs` then follows them from row to row.
+    """
+    i, j = pole
+    if motion.sense is not None or not motion.is_path or motion.inputs.shape[1] != 1:
+        return None
+    if not motion.samples or not (i in field.w and j in field.w):
+        return None
+    unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
+    beside = unit[:, 1:] * unit[:, :-1]
+    going = beside[0] + beside[1]
+    going += beside[2]
+    steps = [(n * motion.samples, (n + 1) * motion.samples - 1) for n in _modes(motion)]
+    if not all(np.min(rate[a : b + 1]) >= 0.0 for a, b in steps):
+        return None
+    if not all(a == b or np.min(going[a:b]) >= 0.0 for a, b in steps):
+        return None
+    signs, ends = [], []
+    for (first, last), mode in zip(steps, motion.assembly_modes, strict=True):
+        v, dv = ((x[j][first] - x[i][first])[:, None] for x in (field.w, field.dw))
+        key = mode.number, pole
+        way, sense = motion.q[[first]], np.ones(1)
+        if key in memory.last:
+            before = memory.last[key]
+            flip = _flips(
+                np.append(before.way, way),
+                np.append(before.sense, sense),
+                np.column_stack([before.w, v]),
+                np.column_stack([before.dw, dv]),
+            )
+            sign = before.sign * float(flip[0])
+        else:
+            home = _home(motion, mode.number, first, memory)
+            sign = -1.0 if unit[:, first] @ home < 0.0 else 1.0
+        signs.append(sign)
+        v, dv = ((x[j][last] - x[i][last])[:, None] for x in (field.w, field.dw))
+        ends.append((key, _Last(motion.q[[last]], sense, v, dv, sign)))
+    memory.last.update(ends)
+    return signs
+
+
+def _modes(motion: Motion) -> range:
+    return range(len(motion.assembly_modes))
+
+
+def _home(motion: Motion, mode: int, row: int, memory: SignMemory) -> Floats:
+    """Return the side (3,) on which directions of a mode start, read at its first row."""
+    if mode not in memory.home:
+        (frames,) = motion.rows(np.array([row])).frames
+        memory.home[mode] = np.sum(frames[:, :, 2], axis=0)
+    return memory.home[mode]
 
 
 def _add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
@@ -622,10 +691,7 @@ def _continuous_signs(
             along, v, dv = np.ones(len(t)), u, np.zeros_like(u)
         if not single:
             dv = np.zeros_like(u)  # by the way of all inputs together it is not known
-        if assembly_mode.number not in memory.home:
-            (frames,) = motion.rows(rows.start + good[:1]).frames
-            memory.home[assembly_mode.number] = np.sum(frames[:, :, 2], axis=0)
-        home = memory.home[assembly_mode.number]
+        home = _home(motion, assembly_mode.number, rows.start + int(good[0]), memory)
         if not motion.is_path:
             signs[rows.start + good] = np.where(home @ u < 0.0, -1.0, 1.0)
             continue

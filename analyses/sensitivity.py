@@ -1,0 +1,283 @@
+"""How an output changes with sizes, and what deviations of sizes do to it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.plugin import (
+    ASSEMBLY_MODE,
+    INPUT,
+    SAMPLE,
+    AbstractAnalysis,
+    Batch,
+    Column,
+    Findings,
+    Mechanism,
+    Needs,
+    Scene,
+    Series,
+    Status,
+    Table,
+    TableData,
+)
+from spherekit.plugin.designs import Deviations, Distribution, Sensitivity
+
+Floats = NDArray[np.float64]
+DEG = np.pi / 180.0
+
+
+@final
+@dataclass(frozen=True)
+class Spread:
+    """What deviations do to quantities (c, n): to first order, and by draws."""
+
+    spread: Floats
+    worst: Floats
+    drawn_spread: Floats
+    drawn_worst: Floats
+    lost: Floats
+    shares: Floats
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class SensitivityAnalysis(AbstractAnalysis):
+    """Exact derivatives of quantities by sizes, and what deviating sizes do to them.
+
+    `of` lists quantities such as ``theta_41+velocity_coefficient_4_1``, by default the
+    angles of the outputs; `by` lists sizes by their keys in the file, such as
+    ``links.2.arc+links.3.arc``, by default all arcs and angles. `deviation` (degrees) is
+    the standard deviation of a ``normal`` `distribution`, or the largest one of a
+    ``uniform`` one, of every size. `draws` mechanisms are drawn beside the first order, at
+    each row; 0 for none.
+    """
+
+    name: ClassVar[str] = "sensitivity"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "derivatives by sizes, and tolerances of sizes"
+    cites: ClassVar[tuple[str, ...]] = (
+        "J. J. Craig, Introduction to Robotics, 3rd ed., 2005, section 5: rates of closed "
+        "chains; the derivative by a size is that of the closure equations solved for the "
+        "variables",
+    )
+    rowwise: ClassVar[bool] = True
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "sensitivity",
+            "one row per sample, assembly mode, quantity and size",
+            (
+                SAMPLE,
+                ASSEMBLY_MODE,
+                INPUT,
+                Column("quantity", "", "what changes", "text"),
+                Column(
+                    "size",
+                    "",
+                    "the size that changes it, a key of the file",
+                    "text",
+                    turns="otherwise",
+                ),
+                Column("value", "", "the quantity, rad and SI"),
+                Column("derivative", "", "by the size, per rad, input and loops held"),
+                Column("status", "", "what became of the row", "status"),
+            ),
+        ),
+        Table(
+            "tolerances",
+            "one row per sample, assembly mode and quantity: what deviations of sizes do",
+            (
+                SAMPLE,
+                ASSEMBLY_MODE,
+                INPUT,
+                Column("quantity", "", "what deviates, rad and SI", "text"),
+                Column("spread", "", "standard deviation, to first order"),
+                Column("worst", "", "worst case, to first order"),
+                Column("drawn_spread", "", "standard deviation of the draws", scale="none"),
+                Column("drawn_worst", "", "largest deviation of a draw", scale="none"),
+                Column("lost", "", "share of draws that do not close", scale="none"),
+                Column(
+                    "matters_most",
+                    "",
+                    "the size with the largest share",
+                    "text",
+                    turns="otherwise",
+                ),
+                Column("share", "", "its share of the variance, to first order"),
+                Column("status", "", "what became of the row", "status"),
+            ),
+        ),
+    )
+
+    of: str = ""
+    by: str = ""
+    deviation: float = 0.1
+    distribution: Distribution = "normal"
+    draws: int = 256
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return configurations with their times; refuse what has no derivative."""
+        self._asked(mechanism)
+        return Needs(tracer=True, time=True)
+
+    def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, Deviations]:
+        found = Sensitivity(mechanism, _split(self.by), _split(self.of))
+        return found, Deviations(self.deviation * DEG, self.distribution, self.draws)
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return derivatives and tolerances of the rows of a batch."""
+        sensitivity, deviations = self._asked(batch.mechanism)
+        values, gradients = self._found(batch, sensitivity)
+        spread = self._spread(batch, sensitivity, deviations, gradients)
+        names, keys = sensitivity.quantities, sensitivity.keys
+        status = batch.status.copy()
+        lost = ~np.all(np.isfinite(gradients), axis=(0, 1))
+        status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
+        each = len(names) * len(keys)
+        most = np.argmax(np.nan_to_num(spread.shares), axis=0)
+        return {
+            "sensitivity": {
+                **_repeated(batch, each),
+                "quantity": np.tile(np.repeat(np.array(names), len(keys)), len(batch)),
+                "size": np.tile(np.array(keys), len(names) * len(batch)),
+                "value": np.repeat(values.T.ravel(), len(keys)),
+                "derivative": np.transpose(gradients, (2, 1, 0)).ravel(),
+                "status": np.repeat(status, each),
+            },
+            "tolerances": {
+                **_repeated(batch, len(names)),
+                "quantity": np.tile(np.array(names), len(batch)),
+                "spread": spread.spread.T.ravel(),
+                "worst": spread.worst.T.ravel(),
+                "drawn_spread": spread.drawn_spread.T.ravel(),
+                "drawn_worst": spread.drawn_worst.T.ravel(),
+                "lost": spread.lost.T.ravel(),
+                "matters_most": np.array(keys)[most].T.ravel(),
+                "share": np.max(spread.shares, axis=0).T.ravel(),
+                "status": np.repeat(status, len(names)),
+            },
+        }
+
+    def _found(self, batch: Batch, sensitivity: Sensitivity) -> tuple[Floats, Floats]:
+        def make() -> tuple[Floats, Floats]:
+            with np.errstate(all="ignore"):
+                values, gradients = sensitivity.at(_samples(batch), batch.motion.values)
+            failed = batch.status != Status.OK
+            values[:, failed] = np.nan
+            gradients[:, :, failed] = np.nan
+            gradients[~np.isfinite(gradients)] = np.nan
+            return values, gradients
+
+        return batch.once("sensitivity", make)
+
+    def _spread(
+        self,
+        batch: Batch,
+        sensitivity: Sensitivity,
+        deviations: Deviations,
+        gradients: Floats,
+    ) -> Spread:
+        squares = (gradients * deviations.spread) ** 2
+        variance = np.sum(squares, axis=0)
+        drawn = np.full((3, *variance.shape), np.nan)
+        values, _ = self._found(batch, sensitivity)
+        rows = np.flatnonzero(np.isfinite(values[0]))
+        if self.draws and len(rows):
+            found = sensitivity.scattered(
+                _samples(batch)[rows],
+                batch.motion.values[rows],
+                deviations.draws(len(sensitivity.keys)),
+            )
+            drawn[:, :, rows] = _moments(found - values[:, rows, None])
+        with np.errstate(all="ignore"):
+            return Spread(
+                np.sqrt(variance),
+                np.sum(np.abs(gradients), axis=0) * deviations.worst,
+                drawn[0],
+                drawn[1],
+                drawn[2],
+                squares / variance,
+            )
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return the largest spread of each quantity, and what makes most of it."""
+        sensitivity, deviations = self._asked(batch.mechanism)
+        _, gradients = self._found(batch, sensitivity)
+        parts = np.abs(gradients) * deviations.spread
+        figures = {}
+        for k, name in enumerate(sensitivity.quantities):
+            own = np.sqrt(np.sum(parts[:, k] ** 2, axis=0))
+            if np.any(np.isfinite(own)):
+                row = int(np.nanargmax(own))
+                figures[name] = {
+                    "spread": float(own[row]),
+                    "q": float(batch.q[row]),
+                    "size": sensitivity.keys[int(np.argmax(parts[:, k, row]))],
+                }
+        return self._said(figures)
+
+    def joined(self, before: Findings, now: Findings) -> Findings:
+        """Return the largest spreads of all blocks."""
+        figures = dict(before.figures)
+        for name, own in now.figures.items():
+            if name not in figures or own["spread"] > figures[name]["spread"]:
+                figures[name] = own
+        return self._said(figures)
+
+    def _said(self, figures: Mapping[str, Mapping[str, Any]]) -> Findings:
+        remarks = [
+            f"{name}: standard deviation up to {_size(own['spread'], name)}, at q = "
+            f"{np.degrees(own['q']):.4g} deg, most of it from {own['size']}"
+            for name, own in figures.items()
+        ]
+        remarks.append(f"every size off by {self.deviation:g} deg ({self.distribution})")
+        return Findings(figures=figures, remarks=tuple(remarks))
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return the spread of each quantity over the input."""
+        sensitivity, deviations = self._asked(batch.mechanism)
+        _, gradients = self._found(batch, sensitivity)
+        spread = np.sqrt(np.sum((gradients * deviations.spread) ** 2, axis=0))
+        return tuple(
+            Scene(
+                mode,
+                tuple(
+                    Series(f"plots/spread/{name}", name, "standard deviation", each[rows])
+                    for name, each in zip(sensitivity.quantities, spread, strict=True)
+                ),
+            )
+            for mode, rows in batch.assembly_mode_rows().items()
+        )
+
+
+def _split(text: str) -> tuple[str, ...]:
+    return tuple(part for part in text.split("+") if part)
+
+
+def _samples(batch: Batch) -> Floats:
+    return np.stack([batch.q, batch.dq, batch.ddq, batch.t], axis=1)
+
+
+def _moments(off: Floats) -> Floats:
+    """Return standard deviation, largest size and share of NaN of deviations (..., n)."""
+    closed = np.isfinite(off)
+    count = np.sum(closed, axis=-1)
+    with np.errstate(all="ignore"):
+        mean = np.nansum(off, axis=-1) / count
+        square = np.nansum(off * off, axis=-1) / count
+        spread = np.sqrt(np.maximum(square - mean * mean, 0.0))
+        worst = np.max(np.where(closed, np.abs(off), 0.0), axis=-1)
+    return np.stack([spread, worst, 1.0 - count / off.shape[-1]])
+
+
+def _size(value: float, name: str) -> str:
+    if name.startswith(("theta_", "transmission_angle_")):
+        return f"{np.degrees(value):.3g} deg"
+    return f"{value:.3g}"
+
+
+def _repeated(batch: Batch, count: int) -> TableData:
+    common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode, "q": batch.q}
+    return {name: np.repeat(values, count) for name, values in common.items()}

@@ -1,0 +1,256 @@
+"""How quantities of a configuration change with sizes, and what deviations of sizes do."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.design.variables import (
+    DesignVariable,
+    check_variables,
+    design_geometry,
+    design_variable,
+)
+from spherekit.engine.design_kernel import (
+    DesignKernel,
+    DesignTerms,
+    NewtonKernel,
+    design_kernel,
+    middle_pairs,
+    newton_kernel,
+    row_quantities,
+)
+from spherekit.errors import DesignError
+from spherekit.files.change import document_of
+from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.sphere.rotation import Floats
+
+Distribution = Literal["normal", "uniform"]
+
+DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "uniform")
+
+NEWTON_STEPS = 12
+"""Most steps from the configuration of the file to that of a deviating mechanism."""
+TOGETHER = 8192
+"""Deviating configurations that are solved together."""
+CLOSED = 1e-12
+"""A configuration whose pairs miss each other by less (rad) is closed."""
+
+
+@final
+@dataclass(frozen=True)
+class Deviations:
+    """Draws of sizes about those of the file.
+
+    With a ``"normal"`` distribution `size` (rad) is the standard deviation, and the worst
+    case three of it; with a ``"uniform"`` one sizes are off by at most `size`.
+    """
+
+    size: float
+    distribution: Distribution = "normal"
+    count: int = 1024
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.distribution not in DISTRIBUTIONS:
+            raise DesignError(
+                f'distribution "{self.distribution}" is not known; it is normal or uniform'
+            )
+        if not (np.isfinite(self.size) and self.size > 0.0) or self.count < 0:
+            raise DesignError(
+                "a deviation is a positive angle, the number of draws not < 0"
+            )
+
+    @property
+    def spread(self) -> float:
+        """The standard deviation (rad)."""
+        return self.size if self.distribution == "normal" else self.size / np.sqrt(3.0)
+
+    @property
+    def worst(self) -> float:
+        """The deviation (rad) of the worst case."""
+        return 3.0 * self.size if self.distribution == "normal" else self.size
+
+    def draws(self, sizes: int) -> Floats:
+        """Return deviations (sizes, count) rad, spread evenly by a Sobol sequence."""
+        from scipy.special import ndtri
+        from scipy.stats import qmc
+
+        power = int(np.ceil(np.log2(max(self.count, 1))))
+        unit = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
+        if self.distribution == "uniform":
+            return np.asarray(self.size * (2.0 * unit - 1.0))
+        return np.asarray(self.size * ndtri(np.clip(unit, 1e-12, 1.0 - 1e-12)))
+
+
+@final
+class Sensitivity:
+    """Quantities of configurations and their exact derivatives by sizes.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with one input.
+    keys
+        Sizes, as keys of its file; by default all arcs and angles, or all axes of a pose.
+    quantities
+        Names of `row_quantities`; by default the angles of pairs between an output and the
+        link it is seen from, or else of all passive pairs.
+
+    Raises
+    ------
+    DesignError
+        If a key is no size of an R pair, or a quantity is not known.
+    EngineError
+        If the mechanism has pairs that no kernel knows.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
+    ) -> None:
+        if len(mechanism.inputs) != 1:
+            raise DesignError(
+                f"{mechanism.name}: sensitivities are those of one input; lock the others"
+            )
+        self.mechanism = mechanism
+        self.document = document_of(mechanism, "rad")
+        self.keys = tuple(keys) or sizes_of(mechanism)
+        self.variables = tuple(self._variable(key) for key in self.keys)
+        check_variables(self.document, self.variables)
+        self.quantities = tuple(quantities) or quantities_of(mechanism)
+        unknown = set(self.quantities) - set(row_quantities(mechanism))
+        self._closed_form_only = [
+            name for name in self.quantities if name.startswith("transmission_angle_")
+        ]
+        if unknown or (self._closed_form_only and not middle_pairs(mechanism)):
+            wrong = sorted(unknown or self._closed_form_only)[0]
+            raise DesignError(
+                f'{mechanism.name}: "{wrong}" is no quantity of its configurations; '
+                "such are theta_PAIR, rate_PAIR and velocity_coefficient_LINK_OTHER"
+            )
+
+    def _variable(self, key: str) -> DesignVariable:
+        variable = design_variable(self.document, key)
+        if variable.slot is None:
+            raise DesignError(
+                f"{self.mechanism.name}: {key} is no size: derivatives are by arcs, "
+                "angles, zeros and axes of R pairs"
+            )
+        return variable
+
+    @cached_property
+    def _terms(self) -> DesignTerms:
+        return DesignTerms.of(
+            self.mechanism,
+            self.mechanism.inputs[0].pair,
+            [variable.name for variable in self.variables],
+            lambda numbers: design_geometry(self.variables, numbers),
+            closed_form=False,
+        )
+
+    @cached_property
+    def _gradient(self) -> DesignKernel:
+        return design_kernel(self._terms, self.quantities, gradients=True, compiled=False)
+
+    @cached_property
+    def _plain(self) -> DesignKernel:
+        return design_kernel(self._terms, self.quantities, compiled=False)
+
+    @cached_property
+    def _newton(self) -> NewtonKernel:
+        return newton_kernel(self._terms, compiled=False)
+
+    @cached_property
+    def _nominal(self) -> Floats:
+        return np.array([[variable.value] for variable in self.variables])
+
+    def at(self, samples: Floats, values: Floats) -> tuple[Floats, Floats]:
+        """Return quantities (c, n) and their derivatives (sizes, c, n).
+
+        Parameters
+        ----------
+        samples
+            (n, 4) q, dq, ddq and t.
+        values
+            (n, variables) the closed configurations there, rad.
+
+        Notes
+        -----
+        Rad and SI. The input is held, and the loops stay closed: from the derivative of
+        the closure equations by a size, solved for the variables.
+        """
+        kernel = self._gradient
+        prepared = kernel.prepare(np.repeat(self._nominal, len(samples), axis=1))
+        rows = np.concatenate([samples.T, values.T, prepared])
+        found = kernel.evaluate(np.ascontiguousarray(rows))
+        made = found.reshape(1 + len(self.variables), len(self.quantities), -1)
+        return made[0], made[1:]
+
+    def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
+        """Return the quantities (c, n, draws) of deviating mechanisms.
+
+        Parameters
+        ----------
+        samples, values
+            (n, 4) and (n, variables) as in `at`.
+        deviations
+            (sizes, draws) rad, added to the sizes.
+
+        Notes
+        -----
+        By Newton's method from each configuration; NaN where that does not close.
+        """
+        draws = deviations.shape[1]
+        together = max(1, TOGETHER // draws)
+        made = [
+            self._drawn(samples[k : k + together], values[k : k + together], deviations)
+            for k in range(0, len(samples), together)
+        ]
+        return np.concatenate(made, axis=1)
+
+    def _drawn(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
+        newton, n, draws = self._newton, len(samples), deviations.shape[1]
+        sizes = np.tile(self._nominal + deviations, n)
+        prepared = newton.prepare(sizes)
+        now = np.repeat(values.T, draws, axis=1)
+        closed: NDArray[np.bool_] = np.zeros(n * draws, dtype=bool)
+        with np.errstate(all="ignore"):
+            for _ in range(NEWTON_STEPS):
+                found = newton.step(np.concatenate([now, prepared]))
+                closed = found[-1] < CLOSED**2
+                if np.all(closed | ~np.isfinite(found[-1])):
+                    break
+                now = now + found[:-1]
+            kernel = self._plain
+            rows = [np.repeat(samples.T, draws, axis=1), now, kernel.prepare(sizes)]
+            found = kernel.evaluate(np.concatenate(rows))
+        return np.where(closed, found, np.nan).reshape(-1, n, draws)
+
+
+def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the keys of all arcs and angles, or of all axes in a reference pose."""
+    if isinstance(mechanism.geometry, SizeGeometry):
+        return tuple(
+            f"links.{link}.{kind}.{pair}"
+            for link, sizes in mechanism.geometry.links.items()
+            for kind, axes in (("arcs", sizes.axes[1:]), ("angles", sizes.axes[2:]))
+            for pair in axes
+        )
+    return tuple(
+        f"pairs.{pair.name}.{kind}"
+        for pair in mechanism.pairs
+        if pair.kind.has_axis
+        for kind in ("longitude", "latitude")
+    )
+
+
+def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the angles that say where outputs are, else those of all passive pairs."""
+    driven = mechanism.inputs[0].pair
+    ends = {frozenset((own.link, own.relative_to)) for own in mechanism.outputs}
+    passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name != driven]
+    chosen = [p for p in passive if frozenset(p.links) in ends] or passive
+    return tuple(f"theta_{pair.name}" for pair in chosen)

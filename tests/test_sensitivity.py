@@ -1,0 +1,159 @@
+"""Derivatives by sizes against differences in 50 digits, and tolerances against draws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.design.sensitivity import Deviations, Sensitivity, sizes_of
+from spherekit.engine.frames import DesignGeometry, revolute_frames
+from spherekit.errors import DesignError, FileError
+from spherekit.exact.rows import exact_rows
+from spherekit.files.change import document_of, number_at, number_path, with_numbers
+from spherekit.files.read import read
+from spherekit.model.geometry import geometry_of
+from spherekit.model.joints import Revolute
+from spherekit.model.mechanism import SizeGeometry
+from spherekit.plugin import conformance
+
+TWO = (2.0**-27, {-1.0: -0.5, 1.0: 0.5})
+"""A difference of sizes (rad) and its weights: what it neglects is of its second power."""
+FOUR = (2.0**-12, {-2.0: 1 / 12, -1.0: -2 / 3, 1.0: 2 / 3, 2.0: -1 / 12})
+"""The same of axes, whose directions are rounded: of its fourth power."""
+
+CASES = [
+    ("four_bar", ("links.1.arc", "links.3.arc", "pairs.41.zero"), TWO),
+    ("stephenson", ("links.3.angle", "links.1.arcs.16", "links.5.arc"), TWO),
+    (
+        "double_butterfly",
+        ("pairs.C.longitude", "pairs.G.latitude", "pairs.J.longitude"),
+        FOUR,
+    ),
+    ("roller_cam", ("links.frame.arc",), TWO),
+]
+
+
+def samples_of(motion):
+    ones = np.ones_like(motion.q)
+    return np.stack([motion.q, ones, 0.0 * ones, motion.q], axis=1)
+
+
+@pytest.mark.parametrize("name, keys, difference", CASES)
+def test_derivatives_are_those_of_differences_in_fifty_digits(name, keys, difference):
+    step, weights = difference
+    document = document_of(sk.load(name), "rad")
+    mechanism = read(document)
+    pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
+    angles = [f"theta_{pair}" for pair in pairs]
+    sensitivity = Sensitivity(mechanism, keys, [*angles, *(f"rate_{p}" for p in pairs)])
+    motion = sk.trace(mechanism, samples=4)
+    well = ~motion.failed & (motion.sample != 0)
+    motion = motion.rows(np.flatnonzero(well)[:6])
+    values, gradients = sensitivity.at(samples_of(motion), motion.values)
+    columns = [mechanism.variable_names.index(angle) for angle in angles]
+    assert np.allclose(values[: len(pairs)].T, motion.values[:, columns], atol=1e-15)
+    driven = mechanism.pair_number[mechanism.inputs[0].pair]
+    for key, gradient in zip(keys, gradients, strict=True):
+        path = number_path(document, key)
+        size = number_at(document, path)
+        change = np.zeros((len(keys), 1))
+        wanted = 0.0
+        for side, weight in weights.items():
+            change[keys.index(key)] = side * step
+            start = motion.values.copy()
+            near = sensitivity.scattered(samples_of(motion), motion.values, change)
+            start[:, columns] = near[: len(pairs), :, 0].T
+            other = read(with_numbers(document, {path: size + side * step}))
+            moved = replace(motion, mechanism=other, values=start)
+            found = exact_rows(moved, motion.sample >= 0, driven, sk.Digits(50), order=1)
+            both = [found.values[:, columns], found.rates[:, columns]]
+            wanted = wanted + np.concatenate(both, axis=1) * weight
+        wanted = (wanted / step).astype(float)
+        assert np.max(np.abs(gradient.T - wanted)) < 5e-12 * np.max(np.abs(wanted))
+
+
+@pytest.mark.parametrize("name", sk.mechanisms())
+def test_frames_as_terms_are_those_of_the_model(name):
+    mechanism = sk.load(name)
+    none = DesignGeometry({}, {}, {}, {}, {}, {})
+    frames = revolute_frames(mechanism, none)
+    for pair, joint in zip(mechanism.pairs, geometry_of(mechanism).joints, strict=True):
+        if not isinstance(joint, Revolute):
+            continue
+        first, second = (frame.astype(float) for frame in frames[pair.name])
+        if isinstance(mechanism.geometry, SizeGeometry):
+            assert np.allclose(first, joint.first, atol=1e-15)
+            assert np.allclose(second, joint.second, atol=1e-15)
+        else:  # a pose leaves the zero direction open, not what is between the two
+            assert np.allclose(first[:, 2], joint.first[:, 2], atol=1e-15)
+            own, other = first.T @ second, joint.first.T @ joint.second
+            assert np.allclose(own, other, atol=1e-15)
+
+
+@pytest.mark.parametrize("distribution, factor", [("normal", 1.0), ("uniform", 3.0**-0.5)])
+def test_small_deviations_spread_as_the_first_order_says(distribution, factor):
+    mechanism = sk.load("stephenson")
+    deviations = Deviations(1e-5, distribution, 4096)
+    assert deviations.spread == pytest.approx(factor * 1e-5)
+    draws = deviations.draws(3)
+    assert np.allclose(np.std(draws, axis=1), deviations.spread, rtol=2e-3)
+    sensitivity = Sensitivity(
+        mechanism, ["links.3.angle", "links.2.arc", "links.6.arc"], ["theta_16", "rate_16"]
+    )
+    motion = sk.trace(mechanism, samples=3)
+    values, gradients = sensitivity.at(samples_of(motion), motion.values)
+    found = sensitivity.scattered(samples_of(motion), motion.values, draws)
+    spread = np.sqrt(np.sum((gradients * deviations.spread) ** 2, axis=0))
+    assert np.allclose(np.std(found, axis=2), spread, rtol=1e-2)
+    linear = values[:, :, None] + np.einsum("scn,sd->cnd", gradients, draws)
+    assert np.max(np.abs(found - linear)) < 1e-7
+
+
+@pytest.mark.long
+def test_the_first_order_against_a_million_draws():
+    mechanism = sk.load("four_bar")
+    deviations = Deviations(np.radians(0.1), "normal", 1 << 20)
+    sensitivity = Sensitivity(mechanism, (), ["theta_41"])
+    motion = sk.trace(mechanism, samples=5)
+    _, gradients = sensitivity.at(samples_of(motion), motion.values)
+    spread = np.sqrt(np.sum((gradients * deviations.spread) ** 2, axis=0))
+    found = sensitivity.scattered(samples_of(motion), motion.values, deviations.draws(4))
+    assert np.allclose(np.std(found, axis=2), spread, rtol=2e-3)
+
+
+def test_the_analysis_conforms_and_says_what_matters():
+    report = conformance("sensitivity")
+    assert report
+    run = sk.run("four_bar", "sensitivity:by=links.2.arc+links.4.arc,draws=64", samples=9)
+    rows = run.frame("sensitivity", "tolerances")
+    table = run.frame("sensitivity")
+    assert len(table) == 2 * len(rows) == 2 * 18
+    for _, row in rows.iterrows():
+        own = table[
+            (table["sample"] == row["sample"])
+            & (table["assembly_mode"] == row["assembly_mode"])
+        ]
+        spread = np.radians(0.1) * np.sqrt(np.sum(own["derivative"] ** 2))
+        assert row["spread"] == pytest.approx(spread, rel=1e-12)
+        largest = own.loc[own["derivative"].abs().idxmax(), "size"]
+        assert row["matters_most"] == largest
+        assert row["drawn_spread"] == pytest.approx(spread, rel=0.1)
+
+
+def test_defaults_and_mistakes():
+    assert sizes_of(sk.load("stephenson"))[:2] == ("links.1.arcs.14", "links.1.arcs.16")
+    assert len(sizes_of(sk.load("double_butterfly"))) == 20
+    four_bar = sk.load("four_bar")
+    for arguments, error, message in (
+        ((["mass.2.tensor.0.0"],), DesignError, "is no size"),
+        ((["links.7.arc"],), FileError, 'there is no "7"'),
+        (((), ["theta_99"]), DesignError, '"theta_99" is no quantity'),
+        ((["links.2.arc", "links.2.arcs.32"],), DesignError, "are the same number"),
+    ):
+        with pytest.raises(error, match=message):
+            Sensitivity(four_bar, *arguments)
+    with pytest.raises(DesignError, match="one input"):
+        Sensitivity(sk.load("five_bar"))
+    with pytest.raises(DesignError, match="positive angle"):
+        Deviations(-1.0)
