@@ -165,7 +165,8 @@ class RunResult:
     def save(self, path: str | Path) -> Path:
         """Write a recording for the viewer, and return its path.
 
-        The run is gone through once more, as a recording holds what tables do not.
+        The run is gone through once more, as a recording holds what tables do not, unless
+        `plot` or `show` has done that.
 
         Raises
         ------
@@ -188,7 +189,9 @@ class RunResult:
         return path
 
     def show(self) -> None:
-        """Show the recording in the page of a notebook, all of it, once more for each call.
+        """Show the recording in the page of a notebook, all of it.
+
+        The first time the run is gone through once more, unless `plot` has done that.
 
         Raises
         ------
@@ -213,7 +216,8 @@ class RunResult:
     ) -> "Mapping[str, Figure] | Figure":
         """Return figures for a paper, drawn by matplotlib from what the analyses show.
 
-        The run is gone through once more, as tables do not say what is to be seen.
+        The first time the run is gone through once more, as tables do not say what is to be
+        seen; that is kept for further figures, `show` and `save`.
 
         Parameters
         ----------

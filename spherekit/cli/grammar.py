@@ -18,7 +18,7 @@ COMMANDS = {
     "validate": "check mechanism and study files and say what they hold",
     "plan": "print the Table and the steps that give every pole axis",
     "explain": "say what an analysis will compute, before anything is computed",
-    "certify": "prove which assembly modes there are; write a certificate",
+    "certify": "prove modes, curves and singularities; write a certificate",
     "run": "run analyses over the motion; write tables and a recording",
     "sweep": "compare designs: figures of merit while sizes are varied",
     "trade": "measure speed against accuracy, and find the cheapest setting",

@@ -52,11 +52,14 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
     parser.add_argument(
         "--start",
         metavar="q=Q[,dq=W]",
-        help="state of the input at t = 0 in rad and rad/s: the motion then follows from "
-        "the loads",
+        help="state of the input at t = 0 in rad and rad/s, of several q=Q+Q,dq=W+W: "
+        "the motion then follows from the loads",
     )
     parser.add_argument(
-        "--torque", metavar="EXPR", help="driving torque at the input, N m, with --start"
+        "--torque",
+        action="append",
+        metavar="[PAIR=]EXPR",
+        help="driving torque at an input, N m, with --start; others turn freely",
     )
     parser.add_argument(
         "--duration",
@@ -125,7 +128,7 @@ def _timed(study: "Study", options: argparse.Namespace) -> "Study":
         kept = study.laws if options.law is not None else {}
         study = replace(study, start=start_of(options.start), laws=kept)
     given = {
-        "torque": options.torque,
+        "torque": None if options.torque is None else torque_of(options.torque, study),
         "duration": options.duration,
         "assembly_mode": options.assembly_mode,
         "search": False if options.no_search else None,
@@ -169,3 +172,22 @@ def start_of(text: str) -> "Start":
     from spherekit.model.laws import Start
 
     return Start(**given_in(text, Start, "--start"))
+
+
+def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
+    """Return the driving torque that ``[PAIR=]EXPR`` gives, or that of each input."""
+    from spherekit.errors import AnalysisError
+
+    if len(texts) == 1 and "=" not in texts[0]:
+        return texts[0]
+    found: dict[str, str] = {}
+    for text in texts:
+        pair, equals, torque = text.partition("=")
+        if not equals or pair in found:
+            inputs = [item.pair for item in study.mechanism.inputs]
+            raise AnalysisError(
+                f'--torque: "{text}" does not say at which input it acts, or repeats it; '
+                f"write PAIR=EXPR once for each ({', '.join(inputs)})"
+            )
+        found[pair] = torque
+    return found

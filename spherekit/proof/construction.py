@@ -6,7 +6,7 @@ equation. A structure that can just be assembled has at least one body with at m
 pairs, and has one again without it, so such an order always exists.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -143,8 +143,15 @@ class Ranks:
         return shared, np.asarray(total + np.zeros(count, dtype=np.intp))
 
 
-def construct(mechanism: Mechanism) -> Construction:
+def construct(mechanism: Mechanism, wanted: Collection[int] = ()) -> Construction:
     """Return the order of placing links that has the lowest bound of complex modes.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    wanted
+        Numbers of pairs of which as many as possible are to be variables.
 
     Raises
     ------
@@ -159,9 +166,11 @@ def construct(mechanism: Mechanism) -> Construction:
     )
     found = chain.from_iterable(_orders(mechanism, inputs, root) for root in roots)
     for number, made in enumerate(found):
-        weight = float(np.sum(made.degrees))
-        if made.bound and (best is None or (made.bound, weight) < best[0]):
-            best = (float(made.bound), weight), made
+        if made.bound:
+            missing = len(set(wanted) - set(made.pairs))
+            weight = float(missing), float(made.bound), float(np.sum(made.degrees))
+            if best is None or weight < best[0]:
+                best = weight, made
         if number >= MOST_ORDERS:
             break
     if best is None:
