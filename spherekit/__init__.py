@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from spherekit.front.export import export as export
     from spherekit.front.plan import plan as plan
     from spherekit.front.run import run as run
+    from spherekit.front.size import size_of as size_of
     from spherekit.front.sweep import sweep as sweep
     from spherekit.front.trade import trade as trade
     from spherekit.guidance.follow import follow_rotation as follow_rotation
