@@ -21,6 +21,7 @@ NAMES = (
     "modes",
     "inverse",
     "singularities",
+    "proof",
     "startup",
     "accuracy",
     "bounds",

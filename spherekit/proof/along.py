@@ -8,7 +8,7 @@ All others are cut in two.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -81,24 +81,26 @@ class Stop:
     """A configuration where one variable stops along a curve, and nowhere else near it.
 
     `place` (v,) is off by at most `off` (rad) in every variable. `before` is the sign of
-    the rate before it, in the sense of the chain.
+    the rate before it, in the sense of the chain, in which it comes `after` the centre of
+    the piece of that number.
     """
 
     place: Floats
     off: float
     before: int
+    after: int = 0
 
 
 def stops(equations: Equations, chain: Chain, variable: int) -> tuple[list[Stop], int]:
     """Return where a variable stops along a chain, and how many parts are undecided."""
     found: list[Stop] = []
     undecided = 0
-    for piece, centre, off in _parts(chain):
+    for number, (piece, centre, off) in enumerate(_parts(chain)):
         for each in _within(equations, piece, centre, off, variable, 0):
             if each is None:
                 undecided += 1
             else:
-                found.append(each)
+                found.append(replace(each, after=number))
     return found, undecided
 
 

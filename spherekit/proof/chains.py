@@ -38,11 +38,13 @@ class Chain:
 
 
 def laps(chain: Chain) -> bool:
-    """Return whether a closed chain may come through its first centre on its way."""
-    if not chain.closed:
-        return False
-    start = chain.pieces[0]
-    for piece, further in zip(chain.pieces[1:-1], chain.pieces[2:], strict=True):
+    """Return whether a chain may come through its start a second time."""
+    start, pieces = chain.start, chain.pieces
+    following = [*pieces[1:], *(pieces[:1] if chain.closed else ())]
+    before = (chain.first - 1) % len(pieces)
+    for number, (piece, further) in enumerate(zip(pieces, following, strict=False)):
+        if number in (chain.first, before):
+            continue
         s = piece.coordinates(start.centre[None])[0]
         reach = piece.coordinates(further.centre[None])[0, 0]
         inside = np.all(np.abs(s[1:]) <= piece.radius + 1e-9)

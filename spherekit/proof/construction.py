@@ -83,6 +83,44 @@ class Construction:
         degrees = 2 * self.degrees[:, : self.unknowns]
         return permanent(degrees)
 
+    @cached_property
+    def counts_all(self) -> bool:
+        """Whether as many isolated modes as the bound leave no room for a curve of modes.
+
+        They do where the equations fall into systems, one after the other, in each of
+        which every unknown is in every equation: a curve of solutions of such a system
+        takes at least one from its bound (W. Fulton, Intersection Theory, theorem 12.2).
+        """
+        used = self.degrees[:, : self.unknowns] > 0
+        row_of = _matched(used)
+        if row_of is None:
+            return False
+        reach = np.eye(self.unknowns, dtype=bool) | used[row_of]
+        for _ in range(self.unknowns):
+            reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
+        together = reach & reach.T
+        return bool(np.all(used[row_of] | ~together))
+
+
+def _matched(used: NDArray[np.bool_]) -> list[int] | None:
+    """Return for each unknown an equation of its own, None where there are none."""
+    count = len(used)
+    row_of: list[int | None] = [None] * count
+
+    def place(row: int, tried: set[int]) -> bool:
+        for column in np.flatnonzero(used[row]):
+            if column not in tried:
+                tried.add(int(column))
+                other = row_of[column]
+                if other is None or place(other, tried):
+                    row_of[column] = row
+                    return True
+        return False
+
+    if not all(place(row, set()) for row in range(count)):
+        return None
+    return [row for row in row_of if row is not None]
+
 
 def permanent(matrix: NDArray[np.intp]) -> int:
     """Return the sum over permutations of the products of a square matrix's entries."""

@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.proof.along import Stop, stops
 from spherekit.proof.balls import bits, exact, middle, pi, upper
@@ -164,19 +165,13 @@ def _segments(
 ) -> list[tuple[float, float]]:
     """Return the spans of the input between its stops along a chain."""
     ends: list[float] = []
-    waiting = list(stopped)
     q = float(chain.pieces[0].centre[driven])
     start = q
     following = [*chain.pieces[1:], *(chain.pieces[:1] if chain.closed else ())]
-    for piece, further in zip(chain.pieces, following, strict=False):
-        own = [
-            stop
-            for stop in waiting
-            if _between(piece.coordinates(stop.place[None])[0], piece, further.centre)
-        ]
-        for stop in own:
-            waiting.remove(stop)
-            ends.append(q + _apart(piece.centre[driven], stop.place[driven]))
+    for number, (piece, further) in enumerate(zip(chain.pieces, following, strict=False)):
+        for stop in stopped:
+            if stop.after == number:
+                ends.append(q + _apart(piece.centre[driven], stop.place[driven]))
         q += _apart(piece.centre[driven], further.centre[driven])
     if not ends:
         return [(start, q)]
@@ -185,12 +180,6 @@ def _segments(
         # the last one goes on into the first, as many turns on
         return [*spans, (ends[-1], ends[0] + (q - start))]
     return [(start, ends[0]), *spans, (ends[-1], q)]
-
-
-def _between(place: Floats, piece: Piece, goal: Floats) -> bool:
-    reach = piece.coordinates(goal[None])[0, 0]
-    inside = np.all(np.abs(place[1:]) <= piece.radius)
-    return bool(inside and -1e-9 <= place[0] <= reach + 1e-9)
 
 
 def _apart(one: float, other: float) -> float:
@@ -229,9 +218,14 @@ def certified_curves(
         low, high = (written.input_angle(text) for text in range_text)
         turns = middle(high - low) / TURN
         exact_turn = _whole_turn(written, range_text)
+        if turns > 1.0 and not exact_turn:
+            raise PlanError(
+                f"{written.mechanism.name}: {range_text[0]} to {range_text[1]} is more "
+                "than a turn, after which everything returns; give at most one"
+            )
         axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(made.unknowns)]
         axes.append(Axis(low, 2 * pi()) if exact_turn else Axis(low, high - low))
-        search = _Search(equations, middle(low), middle(high), exact_turn or turns > 1.0)
+        search = _Search(equations, middle(low), middle(high), exact_turn)
         done = paved(equations, axes, search.cover.covers, search.look, smallest, most)
         assert upper(high - low) > 0.0
     return CertifiedCurves(

@@ -76,7 +76,14 @@ class CertifiedModes:
     @property
     def complete(self) -> bool:
         """Whether it is proven that no real mode is missing."""
-        return self.counted or (self.left is not None and not len(self.left.centres))
+        if self.left is None:
+            return self.counted
+        return not len(self.left.centres)
+
+    @property
+    def boxes(self) -> int:
+        """How many boxes were looked at to exclude other real modes."""
+        return 0 if self.left is None else self.left.looked_at
 
     @property
     def clusters(self) -> list[tuple[Floats, Floats]]:
@@ -90,18 +97,20 @@ class CertifiedModes:
     def claim(self) -> Claim:
         """What is guaranteed, and what that rests on."""
         rests = f"ball arithmetic of {self.precision} bits"
-        if self.counted:
+        if self.counted and self.complete:
+            also = (
+                "" if self.left is None else f", no curve of others in {self.boxes} boxes"
+            )
             return Claim(
                 Guarantee.CERTIFIED,
                 f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
-                f"bound, each alone in its ball; {rests}",
+                f"bound, each alone in its ball{also}; {rests}",
             )
-        boxes = 0 if self.left is None else self.left.looked_at
         found = f"{len(self.real)} real modes, each alone in its ball"
         if self.complete:
             return Claim(
                 Guarantee.CERTIFIED,
-                f"{found}, all others excluded in {boxes} boxes; {rests}; "
+                f"{found}, all others excluded in {self.boxes} boxes; {rests}; "
                 f"{len(self.roots)} of at most {self.bound} complex modes found",
             )
         widths = [float(2.0 * np.max(radius)) for _, radius in self.clusters]
@@ -159,7 +168,7 @@ def certified_modes(
             break
     assert len(found) <= made.bound, "more roots were proven than there can be"
     left = None
-    if len(found) < made.bound:
+    if len(found) < made.bound or not made.counts_all:
         with bits(precision):
             equations = Equations(written, made)
             driven = [written.input_angle(text) for text in inputs]

@@ -154,7 +154,7 @@ def paved(
         change = radii @ bounds.degrees.T
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
         reach += 0.5 * bounds.constant * change**2 + bounds.error * (1.0 + change)
-        open_ = np.all(np.abs(values) <= reach * UP, axis=1)
+        open_ = ~np.any(np.abs(values) > reach * UP, axis=1)
         if not np.any(open_):
             continue
         boxes, radii, slopes = boxes.take(open_), radii[open_], slopes[open_]

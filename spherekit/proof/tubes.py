@@ -212,8 +212,9 @@ class Test:
         if not np.all(miss + rows * radius < radius / UP) or not np.max(rows) < 1.0 / UP:
             return None
         spare = 1.0 - float(np.max(rows)) * UP
-        tight = float(np.max(miss)) / spare * UP
-        return tight, float(np.max(self.displacement(0.0))) / spare * UP
+        # lengths, not components: other pieces see them from other sides
+        scale = float(np.sqrt(len(miss))) / spare * UP
+        return float(np.max(miss)) * scale, float(np.max(self.displacement(0.0))) * scale
 
 
 def corrected(equations: Equations, place: Floats, steps: int = 8) -> Floats | None:
