@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from spherekit.model.laws import Polynomial as Polynomial
     from spherekit.model.laws import Start as Start
     from spherekit.model.laws import Tabulated as Tabulated
+    from spherekit.model.locking import lock as lock
     from spherekit.model.mechanism import Mechanism as Mechanism
     from spherekit.model.study import Study as Study
     from spherekit.motion.motion import Motion as Motion
