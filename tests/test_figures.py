@@ -84,7 +84,9 @@ def test_angles_are_in_radians_where_asked(four_bar):
 
 def test_a_mode_has_one_colour_in_all_figures(four_bar):
     seen = {}
-    for figure in four_bar.plot().values():
+    for name, figure in four_bar.plot().items():
+        if name.endswith("gnomonic chart"):  # of one mode
+            continue
         for panel in figure.axes:
             for line in panel.lines:
                 if line.get_gid():
@@ -368,8 +370,8 @@ def test_run_draws_figures_into_its_folder(tmp_path, capsys):
     words = ["run", "four_bar", "--samples", "19", "-o", str(folder), "--figures", "svg"]
     assert main(words) == 0
     made = sorted(path.name for path in (folder / "figures").iterdir())
-    assert "poles_velocity_coefficients.svg" in made and len(made) == 3
-    assert "3 figures in" in capsys.readouterr().err
+    assert "poles_velocity_coefficients.svg" in made and len(made) == 4
+    assert "4 figures in" in capsys.readouterr().err
     assert main(["run", "four_bar", "--figures"]) == 1
     assert "--figures does nothing without" in capsys.readouterr().err
 
