@@ -307,6 +307,7 @@ def test_lost_workers_of_a_cluster_change_nothing(whole, tmp_path):
 MISTAKES = [
     ({"links.9.arc": [1.0]}, "max(q)", FileError, 'links: there is no "9"'),
     ({"links.2.axes": [1.0]}, "max(q)", FileError, "is not a number"),
+    ({"inputs.21.to": [90.0]}, "max(q)", DesignError, "is no size of a design"),
     ({"links.2.arc": "10-20"}, "max(q)", DesignError, "write LOW:HIGH:COUNT"),
     ({"links.2.arc": "40:10"}, "max(q)", DesignError, "give the lower end first"),
     ({"links.2.arc": "10:40"}, "max(q)", DesignError, "a grid needs how many values"),

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
+from spherekit.conventions import listing
 from spherekit.engine.frames import DesignGeometry
 from spherekit.errors import DesignError
 from spherekit.files.change import number_at, number_path, with_numbers
@@ -11,6 +12,9 @@ from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
 from spherekit.files.read import read
 from spherekit.model.mechanism import Mechanism
+
+DESIGNED = ("links", "pairs", "mass", "loads")
+"""Tables of a file whose numbers make a design."""
 
 _GEOMETRY = ("arcs", "angles", "zeros", "values", "longitudes", "latitudes")
 
@@ -47,11 +51,21 @@ class DesignVariable:
 
 
 def design_variable(document: Document, key: str) -> DesignVariable:
-    """Return the variable of a key; `FileError` if the file has no such number."""
+    """Return the variable of a key.
+
+    Raises
+    ------
+    FileError, DesignError
+        If the file has no such number, or it is none of a design.
+    """
     path = number_path(document, key)
+    if path[0] not in DESIGNED:
+        raise DesignError(
+            f"{document.name}: {key} is no size of a design: the samples, ranges and stops "
+            f"are the same for all; vary numbers of {listing(DESIGNED)}"
+        )
     slot = _slot(document, path)
-    angle = slot is not None or path[0] in ("inputs", "stops")
-    return DesignVariable(key, path, number_at(document, path), angle, slot)
+    return DesignVariable(key, path, number_at(document, path), slot is not None, slot)
 
 
 def _slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
