@@ -163,7 +163,7 @@ def test_bounds_hold_in_fifty_digits():
 
 
 def test_some_rows_of_several_modes_have_poles():
-    """A motion of a few rows keeps its mechanism's modes, with fewer rows than these have."""
+    """A motion of a few rows keeps its modes, with fewer rows than these have."""
     made = sk.load("four_bar")
     (motion,) = course_of(Study(made.name, made, 9)).blocks(9)
     poles = all_poles(len(made.links))
