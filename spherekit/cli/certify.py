@@ -43,6 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the range of the only input",
     )
     parser.add_argument(
+        "--poles",
+        action="store_true",
+        help="with --at: enclose every pole axis and velocity coefficient too",
+    )
+    parser.add_argument(
         "--range",
         nargs=2,
         metavar=("FROM", "TO"),
@@ -73,7 +78,10 @@ def execute(options: argparse.Namespace) -> int:
     document = parse(read_text(path), str(path))
     mechanism = driven_at(read(document), options.input)
     written = Written.of(mechanism, document, options.tolerance)
-    made = _at(written, options.at) if options.at else _over(written, options.range)
+    if options.at:
+        made = _at(written, options.at, options.poles)
+    else:
+        made = _over(written, options.range)
     lines, certificate, complete = made
     print("\n".join(lines))
     if options.out:
@@ -87,12 +95,13 @@ def execute(options: argparse.Namespace) -> int:
 Made = tuple[list[str], dict[str, Any], bool]
 
 
-def _at(written: Any, text: str) -> Made:
+def _at(written: Any, text: str, with_poles: bool) -> Made:
     """Return lines and certificate of the modes at inputs."""
     from spherekit.errors import AnalysisError
     from spherekit.planning.inputs import driven_pairs
-    from spherekit.proof.certificate import modes_certificate
+    from spherekit.proof.certificate import modes_certificate, pole_table
     from spherekit.proof.modes import certified_modes
+    from spherekit.proof.poles import certified_poles
 
     mechanism = written.mechanism
     values = [_decimal("--at", each) for each in text.split(",")]
@@ -104,7 +113,24 @@ def _at(written: Any, text: str) -> Made:
         )
     modes = certified_modes(written, values)
     lines = [f"{mechanism.name}: {modes.claim}", *_mode_lines(modes)]
-    return lines, modes_certificate(modes), modes.complete
+    certificate = modes_certificate(modes)
+    if with_poles:
+        certificate["poles"] = pole_table(modes, certified_poles(modes))
+        lines += [_pole_line(row) for row in certificate["poles"]]
+    return lines, certificate, modes.complete
+
+
+def _pole_line(row: dict[str, Any]) -> str:
+    """Return one line for a pole."""
+    coefficient = (
+        f"{row['velocity_coefficient']:.12g} to {row['velocity_coefficient_off']:.0e}"
+    )
+    name = f"{row['link']}/{row['relative_to']}"
+    start = f"  mode {row['mode']}, {row['moving']} moving, {name}: "
+    if row["direction"] is None:
+        return f"{start}may rest, coefficient {coefficient}"
+    axis = ", ".join(f"{entry:.12f}" for entry in row["direction"])
+    return f"{start}axis {axis} to {row['direction_off']:.0e}, coefficient {coefficient}"
 
 
 def _decimal(option: str, text: str) -> str:
