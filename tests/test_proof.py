@@ -227,6 +227,9 @@ def test_the_command_prints_modes_and_writes_a_certificate(tmp_path, capsys):
     for words, message in (
         (["four_bar", "--at", "x"], "not a decimal number"),
         (["four_bar", "--at", "1,2"], "has 1 input"),
+        (["four_bar", "--at", "1e9"], "is no angle of use"),
+        (["four_bar", "--at", "1", "--range", "0", "1"], "two questions"),
+        (["four_bar", "--poles"], "give --at Q too"),
         (["bevel_pair", "--at", "1"], "contact pair"),
     ):
         assert main(["certify", *words]) == 1

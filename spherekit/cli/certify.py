@@ -28,6 +28,8 @@ EXAMPLES = (
 )
 INCOMPLETE = 3
 """Exit status where nothing wrong was found, but completeness is not proven."""
+LARGEST = 100000
+"""Largest input read."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Prove what can be proven; 3 if that is not all."""
+    from spherekit.errors import AnalysisError
     from spherekit.files.document import parse, read_text
     from spherekit.files.library import find
     from spherekit.files.read import read
@@ -78,6 +81,10 @@ def execute(options: argparse.Namespace) -> int:
     document = parse(read_text(path), str(path))
     mechanism = driven_at(read(document), options.input)
     written = Written.of(mechanism, document, options.tolerance)
+    if options.at and options.range:
+        raise AnalysisError("--at and --range are two questions; give one of them")
+    if options.poles and not options.at:
+        raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
     if options.at:
         made = _at(written, options.at, options.poles)
     else:
@@ -139,14 +146,17 @@ def _decimal(option: str, text: str) -> str:
 
     from spherekit.errors import AnalysisError
 
-    text = text.strip()
     try:
-        finite = Decimal(text).is_finite()
+        number = Decimal(text.strip())
     except InvalidOperation:
-        finite = False
-    if not finite:
+        number = Decimal("nan")
+    if not number.is_finite():
         raise AnalysisError(f"{option}: {text!r} is not a decimal number; write 40 or 12.5")
-    return text
+    if abs(number) > LARGEST:
+        raise AnalysisError(
+            f"{option}: {text} is no angle of use; give one from -{LARGEST} to {LARGEST}"
+        )
+    return f"{number:f}"
 
 
 def _mode_lines(modes: Any) -> list[str]:
