@@ -21,6 +21,7 @@ COMMANDS = {
     "certify": "prove modes, curves and singularities; write a certificate",
     "run": "run analyses over the motion; write tables and a recording",
     "sweep": "compare designs: figures of merit while sizes are varied",
+    "size": "find sizes for a wanted function, or the least of a figure of merit",
     "trade": "measure speed against accuracy, and find the cheapest setting",
     "export": "write a mechanism for other programs: stored functions, MuJoCo model",
     "view": "open a recording, or a run's folder, in the viewer, or take a picture",

@@ -9,6 +9,7 @@ from spherekit.cli.suggest import analyses, pairs, studies, suggesting
 
 if TYPE_CHECKING:
     from spherekit.model.laws import Law, Start
+    from spherekit.model.mechanism import Mechanism
     from spherekit.model.study import Study
 
 LAW_WORDS = {"start": "from", "stop": "to"}
@@ -39,6 +40,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         ),
         pairs,
     )
+    add_lock_argument(parser)
     if not timed:
         return
     parser.add_argument(
@@ -78,6 +80,42 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
     )
 
 
+def add_lock_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--lock PAIR=VALUE``."""
+    parser.add_argument(
+        "--lock",
+        action="append",
+        metavar="PAIR=VALUE",
+        help="lock an R pair at a value of its variable, in the unit of the mechanism "
+        "file, so that its two links are one",
+    )
+
+
+def with_locks(
+    mechanism: "Mechanism", texts: Sequence[str] | None, file: str
+) -> "Mechanism":
+    """Return a mechanism with the pairs locked that ``PAIR=VALUE`` name, if any."""
+    from spherekit.errors import AnalysisError
+    from spherekit.files.study import angle_unit_of_mechanism
+    from spherekit.model.locking import lock
+
+    if not texts:
+        return mechanism
+    pairs: dict[str, float] = {}
+    for text in texts:
+        pair, equals, value = text.partition("=")
+        try:
+            pairs[pair] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise AnalysisError(
+                f'--lock: "{text}" does not read as PAIR=VALUE, such as 21=30, with a '
+                "number in the unit of the mechanism file"
+            )
+    return lock(mechanism, pairs, angle_unit=angle_unit_of_mechanism(file))
+
+
 def add_analysis_argument(
     parser: argparse.ArgumentParser, words: str, repeated: bool = True
 ) -> None:
@@ -110,6 +148,11 @@ def study_from(options: argparse.Namespace) -> "Study":
     from spherekit.files.study import load_study
 
     study = load_study(options.file)
+    study = replace(
+        study, mechanism=with_locks(study.mechanism, options.lock, options.file)
+    )
+    if options.lock:
+        study = replace(study, path=None)
     if options.input is not None:
         study = replace(study, mechanism=study.mechanism.with_inputs(*options.input))
     if options.samples is not None or options.input is not None:
