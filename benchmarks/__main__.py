@@ -36,6 +36,7 @@ NAMES = (
     "long_run",
     "fuzz",
     "pruning",
+    "road",
     "extremes",
     "sceptic",
 )

@@ -22,7 +22,7 @@ from spherekit.analysis.tables import (
     Format,
     RowsInMemory,
     Table,
-    TableData,
+    TableArrays,
 )
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing, nearest
@@ -66,7 +66,7 @@ class AnalysisResult:
 
     name: str
     tables: tuple[Table, ...]
-    data: Mapping[str, TableData]
+    data: Mapping[str, TableArrays]
 
 
 @final
@@ -152,7 +152,7 @@ class RunResult:
             )
         return to_frame(declared[wanted], self._data(name, wanted), degrees)
 
-    def _data(self, analysis: str, table: str) -> TableData:
+    def _data(self, analysis: str, table: str) -> TableArrays:
         data = self.results[analysis].data
         if table not in data:
             raise AnalysisError(
@@ -289,7 +289,7 @@ class RunResult:
             return paths
 
 
-def _first_rows(analysis: str, table: Table, data: TableData) -> str:
+def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
     """Return the first rows of a table as HTML, with the units of its columns."""
     columns = [np.asarray(data[column.name]) for column in table.columns]
     count = len(columns[0]) if columns else 0
@@ -333,7 +333,7 @@ def result_of(
         If the disk is full; the folder then has what it had.
     """
     files: list[Path] = []
-    data: dict[str, dict[str, TableData]] = {name: {} for name in declared}
+    data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
     stems = {
         stem_of(name, tables, table): table
         for name, tables in declared.items()

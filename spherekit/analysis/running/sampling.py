@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.tables import INPUTS, Column, Table, TableData, input_columns
+from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.conventions import Status
 from spherekit.dynamics.forward import solving
 from spherekit.dynamics.simulation import Simulation
@@ -135,7 +135,7 @@ class Sampling:
         size = np.linalg.norm(mean)
         return None if size < 1e-9 else np.asarray(mean / size)
 
-    def events(self) -> TableData:
+    def events(self) -> TableArrays:
         """Return the table of the simulation's events."""
         assert self.simulation is not None
         events = self.simulation.events
