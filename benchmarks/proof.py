@@ -42,7 +42,8 @@ def run(quick: bool) -> list[Section]:
 def _made(structure: Structure, seed: int, driven: int = 0) -> Mechanism:
     """Return random geometry, driven at the pair of a number; the seed is its pose."""
     random = np.random.default_rng(seed)
-    made = mechanism(structure, random_axes(random, len(structure)))
+    pairs = structure.split() if isinstance(structure, str) else structure
+    made = mechanism(structure, random_axes(random, len(pairs)))
     return replace(made, inputs=(Input(made.pairs[driven].name, 0.0, 2.0 * math.pi),))
 
 

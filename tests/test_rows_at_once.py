@@ -160,3 +160,12 @@ def test_bounds_hold_in_fifty_digits():
     for name in ("directions", "rates", "rate_derivatives"):
         verdict = result.summary["verified"][name]
         assert verdict["count"] and verdict["count"] == verdict["within_bound"]
+
+
+def test_some_rows_of_several_modes_have_poles():
+    """A motion of a few rows keeps its modes, with fewer rows than these have."""
+    made = sk.load("four_bar")
+    (motion,) = course_of(Study(made.name, made, 9)).blocks(9)
+    poles = all_poles(len(made.links))
+    field = evaluate(motion.rows([2]), request(made, made.inputs[0].pair, poles, poles))
+    assert all(len(u) == 1 and np.all(np.isfinite(u)) for u in field.direction.values())

@@ -28,6 +28,8 @@ EXAMPLES = (
 )
 INCOMPLETE = 3
 """Exit status where nothing wrong was found, but completeness is not proven."""
+LARGEST = 100000
+"""Largest input read."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="Q[,Q...]",
         help="values of the inputs, decimal numbers in the unit of the file, in place of "
         "the range of the only input",
+    )
+    parser.add_argument(
+        "--poles",
+        action="store_true",
+        help="with --at: enclose every pole axis and velocity coefficient too",
     )
     parser.add_argument(
         "--range",
@@ -63,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Prove what can be proven; 3 if that is not all."""
+    from spherekit.errors import AnalysisError
     from spherekit.files.document import parse, read_text
     from spherekit.files.library import find
     from spherekit.files.read import read
@@ -73,7 +81,14 @@ def execute(options: argparse.Namespace) -> int:
     document = parse(read_text(path), str(path))
     mechanism = driven_at(read(document), options.input)
     written = Written.of(mechanism, document, options.tolerance)
-    made = _at(written, options.at) if options.at else _over(written, options.range)
+    if options.at and options.range:
+        raise AnalysisError("--at and --range are two questions; give one of them")
+    if options.poles and not options.at:
+        raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
+    if options.at:
+        made = _at(written, options.at, options.poles)
+    else:
+        made = _over(written, options.range)
     lines, certificate, complete = made
     print("\n".join(lines))
     if options.out:
@@ -87,12 +102,13 @@ def execute(options: argparse.Namespace) -> int:
 Made = tuple[list[str], dict[str, Any], bool]
 
 
-def _at(written: Any, text: str) -> Made:
+def _at(written: Any, text: str, with_poles: bool) -> Made:
     """Return lines and certificate of the modes at inputs."""
     from spherekit.errors import AnalysisError
     from spherekit.planning.inputs import driven_pairs
-    from spherekit.proof.certificate import modes_certificate
+    from spherekit.proof.certificate import modes_certificate, pole_table
     from spherekit.proof.modes import certified_modes
+    from spherekit.proof.poles import certified_poles
 
     mechanism = written.mechanism
     values = [_decimal("--at", each) for each in text.split(",")]
@@ -104,7 +120,24 @@ def _at(written: Any, text: str) -> Made:
         )
     modes = certified_modes(written, values)
     lines = [f"{mechanism.name}: {modes.claim}", *_mode_lines(modes)]
-    return lines, modes_certificate(modes), modes.complete
+    certificate = modes_certificate(modes)
+    if with_poles:
+        certificate["poles"] = pole_table(modes, certified_poles(modes))
+        lines += [_pole_line(row) for row in certificate["poles"]]
+    return lines, certificate, modes.complete
+
+
+def _pole_line(row: dict[str, Any]) -> str:
+    """Return one line for a pole."""
+    coefficient = (
+        f"{row['velocity_coefficient']:.12g} to {row['velocity_coefficient_off']:.0e}"
+    )
+    name = f"{row['link']}/{row['relative_to']}"
+    start = f"  mode {row['mode']}, {row['moving']} moving, {name}: "
+    if row["direction"] is None:
+        return f"{start}may rest, coefficient {coefficient}"
+    axis = ", ".join(f"{entry:.12f}" for entry in row["direction"])
+    return f"{start}axis {axis} to {row['direction_off']:.0e}, coefficient {coefficient}"
 
 
 def _decimal(option: str, text: str) -> str:
@@ -113,14 +146,17 @@ def _decimal(option: str, text: str) -> str:
 
     from spherekit.errors import AnalysisError
 
-    text = text.strip()
     try:
-        finite = Decimal(text).is_finite()
+        number = Decimal(text.strip())
     except InvalidOperation:
-        finite = False
-    if not finite:
+        number = Decimal("nan")
+    if not number.is_finite():
         raise AnalysisError(f"{option}: {text!r} is not a decimal number; write 40 or 12.5")
-    return text
+    if abs(number) > LARGEST:
+        raise AnalysisError(
+            f"{option}: {text} is no angle of use; give one from -{LARGEST} to {LARGEST}"
+        )
+    return f"{number:f}"
 
 
 def _mode_lines(modes: Any) -> list[str]:

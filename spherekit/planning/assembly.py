@@ -75,7 +75,7 @@ class Assembly:
         if len(self.inputs) != 1:
             raise PlanError(
                 f"this works for mechanisms with one input, not with {len(self.inputs)}; "
-                "lock the others by merging the links of their pairs"
+                "lock the others: --lock PAIR=VALUE, or spherekit.lock"
             )
         return self.inputs[0]
 

@@ -62,6 +62,17 @@ def inverse_near(square: BallMatrix) -> BallMatrix | None:
         return None
 
 
+def solved(square: BallMatrix, right: BallMatrix) -> BallMatrix:
+    """Return a matrix that contains all solutions of linear equations.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If the square matrix may be singular.
+    """
+    return square.solve(right)
+
+
 def decimal(text: str) -> Ball:
     """Return a ball around a decimal number as it is written."""
     made = library().arb(text)

@@ -1,13 +1,14 @@
 """Certificates: what was proven, with all that a checker needs to prove it again."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spherekit.guarantee import Guarantee
-from spherekit.proof.balls import Ball, parts_of
+from spherekit.proof.balls import Ball, exact, middle, parts_of, upper
 from spherekit.proof.construction import Across, Construction
 from spherekit.proof.curves import CertifiedCurves
 from spherekit.proof.modes import CertifiedModes
+from spherekit.proof.poles import CertifiedPole
 from spherekit.proof.roots import Root
 from spherekit.proof.singular import CertifiedSingularities
 from spherekit.version import __version__
@@ -109,6 +110,33 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
             for chain, (stopped, _) in zip(curves.chains, curves.stopping, strict=True)
         ],
     }
+
+
+def pole_table(
+    modes: CertifiedModes, poles: Sequence[CertifiedPole]
+) -> list[dict[str, Any]]:
+    """Return enclosures of poles: float64 numbers, and how far off they are at most."""
+    mechanism = modes.written.mechanism
+    table = []
+    for pole in poles:
+        balls = (*(pole.direction or ()), pole.coefficient)
+        numbers = [middle(ball) for ball in balls]
+        off = [
+            upper(ball - exact(number)) for ball, number in zip(balls, numbers, strict=True)
+        ]
+        table.append(
+            {
+                "mode": pole.mode,
+                "moving": mechanism.pairs[pole.driven].name,
+                "link": mechanism.links[pole.first],
+                "relative_to": mechanism.links[pole.second],
+                "direction": numbers[:-1] or None,
+                "direction_off": max(off[:-1], default=None),
+                "velocity_coefficient": numbers[-1],
+                "velocity_coefficient_off": off[-1],
+            }
+        )
+    return table
 
 
 def singular_table(found: CertifiedSingularities) -> dict[str, Any]:

@@ -216,6 +216,11 @@ def construct(mechanism: Mechanism, wanted: Collection[int] = ()) -> Constructio
             f"{mechanism.name}: its links cannot be placed one after another on at most "
             f"two axes each; proofs need one freedom for each input by counting"
         )
+    if not best[1].unknowns:
+        raise PlanError(
+            f"{mechanism.name}: it has no closed loop, so that all angles are inputs and "
+            "there is nothing to prove"
+        )
     return best[1]
 
 

@@ -121,10 +121,12 @@ class CertifiedCurves:
     def intervals(self) -> list[tuple[float, float, int]]:
         """The range cut at turning points (rad), with the number of modes of each part."""
         edges = [self.low, *self.turning_points, self.high]
+        # places that are not told apart have no part of the range between them
+        off = max((stop.off for found, _ in self.stopping for stop in found), default=0.0)
         return [
             (low, high, self.modes_at(0.5 * (low + high)))
             for low, high in pairwise(edges)
-            if high - low > 1e-12
+            if high - low > max(2.0 * off, 1e-12)
         ]
 
     @cached_property

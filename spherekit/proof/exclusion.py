@@ -16,7 +16,7 @@ from spherekit.proof.tubes import UP, values_and_slopes
 from spherekit.sphere.rotation import Floats
 
 SMALLEST = 1e-6
-MOST_BOXES = 150_000
+MOST_BOXES = 500_000
 TRIED = 4
 STEPS = 20
 

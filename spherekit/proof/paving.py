@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.progress import Working
 from spherekit.proof.balls import Ball, circle, exact, middle, upper
 from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import UP, values_and_slopes
@@ -139,12 +140,14 @@ def paved(
     waiting = [Boxes(zero, zero)]
     left: list[tuple[Floats, Floats]] = []
     found = Paved()
+    working = Working("proving that nothing else is there")
     while waiting:
         boxes = waiting.pop()
         if len(boxes) > CHUNK:
             waiting.append(boxes.take(slice(CHUNK, None)))
             boxes = boxes.take(slice(0, CHUNK))
         found.looked_at += len(boxes)
+        working.tell(lambda: f"{found.looked_at} boxes")
         radii = np.stack([a.radii(boxes.levels[:, j]) for j, a in enumerate(axes)], axis=1)
         sides = [boxes.levels[:, j] for j in range(count)]
         turns = np.stack(

@@ -562,7 +562,8 @@ def _steady_signs(
     i, j = pole
     if motion.sense is not None or not motion.is_path or motion.inputs.shape[1] != 1:
         return None
-    if not motion.samples or not (i in field.w and j in field.w):
+    whole = motion.samples * len(motion.assembly_modes)
+    if not 0 < whole == len(motion) or not (i in field.w and j in field.w):
         return None
     unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
     beside = unit[:, 1:] * unit[:, :-1]

@@ -30,7 +30,9 @@ MANY = 1 << 19
 REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
 BYTES = 1 << 25
-"""Of columns in a block."""
+"""Of columns in a block, at most."""
+MORE = 4
+"""Blocks have so many times the rows of those without a kernel, at most."""
 SMALL_STEP = 1e-6
 """A step of Newton's method (rad) from what was predicted stays in its mode."""
 
@@ -77,7 +79,8 @@ class RowsAtOnce:
         tracer = self.course.tracer
         if self.with_planes:
             return tracer.block
-        return max(1, BYTES // (8 * self.kernel.width * len(tracer.assembly_modes)))
+        many = BYTES // (8 * self.kernel.width * len(tracer.assembly_modes))
+        return max(1, min(many, MORE * tracer.block))
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples."""
