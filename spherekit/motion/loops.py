@@ -136,9 +136,7 @@ def _one_inverse(matrix: Floats) -> Floats:
         return np.full_like(matrix, np.nan)
 
 
-def rank_mobility(
-    tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT
-) -> Floats:
+def rank_mobility(tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT) -> Floats:
     """Return the nullity (n,) of the velocity equations: the mobility at each sample.
 
     Singular values below the part `dependent` of the largest count as zero.
