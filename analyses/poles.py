@@ -1,6 +1,6 @@
 """Pole axes and velocity coefficients of links relative to each other."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
@@ -212,27 +212,32 @@ class Poles(AbstractAnalysis):
         wanted = [(*pole, moved) for moved in inputs for pole in poles]
         n, k = len(batch), len(wanted)
 
-        def per_row(values: NDArray[Any]) -> NDArray[Any]:
-            return np.repeat(values, k)
+        per_pole = batch.interleaved
 
-        def per_pole(values: list[NDArray[Any]]) -> NDArray[Any]:
-            return np.stack(values, axis=1).ravel()
+        def per_row(values: NDArray[Any]) -> Any:
+            return per_pole([values] * k)
 
-        directions = np.stack([batch.direction(*pole) for pole in wanted], axis=1)
-        directions = directions.reshape(n * k, 3)
-        turns = np.stack([_turn(batch, pole) for pole in wanted], axis=1).reshape(n * k, 3)
-        links, pairs = np.array(mechanism.links), np.array(batch.moving_inputs)
+        def named(names: Sequence[str]) -> Any:
+            return per_pole([np.broadcast_to(np.array(name), n) for name in names])
+
+        directions = [batch.direction(*pole) for pole in wanted]
+        turns = [_turn(batch, pole) for pole in wanted]
+        links, pairs = mechanism.links, batch.moving_inputs
         return {
             "poles": {
                 "sample": per_row(batch.sample),
                 "assembly_mode": per_row(batch.assembly_mode),
                 "q": per_pole([batch.inputs[:, moved] for *_, moved in wanted]),
-                "link": np.tile(links[[j for _, j, _ in wanted]], n),
-                "relative_to": np.tile(links[[i for i, *_ in wanted]], n),
-                "ux": directions[:, 0],
-                "uy": directions[:, 1],
-                "uz": directions[:, 2],
-                **{f"du{axis}_dq": turns[:, c] for c, axis in enumerate("xyz")},
+                "link": named([links[j] for _, j, _ in wanted]),
+                "relative_to": named([links[i] for i, *_ in wanted]),
+                **{
+                    f"u{axis}": per_pole([each[:, c] for each in directions])
+                    for c, axis in enumerate("xyz")
+                },
+                **{
+                    f"du{axis}_dq": per_pole([each[c] for each in turns])
+                    for c, axis in enumerate("xyz")
+                },
                 "velocity_coefficient": per_pole(
                     [batch.velocity_coefficient(*pole) for pole in wanted]
                 ),
@@ -249,7 +254,7 @@ class Poles(AbstractAnalysis):
                 ),
                 "residual": per_row(batch.residual),
                 "status": per_pole([batch.pole_status(*pole) for pole in wanted]),
-                "moving": np.tile(pairs[[moved for *_, moved in wanted]], n),
+                "moving": named([pairs[moved] for *_, moved in wanted]),
             }
         }
 
@@ -354,8 +359,8 @@ class Poles(AbstractAnalysis):
         return parts
 
 
-def _turn(batch: Batch, pole: tuple[int, int, int]) -> Floats:
-    """Return (n, 3) 1/rad: the derivative of a pole axis by the input.
+def _turn(batch: Batch, pole: tuple[int, int, int]) -> list[Floats]:
+    """Return 1/rad the derivative of a pole axis by the input: its components (n,).
 
     From w_j - w_i = r u and its derivative, so NaN where r is too small to know it to
     `TURN_KNOWN`; of the axis of an R pair, which its links carry, u' = w_i x u also where
@@ -363,7 +368,7 @@ def _turn(batch: Batch, pole: tuple[int, int, int]) -> Floats:
     """
     i, j, moved = pole
     mechanism = batch.mechanism
-    u = batch.direction(i, j, moved)
+    u = batch.direction(i, j, moved).T
     rate = batch.velocity_coefficient(i, j, moved)
     second = batch.acceleration_coefficient(i, j, moved)
     low, high = mechanism.links[i], mechanism.links[j]
@@ -373,15 +378,20 @@ def _turn(batch: Batch, pole: tuple[int, int, int]) -> Floats:
         if pole_of(*ends) == (i, j)
     ]
     if any(carried):
-        return np.cross(batch.angular_velocity(low, moved), u)
-    change = batch.angular_velocity_dq(high, moved) - batch.angular_velocity_dq(low, moved)
+        w = batch.angular_velocity(low, moved).T
+        return [w[a] * u[b] - w[b] * u[a] for a, b in ((1, 2), (2, 0), (0, 1))]
+    one, other = (batch.angular_velocity_dq(link, moved).T for link in (high, low))
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = (change - second[:, None] * u) / rate[:, None]
-        size = np.maximum(1.0, np.linalg.norm(found, axis=1))
-        doubt = batch.acceleration_coefficient_error_bound(i, j, moved)
-        doubt = doubt + size * batch.velocity_coefficient_error_bound(i, j, moved)
-        known = doubt / np.abs(rate) < TURN_KNOWN * size
-    return np.where(known[:, None], found, np.nan)
+        found = [(one[c] - other[c] - second * u[c]) / rate for c in range(3)]
+        square = sum(each * each for each in found)
+        size = np.maximum(1.0, np.sqrt(square))
+        doubt = size * batch.velocity_coefficient_error_bound(i, j, moved)
+        doubt += batch.acceleration_coefficient_error_bound(i, j, moved)
+        known = doubt < TURN_KNOWN * size * np.abs(rate)
+    if not np.all(known):
+        for each in found:
+            each[~known] = np.nan
+    return found
 
 
 def _chart(batch: Batch) -> Chart:

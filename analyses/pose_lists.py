@@ -121,7 +121,7 @@ class Given:
         path = Path(self.file)
         header, kinds = columns_of(path), _kinds(solver)
         prefixed = {f"q_{name}": name for name in kinds[-1]}
-        known = {prefixed.get(name, name): name for name in header}
+        known = {prefixed.get(name, name): own for name, own in header.items()}
         if self.columns:
             missing = [name for name in self.columns if name not in known]
             if missing:

@@ -21,6 +21,7 @@ NAMES = (
     "modes",
     "inverse",
     "singularities",
+    "proof",
     "startup",
     "accuracy",
     "bounds",
@@ -35,6 +36,7 @@ NAMES = (
     "long_run",
     "fuzz",
     "pruning",
+    "road",
     "extremes",
     "sceptic",
 )

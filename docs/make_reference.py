@@ -1,4 +1,4 @@
-"""Write docs/reference.md, the keys of both file formats, from their JSON Schemas.
+"""Write docs/reference.md, the keys of all file formats, from their JSON Schemas.
 
 Run it in the root of the repository: ``python docs/make_reference.py``.
 """
@@ -13,7 +13,7 @@ from spherekit.files.check import schema
 PAGE = Path(__file__).parent / "reference.md"
 
 HEADER = """\
-# Keys of mechanism and study files
+# Keys of mechanism, study and sizing files
 
 Generated from the JSON Schemas in `spherekit/files/` by `docs/make_reference.py`; change
 those and run it again. What the keys mean together: [mechanism files](mechanism-files.md).
@@ -27,6 +27,7 @@ def page() -> str:
     lines = [HEADER]
     lines += section(schema("mechanism"), "Mechanism files (`X.toml`)")
     lines += section(schema("study"), "Study files (`X.study.toml`)")
+    lines += section(schema("sizing"), "Sizing files")
     return "\n".join(lines) + "\n"
 
 

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from spherekit.front.export import export as export
     from spherekit.front.plan import plan as plan
     from spherekit.front.run import run as run
+    from spherekit.front.size import size_of as size_of
     from spherekit.front.sweep import sweep as sweep
     from spherekit.front.trade import trade as trade
     from spherekit.guidance.follow import follow_rotation as follow_rotation
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     from spherekit.model.laws import Polynomial as Polynomial
     from spherekit.model.laws import Start as Start
     from spherekit.model.laws import Tabulated as Tabulated
+    from spherekit.model.locking import lock as lock
     from spherekit.model.mechanism import Mechanism as Mechanism
     from spherekit.model.study import Study as Study
     from spherekit.motion.motion import Motion as Motion

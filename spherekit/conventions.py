@@ -20,6 +20,7 @@ class Status(IntEnum):
     OFF_PROFILE = 8
     CURVATURE = 9
     OVERFLOW = 10
+    LIFT_OFF = 11
 
 
 STATUS_MEANING = {
@@ -44,6 +45,8 @@ STATUS_MEANING = {
     "each other; use a smaller roller or a less curved cam",
     Status.OVERFLOW: "a load, an inertia or their torque is too large for a number; use "
     "other units, or look for a load that grows without bound",
+    Status.LIFT_OFF: "a contact would have to pull to keep its links together; press it "
+    "with a spring, or move more slowly",
 }
 
 EPS = 2.220446049250313e-16

@@ -55,11 +55,13 @@ def loaded(name, random):
     return replace(mechanism, masses=masses, loads=loads), joint.name
 
 
-def newton_euler(mechanism, values, angle, t, dq, ddq, joint):
+def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False):
     """Return the torques (m,) at the inputs from the equations of all links with reactions.
 
     `dq` and `ddq` (m,) are those of the inputs. Angular velocities of all links are the
-    unknowns; no pair variable is differentiated.
+    unknowns; no pair variable is differentiated. `full` gives by pair the reactions about
+    the directions that it holds: of R pairs x and y of its frame, of contacts the tangent
+    and, where they do not slide, the normal.
     """
     joints = geometry_of(mechanism).joints
     at = Closure.of(mechanism, joints).at(values[None])
@@ -102,7 +104,14 @@ def newton_euler(mechanism, values, angle, t, dq, ddq, joint):
         spin = np.cross(w[link], tensor @ w[link])
         right.append(tensor @ alpha[link] + spin - applied[link])
     reactions = np.linalg.lstsq(np.vstack([A, drive]).T, np.concatenate(right))[0]
-    return reactions[-len(drive) :]
+    if not full:
+        return reactions[-len(drive) :]
+    moments_by_pair, at = {}, 0
+    for k, *_ in plans:
+        held = 1 if mechanism.pairs[k].type == "Cs" else 2
+        moments_by_pair[mechanism.pairs[k].name] = reactions[at : at + held]
+        at += held
+    return moments_by_pair
 
 
 def spread(count, a, b, vector):

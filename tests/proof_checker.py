@@ -4,6 +4,7 @@ Links are placed by rotation matrices with dual numbers of balls, and every ball
 is tried with Krawczyk's operator over the whole ball, not with bounds of derivatives.
 """
 
+import itertools
 import tomllib
 from itertools import combinations, permutations
 
@@ -303,12 +304,199 @@ def check_modes(certificate):
     need(certificate["complete"] == (len(found) == certificate["bound"]), "not complete")
 
 
+HALVES = 12
+CUTS = 4
+"""Parts that the length of a piece is cut into, so that balls stay small."""
+
+
+def column(entries):
+    return vector([arb(e) for e in entries])
+
+
+def one_arc(system, piece, wide):
+    """Whether a piece has one y for every s, by Krawczyk's operator over parts of it."""
+    centre, frame = piece["centre"], piece["frame"]
+    t, normals = frame[0], frame[1:]
+    half, radius = arb(piece["half"]), arb(piece["radius"])
+    count = len(normals)
+    across = vector([0] * count).transpose() if not count else rows(normals).transpose()
+    middle = [arb(c) for c in centre]
+
+    def first(places):
+        """F, F' t and F' N over balls of all variables."""
+        jets = wide(places)
+        return jets.value, jets.slope * column(t), jets.slope * across
+
+    _, _, inner = first(middle)
+    near = inner.mid().inv().mid()
+    one = rows([[int(r == c) for c in range(count)] for r in range(count)])
+    for part in range(HALVES):
+        s = half * (2 * part + 1 - HALVES) / HALVES
+        step = arb(0, half / HALVES)
+        here = [m + s * b for m, b in zip(middle, t, strict=True)]
+        axis = [h + step * b for h, b in zip(here, t, strict=True)]
+        value, _, _ = first(here)
+        _, along, _ = first(axis)
+        sides = hull(first, axis, normals, radius)
+        image = -1 * (near * (value + along * acb(step)))
+        spread = (one - near * sides) * vector([arb(0, radius)] * count)
+        for row in range(count):
+            if not abs((image + spread)[row, 0].real).upper() < radius:
+                return False
+    return True
+
+
+def hull(first, axis, normals, radius):
+    """F' N over all y of a piece, put together from parts."""
+    whole = None
+    for cell in itertools.product(range(CUTS), repeat=len(normals)):
+        place = list(axis)
+        for number, normal in zip(cell, normals, strict=True):
+            y = radius * (2 * number + 1 - CUTS) / CUTS + arb(0, (radius / CUTS).upper())
+            place = [p + y * e for p, e in zip(place, normal, strict=True)]
+        sides = first(place)[2].tolist()
+        if whole is None:
+            whole = sides
+        else:
+            pairs = [zip(a, b, strict=True) for a, b in zip(whole, sides, strict=True)]
+            whole = [[acb(a.real.union(b.real)) for a, b in row] for row in pairs]
+    return rows(whole)
+
+
+class Wide:
+    """F and F' by all variables, the input last, over balls."""
+
+    def __init__(self, system):
+        self.system = system
+        self.names = system.unknowns + system.inputs
+        system.unknowns, kept = self.names, system.unknowns
+        self.count = len(kept)
+
+    def __call__(self, places):
+        value, slope = self.system.values([acb(p) for p in places], {})
+        return type("Jets", (), {"value": value, "slope": slope})
+
+
+def coordinates(piece, place):
+    apart = [arb(p) - arb(c) for p, c in zip(place, piece["centre"], strict=True)]
+    turn = 2 * arb.pi()
+    apart = [a - turn * arb(round(float((a / turn).mid()))) for a in apart]
+    return [dot([arb(e) for e in row], apart) for row in piece["frame"]]
+
+
+def inside(piece, place, off):
+    s, *y = coordinates(piece, place)
+    fits = abs(s) + off < arb(piece["half"])
+    return fits and all(abs(e) + off < arb(piece["radius"]) for e in y)
+
+
+MOST_CHECKED = 200000
+SLACK = 1e-9
+"""How far the centre of a piece may be off its arc here; the solver's is 1e-12."""
+
+
+def close(wide, piece):
+    """Whether the arc of a piece is within SLACK of its centre at s = 0."""
+    jets = wide([arb(c) for c in piece["centre"]])
+    normals = rows(piece["frame"][1:]).transpose()
+    near = (jets.slope * normals).mid().inv().mid()
+    return all(abs(e.real).upper() < SLACK / 4 for e in (near * jets.value).entries())
+
+
+def pave(wide, low, high, pieces):
+    """Show that nothing in the range is outside the pieces."""
+    count = len(wide.names)
+    turn = arb.pi()
+    waiting = [
+        (
+            [arb(0)] * (count - 1) + [(low + high) / 2],
+            [turn] * (count - 1) + [(high - low) / 2],
+        )
+    ]
+    looked = 0
+    while waiting:
+        middle, radius = waiting.pop()
+        looked += 1
+        need(looked < MOST_CHECKED, "too many boxes")
+        box = [m + arb(0, r.upper()) for m, r in zip(middle, radius, strict=True)]
+        if looked > 1:
+            value = wide(middle).value
+            slope = wide(box).slope
+            spread = slope * vector([arb(0, r.upper()) for r in radius])
+            image = value + spread
+            if any(not image[row, 0].real.contains(0) for row in range(value.nrows())):
+                continue
+            place = [float(m.mid()) for m in middle]
+            sizes = [float(r.upper()) for r in radius]
+            if any(boxed(piece, place, sizes) for piece in pieces):
+                continue
+            need(max(sizes) > 1e-4, "a box is neither empty nor in a piece")
+        side = max(range(count), key=lambda k: float(radius[k].mid()))
+        for sense in (-1, 1):
+            part = list(middle)
+            part[side] = part[side] + sense * radius[side] / 2
+            sizes = list(radius)
+            sizes[side] = sizes[side] / 2
+            waiting.append((part, sizes))
+
+
+def boxed(piece, place, sizes):
+    """Whether a box, in floats with a margin, lies in a piece."""
+    turn = 6.283185307179586
+    apart = [
+        (p - c + turn / 2) % turn - turn / 2
+        for p, c in zip(place, piece["centre"], strict=True)
+    ]
+    limits = [piece["half"]] + [piece["radius"]] * (len(place) - 1)
+    for row, limit in zip(piece["frame"], limits, strict=True):
+        reach = sum(abs(e) * s for e, s in zip(row, sizes, strict=True))
+        if abs(sum(e * a for e, a in zip(row, apart, strict=True))) + reach > limit - 1e-9:
+            return False
+    return True
+
+
+def check_curves(certificate):
+    need(certificate["statement"] == "curves over a range", "another statement")
+    need(certificate["complete"] and not certificate["undecided_rad"], "not complete")
+    ctx.prec = 80
+    system = System(certificate)
+    ((_, (low, high)),) = certificate["inputs"].items()
+    low, high = system.sizes.angle(low), system.sizes.angle(high)
+    wide = Wide(system)
+    pieces = []
+    for curve in certificate["curves"]:
+        chain = curve["pieces"]
+        for piece in chain:
+            need(piece["half"] > 0 and piece["radius"] > 0, "an empty piece")
+            square = rows(piece["frame"]) * rows(piece["frame"]).transpose()
+            for row in range(len(piece["frame"])):
+                for other in range(len(piece["frame"])):
+                    off = abs(square[row, other].real - int(row == other))
+                    need(off < 1e-13, "a frame that is not orthonormal")
+            need(one_arc(system, piece, wide), "a piece without one arc")
+            need(close(wide, piece), "a centre that is off its arc")
+        following = chain[1:] + (chain[:1] if curve["closed"] else [])
+        for piece, further in zip(chain, following, strict=False):
+            need(inside(piece, further["centre"], arb(SLACK)), "two pieces do not meet")
+            need(coordinates(piece, further["centre"])[0] > 0, "a piece backwards")
+        if not curve["closed"]:
+            ends = chain[0]["centre"][-1], chain[-1]["centre"][-1]
+            need(all(arb(e) < low or arb(e) > high for e in ends), "a curve that ends")
+        for earlier in pieces:
+            need(not inside(earlier, chain[0]["centre"], arb(-SLACK)), "one curve twice")
+        pieces += chain
+    pave(wide, low, high, pieces)
+
+
 def check(certificate):
     """Raise `Refused` if what a certificate says is not shown by it."""
     before = ctx.prec
     try:
         need(certificate["certificate"] == 1, "another format")
-        check_modes(certificate)
+        if certificate["statement"] == "curves over a range":
+            check_curves(certificate)
+        else:
+            check_modes(certificate)
     except (KeyError, ValueError, TypeError, ZeroDivisionError, StopIteration) as fault:
         raise Refused(f"{type(fault).__name__}: {fault}") from fault
     finally:

@@ -138,7 +138,10 @@ def test_a_mechanism_turned_or_renamed_is_the_same(name):
 
 SHIPPED = {
     "poles": "four_bar",
+    "dynamics": "five_bar",
     "eksergian": "four_bar",
+    "reactions": "five_bar",
+    "statics:stiffness=50+80": "five_bar",
     "singularities:output=4/1": "four_bar",
     "workspace": "five_bar",
     "inverse_kinematics:poses=21=77.5+51=77.5+21=70+51=75": "five_bar",

@@ -160,7 +160,7 @@ def anchors(text):
 def test_key_reference_is_current():
     made = runpy.run_path(str(DOCS / "make_reference.py"))["page"]()
     assert made == PAGES["reference.md"], "run: python docs/make_reference.py"
-    for kind in ("mechanism", "study"):
+    for kind in ("mechanism", "study", "sizing"):
         for key in sk_schema(kind)["properties"]:
             assert f"`{key}`" in made
 

@@ -189,3 +189,45 @@ def test_what_is_wrong_is_said():
         inverse_dynamics(made, sk.ConstantSpeed(1.0), [0.0])
     with pytest.raises(SolveError, match="there are 2 inputs; read inputs"):
         _ = sk.simulate(made, Start((1.0, 1.2)), 0.01).at([0.0]).q
+
+
+def test_the_command_recovers_the_torques_that_acted(tmp_path):
+    study = tmp_path / "pushed.study.toml"
+    study.write_text(
+        """format = 1
+mechanism = "five_bar"
+angle_unit = "rad"
+samples = 21
+duration = 1.0
+[analyses.dynamics]
+[start]
+q = [1.0, 1.2]
+dq = [0.5, 0.0]
+torque = {21 = "0.002*sin(2*t)"}
+"""
+    )
+    found = sk.run(sk.load_study(study))
+    table = found.frame("dynamics")
+    assert np.all(table["status"] == "OK")
+    assert table["tau_21"].to_numpy() == pytest.approx(
+        0.002 * np.sin(2.0 * table["t"].to_numpy()), abs=1e-7
+    )
+    assert table["tau_51"].to_numpy() == pytest.approx(np.zeros(len(table)), abs=1e-7)
+    start = Start((1.0, 1.2), (0.5, 0.0))
+    torque = {"21": "0.002*sin(2*t)"}
+    again = sk.run(
+        "five_bar", "dynamics", samples=21, duration=1.0, start=start, torque=torque
+    )
+    assert np.all(again.frame("dynamics")["q_51"] == table["q_51"])
+
+
+def test_inputs_without_laws_go_along_their_ranges():
+    found = sk.run("bevel_differential", "dynamics", samples=5)
+    table = found.frame("dynamics")
+    assert table["dq_left_axle"].to_numpy() == pytest.approx(np.ones(5))
+    assert table["dq_right_axle"].to_numpy() == pytest.approx(np.full(5, 0.5))
+    # Its masses are balanced, and its ratios constant: nothing is needed.
+    needed = table[["tau_left_axle", "tau_right_axle"]].to_numpy()
+    assert np.max(np.abs(needed)) < 1e-15
+    with pytest.raises(sk.SpherekitError, match="nothing says how they move"):
+        sk.run("five_bar", "dynamics", samples=3, grid=True)

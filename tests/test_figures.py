@@ -266,6 +266,31 @@ def test_labels_of_crowded_points_do_not_cover_each_other():
     assert np.array_equal(found[3], placed_labels(["ab"] * 12, places[3:4], 6.0)[0])
 
 
+def test_axodes_touch_and_the_gnomonic_chart_has_the_poles():
+    result = sk.run("four_bar", "poles:only=31,axodes=31", samples=91, block=40)
+    for mode in ("0 (+)", "1 (\u2212)"):
+        figure = result.plot(f"axodes, mode {mode}")
+        fixed, moving = legend_of(figure)
+        assert (fixed, moving) == ("fixed axode of P31", "moving axode of P31")
+        starts = [
+            np.array([x.get_xydata()[0] for x in panel.lines if len(x.get_xdata()) == 91])
+            for panel in figure.axes
+        ]
+        seen = [each for each in starts if np.isfinite(each).all()]
+        assert seen and all(len(each) == 2 for each in seen)
+        assert all(np.ptp(each, axis=0) == pytest.approx(0.0, abs=1e-9) for each in seen)
+    frame = result.frame().query("assembly_mode == 0 and link == '3'")
+    u = frame[["ux", "uy", "uz"]].to_numpy()
+    panel = result.plot("gnomonic chart").axes[0]
+    words = panel.get_xlabel(), panel.get_ylabel()
+    axes = ["xyz".index(each) for each in (words[0][-1], words[0][-3], words[1][-3])]
+    expected = u[:, axes[1:]] / u[:, axes[:1]]
+    (line,) = [each for each in panel.lines if each.get_label() == "P31"]
+    drawn = line.get_xydata()
+    drawn = drawn[np.isfinite(drawn).all(axis=1)]
+    assert drawn == pytest.approx(expected, rel=1e-9)
+
+
 def test_the_border_of_a_workspace_is_on_both_maps(tmp_path):
     result = sk.run(
         "five_bar", "workspace:near=15,working_mode=++,tolerance=0.1", samples=2

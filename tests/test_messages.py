@@ -43,7 +43,7 @@ FILES = {
 }  # fmt: skip
 
 STUDIES = {
-    "unknown analysis": ("[analyses.pole]\n", [":4: analyses.pole", 'did you mean "poles"', "Installed: eksergian"]),
+    "unknown analysis": ("[analyses.pole]\n", [":4: analyses.pole", 'did you mean "poles"', "Installed: dynamics"]),
     "misspelt key of a study": ("sample = 3\n", [":4: sample", 'did you mean "samples"', "allowed at the top of the file"]),
 }  # fmt: skip
 

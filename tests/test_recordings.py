@@ -117,6 +117,24 @@ def test_noise_is_no_signal_and_ticks_are_round():
         assert [written(value, step) for value in values] == expected
 
 
+def test_what_is_to_be_seen_is_kept_after_the_first_time(tmp_path):
+    pytest.importorskip("matplotlib", reason="figures are drawn by matplotlib")
+    options = {"samples": 13, "block": 5}
+    sk.run("four_bar", "poles", **options).save(tmp_path / "a.rrd")
+    result = sk.run("four_bar", "poles", **options)
+    names = list(result.plot())
+
+    def go(recorder):
+        raise AssertionError("it went through the run again")
+
+    result.views.go = go
+    assert list(result.plot(columns=1)) == names
+    result.save(tmp_path / "b.rrd")
+    where = "/four_bar/assembly_mode_1/charts/velocity_coefficients/legend"
+    rows = [rows_of(tmp_path / f"{n}.rrd", where, "Points2D:labels") for n in "ab"]
+    assert rows[0] == rows[1] and len(rows[0]) == 13
+
+
 def test_ends_at_dead_centres_do_not_hide_the_rest():
     x = np.linspace(0.0, np.pi, 2001)[1:-1]
     curve = np.stack([x, 1.0 / np.tan(x) ** 3], axis=1)

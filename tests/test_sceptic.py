@@ -46,16 +46,15 @@ def test_nothing_contradicts_in_mechanisms_that_agree(evidence_of, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("seed", "checks"),
+    "seed",
     [
-        *((seed, LONG[2:]) for seed in range(len(KINDS) - 1)),
-        (len(KINDS) - 1, LONG[3:]),
-        pytest.param(len(KINDS) - 1, LONG[2:3], marks=pytest.mark.long),
+        *range(len(KINDS) - 1),  # a cam that turns wheels takes as long as all others
+        pytest.param(len(KINDS) - 1, marks=pytest.mark.long),
     ],
 )
-def test_the_dynamics_of_random_mechanisms_agree(tmp_path, seed, checks):
+def test_the_dynamics_of_random_mechanisms_agree(tmp_path, seed):
     evidence = Evidence(random_suspect(seed), tmp_path)
-    for check in checks:
+    for check in LONG[2:]:
         assert not findings(evidence, check)
 
 

@@ -20,7 +20,8 @@ def _part(cls: type[AbstractAnalysis]) -> Iterator[str]:
     yield f"{cls.summary.capitalize()}.\n"
     yield "| parameter | value | default |\n|---|---|---|"
     for key, (shown, default) in parameters(cls).items():
-        said = "required" if default is MISSING else f"`{default!r}`"
+        said = "" if default in ("", ()) else f"`{default!r}`"
+        said = "required" if default is MISSING else said
         yield f"| `{key}` | {_cell(shown)} | {said} |"
     for table in cls.tables:
         yield f"\n## Table `{table.name}`\n\n{table.meaning}\n"

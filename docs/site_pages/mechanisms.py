@@ -92,6 +92,8 @@ def pages(home: Path, only: Sequence[str]) -> Iterator[tuple[str, str]]:
     rows = []
     for name in sorted(only or sk.mechanisms()):
         mechanism = sk.load(name)
+        if not mechanism.inputs:
+            mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
         rows.append(_row(mechanism))
         folder = home / "generated" / "mechanisms"
         folder.mkdir(parents=True, exist_ok=True)
@@ -170,6 +172,8 @@ def _swings(mechanism: sk.Mechanism, result: sk.RunResult) -> str:
     frame = frame[frame["status"] == "OK"]
     driven = {f"theta_{each.pair}" for each in mechanism.inputs}
     columns = [c for c in frame.columns if c.startswith("theta_") and c not in driven]
+    if not columns:
+        return ""
     lines = [
         "## Swings",
         "",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import TYPES, Column, Table, TableData
+from spherekit.analysis.tables import TYPES, Column, Interleaved, Table, TableData
 from spherekit.conventions import listing
 from spherekit.errors import PluginError
 
@@ -57,7 +57,7 @@ def computed(
     return found
 
 
-def _columns(where: str, table: Table, data: Any) -> dict[str, NDArray[Any]]:
+def _columns(where: str, table: Table, data: Any) -> dict[str, NDArray[Any] | Interleaved]:
     names = [column.name for column in table.columns]
     if not isinstance(data, Mapping) or list(data) != names:
         found = list(data) if isinstance(data, Mapping) else f"a {type(data).__name__}"
@@ -73,7 +73,12 @@ def _columns(where: str, table: Table, data: Any) -> dict[str, NDArray[Any]]:
     return made
 
 
-def _typed(where: str, column: Column, data: Any) -> NDArray[Any]:
+def _typed(where: str, column: Column, data: Any) -> NDArray[Any] | Interleaved:
+    if isinstance(data, Interleaved) and data.ndim == 1:
+        if data.dtype == TYPES.get(column.kind, data.dtype) and column.kind != "text":
+            return data
+        if column.kind == "text" and data.dtype.kind == "U":
+            return data
     try:
         values = np.asarray(data)
     except ValueError:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import Table, TableData
+from spherekit.analysis.tables import Interleaved, Table, TableData
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
@@ -238,6 +238,14 @@ class Batch:
             self._made[key] = make()
         made: Made = self._made[key]
         return made
+
+    @staticmethod
+    def interleaved(parts: Sequence[NDArray[Any]]) -> Interleaved:
+        """Return a column with a row for each of several subjects at every row.
+
+        `parts` (n,) are those of one subject each; they are not copied.
+        """
+        return Interleaved(parts)
 
     def assembly_mode_rows(self) -> Mapping[int, slice]:
         """Return the rows of each assembly mode, by its number."""

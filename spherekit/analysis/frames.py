@@ -16,7 +16,7 @@ from spherekit.analysis.tables import (
     Files,
     RowsInMemory,
     Table,
-    TableData,
+    TableArrays,
 )
 from spherekit.conventions import Status
 from spherekit.files.atomic import writing
@@ -31,7 +31,7 @@ NOTES = b"spherekit"
 SPECIAL = set(',"\r\n')
 
 
-def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFrame":
+def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.DataFrame":
     """Return a table as a frame, its units in ``attrs["units"]``.
 
     With `degrees`, angles and their rates are in degrees; what is per rad stays so.
@@ -48,7 +48,7 @@ def to_frame(table: Table, data: TableData, degrees: bool = False) -> "pd.DataFr
 
 
 def _frame(
-    table: Table, data: TableData, words: Mapping[str, Sequence[str]], degrees: bool
+    table: Table, data: TableArrays, words: Mapping[str, Sequence[str]], degrees: bool
 ) -> "pd.DataFrame":
     """Return rows as a frame; texts are places in `words`."""
     import pandas as pd
@@ -73,7 +73,7 @@ def _frame(
 
 
 def _headed(
-    table: Table, data: TableData, words: Mapping[str, Sequence[str]], degrees: bool
+    table: Table, data: TableArrays, words: Mapping[str, Sequence[str]], degrees: bool
 ) -> "pd.DataFrame":
     """Return rows as a frame with columns named as in files."""
     frame = _frame(table, data, words, degrees)

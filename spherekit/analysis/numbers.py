@@ -1,6 +1,7 @@
 """Numbers from the columns of CSV and Parquet files, bad cells named by their place."""
 
 import csv
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 PARQUET = ".parquet"
 MOST_SHOWN = 5
 """Bad cells of a file that are named; of the others only the number."""
+_NAMED = re.compile(r" \[(deg|rad)\]$")
+"""The unit of an angle at the end of a header."""
 
 
 @final
@@ -31,8 +34,10 @@ class Numbers:
     units: dict[str, str]
 
 
-def columns_of(path: Path) -> tuple[str, ...]:
-    """Return the names of the columns of a CSV or Parquet file.
+def columns_of(path: Path) -> dict[str, str]:
+    """Return the headers of the columns of a CSV or Parquet file by their names.
+
+    A header may say a unit, as that of ``q`` in ``q [deg]``.
 
     Raises
     ------
@@ -40,9 +45,11 @@ def columns_of(path: Path) -> tuple[str, ...]:
         If it cannot be read, or is no such file.
     """
     if path.suffix == PARQUET:
-        return tuple(map(str, _parquet(path).columns))
-    with _rows(path) as rows:
-        return tuple(_header(path, rows))
+        headers = list(map(str, _parquet(path).columns))
+    else:
+        with _rows(path) as rows:
+            headers = list(_header(path, rows))
+    return {_NAMED.sub("", header): header for header in headers}
 
 
 def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
@@ -85,7 +92,8 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
         raise FileError(
             f"{path}: {'; '.join(bad[:MOST_SHOWN])}{more}; every cell has to be a number"
         )
-    return Numbers(np.array(values).reshape(-1, len(names)), places, units)
+    said = {name: found[1] for name in names if (found := _NAMED.search(name))}
+    return Numbers(np.array(values).reshape(-1, len(names)), places, said | units)
 
 
 def _units_beside(path: Path) -> dict[str, str]:

@@ -22,7 +22,7 @@ from spherekit.analysis.tables import (
     Format,
     RowsInMemory,
     Table,
-    TableData,
+    TableArrays,
 )
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing, nearest
@@ -66,7 +66,7 @@ class AnalysisResult:
 
     name: str
     tables: tuple[Table, ...]
-    data: Mapping[str, TableData]
+    data: Mapping[str, TableArrays]
 
 
 @final
@@ -152,7 +152,7 @@ class RunResult:
             )
         return to_frame(declared[wanted], self._data(name, wanted), degrees)
 
-    def _data(self, analysis: str, table: str) -> TableData:
+    def _data(self, analysis: str, table: str) -> TableArrays:
         data = self.results[analysis].data
         if table not in data:
             raise AnalysisError(
@@ -165,7 +165,8 @@ class RunResult:
     def save(self, path: str | Path) -> Path:
         """Write a recording for the viewer, and return its path.
 
-        The run is gone through once more, as a recording holds what tables do not.
+        The run is gone through once more, as a recording holds what tables do not, unless
+        `plot` or `show` has done that.
 
         Raises
         ------
@@ -188,7 +189,9 @@ class RunResult:
         return path
 
     def show(self) -> None:
-        """Show the recording in the page of a notebook, all of it, once more for each call.
+        """Show the recording in the page of a notebook, all of it.
+
+        The first time the run is gone through once more, unless `plot` has done that.
 
         Raises
         ------
@@ -213,7 +216,8 @@ class RunResult:
     ) -> "Mapping[str, Figure] | Figure":
         """Return figures for a paper, drawn by matplotlib from what the analyses show.
 
-        The run is gone through once more, as tables do not say what is to be seen.
+        The first time the run is gone through once more, as tables do not say what is to be
+        seen; that is kept for further figures, `show` and `save`.
 
         Parameters
         ----------
@@ -285,7 +289,7 @@ class RunResult:
             return paths
 
 
-def _first_rows(analysis: str, table: Table, data: TableData) -> str:
+def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
     """Return the first rows of a table as HTML, with the units of its columns."""
     columns = [np.asarray(data[column.name]) for column in table.columns]
     count = len(columns[0]) if columns else 0
@@ -329,7 +333,7 @@ def result_of(
         If the disk is full; the folder then has what it had.
     """
     files: list[Path] = []
-    data: dict[str, dict[str, TableData]] = {name: {} for name in declared}
+    data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
     stems = {
         stem_of(name, tables, table): table
         for name, tables in declared.items()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.tables import IN_DEGREES
 from spherekit.analysis.units import in_signs
+from spherekit.sphere.rotation import from_quaternion
 
 Floats = NDArray[np.float64]
 TINY = 1e-300
@@ -99,6 +100,15 @@ class Trace:
     """Position of the link in the mechanism; the viewer picks the colour by it."""
     quaternions: Floats | None
     """(n, 4) xyzw, link axes to ground axes; None for the ground."""
+
+    @property
+    def at_first(self) -> Floats:
+        """The path in ground axes, where the link is at the first row that is known."""
+        if self.quaternions is None:
+            return self.directions
+        known = np.isfinite(self.quaternions).all(axis=1)
+        turn = from_quaternion(self.quaternions[int(np.argmax(known))])
+        return np.asarray(self.directions @ turn.T)
 
 
 @final

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from spherekit.model.mechanism import Mechanism
 
@@ -128,7 +128,47 @@ class Table:
         return {SAMPLE.name, ASSEMBLY_MODE.name} <= {column.name for column in self.columns}
 
 
-TableData = Mapping[str, NDArray[Any]]
+@final
+class Interleaved:
+    """A column with a row for each of several subjects at every row of a batch.
+
+    `parts` (n,) are those of one subject each: their first rows come first, then their
+    second ones. An array is made of them where one is wanted.
+    """
+
+    def __init__(self, parts: Sequence[NDArray[Any]]) -> None:
+        self.parts = tuple(np.asarray(part) for part in parts)
+        self.dtype = np.result_type(*self.parts)
+        self.ndim = self.parts[0].ndim
+
+    def __len__(self) -> int:
+        return len(self.parts) * len(self.parts[0])
+
+    def __array__(
+        self, dtype: DTypeLike | None = None, copy: bool | None = None
+    ) -> NDArray[Any]:
+        """Return the rows as an array (subjects n,)."""
+        if copy is False:
+            raise ValueError("rows of several subjects cannot be read without a copy")
+        made = np.empty((len(self.parts[0]), len(self.parts)), dtype or self.dtype)
+        self.put(made.reshape(-1), slice(None))
+        return made.reshape(-1)
+
+    def put(self, out: NDArray[Any], rows: slice) -> None:
+        """Write the subjects' rows (n,) at `rows` of the batch into an array."""
+        made = out.reshape(-1, len(self.parts))
+        for number, part in enumerate(self.parts):
+            made[:, number] = part[rows]
+
+
+TableArrays = Mapping[str, NDArray[Any]]
+TableData = Mapping[str, NDArray[Any] | Interleaved]
+"""A table's columns, and these as an analysis may give them."""
+
+
+def arrays(data: TableData) -> dict[str, NDArray[Any]]:
+    """Return all columns as arrays."""
+    return {name: np.asarray(values) for name, values in data.items()}
 
 
 def input_columns(mechanism: Mechanism, inputs: NDArray[np.float64]) -> dict[str, Any]:
@@ -157,7 +197,7 @@ class AbstractRows(ABC):
     words: Mapping[str, Sequence[str]]
 
     @abstractmethod
-    def chunks(self) -> Iterator[TableData]:
+    def chunks(self) -> Iterator[TableArrays]:
         """Yield at least one piece; all but the last have `CHUNK` rows."""
 
 
@@ -165,7 +205,7 @@ class AbstractRows(ABC):
 class RowsInMemory(AbstractRows):
     """The rows of arrays."""
 
-    def __init__(self, table: Table, data: TableData) -> None:
+    def __init__(self, table: Table, data: TableArrays) -> None:
         self._columns = table.typed(data)
         self.words = {}
         for column in table.columns:
@@ -174,7 +214,7 @@ class RowsInMemory(AbstractRows):
                 self.words[column.name] = [str(word) for word in found[0]]
                 self._columns[column.name] = found[1]
 
-    def chunks(self) -> Iterator[TableData]:
+    def chunks(self) -> Iterator[TableArrays]:
         """Yield pieces of the arrays."""
         count = len(next(iter(self._columns.values())))
         for start in range(0, max(count, 1), CHUNK):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar, final
 
 from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
-from spherekit.analysis.tables import Table, TableData
+from spherekit.analysis.tables import Table, TableArrays
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism
 
@@ -25,6 +25,6 @@ class Unusable(AbstractAnalysis):
         """Raise `PluginError` with what is wrong."""
         raise PluginError(self.why)
 
-    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+    def compute(self, batch: Batch) -> Mapping[str, TableArrays]:
         """Raise `PluginError` with what is wrong."""
         raise PluginError(self.why)

@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from spherekit.cli.study import add_lock_argument, with_locks
 from spherekit.cli.suggest import mechanisms, suggesting
 from spherekit.errors import OutputError
 
@@ -24,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     suggesting(
         parser.add_argument("file", metavar="FILE", help="path or shipped name"), mechanisms
     )
+    add_lock_argument(parser)
     parser.add_argument(
         "--to",
         required=True,
@@ -83,7 +85,7 @@ def execute(options: argparse.Namespace) -> int:
             f"{options.output}: --to {options.to} writes a file named *{suffix}; give it "
             "that ending"
         )
-    mechanism = load(options.file)
+    mechanism = with_locks(load(options.file), options.lock, options.file)
     given = options.at
     made = export(
         mechanism,

@@ -3,6 +3,7 @@
 import argparse
 import json
 
+from spherekit.cli.study import add_lock_argument, with_locks
 from spherekit.cli.suggest import mechanisms, pairs, suggesting
 
 EXAMPLES = (
@@ -44,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="table and steps as JSON")
     form.add_argument("--markdown", action="store_true", help="the Table as Markdown")
+    add_lock_argument(parser)
     parser.add_argument("--steps", action="store_true", help="print the steps as well")
 
 
@@ -54,7 +56,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.planning.poles import plan
     from spherekit.planning.table import as_dict, as_markdown, as_text, describe
 
-    mechanism = load(options.file)
+    mechanism = with_locks(load(options.file), options.lock, options.file)
     names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
     moved = [options.input] if options.input else names
     planned = [plan(mechanism, options.poles, name) for name in moved]

@@ -9,6 +9,7 @@ from spherekit.cli.suggest import analyses, pairs, studies, suggesting
 
 if TYPE_CHECKING:
     from spherekit.model.laws import Law, Start
+    from spherekit.model.mechanism import Mechanism
     from spherekit.model.study import Study
 
 LAW_WORDS = {"start": "from", "stop": "to"}
@@ -39,6 +40,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         ),
         pairs,
     )
+    add_lock_argument(parser)
     if not timed:
         return
     parser.add_argument(
@@ -52,11 +54,14 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
     parser.add_argument(
         "--start",
         metavar="q=Q[,dq=W]",
-        help="state of the input at t = 0 in rad and rad/s: the motion then follows from "
-        "the loads",
+        help="state of the input at t = 0 in rad and rad/s, of several q=Q+Q,dq=W+W: "
+        "the motion then follows from the loads",
     )
     parser.add_argument(
-        "--torque", metavar="EXPR", help="driving torque at the input, N m, with --start"
+        "--torque",
+        action="append",
+        metavar="[PAIR=]EXPR",
+        help="driving torque at an input, N m, with --start; others turn freely",
     )
     parser.add_argument(
         "--duration",
@@ -73,6 +78,42 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
     )
+
+
+def add_lock_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--lock PAIR=VALUE``."""
+    parser.add_argument(
+        "--lock",
+        action="append",
+        metavar="PAIR=VALUE",
+        help="lock an R pair at a value of its variable, in the unit of the mechanism "
+        "file, so that its two links are one",
+    )
+
+
+def with_locks(
+    mechanism: "Mechanism", texts: Sequence[str] | None, file: str
+) -> "Mechanism":
+    """Return a mechanism with the pairs locked that ``PAIR=VALUE`` name, if any."""
+    from spherekit.errors import AnalysisError
+    from spherekit.files.study import angle_unit_of_mechanism
+    from spherekit.model.locking import lock
+
+    if not texts:
+        return mechanism
+    pairs: dict[str, float] = {}
+    for text in texts:
+        pair, equals, value = text.partition("=")
+        try:
+            pairs[pair] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise AnalysisError(
+                f'--lock: "{text}" does not read as PAIR=VALUE, such as 21=30, with a '
+                "number in the unit of the mechanism file"
+            )
+    return lock(mechanism, pairs, angle_unit=angle_unit_of_mechanism(file))
 
 
 def add_analysis_argument(
@@ -107,6 +148,11 @@ def study_from(options: argparse.Namespace) -> "Study":
     from spherekit.files.study import load_study
 
     study = load_study(options.file)
+    study = replace(
+        study, mechanism=with_locks(study.mechanism, options.lock, options.file)
+    )
+    if options.lock:
+        study = replace(study, path=None)
     if options.input is not None:
         study = replace(study, mechanism=study.mechanism.with_inputs(*options.input))
     if options.samples is not None or options.input is not None:
@@ -125,7 +171,7 @@ def _timed(study: "Study", options: argparse.Namespace) -> "Study":
         kept = study.laws if options.law is not None else {}
         study = replace(study, start=start_of(options.start), laws=kept)
     given = {
-        "torque": options.torque,
+        "torque": None if options.torque is None else torque_of(options.torque, study),
         "duration": options.duration,
         "assembly_mode": options.assembly_mode,
         "search": False if options.no_search else None,
@@ -169,3 +215,22 @@ def start_of(text: str) -> "Start":
     from spherekit.model.laws import Start
 
     return Start(**given_in(text, Start, "--start"))
+
+
+def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
+    """Return the driving torque that ``[PAIR=]EXPR`` gives, or that of each input."""
+    from spherekit.errors import AnalysisError
+
+    if len(texts) == 1 and "=" not in texts[0]:
+        return texts[0]
+    found: dict[str, str] = {}
+    for text in texts:
+        pair, equals, torque = text.partition("=")
+        if not equals or pair in found:
+            inputs = [item.pair for item in study.mechanism.inputs]
+            raise AnalysisError(
+                f'--torque: "{text}" does not say at which input it acts, or repeats it; '
+                f"write PAIR=EXPR once for each ({', '.join(inputs)})"
+            )
+        found[pair] = torque
+    return found

@@ -3,8 +3,11 @@
 import argparse
 import json
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
+from spherekit.cli.study import add_lock_argument, with_locks
 from spherekit.cli.suggest import studies, suggesting
 from spherekit.errors import SpherekitError
 
@@ -31,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ),
         studies,
     )
+    add_lock_argument(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object per file")
 
 
@@ -43,7 +47,7 @@ def execute(options: argparse.Namespace) -> int:
     bad = 0
     for name in options.files:
         try:
-            facts = check(name)
+            facts = check(name, options.lock)
         except SpherekitError as problem:
             bad = 1
             if options.traceback:
@@ -57,7 +61,7 @@ def execute(options: argparse.Namespace) -> int:
     return bad
 
 
-def check(name: str) -> dict[str, Any]:
+def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
     """Return what a mechanism or study file holds, having planned and assembled it."""
     import numpy as np
 
@@ -70,6 +74,7 @@ def check(name: str) -> dict[str, Any]:
     from spherekit.planning.rigidity import graph_mobility
 
     study = load_study(name)
+    study = replace(study, mechanism=with_locks(study.mechanism, locks, name))
     mechanism = study.mechanism
     facts: dict[str, Any] = {
         "name": mechanism.name,

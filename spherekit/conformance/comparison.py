@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.tables import Column, Table, TableData
+from spherekit.analysis.tables import Column, Table, TableArrays
 from spherekit.sphere.rotation import Floats
 
 BLOCKS = 1e-10
@@ -18,8 +18,8 @@ VARIANTS = 1e-6
 
 def difference(
     table: Table,
-    one: TableData,
-    other: TableData,
+    one: TableArrays,
+    other: TableArrays,
     within: float = BLOCKS,
     rotation: Floats | None = None,
 ) -> str:
@@ -50,7 +50,7 @@ def difference(
 
 
 def _pairs(
-    table: Table, one: TableData, other: TableData, rotation: Floats | None
+    table: Table, one: TableArrays, other: TableArrays, rotation: Floats | None
 ) -> Iterator[tuple[Column, NDArray[Any], NDArray[Any]]]:
     """Yield columns to be compared, the vectors of the first table turned."""
     vector: list[Column] = []
@@ -85,7 +85,7 @@ def _off(
     return int(np.argmax(wrong)) if np.any(wrong) else None
 
 
-def in_words(data: TableData, words: Mapping[str, str]) -> TableData:
+def in_words(data: TableArrays, words: Mapping[str, str]) -> TableArrays:
     """Return a table in whose texts words are replaced, such as names of links."""
 
     def put(text: str) -> str:
@@ -100,8 +100,8 @@ def in_words(data: TableData, words: Mapping[str, str]) -> TableData:
 
 
 def matched(
-    table: Table, one: TableData, other: TableData, numbers: Mapping[str, int]
-) -> tuple[TableData, TableData] | str:
+    table: Table, one: TableArrays, other: TableArrays, numbers: Mapping[str, int]
+) -> tuple[TableArrays, TableArrays] | str:
     """Return the rows that two tables share whose rows may have another order, or words.
 
     Rows are told apart by texts and whole numbers. Where a row is of one link relative to

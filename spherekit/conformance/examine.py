@@ -20,7 +20,7 @@ from spherekit.analysis.execution import Execution
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load, origin_of
 from spherekit.analysis.run import executed
-from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableData
+from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays
 from spherekit.conformance.comparison import BLOCKS, VARIANTS, difference, in_words, matched
 from spherekit.conformance.report import Line, Report
 from spherekit.conformance.trial import Trial, failed_at
@@ -272,7 +272,7 @@ def _tables(trial: Trial) -> str:
     for table in tables:
         if not table.in_assembly_modes:
             continue
-        data = given[table.name]
+        data = arrays(given[table.name])
         places = zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True)
         counts = Counter(places)
         wanted = set(zip(batch.sample.tolist(), batch.assembly_mode.tolist(), strict=True))
@@ -422,8 +422,8 @@ def _scene(trial: Trial) -> str:
 
 def _same(
     trial: Trial,
-    expected: Mapping[str, TableData],
-    found: Mapping[str, TableData],
+    expected: Mapping[str, TableArrays],
+    found: Mapping[str, TableArrays],
     where: str,
     rotation: Floats | None = None,
 ) -> None:

@@ -13,7 +13,7 @@ from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.running.run_plan import Asked, RunPlan, job_of
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.setting import ORDINARY
-from spherekit.analysis.tables import TableData
+from spherekit.analysis.tables import TableArrays
 from spherekit.conventions import Status
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism
@@ -23,7 +23,7 @@ from spherekit.motion.motion import Motion
 from spherekit.rates.field import SignMemory
 
 Change = Callable[[Motion], Motion]
-Tables = Mapping[str, TableData]
+Tables = Mapping[str, TableArrays]
 
 
 def _kept(motion: Motion) -> Motion:

@@ -182,15 +182,15 @@ class Evaluator:
             reducing = [Reducing(merit, n) for merit in self.merits]
             closes = np.zeros(n)
             with np.errstate(all="ignore"):
-                for sample, known, closed in _in_mode(
+                for sample, found, closed in in_mode(
                     kernel, prepared, signs, self.samples.rows
                 ):
                     closes += closed
-                    self._take(reducing, sample, known, closed, None)
-                for sample, known, closed in _in_mode(
-                    kernel, prepared, signs, self._points()
+                    self._take(reducing, sample, found, closed, None)
+                for sample, found, closed in in_mode(
+                    kernel, prepared, signs, self.points()
                 ):
-                    self._take(reducing, sample, known, closed, float(sample[0]))
+                    self._take(reducing, sample, found, closed, float(sample[0]))
             label = "".join("+" if sign > 0 else "-" for sign in signs)
             rows = np.flatnonzero(closes > 0)
             parts.append(self._rows(rows, [label] * n, closes, reducing))
@@ -215,7 +215,7 @@ class Evaluator:
             {merit.name: found[rows] for merit, found in results},
         )
 
-    def _points(self) -> Floats:
+    def points(self) -> Floats:
         """Return the samples (n, 4) that figures at given inputs need."""
         points = {merit.point for merit in self.merits if merit.point is not None}
         return DesignSamples.at(sorted(points), self.samples.rows[0, 0]).rows
@@ -224,10 +224,12 @@ class Evaluator:
         self,
         reducing: Sequence[Reducing],
         sample: Floats,
-        known: Mapping[str, Any],
+        found: Floats,
         closed: NDArray[np.bool_],
         point: float | None,
     ) -> None:
+        known: dict[str, Any] = dict(zip(self.columns, found, strict=True))
+        known |= dict(zip(SAMPLE, sample, strict=True))
         for merit, expression, each in zip(
             self.merits, self.expressions, reducing, strict=True
         ):
@@ -260,24 +262,24 @@ class Evaluator:
         reducing = [Reducing(merit, count) for merit in self.merits]
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, known, closed in _at_variables(kernel, tracer, rows):
+            for sample, found, closed in _at_variables(kernel, tracer, rows):
                 closes += closed
-                self._take(reducing, sample, known, closed, None)
-            for sample, known, closed in _at_variables(kernel, tracer, self._points()):
-                self._take(reducing, sample, known, closed, float(sample[0]))
+                self._take(reducing, sample, found, closed, None)
+            for sample, found, closed in _at_variables(kernel, tracer, self.points()):
+                self._take(reducing, sample, found, closed, float(sample[0]))
         if not np.any(closes):
             why = np.array([NEVER], dtype=object)
             return _without(np.zeros(1, dtype=np.int64), why, self.merits)
         labels = [f"{mode.number} {mode.label}" for mode in modes]
-        found = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing)
-        return replace(found, design=np.zeros_like(found.design))
+        made = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing)
+        return replace(made, design=np.zeros_like(made.design))
 
 
-Sampled = Iterator[tuple[Floats, Mapping[str, Any], NDArray[np.bool_]]]
-"""A sample, the quantities (n,) there by name, and who closes (n,)."""
+Sampled = Iterator[tuple[Floats, Floats, NDArray[np.bool_]]]
+"""A sample, the kernel's columns (c, n) there, and who closes (n,)."""
 
 
-def _in_mode(
+def in_mode(
     kernel: DesignKernel, prepared: Floats, signs: Sequence[float], samples: Floats
 ) -> Sampled:
     """Yield designs in an assembly mode at samples (k, 4), as many at once as pay."""
@@ -294,7 +296,7 @@ def _in_mode(
         shaped = np.reshape(found, (-1, len(some), n))
         for k, sample in enumerate(some):
             closed = np.all(shaped[: kernel.reaches, k] >= 0.0, axis=0)
-            yield sample, _named(kernel, sample, shaped[kernel.reaches :, k]), closed
+            yield sample, shaped[kernel.reaches :, k], closed
 
 
 def _at_variables(kernel: DesignKernel, tracer: Tracer, samples: Floats) -> Sampled:
@@ -308,12 +310,7 @@ def _at_variables(kernel: DesignKernel, tracer: Tracer, samples: Floats) -> Samp
     found = kernel.evaluate(np.concatenate([every, motion.values.T]))
     shaped = np.reshape(found, (-1, *shape))
     for k, sample in enumerate(samples):
-        yield sample, _named(kernel, sample, shaped[:, :, k]), closed[:, k]
-
-
-def _named(kernel: DesignKernel, sample: Floats, columns: Floats) -> Mapping[str, Any]:
-    known = dict(zip(kernel.columns, columns, strict=True))
-    return known | dict(zip(SAMPLE, sample, strict=True))
+        yield sample, shaped[:, :, k], closed[:, k]
 
 
 def _value(expression: Expression, known: Mapping[str, Any], count: int) -> Floats:

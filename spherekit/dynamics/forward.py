@@ -63,7 +63,7 @@ def simulate(
         The driving torque (N m) at the input, if there is one: a number, an expression
         such as ``"10*sin(2*t) - dtheta_21"``, or a function f(t, q, dq) of the time and of
         the input's variable and rate, which the NumPy engine calls. Of several inputs a
-        mapping from their names; an input without a torque is passive.
+        mapping from their names; an input without a torque turns freely.
     input_pair, assembly mode
         The driven R pairs, by default the inputs; the assembly mode at the start.
     tolerance

@@ -12,7 +12,7 @@ from spherekit.conventions import SINGULAR_RATIO, Status, listing
 from spherekit.dynamics.equation import driving_torques
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
-from spherekit.dynamics.kinematics import by_variables, determined
+from spherekit.dynamics.kinematics import CoordinateMotion, by_variables, determined
 from spherekit.dynamics.simulation import single
 from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import ModelError, SolveError
@@ -46,8 +46,8 @@ class InverseSolution:
     `input_accelerations` (n, inputs) the motion of the inputs; `M_parts` (n, masses,
     inputs, inputs) kg m2 and `dM_parts` (n, masses, inputs, inputs, inputs) by the inputs;
     `Q_parts` (n, inputs, loads) N m; `torques` (n, inputs) N m at the inputs; `values` (n,
-    variables) rad; `rates` (n, inputs, variables) those of the pair variables per unit rate
-    of each input; `residual` (n,) rad. Failed rows are NaN.
+    variables) rad; `motion` what moves how by the inputs; `residual` (n,) rad. Failed rows
+    are NaN.
     """
 
     mechanism: Mechanism
@@ -62,7 +62,7 @@ class InverseSolution:
     Q_parts: Floats
     torques: Floats
     values: Floats
-    rates: Floats
+    motion: CoordinateMotion
     residual: Floats
     status: NDArray[np.int8]
 
@@ -145,6 +145,11 @@ class InverseSolution:
     def Q(self) -> Floats:
         """(n,) generalised force of all loads, N m."""
         return single(self.Q_all)
+
+    @property
+    def rates(self) -> Floats:
+        """(n, inputs, variables) rates of pair variables per unit rate of each input."""
+        return self.motion.rates
 
     @property
     def pair_rates(self) -> Floats:
@@ -302,8 +307,8 @@ def needed_torques(motion: Motion) -> InverseSolution:
     lost = ~np.all(np.isfinite(torques), axis=1)
     status[(status == Status.OK) & lost] = Status.OVERFLOW
     values = motion.values.copy()
-    rows = (masses.M_parts, masses.dM_parts, forces, torques, values, found.rates)
-    for array in rows:
+    rows = (masses.M_parts, masses.dM_parts, forces, torques, values)
+    for array in (*rows, found.rates):
         array[status != Status.OK] = np.nan
     return InverseSolution(
         mechanism,
@@ -314,6 +319,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
         timing.dq,
         timing.ddq,
         *rows,
+        found,
         motion.residual,
         status,
     )

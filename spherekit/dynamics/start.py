@@ -121,7 +121,7 @@ def prepare(
         )
     driven = tuple(variable_of(mechanism, pair) for pair in inputs)
     moved = [variable_of(mechanism, pair) for pair in pairs]
-    mechanism = mechanism.with_loads(*_drives(mechanism, torque))
+    mechanism = mechanism.with_loads(*drives(mechanism, torque))
     times = sorted({float(t) for t in switches} | set(_knots(mechanism, until)))
     if not all(np.isfinite(times)):
         raise SolveError(f"{name}: switches has a time that is not finite")
@@ -171,7 +171,7 @@ def _speed(
     return np.asarray(np.linalg.solve(share, rates))
 
 
-def _drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
+def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
     """Return the loads that driving torques at the inputs are."""
     if torque is None:
         return []
@@ -181,11 +181,11 @@ def _drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
         if len(inputs) > 1:
             raise SolveError(
                 f"{mechanism.name}: a torque has to say at which input it acts: give one "
-                f'by the name of each, as {{"{inputs[0]}": 1.0}}; inputs without one are '
-                f"passive. Inputs: {listing(inputs)}"
+                f'by the name of each, as {{"{inputs[0]}": 1.0}}; inputs without one '
+                f"turn freely. Inputs: {listing(inputs)}"
             )
         torque = {inputs[0]: torque}
-    drives = []
+    found = []
     for pair, given in torque.items():
         if pair not in inputs:
             raise SolveError(
@@ -199,8 +199,8 @@ def _drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
                 "torque is; give it another name"
             )
         text = repr(float(given)) if isinstance(given, int | float) else given
-        drives.append(PairTorque(name, pair, text))
-    return drives
+        found.append(PairTorque(name, pair, text))
+    return found
 
 
 def drive_name(inputs: Sequence[str], pair: str) -> str:

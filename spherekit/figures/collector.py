@@ -18,6 +18,7 @@ from spherekit.analysis.scene import (
     Primitive,
     Scene,
     Series,
+    Trace,
 )
 
 
@@ -93,6 +94,9 @@ def _whole(parts: Sequence[Any]) -> Primitive:
             return replace(first, values=rows("values"))
         case Arrow():
             return replace(first, directions=rows("directions"))
+        case Trace(quaternions=turned):
+            whole = None if turned is None else rows("quaternions")
+            return replace(first, directions=rows("directions"), quaternions=whole)
         case GreatCircle():
             return replace(first, normals=rows("normals"))
         case Body(quaternions=turned) if turned is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
+    Diagram,
     InputMarks,
     Page,
     Portrait,
@@ -18,11 +19,13 @@ from spherekit.analysis.scene import (
     SphereCurves,
     SphereMap,
     Surface,
+    Trace,
     in_degrees,
 )
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.figures.curves import Curve, draw_curves
+from spherekit.figures.diagrams import draw_diagrams
 from spherekit.figures.input_maps import InputMap, along_path, draw_maps, ticks
 from spherekit.figures.plane import Plane, draw_plane
 from spherekit.figures.sdk import Figure
@@ -118,6 +121,8 @@ def _of_source(
     yield from _series(own, every, sheet)
     yield from _surfaces(own, sheet)
     yield from _paths(own, sheet)
+    yield from _axodes(own, sheet)
+    yield from _diagrams(own, sheet)
 
 
 def _series(
@@ -243,6 +248,27 @@ def _paths(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
         if arrows
         else ()
     )
+
+
+def _axodes(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+    """Yield for each mode the paths of directions in links, as these stand at first."""
+    for scene in own:
+        traces = [each for each in scene.primitives if isinstance(each, Trace)]
+        curves = [
+            SphereCurves(each.path, each.label, [each.at_first], tone)
+            for tone, each in enumerate(traces, start=1)
+        ]
+        if curves and isinstance(scene.page, int):
+            title = f"axodes, {sheet.title(scene.page)}"
+            yield title, partial(draw_sphere, OnSphere([], curves), sheet)
+
+
+def _diagrams(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+    groups = _grouped(own, Diagram, lambda scene, item: (_kind(scene.page), item.label))
+    for (page, label), items in groups.items():
+        each = [(scene.page, item) for scene, item in items if len(scene.over) == 1]
+        if each and not page:
+            yield from _parted(label, each, lambda item: item[0], draw_diagrams, sheet)
 
 
 def _kind(page: Page) -> str:

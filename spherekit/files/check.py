@@ -16,10 +16,11 @@ from spherekit.files.locate import KeyPath
 FORMAT = 1
 """The format of mechanism and study files that this version reads and writes."""
 
-Kind = Literal["mechanism", "study"]
+Kind = Literal["mechanism", "study", "sizing"]
 _SCHEMAS: Mapping[Kind, str] = {
     "mechanism": f"format_{FORMAT}.schema.json",
     "study": f"study_{FORMAT}.schema.json",
+    "sizing": f"sizing_{FORMAT}.schema.json",
 }
 
 _INTEGER_BITS = 200

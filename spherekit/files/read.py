@@ -33,7 +33,7 @@ AnyMechanism = Mechanism | str | os.PathLike[str]
 """A mechanism, or where `load` finds it: its path, or the name of a shipped one."""
 
 FULL_TURN = 6.283185307179586
-_SIZES_OF_LINK = ("axes", "arcs", "angles", "signed_arcs")
+_SIZES_OF_LINK = ("axes", "arcs", "angles", "signed_arcs", "unpaired")
 _SIZES_OF_PAIR = ("zero",)
 _ARC_OF_PAIR = ("through_xyz", "through_lonlat")
 _AXIS_OF_PAIR = ("xyz", "lonlat", *_ARC_OF_PAIR)
@@ -202,6 +202,7 @@ class _Reader(DocumentValues):
             tuple(item["axes"]),
             self.angles((*path, "arcs"), item.get("arcs", [])),
             self.angles((*path, "angles"), item.get("angles", [])),
+            unpaired=tuple(item.get("unpaired", ())),
             signed=item.get("signed_arcs", False),
         )
 

@@ -35,12 +35,19 @@ def read_laws(document: Document) -> dict[str, Law]:
 
 
 def read_start(document: Document) -> Start | None:
-    """Return the state of the input at t = 0, if it is given."""
+    """Return the state of the inputs at t = 0, if it is given."""
     if "start" not in document.data:
         return None
     item, unit = document.data["start"], document.data["angle_unit"]
-    q = angle_at(document, ("start", "q"), item["q"], unit)
-    return Start(q, to_radians(item.get("dq", 0.0), unit))
+    given, dq = item["q"], item.get("dq", 0.0)
+    return Start(
+        tuple(angle_at(document, ("start", "q", k), x, unit) for k, x in enumerate(given))
+        if isinstance(given, list)
+        else angle_at(document, ("start", "q"), given, unit),
+        tuple(to_radians(x, unit) for x in dq)
+        if isinstance(dq, list)
+        else to_radians(dq, unit),
+    )
 
 
 def _law(document: Document, path: KeyPath, item: Mapping[str, Any]) -> Law:

@@ -9,13 +9,15 @@ import numpy as np
 
 from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, listing, nearest
-from spherekit.errors import FileError
+from spherekit.errors import FileError, ModelError
 from spherekit.files.angles import angle_at
 from spherekit.files.check import check
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, shipped
-from spherekit.files.read import load
+from spherekit.files.read import angle_unit_of, load
 from spherekit.files.read_laws import read_laws, read_start
+from spherekit.model.changes import AngleUnit
+from spherekit.model.locking import lock
 from spherekit.model.mechanism import Input, Mechanism
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.sphere.rotation import Floats
@@ -38,7 +40,8 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
     check(document, "study")
     data = document.data
     output = data.get("output", {})
-    mechanism = _driven(document, _mechanism(document, path.parent))
+    mechanism = _locked(document, _mechanism(document, path.parent))
+    mechanism = _driven(document, mechanism)
     return Study(
         name=path.name.removesuffix(STUDY_SUFFIX),
         mechanism=mechanism,
@@ -60,11 +63,37 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
     )
 
 
+def angle_unit_of_mechanism(name_or_path: str | os.PathLike[str]) -> AngleUnit:
+    """Return the unit of the angles in a mechanism file, or in that of a study."""
+    path = find(name_or_path)
+    if is_study(path):
+        document = parse(read_text(path), str(path))
+        path = find(_where(document, path.parent))
+    return angle_unit_of(path)
+
+
+def _locked(document: Document, mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism with the pairs locked that a study locks."""
+    data = document.data
+    if not data.get("lock"):
+        return mechanism
+    try:
+        return lock(mechanism, data["lock"], angle_unit=data["angle_unit"])
+    except ModelError as error:
+        raise document.fault(("lock",), str(error)) from None
+
+
+def _where(document: Document, folder: Path) -> str | Path:
+    """Return the name or the path of the mechanism of a study."""
+    wanted = str(document.data["mechanism"])
+    is_shipped = any(wanted in pack.files for pack in shipped())
+    return wanted if is_shipped else folder / wanted
+
+
 def _mechanism(document: Document, folder: Path) -> Mechanism:
     wanted = document.data["mechanism"]
-    is_shipped = any(wanted in pack.files for pack in shipped())
     try:
-        path = find(wanted if is_shipped else folder / wanted)
+        path = find(_where(document, folder))
     except FileError as error:
         raise document.fault(("mechanism",), str(error)) from None
     if is_study(path):

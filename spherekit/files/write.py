@@ -130,6 +130,8 @@ def _link(mechanism: Mechanism, link: str, unit: AngleUnit) -> _Table:
         table["angles"] = [_angle(angle, unit) for angle in sizes.angles]
     if sizes.signed:
         table["signed_arcs"] = True
+    if sizes.unpaired:
+        table["unpaired"] = list(sizes.unpaired)
     return table
 
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, ParamSpec, final
 
 from spherekit.analysis import run as analysis
 from spherekit.analysis.result import Columns, RunResult
+from spherekit.front.replay import Replay
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from spherekit.analysis.running.recording import Recorder
-    from spherekit.figures.collector import Collector
 
 P = ParamSpec("P")
 
@@ -24,37 +24,44 @@ ONCE = ("folder", "unfinished", "formats", "recorder", "progress", "verify", "ta
 @final
 @dataclass
 class _Again:
-    """What shows a run by going through it once more; its scenes are kept for figures."""
+    """What shows a run by going through it once more, and keeps what is to be seen."""
 
     name: str
     go: Callable[["Recorder"], object]
-    _collected: list["Collector"] = field(default_factory=list)
+    _kept: list[Replay] = field(default_factory=list)
 
     def record(self, path: Path) -> None:
-        """Write a recording."""
+        """Write a recording, block by block where nothing is kept yet."""
         from spherekit.view.rerun_view import RerunRecorder
 
         with RerunRecorder(self.name, path=path) as recorder:
-            self.go(recorder)
+            if self._kept:
+                self._kept[0].play(recorder)
+            else:
+                self.go(recorder)
 
     def show(self) -> None:
         """Put a recording into the page of a notebook."""
         from spherekit.view.rerun_view import RerunRecorder
 
         with RerunRecorder(self.name, notebook=True) as recorder:
-            self.go(recorder)
+            self._replay().play(recorder)
 
     def figures(self, degrees: bool, columns: Columns) -> "Mapping[str, Figure]":
         """Return all figures by name."""
         from spherekit.figures.collector import Collector
         from spherekit.figures.contents import figures_of
 
-        if not self._collected:
-            collector = Collector()
-            self.go(collector)
-            self._collected.append(collector)
-        (found,) = self._collected
-        return figures_of(found.scenes(), found.titles, degrees, columns)
+        collector = Collector()
+        self._replay().play(collector)
+        return figures_of(collector.scenes(), collector.titles, degrees, columns)
+
+    def _replay(self) -> Replay:
+        if not self._kept:
+            told = Replay()
+            self.go(told)
+            self._kept.append(told)
+        return self._kept[0]
 
 
 def _visible(function: Callable[P, RunResult]) -> Callable[P, RunResult]:

@@ -135,7 +135,7 @@ def _frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floats]]
     """Return the frames (3, 3) of every R pair in its first and its second link."""
     if isinstance(mechanism.geometry, PoseGeometry):
         return _pose_frames(mechanism, mechanism.geometry)
-    return _size_frames(mechanism, mechanism.geometry)
+    return frames_of_sizes(mechanism, mechanism.geometry)
 
 
 def given_axis(
@@ -208,9 +208,13 @@ def _pose_frames(
     return first, second
 
 
-def _size_frames(
+def frames_of_sizes(
     mechanism: Mechanism, geometry: SizeGeometry
 ) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the frames (3, 3) of every R pair in its first and its second link, by name.
+
+    The first is turned by the pair's zero.
+    """
     axes = {
         link: axes_from_sizes(geometry.links.get(link, LinkSizes(())))
         for link in mechanism.links

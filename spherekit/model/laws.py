@@ -227,7 +227,7 @@ def time_fault(
     laws: Mapping[str, Law],
     duration: float | None,
     start: Start | None,
-    torque: str | None = None,
+    torque: str | Mapping[str, str] | None = None,
 ) -> tuple[tuple[str, ...], str] | None:
     """Return what is wrong with how time is given to these inputs, if anything.
 
@@ -250,11 +250,10 @@ def time_fault(
             return (
                 "start",
             ), "a start needs a duration in s: --duration T, or duration = T"
-        if len(inputs) > 1:
-            return ("start",), (
-                f"motion from loads is for mechanisms with one input, not {len(inputs)} "
-                f"({names})"
-            )
+        try:
+            start.each(list(inputs))
+        except ModelError as fault:
+            return ("start",), str(fault).removeprefix("start: ")
     elif torque is not None:
         return ("start",), "a driving torque needs a start"
     if duration is not None and not (math.isfinite(duration) and duration > 0.0):

@@ -49,10 +49,10 @@ class Study:
         Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
         both ends included. With a duration alone the only input turns at 1 rad/s.
     start, torque, tolerance
-        State of the only input at t = 0: the motion over `duration` then follows from the
-        loads and the `torque` (N m, a number or an expression) at the input, each step
-        within the tolerance (rad), from the `assembly_mode` (default 0) of all that there
-        are.
+        State of the inputs at t = 0: the motion over `duration` then follows from the
+        loads and the `torque` (N m, a number or an expression) at the input, or that of
+        each of several inputs that has one, by its name; each step within the tolerance
+        (rad), from the `assembly_mode` (default 0) of all that there are.
     verify
         How many rows are computed once more in 50 digits.
     degrees
@@ -75,7 +75,7 @@ class Study:
     laws: Mapping[str, Law] = field(default_factory=dict)
     duration: float | None = None
     start: Start | None = None
-    torque: str | float | None = None
+    torque: str | float | Mapping[str, str | float] | None = None
     tolerance: float = DEFAULT_TOLERANCE
     verify: int | None = None
     degrees: bool = False
@@ -103,11 +103,11 @@ class Study:
     __hash__ = None  # type: ignore[assignment]
 
     @property
-    def driving_torque(self) -> str | None:
-        """The torque at the input as an expression, if there is one."""
-        if self.torque is None or isinstance(self.torque, str):
-            return self.torque
-        return repr(float(self.torque))
+    def driving_torque(self) -> str | Mapping[str, str] | None:
+        """The torque at the input, or at each of several, as an expression, if any."""
+        if isinstance(self.torque, Mapping):
+            return {pair: _as_text(torque) for pair, torque in self.torque.items()}
+        return None if self.torque is None else _as_text(self.torque)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -128,3 +128,7 @@ class Study:
         if self.locate is not None:
             return self.locate(path, message)
         return AnalysisError(f"{self.name}: {'.'.join(map(str, path))}: {message}")
+
+
+def _as_text(torque: str | float) -> str:
+    return torque if isinstance(torque, str) else repr(float(torque))

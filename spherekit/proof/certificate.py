@@ -3,10 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
+from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import Ball, parts_of
 from spherekit.proof.construction import Across, Construction
+from spherekit.proof.curves import CertifiedCurves
 from spherekit.proof.modes import CertifiedModes
 from spherekit.proof.roots import Root
+from spherekit.proof.singular import CertifiedSingularities
 from spherekit.version import __version__
 
 FORMAT = 1
@@ -39,6 +42,11 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
         "construction": construction_table(written.mechanism, modes.construction),
         "bound": modes.bound,
         "complete": modes.complete,
+        "counted": modes.counted,
+        "undecided_rad": [
+            {"centre": centre.tolist(), "half": half.tolist()}
+            for centre, half in modes.clusters
+        ],
         "modes": len(modes.real),
         "precision_bits": modes.precision,
         "roots": [_root(root) for root in modes.roots],
@@ -61,6 +69,63 @@ def construction_table(mechanism: Any, construction: Construction) -> Mapping[st
         "root": links[construction.root],
         "steps": steps,
         "unknowns": [names[pair] for pair in construction.pairs[: construction.unknowns]],
+    }
+
+
+def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
+    """Return the certificate of the curves over a range of the only input.
+
+    Centres and frames are the float64 numbers that they are. A checker has to pave space
+    again: the boxes are not in it.
+    """
+    written, made = curves.written, curves.construction
+    names = [pair.name for pair in written.mechanism.pairs]
+    return {
+        **heading("curves over a range", written.document.text or "", written.tolerance),
+        "inputs": {names[made.pairs[curves.driven]]: list(curves.range_text)},
+        "construction": construction_table(written.mechanism, made),
+        "complete": curves.claim.guarantee is Guarantee.CERTIFIED,
+        "undecided_rad": [list(part) for part in curves.undecided],
+        "problems": list(curves.problems),
+        "boxes": curves.paving.looked_at,
+        "turning_points_rad": curves.turning_points,
+        "modes": [list(part) for part in curves.intervals],
+        "curves": [
+            {
+                "closed": chain.closed,
+                "input_stops": [
+                    {"place": stop.place.tolist(), "off": stop.off} for stop in stopped
+                ],
+                "pieces": [
+                    {
+                        "centre": piece.centre.tolist(),
+                        "frame": piece.frame.T.tolist(),
+                        "half": piece.half,
+                        "radius": piece.radius,
+                    }
+                    for piece in chain.pieces
+                ],
+            }
+            for chain, (stopped, _) in zip(curves.chains, curves.stopping, strict=True)
+        ],
+    }
+
+
+def singular_table(found: CertifiedSingularities) -> dict[str, Any]:
+    """Return the singularities of a range."""
+    return {
+        "undecided_parts": found.undecided,
+        "outputs_without_pair": list(found.skipped),
+        "found": [
+            {
+                "output": each.output,
+                "type": each.kind,
+                "curve": each.curve,
+                "place": each.stop.place.tolist(),
+                "off": each.stop.off,
+            }
+            for each in found.found
+        ],
     }
 
 

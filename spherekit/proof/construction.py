@@ -6,7 +6,7 @@ equation. A structure that can just be assembled has at least one body with at m
 pairs, and has one again without it, so such an order always exists.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -83,6 +83,44 @@ class Construction:
         degrees = 2 * self.degrees[:, : self.unknowns]
         return permanent(degrees)
 
+    @cached_property
+    def counts_all(self) -> bool:
+        """Whether as many isolated modes as the bound leave no room for a curve of modes.
+
+        They do where the equations fall into systems, one after the other, in each of
+        which every unknown is in every equation: a curve of solutions of such a system
+        takes at least one from its bound (W. Fulton, Intersection Theory, theorem 12.2).
+        """
+        used = self.degrees[:, : self.unknowns] > 0
+        row_of = _matched(used)
+        if row_of is None:
+            return False
+        reach = np.eye(self.unknowns, dtype=bool) | used[row_of]
+        for _ in range(self.unknowns):
+            reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
+        together = reach & reach.T
+        return bool(np.all(used[row_of] | ~together))
+
+
+def _matched(used: NDArray[np.bool_]) -> list[int] | None:
+    """Return for each unknown an equation of its own, None where there are none."""
+    count = len(used)
+    row_of: list[int | None] = [None] * count
+
+    def place(row: int, tried: set[int]) -> bool:
+        for column in np.flatnonzero(used[row]):
+            if column not in tried:
+                tried.add(int(column))
+                other = row_of[column]
+                if other is None or place(other, tried):
+                    row_of[column] = row
+                    return True
+        return False
+
+    if not all(place(row, set()) for row in range(count)):
+        return None
+    return [row for row in row_of if row is not None]
+
 
 def permanent(matrix: NDArray[np.intp]) -> int:
     """Return the sum over permutations of the products of a square matrix's entries."""
@@ -143,8 +181,15 @@ class Ranks:
         return shared, np.asarray(total + np.zeros(count, dtype=np.intp))
 
 
-def construct(mechanism: Mechanism) -> Construction:
+def construct(mechanism: Mechanism, wanted: Collection[int] = ()) -> Construction:
     """Return the order of placing links that has the lowest bound of complex modes.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    wanted
+        Numbers of pairs of which as many as possible are to be variables.
 
     Raises
     ------
@@ -159,9 +204,11 @@ def construct(mechanism: Mechanism) -> Construction:
     )
     found = chain.from_iterable(_orders(mechanism, inputs, root) for root in roots)
     for number, made in enumerate(found):
-        weight = float(np.sum(made.degrees))
-        if made.bound and (best is None or (made.bound, weight) < best[0]):
-            best = (float(made.bound), weight), made
+        if made.bound:
+            missing = len(set(wanted) - set(made.pairs))
+            weight = float(missing), float(made.bound), float(np.sum(made.degrees))
+            if best is None or weight < best[0]:
+                best = weight, made
         if number >= MOST_ORDERS:
             break
     if best is None:

@@ -18,11 +18,15 @@ from spherekit.proof.balls import (
     middle_of,
 )
 from spherekit.proof.construction import Construction, construct
+from spherekit.proof.cover import TURN
 from spherekit.proof.equations import Equations
+from spherekit.proof.exclusion import RealModes
 from spherekit.proof.homotopy import SEEDS, Complexes, modes_near
 from spherekit.proof.jets import Jet
+from spherekit.proof.paving import Paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.written import Written
+from spherekit.sphere.rotation import Floats
 
 PRECISIONS = (80, 160, 320, 640)
 """Bits of centres; the next are used where roots are not told apart."""
@@ -30,6 +34,8 @@ CLOSE = 1e-7
 """Roots that are alone in a smaller ball (rad) only have neighbours that may be lost."""
 FAR = 12.0
 """Imaginary part (rad) beyond which an approximation is taken for a root at infinity."""
+MOST_APART = 3000
+"""Boxes left over, beyond which they are one cluster."""
 NUDGES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-11, 1e-14)
 """How far (rad) from a root a lost neighbour of it is looked for."""
 
@@ -41,7 +47,8 @@ class CertifiedModes:
 
     `inputs` are the texts of the inputs in the unit of the file. `roots` are proven
     different from each other. They are all complex modes if there are `bound` of them.
-    `precision` is the number of bits that they were proven in.
+    Else `left` has the boxes of all variables in which real modes may be that are not
+    among them. `precision` is the number of bits that they were proven in.
     """
 
     written: Written
@@ -49,6 +56,12 @@ class CertifiedModes:
     inputs: tuple[str, ...]
     roots: tuple[Root, ...]
     precision: int
+    left: Paved | None = None
+
+    @property
+    def counted(self) -> bool:
+        """Whether all complex modes are proven."""
+        return len(self.roots) == self.bound
 
     @property
     def bound(self) -> int:
@@ -62,22 +75,49 @@ class CertifiedModes:
 
     @property
     def complete(self) -> bool:
-        """Whether it is proven that no mode is missing."""
-        return len(self.roots) == self.bound
+        """Whether it is proven that no real mode is missing."""
+        if self.left is None:
+            return self.counted
+        return not len(self.left.centres)
+
+    @property
+    def boxes(self) -> int:
+        """How many boxes were looked at to exclude other real modes."""
+        return 0 if self.left is None else self.left.looked_at
+
+    @property
+    def clusters(self) -> list[tuple[Floats, Floats]]:
+        """Centres and half widths (unknowns,) rad of where modes are undecided."""
+        if self.left is None:
+            return []
+        count = self.construction.unknowns
+        return clusters(self.left.centres[:, :count], self.left.radii[:, :count])
 
     @cached_property
     def claim(self) -> Claim:
         """What is guaranteed, and what that rests on."""
-        found = f"{len(self.roots)} of at most {self.bound} complex modes proven"
         rests = f"ball arithmetic of {self.precision} bits"
-        if self.complete:
+        if self.counted and self.complete:
+            also = (
+                "" if self.left is None else f", no curve of others in {self.boxes} boxes"
+            )
             return Claim(
                 Guarantee.CERTIFIED,
                 f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
-                f"bound, each alone in its ball; {rests}",
+                f"bound, each alone in its ball{also}; {rests}",
             )
+        found = f"{len(self.real)} real modes, each alone in its ball"
+        if self.complete:
+            return Claim(
+                Guarantee.CERTIFIED,
+                f"{found}, all others excluded in {self.boxes} boxes; {rests}; "
+                f"{len(self.roots)} of at most {self.bound} complex modes found",
+            )
+        widths = [float(2.0 * np.max(radius)) for _, radius in self.clusters]
         return Claim(
-            Guarantee.SAMPLED, f"{found}; others may be missing, or coincide; {rests}"
+            Guarantee.TO_BOX,
+            f"{found}; undecided in {len(widths)} clusters, nothing else outside; {rests}",
+            max(widths, default=TURN),
         )
 
     def angles(self) -> list[list[Ball]]:
@@ -127,8 +167,42 @@ def certified_modes(
         if len(found) >= made.bound or not search.doubtful:
             break
     assert len(found) <= made.bound, "more roots were proven than there can be"
+    left = None
+    if len(found) < made.bound or not made.counts_all:
+        with bits(precision):
+            equations = Equations(written, made)
+            driven = [written.input_angle(text) for text in inputs]
+            real = RealModes(equations, driven, [root for root in found if root.real])
+            left = real.excluded()
+            found = [*(root for root in found if not root.real), *real.roots]
     order = sorted(found, key=_place)
-    return CertifiedModes(written, made, tuple(inputs), tuple(order), precision)
+    return CertifiedModes(written, made, tuple(inputs), tuple(order), precision, left)
+
+
+def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
+    """Return the hulls, centres and half widths, of boxes (n, k) that touch each other."""
+    left = list(range(len(centres)))
+    found = []
+    if len(left) > MOST_APART:
+        low, high = np.min(centres - radii, axis=0), np.max(centres + radii, axis=0)
+        return [(0.5 * (low + high), 0.5 * (high - low))]
+    while left:
+        low = centres[left[0]] - radii[left[0]]
+        high = centres[left[0]] + radii[left[0]]
+        while True:
+            near = [
+                row
+                for row in left
+                if np.all(centres[row] - radii[row] <= high + 1e-12)
+                and np.all(centres[row] + radii[row] >= low - 1e-12)
+            ]
+            if not near:
+                break
+            left = [row for row in left if row not in set(near)]
+            low = np.minimum(low, np.min(centres[near] - radii[near], axis=0))
+            high = np.maximum(high, np.max(centres[near] + radii[near], axis=0))
+        found.append((0.5 * (low + high), 0.5 * (high - low)))
+    return found
 
 
 @final

@@ -3,6 +3,7 @@
 An angle of 45.1 degrees is 45.1 pi / 180 here, and no float64 number next to it.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
@@ -75,6 +76,12 @@ class Written:
         """Return an input given as a decimal number in the unit of the file, in rad."""
         return self.angle(LiteralNumber(text), tolerance=False)
 
+    def input_range(self, pair: str) -> tuple[str, str]:
+        """Return the ends of the range of an input as the file has them."""
+        item = self.document.data.get("inputs", {}).get(pair, {})
+        turn = "360" if self.document.data["angle_unit"] == "deg" else repr(2 * math.pi)
+        return _text(item.get("from", 0)), _text(item["to"]) if "to" in item else turn
+
     def _size_frames(self) -> dict[str, tuple[Frame, Frame]]:
         near = link_axes(self.mechanism)
         data = self.document.data
@@ -142,6 +149,10 @@ class Written:
         ahead = [c * a + s * b for a, b in zip(x, y, strict=True)]
         side = [c * b - s * a for a, b in zip(x, y, strict=True)]
         return (ahead[0], ahead[1], ahead[2]), (side[0], side[1], side[2]), z
+
+
+def _text(number: float) -> str:
+    return number.text if isinstance(number, LiteralNumber) else str(number)
 
 
 def _number(number: float) -> Ball:

@@ -5,7 +5,7 @@ the input. A pole's direction is a unit vector along its axis, and the coefficie
 signed component of w along it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any, final
 
@@ -528,6 +528,10 @@ def _signed(
             continue
         i, j = pole
         unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
+        steady = _steady_signs(field, motion, pole, memory)
+        if steady is not None:
+            _turn_round(field, pole, steady)
+            continue
         known = i in field.w and j in field.w
         v = (field.w[j] - field.w[i]).T if known else None
         dv = (field.dw[j] - field.dw[i]).T if known else None
@@ -535,6 +539,74 @@ def _signed(
         for values in (unit, rate, field.acceleration_coefficient[pole]):
             values *= signs
     return field
+
+
+def _turn_round(field: PoleField, pole: Pole, signs: Sequence[float]) -> None:
+    """Reverse a pole's directions in the assembly modes whose sign is -1, in place."""
+    unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
+    samples = len(rate) // len(signs)
+    for number, sign in enumerate(signs):
+        if sign < 0.0:
+            rows = slice(number * samples, (number + 1) * samples)
+            for values in (unit, rate, field.acceleration_coefficient[pole]):
+                np.negative(values[..., rows], out=values[..., rows])
+
+
+def _steady_signs(
+    field: PoleField, motion: Motion, pole: Pole, memory: SignMemory
+) -> list[float] | None:
+    """Return one sign for each assembly mode, where none changes within the block.
+
+    None where one does, or may: `_continuous_signs` then follows them from row to row.
+    """
+    i, j = pole
+    if motion.sense is not None or not motion.is_path or motion.inputs.shape[1] != 1:
+        return None
+    if not motion.samples or not (i in field.w and j in field.w):
+        return None
+    unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
+    beside = unit[:, 1:] * unit[:, :-1]
+    going = beside[0] + beside[1]
+    going += beside[2]
+    steps = [(n * motion.samples, (n + 1) * motion.samples - 1) for n in _modes(motion)]
+    if not all(np.min(rate[a : b + 1]) >= 0.0 for a, b in steps):
+        return None
+    if not all(a == b or np.min(going[a:b]) >= 0.0 for a, b in steps):
+        return None
+    signs, ends = [], []
+    for (first, last), mode in zip(steps, motion.assembly_modes, strict=True):
+        v, dv = ((x[j][first] - x[i][first])[:, None] for x in (field.w, field.dw))
+        key = mode.number, pole
+        way, sense = motion.q[[first]], np.ones(1)
+        if key in memory.last:
+            before = memory.last[key]
+            flip = _flips(
+                np.append(before.way, way),
+                np.append(before.sense, sense),
+                np.column_stack([before.w, v]),
+                np.column_stack([before.dw, dv]),
+            )
+            sign = before.sign * float(flip[0])
+        else:
+            home = _home(motion, mode.number, first, memory)
+            sign = -1.0 if unit[:, first] @ home < 0.0 else 1.0
+        signs.append(sign)
+        v, dv = ((x[j][last] - x[i][last])[:, None] for x in (field.w, field.dw))
+        ends.append((key, _Last(motion.q[[last]], sense, v, dv, sign)))
+    memory.last.update(ends)
+    return signs
+
+
+def _modes(motion: Motion) -> range:
+    return range(len(motion.assembly_modes))
+
+
+def _home(motion: Motion, mode: int, row: int, memory: SignMemory) -> Floats:
+    """Return the side (3,) on which directions of a mode start, read at its first row."""
+    if mode not in memory.home:
+        (frames,) = motion.rows(np.array([row])).frames
+        memory.home[mode] = np.sum(frames[:, :, 2], axis=0)
+    return memory.home[mode]
 
 
 def _add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
@@ -605,39 +677,44 @@ def _continuous_signs(
         good = np.flatnonzero(moved)
         if not len(good):
             continue
-        t = way[rows][good]
-        u = unit[:, rows][:, good]
+        chosen = slice(None) if len(good) == len(moved) else good
+        t = way[rows][chosen]
+        u = unit[:, rows][:, chosen]
         if w is not None and dw is not None:
-            here = sense[rows][good]
-            along = np.where(rate[rows][good] * here < 0.0, -1.0, 1.0)
-            v, dv = here * w[:, rows][:, good], here * dw[:, rows][:, good]
+            here = sense[rows][chosen]
+            along = np.where(rate[rows][chosen] * here < 0.0, -1.0, 1.0)
+            v, dv = w[:, rows][:, chosen], dw[:, rows][:, chosen]
+            if motion.sense is not None:
+                v, dv = here * v, here * dv
         else:
             here = np.ones(len(t))
             along, v, dv = np.ones(len(t)), u, np.zeros_like(u)
         if not single:
             dv = np.zeros_like(u)  # by the way of all inputs together it is not known
-        home = memory.home.setdefault(
-            assembly_mode.number,
-            np.sum(motion.frames[rows.start + good[0], :, :, 2], axis=0),
-        )
+        home = _home(motion, assembly_mode.number, rows.start + int(good[0]), memory)
         if not motion.is_path:
             signs[rows.start + good] = np.where(home @ u < 0.0, -1.0, 1.0)
             continue
         key = (assembly_mode.number, pole)
         if key in memory.last:
             last = memory.last[key]
-            flips = _flips(
-                np.append(last.way, t),
-                np.append(last.sense, here),
-                np.column_stack([last.w, v]),
-                np.column_stack([last.dw, dv]),
+            first = _flips(
+                np.append(last.way, t[:1]),
+                np.append(last.sense, here[:1]),
+                np.column_stack([last.w, v[:, :1]]),
+                np.column_stack([last.dw, dv[:, :1]]),
             )
-            chain = last.sign * np.cumprod(flips)
+            chain = last.sign * np.cumprod(np.append(first, _flips(t, here, v, dv)))
         else:
             side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
             chain = np.cumprod(np.append(side, _flips(t, here, v, dv)))
         signs[rows.start + good] = chain * along
-        memory.last[key] = _Last(t[-1:], here[-1:], v[:, -1:], dv[:, -1:], float(chain[-1]))
+        way_here, sense_here, w_here, dw_here = (
+            each[..., -1:].copy() for each in (t, here, v, dv)
+        )
+        memory.last[key] = _Last(way_here, sense_here, w_here, dw_here, float(chain[-1]))
+        if len(good) == len(moved):
+            continue
         for row in np.flatnonzero(known & ~moved):
             near = rows.start + good[np.argmin(np.abs(good - row))]
             beside = signs[near] * unit[:, near] @ unit[:, rows.start + row]
@@ -656,8 +733,9 @@ def _flips(q: Floats, sense: Floats, v: Floats, dv: Floats) -> Floats:
         return flips
     h = np.where(sense[1:] == sense[:-1], q[1:] - q[:-1], 0.0)[gap]
     t = np.linspace(0.0, 1.0, SUBSTEPS + 1)[:, None]
-    slope = np.nan_to_num(dv)
-    start, stop = ((v[:, None, end], slope[:, None, end]) for end in (gap, gap + 1))
+    start, stop = (
+        (v[:, None, end], np.nan_to_num(dv[:, None, end])) for end in (gap, gap + 1)
+    )
     path = cubic(start, stop, h, t)
     turns = np.sum(path[:, 1:] * path[:, :-1], axis=0)
     flips[gap] = np.where(np.sum(turns < 0.0, axis=0) % 2 == 1, -1.0, 1.0)

@@ -7,7 +7,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.tables import Column, Table, TableData
+from spherekit.analysis.tables import Column, Table, TableArrays
 from spherekit.conventions import EPS
 
 
@@ -44,8 +44,8 @@ def scale_words(column: Column) -> str:
 
 def deviations(
     tables: Sequence[Table],
-    given: Mapping[str, TableData],
-    reference: Mapping[str, TableData],
+    given: Mapping[str, TableArrays],
+    reference: Mapping[str, TableArrays],
 ) -> Iterator[Deviation]:
     """Yield the deviation of every column of numbers in tables of equal rows.
 

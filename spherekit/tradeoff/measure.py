@@ -16,7 +16,7 @@ from spherekit.analysis.requests import requests_for
 from spherekit.analysis.running.evaluation import Evaluation
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import Setting
-from spherekit.analysis.tables import TableData
+from spherekit.analysis.tables import TableArrays, arrays
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import Numbers
@@ -36,7 +36,7 @@ LEAST_ROUNDS = 2
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
-Tables = Mapping[str, TableData]
+Tables = Mapping[str, TableArrays]
 Found = tuple[str, float, Tables, list[Measured]]
 """What the reference is in words, how well it is known, its tables, and the settings."""
 
@@ -166,7 +166,8 @@ class Benchmark:
 
     def _computed(self, batch: Batch) -> Tables:
         own = [table.of(batch.mechanism) for table in self.analysis.tables]
-        return computed(self.analysis, own, batch)
+        made = computed(self.analysis, own, batch)
+        return {name: arrays(data) for name, data in made.items()}
 
     def _batch(
         self,

@@ -1,7 +1,7 @@
 """Integrators and tolerances of a simulation, measured against one in wider numbers."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
@@ -84,7 +84,7 @@ class _Solver:
 
     bench: Benchmark
     start: Start
-    torque: str | None
+    torque: str | Mapping[str, str] | None
 
     @property
     def t(self) -> Floats:

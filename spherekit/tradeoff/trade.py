@@ -14,7 +14,7 @@ from spherekit.analysis.requests import requests_for
 from spherekit.analysis.run import run
 from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import Setting
-from spherekit.analysis.tables import TableData
+from spherekit.analysis.tables import TableArrays
 from spherekit.checked import checked
 from spherekit.conventions import EPS
 from spherekit.errors import AnalysisError
@@ -218,7 +218,7 @@ def _named(sweep: Sweep, value: Any) -> str:
     return f"{sweep.parameter}={value:g}"
 
 
-def _estimate(data: TableData, sweep: Sweep) -> float:
+def _estimate(data: TableArrays, sweep: Sweep) -> float:
     """Return the analysis's own largest relative error."""
     values = np.abs(np.asarray(data[sweep.column], dtype=float))
     errors = np.asarray(data[sweep.error], dtype=float)

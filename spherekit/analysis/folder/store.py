@@ -1,10 +1,11 @@
 """Where the rows of a run go while it goes on: memory, parts on disk, or nowhere."""
 
+import itertools
 import os
 import shutil
 from abc import ABC, abstractmethod
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, final
 
@@ -17,7 +18,9 @@ from spherekit.analysis.tables import (
     SAMPLE,
     TYPES,
     AbstractRows,
+    Interleaved,
     Table,
+    TableArrays,
     TableData,
 )
 from spherekit.errors import OutputError
@@ -59,25 +62,110 @@ class InMemory(AbstractStore):
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
-        self._blocks[analysis, table.name].append(table.typed(data))
+        kept = {
+            column.name: values
+            if isinstance(values := data[column.name], Interleaved)
+            else np.asarray(values, dtype=TYPES.get(column.kind))
+            for column in table.columns
+        }
+        self._blocks[analysis, table.name].append(kept)
 
     def clear(self) -> None:
         """Forget all rows."""
         self._blocks.clear()
 
-    def table(self, analysis: str, table: Table) -> TableData:
+    def table(self, analysis: str, table: Table) -> Mapping[str, NDArray[Any]]:
         """Return all rows: by assembly mode, then sample, where they belong to these."""
-        blocks = self._blocks[analysis, table.name]
-        if len(blocks) == 1:
+        return _Joined(self._blocks[analysis, table.name], table)
+
+
+@final
+class _Joined(Mapping[str, NDArray[Any]]):
+    """The columns of blocks, each joined when it is first read.
+
+    By assembly mode, then sample, where rows belong to these.
+    """
+
+    def __init__(self, blocks: Sequence[TableData], table: Table) -> None:
+        self._blocks = [dict(block) for block in blocks]
+        self._names = [column.name for column in table.columns]
+        self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
+        self._made: dict[str, NDArray[Any]] = {}
+        self._order: NDArray[np.intp] | None = None
+        lengths = [len(next(iter(block.values()))) for block in blocks]
+        in_order = None
+        if len(blocks) > 1 and table.in_assembly_modes:
+            in_order = _parts_in_order(blocks)
+            if in_order is None:
+                each = SAMPLE.name, ASSEMBLY_MODE.name
+                self._order = _order({name: self._joined(name) for name in each})
+        self._parts = in_order or [(k, slice(0, n)) for k, n in enumerate(lengths)]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._made:
+            if name not in self._names:
+                raise KeyError(name)
+            made = self._joined(name)
+            self._made[name] = made if self._order is None else made[self._order]
+            for block in self._blocks:
+                del block[name]
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def _joined(self, name: str) -> NDArray[Any]:
+        blocks = [block[name] for block in self._blocks]
+        if len(blocks) == 1 and isinstance(blocks[0], np.ndarray):
             return blocks[0]
-        whole = {
-            column.name: np.concatenate([block[column.name] for block in blocks])
-            for column in table.columns
-        }
-        if not table.in_assembly_modes:
-            return whole
-        order = _order(whole)
-        return {name: values[order] for name, values in whole.items()}
+        kind = self._types[name] or np.result_type(*(each.dtype for each in blocks))
+        made = np.empty(sum(len(each) for each in blocks), dtype=kind)
+        at = 0
+        for number, rows in self._parts:
+            block, out = blocks[number], made[at : at + rows.stop - rows.start]
+            if isinstance(block, Interleaved):
+                count = len(block.parts)
+                block.put(out, slice(rows.start // count, rows.stop // count))
+            else:
+                out[:] = block[rows]
+            at += len(out)
+        return made
+
+
+def _parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | None:
+    """Return pieces of successive blocks, mode after mode; None if that is not their order.
+
+    In each block modes rise, in each mode samples, and from block to block these go on.
+    """
+    parts: list[tuple[int, int, slice]] = []
+    last: dict[int, int] = {}
+    for number, block in enumerate(blocks):
+        (modes, each), (samples, _) = (
+            _once(block[column.name]) for column in (ASSEMBLY_MODE, SAMPLE)
+        )
+        if len(modes) != len(samples) or np.any(np.diff(modes) < 0):
+            return None
+        edges = np.flatnonzero(np.diff(modes, prepend=-1, append=-1)).tolist()
+        for start, stop in itertools.pairwise(edges):
+            own, mode = samples[start:stop], int(modes[start])
+            if np.any(np.diff(own) < 0) or own[0] < last.get(mode, own[0]):
+                return None
+            last[mode] = int(own[-1])
+            parts.append((mode, number, slice(each * start, each * stop)))
+    return [(number, rows) for _, number, rows in sorted(parts, key=lambda each: each[:2])]
+
+
+def _once(column: NDArray[Any] | Interleaved) -> tuple[NDArray[Any], int]:
+    """Return a column without the rows that repeat, and how often each is there."""
+    if not isinstance(column, Interleaved):
+        return column, 1
+    first = column.parts[0]
+    if all(part is first for part in column.parts):
+        return first, len(column.parts)
+    return np.asarray(column), 1
 
 
 @final
@@ -125,25 +213,30 @@ class OnDisk(AbstractStore):
         OutputError
             If the disk is full.
         """
-        typed = table.typed(data)
-        rows = np.empty(len(next(iter(typed.values()))), dtype=packed(table))
+        rows = np.empty(len(next(iter(data.values()))), dtype=packed(table))
         for column in table.columns:
-            values = typed[column.name]
+            values = data[column.name]
             if column.kind == "text":
                 words = self._words.setdefault((analysis, table.name, column.name), {})
                 values = _coded(values, words)
-            rows[column.name] = values
+            if isinstance(values, Interleaved):
+                values.put(rows[column.name], slice(None))
+            else:
+                rows[column.name] = values
         if not (self._split and table.in_assembly_modes):
             self._append(analysis, table, 0, rows)
             return
         if not len(rows):
             return
-        rows = rows[_order(typed)]
-        assembly_modes, starts = np.unique(rows[ASSEMBLY_MODE.name], return_index=True)
-        for assembly_mode, own in zip(
-            assembly_modes, np.split(rows, starts[1:]), strict=True
-        ):
-            self._append(analysis, table, int(assembly_mode), own)
+        parts = _parts_in_order([data])
+        if parts is None:
+            rows = rows[_order({name: rows[name] for name in rows.dtype.names or ()})]
+            modes = rows[ASSEMBLY_MODE.name]
+            edges = np.flatnonzero(np.diff(modes, prepend=-1, append=-1)).tolist()
+            parts = [(0, slice(*each)) for each in itertools.pairwise(edges)]
+        for _, own in parts:
+            mode = int(rows[ASSEMBLY_MODE.name][own.start])
+            self._append(analysis, table, mode, rows[own])
 
     def _append(
         self, analysis: str, table: Table, assembly_mode: int, rows: NDArray[np.void]
@@ -230,7 +323,7 @@ class RowsOnDisk(AbstractRows):
             for name, own in words.items()
         }
 
-    def chunks(self) -> Iterator[TableData]:
+    def chunks(self) -> Iterator[TableArrays]:
         """Yield pieces of the files, which may go on from one file into the next."""
         held: list[NDArray[np.void]] = []
         count = 0
@@ -248,7 +341,7 @@ class RowsOnDisk(AbstractRows):
         if held or not self._parts:
             yield self._columns(held or [np.empty(0, dtype=self._type)])
 
-    def _columns(self, pieces: list[NDArray[np.void]]) -> TableData:
+    def _columns(self, pieces: list[NDArray[np.void]]) -> TableArrays:
         rows = np.concatenate(pieces)
         columns = {
             name: np.ascontiguousarray(rows[name]) for name in self._type.names or ()
@@ -263,13 +356,24 @@ def packed(table: Table) -> np.dtype[np.void]:
     return np.dtype([(c.name, TYPES.get(c.kind, np.int32)) for c in table.columns])
 
 
-def _coded(values: NDArray[Any], words: dict[str, int]) -> NDArray[np.int32]:
+def _coded(
+    values: NDArray[Any] | Interleaved, words: dict[str, int]
+) -> NDArray[np.int32] | Interleaved:
     """Return texts as numbers of words; new words are added."""
+    if isinstance(values, Interleaved):
+        return Interleaved([_codes(part, words) for part in values.parts])
+    return _codes(np.asarray(values), words)
+
+
+def _codes(values: NDArray[Any], words: dict[str, int]) -> NDArray[np.int32]:
+    if len(values) and values.strides == (0,):  # one word for all
+        code = words.setdefault(str(values[0]), len(words))
+        return np.broadcast_to(np.int32(code), values.shape)
     unique, inverse = np.unique(values, return_inverse=True)
     codes = [words.setdefault(str(word), len(words)) for word in unique]
     return np.array(codes, dtype=np.int32)[inverse]
 
 
-def _order(data: TableData) -> NDArray[np.intp]:
+def _order(data: TableArrays) -> NDArray[np.intp]:
     """Return the order of rows by mode, then sample; rows of one sample keep theirs."""
     return np.lexsort((data[SAMPLE.name], data[ASSEMBLY_MODE.name]))

@@ -87,5 +87,5 @@ def add_events(job: RunPlan, standing: RunState, store: AbstractStore) -> None:
     """Hand over what happened in the course of a simulation, known when it is whole."""
     if job.course.simulation is not None:
         found = job.course.events()
-        store.add(MOTION, EVENTS, found)
+        store.add(MOTION, EVENTS.of(job.mechanism), found)
         standing.count(MOTION, EVENTS.name, found)

@@ -146,7 +146,7 @@ class Evaluation:
         """Return the poles of a block of `blocks` for each input that moves."""
         if self._represented is not None:
             return tuple(self._represented.field(motion) for _ in self.requests)
-        if self.at_once is not None:
+        if self.at_once is not None and self.at_once.has_found(motion):
             return self.at_once.fields(motion, memories)
         pairs = zip(self.requests, memories, strict=False)
         if self.setting.engine == "numpy":

@@ -15,7 +15,7 @@ from spherekit.analysis.tables import (
     TIME,
     Column,
     Table,
-    TableData,
+    TableArrays,
     input_columns,
 )
 from spherekit.motion.motion import Motion
@@ -46,7 +46,9 @@ def motion_table(course: Sampling) -> Table:
     ).of(mechanism)
 
 
-def motion_rows(course: Sampling, motion: Motion, found: Sequence[PoleField]) -> TableData:
+def motion_rows(
+    course: Sampling, motion: Motion, found: Sequence[PoleField]
+) -> TableArrays:
     """Return the rows of a block of a course whose poles were found."""
     mechanism = course.tracer.mechanism
     rows: dict[str, Any] = {"sample": motion.sample, "assembly_mode": motion.assembly_mode}

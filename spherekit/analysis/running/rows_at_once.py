@@ -90,6 +90,10 @@ class RowsAtOnce:
         each = [self._predicted(sample, sample + 1) for sample in samples.tolist()]
         return self._motion(samples, np.concatenate(each, axis=2))
 
+    def has_found(self, motion: Motion) -> bool:
+        """Return whether a motion is the one found last."""
+        return self._found is not None and self._found[0] is motion
+
     def fields(
         self, motion: Motion, memories: Sequence[SignMemory]
     ) -> tuple[PoleField, ...]:

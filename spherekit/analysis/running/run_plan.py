@@ -100,7 +100,11 @@ class RunPlan:
         if not self.course.tracer.assembly_modes:
             return ()
         table = motion_table(self.course)
-        return (table,) if self.course.simulation is None else (table, EVENTS)
+        return (
+            (table,)
+            if self.course.simulation is None
+            else (table, EVENTS.of(self.mechanism))
+        )
 
     def tables(self, failed: Collection[str] = ()) -> Mapping[str, tuple[Table, ...]]:
         """Return the tables of the motion and of all analyses but those that failed."""

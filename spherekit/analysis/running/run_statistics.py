@@ -85,7 +85,8 @@ class RunStatistics:
             self._off, motion.configuration_error[motion.status == Status.OK]
         )
         for found in fields:
-            good = found.status == Status.OK
+            held = found.status == Status.OK
+            good = slice(None) if np.all(held) else held
             for codes in found.pole_status.values():
                 locked = len(fields) > 1 and np.all(codes[good] == Status.NO_POLE)
                 if not locked:  # links that other inputs hold together have none
@@ -163,8 +164,12 @@ def _counts(counts: NDArray[np.int64]) -> dict[str, int]:
 
 
 def _largest(known: float | None, values: Floats) -> float | None:
-    finite = values[np.isfinite(values)]
-    if not len(finite):
+    if not len(values):
         return known
-    found = float(np.max(finite))
+    found = float(np.max(values))
+    if not np.isfinite(found):
+        finite = values[np.isfinite(values)]
+        if not len(finite):
+            return known
+        found = float(np.max(finite))
     return found if known is None else max(known, found)

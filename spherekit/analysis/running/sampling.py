@@ -8,14 +8,14 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.tables import Column, Table, TableData
+from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.conventions import Status
 from spherekit.dynamics.forward import solving
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.solved import Solved, Solving
+from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
-from spherekit.errors import ModelError
-from spherekit.model.dynamics import DRIVE, PairTorque
+from spherekit.errors import ModelError, SolveError
 from spherekit.model.laws import ConstantSpeed, Law, time_fault
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
@@ -36,9 +36,9 @@ EVENTS = Table(
     "what happened in the course of a simulation, in order of time",
     (
         Column("t", "s", "time"),
-        Column("kind", "", "dead_centre, rest, stop or switch", "text"),
+        Column("kind", "", "dead_centre, type_2, rest, stop or switch", "text"),
         Column("pair", "", "the pair concerned, if it is one", "text"),
-        Column("q", "rad", "variable of the driven pair"),
+        INPUTS,
     ),
 )
 
@@ -135,7 +135,7 @@ class Sampling:
         size = np.linalg.norm(mean)
         return None if size < 1e-9 else np.asarray(mean / size)
 
-    def events(self) -> TableData:
+    def events(self) -> TableArrays:
         """Return the table of the simulation's events."""
         assert self.simulation is not None
         events = self.simulation.events
@@ -143,7 +143,12 @@ class Sampling:
             "t": np.array([event.t for event in events], dtype=float),
             "kind": np.array([event.kind for event in events], dtype=str),
             "pair": np.array([event.pair for event in events], dtype=str),
-            "q": np.array([event.q for event in events], dtype=float),
+            **input_columns(
+                self.tracer.mechanism,
+                np.array([event.inputs for event in events], dtype=float).reshape(
+                    len(events), -1 if events else len(self.tracer.inputs)
+                ),
+            ),
         }
 
     def cost(self) -> dict[str, Any]:
@@ -221,13 +226,16 @@ def courses_of(
             follow,
         )
         input_grid = tracer.input_grid
-        timing = _at_unit_speed(input_grid.q) if len(tracer.inputs) == 1 else None
+        along = study.path is None and not study.grid and isinstance(samples, int)
+        timing = _at_unit_speed(input_grid.q) if along or len(tracer.inputs) == 1 else None
         yield Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
         return
     assert isinstance(samples, int)
     t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
     if study.start is not None:
-        tracer = Tracer(mechanism, None, assembly_mode or 0, samples=2)
+        inputs = _inputs(study)
+        several = study.start.each(inputs)[0][None] if len(inputs) > 1 else None
+        tracer = Tracer(mechanism, None, assembly_mode or 0, samples=2, path=several)
         pieces = solving(
             tracer.mechanism,
             study.start,
@@ -297,13 +305,15 @@ def check_time(study: Study) -> None:
     )
     if fault is not None:
         raise study.fault(*fault)
-    if isinstance(study.torque, int | float) and not np.isfinite(study.torque):
-        raise study.fault(("start", "torque"), f"{study.torque} is not finite")
     if study.driving_torque is not None:
-        drive = PairTorque(DRIVE, inputs[0], study.driving_torque)
+        given = study.torque if isinstance(study.torque, Mapping) else {"": study.torque}
+        for torque in given.values():
+            if isinstance(torque, int | float) and not np.isfinite(torque):
+                raise study.fault(("start", "torque"), f"{torque} is not finite")
+        mechanism = study.mechanism.with_inputs(*inputs)
         try:
-            replace(study.mechanism, loads=(*study.mechanism.loads, drive))
-        except ModelError as problem:
+            mechanism.with_loads(*drives(mechanism, study.driving_torque))
+        except (ModelError, SolveError) as problem:
             raise study.fault(("start", "torque"), str(problem)) from None
     if study.duration is None:
         return
@@ -400,6 +410,14 @@ def motion_of(
 
 
 def _at_unit_speed(q: Floats) -> Timing:
-    """Return the timing of an input (k, 1) that turns from its least value at 1 rad/s."""
-    t = (q[:, 0] - np.min(q)) / UNIT_SPEED
-    return Timing(t, np.broadcast_to(UNIT_SPEED, q.shape), np.broadcast_to(0.0, q.shape))
+    """Return the timing of an input (k, 1) that turns from its least value at 1 rad/s.
+
+    Of several inputs (k, inputs) on a straight path, the fastest turns so.
+    """
+    spans = np.ptp(q, axis=0)
+    fastest = int(np.argmax(spans))
+    t = (q[:, fastest] - np.min(q[:, fastest])) / UNIT_SPEED
+    share = np.ones(1) if q.shape[1] == 1 else spans / spans[fastest]
+    return Timing(
+        t, np.broadcast_to(UNIT_SPEED * share, q.shape), np.broadcast_to(0.0, q.shape)
+    )

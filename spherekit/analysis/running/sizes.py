@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spherekit.analysis.tables import TableData
+from spherekit.analysis.tables import TableArrays
 from spherekit.conventions import Status
 
 DICTIONARY = 1 << 17
@@ -15,7 +15,7 @@ LONG_RUN = 8
 """Equal values in a row from which Parquet counts them instead of listing them."""
 
 
-def csv_row(data: TableData, samples: int) -> float:
+def csv_row(data: TableArrays, samples: int) -> float:
     """Return the mean bytes of a row as CSV, numbers with the fewest digits that do."""
     total = 0.0
     for name, values in data.items():
@@ -47,7 +47,7 @@ def _mean(lengths: list[int]) -> float:
     return sum(lengths) / max(len(lengths), 1)
 
 
-def parquet_row(data: TableData, rows: int, samples: int) -> float:
+def parquet_row(data: TableArrays, rows: int, samples: int) -> float:
     """Return the mean bytes of a row as Parquet with dictionaries, without the frame.
 
     Different numbers are kept once, each of so many `rows` as a place among them; equal

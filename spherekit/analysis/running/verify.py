@@ -26,7 +26,8 @@ from spherekit.analysis.tables import (
     SAMPLE,
     Column,
     Table,
-    TableData,
+    TableArrays,
+    arrays,
 )
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status, listing
 from spherekit.errors import SpherekitError
@@ -194,7 +195,12 @@ class Verifier:
                 verdict["not_verified"].append(analysis.name)
                 continue
             pairs += [
-                (analysis.name, table, first[table.name], second[table.name])
+                (
+                    analysis.name,
+                    table,
+                    arrays(first[table.name]),
+                    arrays(second[table.name]),
+                )
                 for table in own
             ]
         columns = [item for each in pairs for item in _compared(rows, *each)]
@@ -317,7 +323,7 @@ class _Rows:
     condition: Floats
     allowed: Floats
 
-    def of(self, data: TableData) -> NDArray[np.intp]:
+    def of(self, data: TableArrays) -> NDArray[np.intp]:
         """Return the row that each row of a table belongs to, -1 if none."""
         number = {
             place: row
@@ -389,7 +395,7 @@ def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats
 
 def _configurations(
     motion: Motion, better: Motion
-) -> Iterator[tuple[Table, TableData, TableData]]:
+) -> Iterator[tuple[Table, TableArrays, TableArrays]]:
     """Yield the table of pair variables, as it was and in many digits."""
     mechanism = motion.mechanism
     names = mechanism.variable_names
@@ -413,7 +419,7 @@ def _allowed(motion: Motion) -> Floats:
 
 
 def _compared(
-    rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
+    rows: _Rows, analysis: str, table: Table, given: TableArrays, reference: TableArrays
 ) -> Iterator[dict[str, Any]]:
     """Yield for each column of numbers the place where it deviates most."""
     if not {"sample", "assembly_mode"} <= set(given):

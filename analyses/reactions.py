@@ -1,0 +1,203 @@
+"""What the pairs transmit: moments about the centre, and whether contacts press."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.plugin import (
+    ASSEMBLY_MODE,
+    INPUTS,
+    SAMPLE,
+    STATUS,
+    TIME,
+    AbstractAnalysis,
+    Batch,
+    Column,
+    Findings,
+    Mechanism,
+    Needs,
+    Scene,
+    Series,
+    Status,
+    Table,
+    TableData,
+    input_columns,
+    listing,
+)
+from spherekit.plugin.dynamics import Reactions, need_terms, reactions, used_pairs
+
+from .load_motion import as_loads_see
+
+Floats = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ReactionAnalysis(AbstractAnalysis):
+    """The moment about the centre that every pair transmits while the inputs move.
+
+    By their laws, or from the motion itself, as in the analysis `dynamics`. Forces through
+    the centre are not determined in a spherical mechanism.
+    """
+
+    name: ClassVar[str] = "reactions"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "moments that the pairs transmit, and contacts that lift off"
+    rowwise: ClassVar[bool] = True
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "reactions",
+            "one row per sample, assembly mode and pair",
+            (
+                SAMPLE,
+                ASSEMBLY_MODE,
+                TIME,
+                INPUTS,
+                Column("pair", "", "the pair", "text"),
+                Column(
+                    "moment_x",
+                    "N m",
+                    "moment of its first link on the second about the centre: about the "
+                    "zero direction, or the tangent of a contact",
+                ),
+                Column("moment_y", "N m", "about the direction across, or the normal"),
+                Column("moment_z", "N m", "about the axis, or the point of a contact"),
+                Column("across", "N m", "its part across the axis or the point"),
+                Column(
+                    "push",
+                    "N m",
+                    "force of a contact along its normal, times the radius: above 0 it "
+                    "presses",
+                ),
+                Column("traction", "N m", "that along its tangent, on the second link"),
+                STATUS,
+            ),
+        ),
+    )
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return the motion in time, with the variables that loads see."""
+        need_terms(mechanism)
+        return Needs(time=True, tracer=True, continued_values=used_pairs(mechanism))
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return the table of reactions."""
+        found = self._found(batch)
+        names = np.array([pair.name for pair in batch.mechanism.pairs], dtype=str)
+        count = len(names)
+        common = {
+            "sample": batch.sample,
+            "assembly_mode": batch.assembly_mode,
+            "t": batch.t,
+            **input_columns(batch.mechanism, batch.inputs),
+        }
+        repeated: dict[str, NDArray[Any]] = {
+            name: np.repeat(values, count) for name, values in common.items()
+        }
+        moments = found.moments.reshape(-1, 3)
+        return {
+            "reactions": {
+                **repeated,
+                "pair": np.tile(names, len(batch)),
+                **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
+                "across": found.across.ravel(),
+                "push": found.push.ravel(),
+                "traction": found.traction.ravel(),
+                "status": found.status.ravel(),
+            }
+        }
+
+    def _found(self, batch: Batch) -> Reactions:
+        return batch.once("reactions", lambda: reactions(as_loads_see(batch)))
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return the largest moment of each pair, contacts that pull, and what is open."""
+        found = self._found(batch)
+        pairs: dict[str, Any] = {}
+        for k, pair in enumerate(batch.mechanism.pairs):
+            across = found.across[:, k]
+            lifted = int(np.count_nonzero(found.status[:, k] == Status.LIFT_OFF))
+            pairs[pair.name] = {
+                "largest_across_Nm": _largest(across),
+                "rows_that_lift_off": lifted,
+                "is_open": bool(np.any(found.is_open[:, k])),
+            }
+        return _said(pairs, _largest(found.unbalanced))
+
+    def joined(self, before: Findings, now: Findings) -> Findings:
+        """Return the larger moments of both."""
+        pairs = {}
+        for name, one in before.figures["pairs"].items():
+            other = now.figures["pairs"][name]
+            pairs[name] = {
+                "largest_across_Nm": _more(
+                    one["largest_across_Nm"], other["largest_across_Nm"]
+                ),
+                "rows_that_lift_off": one["rows_that_lift_off"]
+                + other["rows_that_lift_off"],
+                "is_open": one["is_open"] or other["is_open"],
+            }
+        left = [item.figures["largest_unbalanced_Nm"] for item in (before, now)]
+        return _said(pairs, _more(*left))
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return plots of the moments across all axes, and of what contacts press with."""
+        found = self._found(batch)
+        curves: list[tuple[str, str, str, Floats]] = []
+        for k, pair in enumerate(batch.mechanism.pairs):
+            title = "moment across the axis"
+            curves.append(("across", pair.name, title, found.across[:, k]))
+            if not pair.kind.has_axis:
+                title = "push of contacts, times the radius"
+                curves.append(("push", pair.name, title, found.push[:, k]))
+        return tuple(
+            Scene(
+                number,
+                tuple(
+                    Series(f"plots/{group}/{label}", label, title, values[rows], "N m")
+                    for group, label, title, values in curves
+                ),
+            )
+            for number, rows in batch.assembly_mode_rows().items()
+        )
+
+
+def _largest(values: Floats) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.max(known)) if len(known) else None
+
+
+def _more(one: float | None, other: float | None) -> float | None:
+    known = [x for x in (one, other) if x is not None]
+    return max(known) if known else None
+
+
+def _said(pairs: Mapping[str, Any], unbalanced: float | None) -> Findings:
+    warnings = [
+        f"contact {name} would have to pull in {each['rows_that_lift_off']} rows: it lifts "
+        "off there (LIFT_OFF)"
+        for name, each in pairs.items()
+        if each["rows_that_lift_off"]
+    ]
+    loose = [name for name, each in pairs.items() if each["is_open"]]
+    if loose:
+        warnings.append(
+            "redundant constraints leave open how reactions are shared among the pairs "
+            f"{listing(loose)}; what is open is left empty"
+        )
+    known = {
+        name: each["largest_across_Nm"]
+        for name, each in pairs.items()
+        if each["largest_across_Nm"] is not None
+    }
+    remarks = []
+    if known:
+        name = max(known, key=lambda pair: known[pair])
+        remarks.append(
+            f"largest moment across an axis: {known[name]:.6g} N m in pair {name}"
+        )
+    figures = {"pairs": dict(pairs), "largest_unbalanced_Nm": unbalanced}
+    return Findings(figures, tuple(warnings), tuple(remarks))

@@ -1,0 +1,251 @@
+"""Mechanisms at rest: holding torques, mechanical advantage and stiffness of outputs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.plugin import (
+    ASSEMBLY_MODE,
+    INPUTS,
+    RESIDUAL,
+    SAMPLE,
+    STATUS,
+    AbstractAnalysis,
+    AnalysisError,
+    Batch,
+    Column,
+    Findings,
+    Mechanism,
+    Needs,
+    Scene,
+    Series,
+    Table,
+    TableData,
+    input_columns,
+    listing,
+)
+from spherekit.plugin.dynamics import (
+    InverseSolution,
+    Stiffness,
+    holding_torques,
+    output_stiffness,
+    used_pairs,
+)
+
+from .load_motion import as_loads_see
+
+Floats = NDArray[np.float64]
+
+TORQUES = Column("tau", "N m", "torque that holds against all loads at", per_input=True)
+ADVANTAGES = Column(
+    "advantage",
+    "",
+    "moment on the output that a unit torque balances, the others locked, at",
+    per_input=True,
+)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Statics(AbstractAnalysis):
+    """Torques that hold the mechanism at rest, and how stiffly the inputs hold outputs.
+
+    `stiffness` is that of the drives in N m/rad: one for all inputs, or one for each.
+    `time` (s) is when loads that depend on it are taken.
+    """
+
+    name: ClassVar[str] = "statics"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "holding torques, mechanical advantage, stiffness of outputs"
+    rowwise: ClassVar[bool] = True
+    tables: ClassVar[tuple[Table, ...]] = (
+        Table(
+            "statics",
+            "one row per sample and assembly mode",
+            (SAMPLE, ASSEMBLY_MODE, INPUTS, TORQUES, RESIDUAL, STATUS),
+        ),
+        Table(
+            "outputs",
+            "one row per sample, assembly mode and output",
+            (
+                SAMPLE,
+                ASSEMBLY_MODE,
+                INPUTS,
+                Column("output", "", "the output", "text"),
+                ADVANTAGES,
+                *(
+                    column
+                    for number, words in enumerate(("least", "middle", "largest"), 1)
+                    for column in (
+                        Column(
+                            f"stiffness_{number}",
+                            "N m/rad",
+                            f"{words} principal stiffness of the output; infinite "
+                            "where no input yields",
+                        ),
+                        *(
+                            Column(
+                                f"axis_{number}_{axis}",
+                                "",
+                                f"its axis in ground axes, {axis}; empty where it does not "
+                                "yield",
+                                turns="vector",
+                            )
+                            for axis in "xyz"
+                        ),
+                    )
+                ),
+                STATUS,
+            ),
+        ),
+    )
+
+    stiffness: tuple[float, ...] = (1.0,)
+    time: float = 0.0
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return the configurations, with the variables that loads see."""
+        self._each(mechanism)
+        return Needs(tracer=True, continued_values=used_pairs(mechanism))
+
+    def _each(self, mechanism: Mechanism) -> Floats:
+        """Return the stiffness (inputs,) of each input."""
+        inputs = [item.pair for item in mechanism.inputs]
+        given = np.array(self.stiffness, dtype=float)
+        if len(given) not in (1, len(inputs)) or not np.all(
+            (given > 0.0) & (given < np.inf)
+        ):
+            raise AnalysisError(
+                f"statics: stiffness: found {'+'.join(f'{x:g}' for x in given)}, needs one "
+                f"number above 0 N m/rad, or one for each input ({listing(inputs)})"
+            )
+        if not np.isfinite(self.time):
+            raise AnalysisError(f"statics: time: found {self.time}, needs a finite time, s")
+        return np.broadcast_to(given, (len(inputs),))
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return the tables of torques and of the outputs."""
+        found, mechanism = self._found(batch), batch.mechanism
+        common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
+        common |= input_columns(mechanism, batch.inputs)
+        outputs = self._outputs(batch)
+        count = len(outputs)
+        repeated: dict[str, NDArray[Any]] = {
+            name: np.repeat(values, count) for name, values in common.items()
+        }
+        shape = (len(batch), 0)
+        held = list(outputs.values())
+        advantages = _beside([each.advantage for each in held], (*shape, found.M.shape[1]))
+        sizes = _beside([each.stiffness for each in held], (*shape, 3))
+        axes = _beside([each.axes for each in held], (*shape, 3, 3))
+        principal: dict[str, NDArray[Any]] = {}
+        for number in range(3):
+            principal[f"stiffness_{number + 1}"] = sizes[:, number]
+            for k, axis in enumerate("xyz"):
+                principal[f"axis_{number + 1}_{axis}"] = axes[:, number, k]
+        return {
+            "statics": {
+                **common,
+                **_columns(mechanism, "tau", found.torques),
+                "residual": batch.residual,
+                "status": found.status,
+            },
+            "outputs": {
+                **repeated,
+                "output": np.tile(np.array(list(outputs), dtype=str), len(batch)),
+                **_columns(mechanism, "advantage", advantages),
+                **principal,
+                "status": np.repeat(found.status, count),
+            },
+        }
+
+    def _found(self, batch: Batch) -> InverseSolution:
+        return batch.once(
+            "torques", lambda: holding_torques(as_loads_see(batch), self.time)
+        )
+
+    def _outputs(self, batch: Batch) -> Mapping[str, Stiffness]:
+        def made() -> dict[str, Stiffness]:
+            found, each = self._found(batch), self._each(batch.mechanism)
+            return {
+                output.name: output_stiffness(found, output.link, output.relative_to, each)
+                for output in batch.mechanism.outputs
+            }
+
+        return batch.once("outputs", made)
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return the largest holding torque at each input."""
+        torques = np.abs(self._found(batch).torques)
+        return _said(
+            {
+                name: float(np.max(known))
+                for k, name in enumerate(batch.moving_inputs)
+                if len(known := torques[np.isfinite(torques[:, k]), k])
+            }
+        )
+
+    def joined(self, before: Findings, now: Findings) -> Findings:
+        """Return the larger torques of both."""
+        both = [item.figures["largest_holding_torque_Nm"] for item in (before, now)]
+        names = dict.fromkeys(name for each in both for name in each)
+        return _said({name: max(each.get(name, 0.0) for each in both) for name in names})
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return plots of holding torques, mechanical advantage and stiffness."""
+        found = self._found(batch)
+        curves: list[tuple[str, str, str, Floats, str]] = []
+        for k, name in enumerate(batch.moving_inputs):
+            title = "holding torques"
+            curves.append(("torque", f"at {name}", title, found.torques[:, k], "N m"))
+        for output, held in self._outputs(batch).items():
+            for k, name in enumerate(batch.moving_inputs):
+                label, values = f"{output} by {name}", held.advantage[:, k]
+                curves.append(("advantage", label, "mechanical advantage", values, ""))
+            for k, word in enumerate(("least", "middle", "largest")):
+                values = held.stiffness[:, k]
+                if np.any(np.isfinite(values)):
+                    label = f"{output}, {word}"
+                    curves.append(
+                        ("stiffness", label, "principal stiffness", values, "N m/rad")
+                    )
+        return tuple(
+            Scene(
+                number,
+                tuple(
+                    Series(
+                        f"plots/{group}/{label.replace(', ', '_').replace(' ', '_')}",
+                        label,
+                        title,
+                        values[rows],
+                        unit,
+                    )
+                    for group, label, title, values, unit in curves
+                ),
+            )
+            for number, rows in batch.assembly_mode_rows().items()
+        )
+
+
+def _said(largest: Mapping[str, float]) -> Findings:
+    remarks = tuple(
+        f"largest holding torque at {name}: {torque:.6g} N m"
+        for name, torque in largest.items()
+    )
+    return Findings({"largest_holding_torque_Nm": dict(largest)}, remarks=remarks)
+
+
+def _beside(each: list[Floats], empty: tuple[int, ...]) -> Floats:
+    """Return arrays (n, ...) of k things as rows (n k, ...), thing after thing."""
+    stacked = np.stack(each, axis=1) if each else np.zeros(empty)
+    return stacked.reshape(-1, *empty[2:])
+
+
+def _columns(mechanism: Mechanism, name: str, values: Floats) -> dict[str, Any]:
+    return {
+        name + column.removeprefix("q"): numbers
+        for column, numbers in input_columns(mechanism, values).items()
+    }

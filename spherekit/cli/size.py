@@ -1,0 +1,85 @@
+"""`spherekit size`: sizes for a wanted function, from a file."""
+
+import argparse
+import sys
+
+from spherekit.cli.suggest import files, suggesting
+from spherekit.conventions import counted
+
+EXAMPLES = (
+    (
+        "spherekit size examples/sizing/function.toml",
+        "a four-bar whose rocker follows a function",
+    ),
+    (
+        "spherekit size examples/sizing/torque.toml --designs 65536 -o found.toml",
+        "a longer search, and the file of the best mechanism",
+    ),
+)
+
+SHOWN = 5
+"""Designs that are printed."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    suggesting(
+        parser.add_argument("file", metavar="FILE", help="sizing file"),
+        lambda prefix, _: files(prefix, ".toml"),
+    )
+    parser.add_argument(
+        "--designs",
+        type=int,
+        default=16384,
+        metavar="N",
+        help="designs that are looked at first; default 16384",
+    )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        default=12,
+        metavar="K",
+        help="from how many of the best the objective is followed down; default 12",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="K", help="of the designs; default 0"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="write the file of the best mechanism here"
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Find sizes, and print the best designs."""
+    from spherekit.errors import DesignError
+    from spherekit.files.write import dump
+    from spherekit.front.size import size_of
+
+    for name in ("designs", "starts"):
+        if getattr(options, name) < 1:
+            raise DesignError(f"--{name} {getattr(options, name)}: give at least 1")
+    found = size_of(
+        options.file, designs=options.designs, starts=options.starts, seed=options.seed
+    )
+    if not options.quiet:
+        frame = found.frame()
+        units = frame.attrs["units"]
+        print(
+            f"{found.sizing.sweep.mechanism.name}: {counted(found.explored, 'design')} "
+            f"looked at, conditions held in {counted(found.feasible, 'row')}, the least "
+            f"objective there {found.before:.6g}; after descents {found.objective[0]:.6g}"
+        )
+        hidden = [name for name in frame.columns if name in found.sizing.matched]
+        shown = frame.drop(columns=hidden).head(SHOWN)
+        shown.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in shown.columns]
+        print(shown.to_string(index=False, float_format="%.8g"))
+        if len(frame) > SHOWN:
+            print(f"... {counted(len(frame) - SHOWN, 'more design')}")
+    sys.stdout.flush()
+    if options.output is not None:
+        dump(found.mechanism(), options.output)
+        if not options.quiet:
+            print(f"the best in {options.output}", file=sys.stderr)
+    elif not options.quiet:
+        print("nothing was written: use -o FILE for the best mechanism", file=sys.stderr)
+    return 0

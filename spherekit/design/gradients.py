@@ -1,0 +1,104 @@
+"""Figures of merit of one design in one assembly mode, with exact gradients."""
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+
+from spherekit.analysis.merit import Merit
+from spherekit.design.evaluate import Evaluator, in_mode
+from spherekit.engine.arrays import ArrayFunction, array_function
+from spherekit.engine.derivatives import derivatives
+from spherekit.engine.design_kernel import SAMPLE, design_kernel
+from spherekit.engine.expression_graph import symbols
+from spherekit.engine.expression_terms import expression_terms
+from spherekit.model.expression import Expression
+from spherekit.sphere.rotation import Floats
+
+
+@final
+class FigureGradients:
+    """The figures of an evaluator with their derivatives by its variables.
+
+    Of the least and the greatest value it is the derivative at the sample where that is.
+    """
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self.evaluator = evaluator
+        terms = evaluator.terms()
+        self._kernel = design_kernel(terms, evaluator.columns, gradients=True)
+        names = [*SAMPLE, *evaluator.columns]
+        self._functions = [
+            with_derivatives(expression, names) for expression in evaluator.expressions
+        ]
+
+    def at(self, values: Floats, signs: Sequence[float]) -> tuple[Floats, Floats, float]:
+        """Return figures (m,), gradients (m, variables), and the share that closes.
+
+        Values (variables,) are in rad and SI, figures and gradients too.
+        """
+        merits = self.evaluator.merits
+        figures = np.full(len(merits), np.nan)
+        gradients = np.full((len(merits), len(values)), np.nan)
+        evaluator = self.evaluator
+        every = self._rows(values, signs, evaluator.samples.rows)
+        points = evaluator.points()
+        there = self._rows(values, signs, points) if len(points) else every
+        for k, merit in enumerate(merits):
+            closed, quantities, changes = every if merit.point is None else there
+            if merit.point is not None:
+                closed = closed & (points[:, 0] == merit.point)
+            if np.any(closed):
+                figures[k], gradients[k] = self._reduced(
+                    merit, k, quantities[:, closed], changes[:, :, closed]
+                )
+        return figures, gradients, float(np.mean(every[0]))
+
+    def _rows(
+        self, values: Floats, signs: Sequence[float], samples: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return who closes (n,), quantities (c, n) and derivatives (variables, c, n)."""
+        columns, count = len(self._kernel.columns), len(values)
+        prepared = self._kernel.prepare(values[:, None])
+        closed, found = [], []
+        with np.errstate(all="ignore"):
+            for sample, rows, who in in_mode(self._kernel, prepared, signs, samples):
+                closed.append(bool(who[0]))
+                found.append(np.concatenate([sample, rows[:, 0]]))
+        whole = np.array(found).T
+        fixed = len(SAMPLE)
+        changes = np.zeros((count, fixed + columns, len(samples)))
+        changes[:, fixed:] = whole[fixed + columns :].reshape(count, columns, -1)
+        return np.array(closed), whole[: fixed + columns], changes
+
+    def _reduced(
+        self, merit: Merit, k: int, quantities: Floats, changes: Floats
+    ) -> tuple[float, Floats]:
+        both = self._functions[k](np.ascontiguousarray(quantities))
+        value, partial = both[0], both[1:]
+        slope = np.einsum("cn,vcn->vn", partial, changes)
+        match merit.reduction:
+            case "min" | "max":
+                place = int(np.argmin(value if merit.reduction == "min" else -value))
+                return float(value[place]), slope[:, place]
+            case "range" | "swing":
+                if merit.reduction == "swing":
+                    value = np.unwrap(value)
+                low, high = int(np.argmin(value)), int(np.argmax(value))
+                return float(value[high] - value[low]), slope[:, high] - slope[:, low]
+            case "mean" | "sum" | "at":
+                share = 1.0 if merit.reduction == "sum" else 1.0 / len(value)
+                return float(share * np.sum(value)), share * np.sum(slope, axis=1)
+            case "rms":
+                size = float(np.sqrt(np.mean(value * value)))
+                return size, np.mean(value * slope, axis=1) / max(size, 1e-300)
+        place = int(np.argmin(value if merit.reduction == "argmin" else -value))
+        return float(quantities[0, place]), np.full(len(slope), np.nan)
+
+
+def with_derivatives(expression: Expression, names: Sequence[str]) -> ArrayFunction:
+    """Return a function of named rows: the expression, then its derivative by each."""
+    terms = symbols(names)
+    item = expression_terms(expression, dict(zip(names, terms, strict=True)))
+    partial = [derivatives([item], term)[0] for term in terms]
+    return array_function([item, *partial], terms)

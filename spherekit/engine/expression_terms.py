@@ -1,0 +1,41 @@
+"""Expressions of users as terms, so that they have exact derivatives."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from spherekit.engine.expression_graph import Expr, function, power
+from spherekit.model.expression import Expression, fold
+
+
+def _size(x: Expr) -> Expr:
+    return x * function("sign", x)
+
+
+def _larger(*items: Expr) -> Expr:
+    best = items[0]
+    for item in items[1:]:
+        best = 0.5 * (best + item + _size(best - item))
+    return best
+
+
+_BY_TERMS: Mapping[str, Callable[..., Expr]] = {
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "/": lambda a, b: a / b,
+    "**": power,
+    "negative": lambda a: -1.0 * a,
+    "abs": _size,
+    "max": _larger,
+    "min": lambda *items: -1.0 * _larger(*(-1.0 * each for each in items)),
+}
+
+
+def expression_terms(expression: Expression, named: Mapping[str, Expr]) -> Expr:
+    """Return an expression in terms, from the terms of its names."""
+
+    def apply(name: str, parts: list[Any]) -> Expr:
+        made = _BY_TERMS.get(name)
+        return made(*parts) if made else function(name, *parts)
+
+    return fold(expression.root, float, lambda name: named[name], apply)

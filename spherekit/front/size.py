@@ -1,0 +1,109 @@
+"""A sizing from a file."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from spherekit.checked import checked
+from spherekit.design.sizing import Sized, Sizing, size
+from spherekit.design.space import DesignSpace, between
+from spherekit.design.sweep import DEG
+from spherekit.errors import DesignError
+from spherekit.files.change import document_of
+from spherekit.files.check import check
+from spherekit.files.document import Document, parse, read_text
+from spherekit.files.library import shipped
+from spherekit.front.sweep import sweep_of
+
+SAMPLES, DESIGNS = 181, 16384
+
+
+@checked(DesignError)
+def size_of(
+    path: str | os.PathLike[str],
+    *,
+    designs: int = DESIGNS,
+    starts: int = 12,
+    seed: int = 0,
+) -> Sized:
+    """Return the designs that a sizing file asks for, best first.
+
+    Parameters
+    ----------
+    path
+        A sizing file: a mechanism, the sizes that vary, figures, precision points, an
+        objective and conditions.
+    designs, seed
+        How many designs of a scrambled Sobol sequence are looked at first.
+    starts
+        From how many of the best rows the objective is followed down.
+
+    Raises
+    ------
+    FileError
+        With one line for each fault in the file.
+    DesignError
+        If an expression has other names, or no design meets the conditions.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> sized = sk.size_of("examples/sizing/torque.toml", designs=512, starts=2)
+    >>> sized.mechanism().name
+    'four_bar'
+    """
+    return size(sizing_of(path, designs, seed), starts)
+
+
+def sizing_of(
+    path: str | os.PathLike[str], designs: int = DESIGNS, seed: int = 0
+) -> Sizing:
+    """Return what a sizing file asks for."""
+    document = parse(read_text(Path(path)), str(path))
+    check(document, "sizing")
+    data = document.data
+    variations = [between(key, *map(float, ends)) for key, ends in data["vary"].items()]
+    figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
+    subject = _mechanism(data["mechanism"], Path(path).parent)
+    degrees = document_of(subject).data["angle_unit"] == "deg"
+    missed = _missed(document, data.get("match"), degrees)
+    sweep = sweep_of(
+        subject,
+        DesignSpace.of(variations, designs, "sobol", seed),
+        [*figures, *missed.values()],
+        samples=data.get("samples", SAMPLES),
+    )
+    sweep = replace(sweep, where=tuple(data.get("where", ())))
+    return Sizing(sweep, data["minimise"], tuple(missed))
+
+
+def _mechanism(wanted: str, folder: Path) -> str | Path:
+    known = any(wanted in pack.files for pack in shipped())
+    return wanted if known else folder / wanted
+
+
+def _missed(
+    document: Document, match: Mapping[str, Any] | None, degrees: bool
+) -> dict[str, str]:
+    """Return the figures that say by how much each precision point is missed."""
+    if match is None:
+        return {}
+    inputs, values = match["at"], match["values"]
+    if len(inputs) != len(values):
+        raise document.fault(
+            ("match", "values"),
+            f"has {len(values)} values for {len(inputs)} inputs; give one for each",
+        )
+    quantity = match["quantity"]
+    made = {}
+    for k, (place, value) in enumerate(zip(inputs, values, strict=True)):
+        name = f"missed_{k + 1}"
+        if quantity.startswith(("theta_", "transmission_angle_")):
+            unit = DEG if degrees else 1.0
+            miss = f"{2.0 / unit!r}*sin(0.5*({quantity} - ({value * unit!r})))"
+        else:
+            miss = f"{quantity} - ({value!r})"
+        made[name] = f"{name}=at({miss}, {place!r})"
+    return made

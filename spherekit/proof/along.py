@@ -1,0 +1,215 @@
+"""Where a variable stops along a chain: proven places, one in each, and none elsewhere.
+
+Along a piece, z' = t + N w with (F_z N) w = -F_z t, so bounds of F_z in the piece are
+bounds of the rates of all variables, and bounds of F_zz those of the rates' derivatives.
+Between two neighbouring centres a rate that cannot vanish has no zero; one whose derivative
+cannot vanish has one zero if its signs at both centres differ, and none if they do not.
+All others are cut in two.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from spherekit.proof.chains import Chain
+from spherekit.proof.equations import Equations
+from spherekit.proof.tubes import UP, Piece, Test, corrected, frame_at, local, piece_at
+from spherekit.sphere.rotation import Floats
+
+DEEPEST = 40
+"""How often a part of a curve is cut in two at most."""
+NEAREST = 1e-9
+"""Length (rad) of the part of a curve in which a zero is shown, about."""
+STEPS = 60
+
+
+@final
+@dataclass(frozen=True)
+class Rates:
+    """Bounds of the rates (v,) by s in a part of a piece, and of their derivatives."""
+
+    low: Floats
+    high: Floats
+    bend_low: Floats
+    bend_high: Floats
+
+    def sign(self, variable: int) -> int:
+        """Return the sign that the rate of a variable has throughout, 0 if none."""
+        return int(self.low[variable] > 0.0) - int(self.high[variable] < 0.0)
+
+    def bend(self, variable: int) -> int:
+        """Return the sign that the rate's derivative has throughout, 0 if none."""
+        return int(self.bend_low[variable] > 0.0) - int(self.bend_high[variable] < 0.0)
+
+
+def rates(piece: Piece, half: float) -> Rates:
+    """Return bounds of the rates where |s| <= half."""
+    at, t, normals = piece.at, piece.frame[:, 0], piece.frame[:, 1:]
+    test = Test(at, t, normals, piece.inverse)
+    rows = float(np.max(np.sum(test.contraction(half, piece.radius), axis=1))) * UP
+    tight = float(np.max(test.displacement(half))) / (1.0 - rows) * UP
+    rows = float(np.max(np.sum(test.contraction(half, tight), axis=1))) * UP
+    spare = 1.0 - rows
+    change = test.sums(half, tight)
+    inverse = test.inverse
+    along = test.along
+    crossed = np.sum(np.abs(np.einsum("ijl,j,lc->ic", at.curvatures, t, normals)), axis=1)
+    third = 0.5 * at.constant * change**2 + at.error * (1.0 + change)
+    slope = test.moved[:, 1] + half * test.moved[:, 2]
+    slope = slope + inverse @ (crossed * tight + third * along)
+    across = float(np.max(slope)) / spare * UP
+    spread = np.sum(np.abs(normals), axis=1) * across * UP
+    bend = -piece.inverse @ np.einsum("ijl,j,l->i", at.curvatures, t, t)
+    size = np.abs(t) + spread
+    ways = at.degrees @ size
+    varied = (at.constant * change + at.error) * ways**2
+    varied = varied + np.einsum(
+        "ijl,j,l->i", np.abs(at.curvatures), np.abs(t) + size, spread
+    )
+    off = inverse @ varied + 1e-13 * (1.0 + inverse @ (at.constant * ways**2))
+    off = (off + rows / spare * np.max(np.abs(bend) + off)) * UP
+    middle = normals @ bend
+    reach = np.abs(normals) @ off * UP + 1e-15 * (1.0 + np.abs(normals) @ np.abs(bend))
+    return Rates(t - spread, t + spread, middle - reach, middle + reach)
+
+
+@final
+@dataclass(frozen=True)
+class Stop:
+    """A configuration where one variable stops along a curve, and nowhere else near it.
+
+    `place` (v,) is off by at most `off` (rad) in every variable. `before` is the sign of
+    the rate before it, in the sense of the chain, in which it comes `after` the centre of
+    the piece of that number.
+    """
+
+    place: Floats
+    off: float
+    before: int
+    after: int = 0
+
+
+def stops(equations: Equations, chain: Chain, variable: int) -> tuple[list[Stop], int]:
+    """Return where a variable stops along a chain, and how many parts are undecided."""
+    found: list[Stop] = []
+    undecided = 0
+    for number, (piece, centre, off) in enumerate(_parts(chain)):
+        for each in _within(equations, piece, centre, off, variable, 0):
+            if each is None:
+                undecided += 1
+            else:
+                found.append(replace(each, after=number))
+    return found, undecided
+
+
+def _parts(chain: Chain) -> Iterator[tuple[Piece, Floats, float]]:
+    """Yield every piece with the centre of the next one, and by how much that is off."""
+    pieces: Sequence[Piece] = chain.pieces
+    following = [*pieces[1:], *(pieces[:1] if chain.closed else ())]
+    for piece, further in zip(pieces, following, strict=False):
+        yield piece, further.centre, further.miss
+
+
+def _within(
+    equations: Equations,
+    piece: Piece,
+    goal: Floats,
+    off: float,
+    variable: int,
+    depth: int,
+) -> Iterator[Stop | None]:
+    """Yield the zeros of a rate from a piece's centre to a goal in it; None: undecided."""
+    reach = float(piece.coordinates(goal[None])[0, 0]) + off + 1e-13
+    here = rates(piece, min(reach, piece.half))
+    if here.sign(variable):
+        return
+    if here.bend(variable):
+        start = rates(piece, 0.0).sign(variable)
+        end = _sign_at(equations, piece, goal, variable)
+        if start and end:
+            if start != end:
+                yield _place(equations, piece, goal, variable, start)
+            return
+    middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
+    if middle is None or depth >= DEEPEST or not middle.holds(goal, off):
+        yield None
+        return
+    yield from _within(equations, piece, middle.centre, middle.miss, variable, depth + 1)
+    yield from _within(equations, middle, goal, off, variable, depth + 1)
+
+
+def _sign_at(equations: Equations, piece: Piece, goal: Floats, variable: int) -> int:
+    """Return the sign of a rate at a configuration in a piece, in the piece's sense."""
+    there = piece_at(equations, goal, piece.tangent, 1e-3)
+    if there is None or not there.tangent @ piece.tangent > 1e-3:
+        return 0
+    return rates(there, 0.0).sign(variable)
+
+
+def _middle(equations: Equations, piece: Piece, goal: Floats, part: float) -> Piece | None:
+    """Return a piece around a configuration between a piece's centre and a goal in it."""
+    apart = np.remainder(goal - piece.centre + np.pi, 2 * np.pi) - np.pi
+    place = corrected(equations, piece.centre + part * apart)
+    if place is None:
+        return None
+    reach = float(piece.coordinates(goal[None])[0, 0])
+    there = float(piece.coordinates(place[None])[0, 0])
+    found = piece_at(equations, place, piece.tangent, 2.0 * reach)
+    if found is None or not 0.0 < there < reach or not piece.holds(place, found.miss):
+        return None
+    forward = found.coordinates(goal[None])[0, 0] > 0.0
+    return found if forward and found.tangent @ piece.tangent > 1e-3 else None
+
+
+def _place(
+    equations: Equations, piece: Piece, goal: Floats, variable: int, before: int
+) -> Stop:
+    """Return the only zero of a rate from a piece's centre to a goal, near its place."""
+    start = piece.centre
+    ends = [start, start + _apart(start, goal)]
+    rate = [_rate(equations, piece, end, variable) for end in ends]
+    wide = float(np.max(np.abs(ends[1] - start)))
+    for step in range(STEPS):
+        length = float(np.max(np.abs(ends[1] - ends[0])))
+        if length < NEAREST:
+            break
+        part = 0.5
+        if step % 3 < 2 and rate[0] * rate[1] < 0.0:
+            part = rate[0] / (rate[0] - rate[1])
+            # a little to the farther side, so that both ends move
+            part = float(
+                np.clip(part + (0.25 * NEAREST / length) * (1 - 2 * (step % 2)), 0, 1)
+            )
+        place = corrected(equations, ends[0] + part * (ends[1] - ends[0]))
+        if place is None:
+            break
+        small = piece_at(equations, place, piece.tangent, 1e-3, 1e-12)
+        if small is None or not piece.holds(place, small.miss):
+            break
+        sign = rates(small, 0.0).sign(variable)
+        if sign == 0:
+            break
+        side = int(sign != before)
+        ends[side], rate[side] = place, float(small.tangent[variable])
+    middle = corrected(equations, 0.5 * (ends[0] + ends[1]))
+    if middle is None:
+        return Stop(start, 2.0 * wide + piece.tight, before)
+    length = float(np.max(np.abs(ends[1] - ends[0])))
+    around = piece_at(equations, middle, piece.tangent, max(4.0 * length, 1e-8), 1e-12)
+    inside = around is not None and all(around.holds(end, 1e-10) for end in ends)
+    if around is None or not inside or not piece.holds(middle, around.miss):
+        return Stop(start, 2.0 * wide + piece.tight, before)
+    reach = max(float(np.max(np.abs(around.coordinates(end[None])))) for end in ends)
+    return Stop(middle, 2.0 * (reach + around.tight) + 1e-10, before)
+
+
+def _rate(equations: Equations, piece: Piece, place: Floats, variable: int) -> float:
+    """Return a rate at a configuration in the sense of a piece, in float64."""
+    frame = frame_at(local(equations, place).slopes, piece.tangent)
+    return 0.0 if frame is None else float(frame[variable, 0])
+
+
+def _apart(one: Floats, other: Floats) -> Floats:
+    return np.asarray(np.remainder(other - one + np.pi, 2 * np.pi) - np.pi)

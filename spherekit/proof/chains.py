@@ -1,0 +1,148 @@
+"""Configuration curves as chains of pieces, each with the centre of the next one in it."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.proof.equations import Equations
+from spherekit.proof.tubes import LONGEST, Piece, corrected, piece_at
+from spherekit.sphere.rotation import Floats
+
+FORWARD = 0.9
+"""Where the next centre is looked for, over the half length of a piece."""
+MOST_PIECES = 6000
+LONGER = 1.6
+"""How much longer than the last the next piece is tried."""
+
+
+@final
+@dataclass(frozen=True)
+class Chain:
+    """A curve, or the part of it that goes through the range of the input.
+
+    Every piece but the last has the centre of the next one in it; if `closed`, the last has
+    that of the first, up to whole turns. Else both ends are beyond the range, or `problem`
+    says why the chain does not go on.
+    """
+
+    pieces: tuple[Piece, ...]
+    closed: bool
+    problem: str = ""
+    first: int = 0
+
+    @property
+    def start(self) -> Piece:
+        """The piece that the chain was followed from."""
+        return self.pieces[self.first]
+
+
+def laps(chain: Chain) -> bool:
+    """Return whether a chain may come through its start a second time."""
+    start, pieces = chain.start, chain.pieces
+    following = [*pieces[1:], *(pieces[:1] if chain.closed else ())]
+    before = (chain.first - 1) % len(pieces)
+    for number, (piece, further) in enumerate(zip(pieces, following, strict=False)):
+        if number in (chain.first, before):
+            continue
+        s = piece.coordinates(start.centre[None])[0]
+        reach = piece.coordinates(further.centre[None])[0, 0]
+        inside = np.all(np.abs(s[1:]) <= piece.radius + 1e-9)
+        if inside and -1e-9 <= s[0] <= reach + 1e-9:
+            return True
+    return False
+
+
+def chain_through(
+    equations: Equations, start: Floats, low: float, high: float, whole: bool
+) -> Chain | None:
+    """Return the chain of pieces through a configuration, None if none is proven there.
+
+    `low` and `high` (rad) are the range of the input, of all turns if `whole`.
+    """
+    first = piece_at(equations, start, None, LONGEST)
+    if first is None:
+        return None
+    ahead, closed, problem = _followed(equations, first, first, low, high, whole)
+    if closed:
+        return Chain((first, *ahead), True)
+    turned = piece_at(equations, start, -first.tangent, LONGEST)
+    assert turned is not None
+    back, _, behind = _followed(equations, turned, None, low, high, whole)
+    flipped = [_turned(equations, piece) for piece in reversed([turned, *back])]
+    if any(piece is None for piece in flipped):
+        return Chain((first, *ahead), False, problem or "a piece is not proven backwards")
+    linked = [piece for piece in flipped if piece is not None][:-1]
+    whole_chain = _bridged(equations, [*linked, first, *ahead])
+    if whole_chain is None:
+        return Chain((first, *ahead), False, "two pieces do not meet")
+    where = next(k for k, piece in enumerate(whole_chain) if piece is first)
+    return Chain(tuple(whole_chain), False, problem or behind, where)
+
+
+def _turned(equations: Equations, piece: Piece) -> Piece | None:
+    """Return the piece around the same centre the other way round."""
+    return piece_at(equations, piece.centre, -piece.tangent, piece.half)
+
+
+def _bridged(equations: Equations, pieces: list[Piece]) -> list[Piece] | None:
+    """Return pieces with others between them where a centre is in no piece before it."""
+    linked = pieces[:1]
+    for piece in pieces[1:]:
+        for _ in range(64):
+            if linked[-1].holds(piece.centre, piece.miss):
+                break
+            further = _next(equations, linked[-1])
+            if further is None:
+                return None
+            linked.append(further)
+        else:
+            return None
+        linked.append(piece)
+    return linked
+
+
+def _next(equations: Equations, last: Piece, part: float = FORWARD) -> Piece | None:
+    """Return the piece that goes on from one, with its centre in that one."""
+    while part > 1e-3:
+        guess = last.centre + part * last.half * last.tangent
+        place = corrected(equations, guess)
+        if place is not None:
+            longest = min(LONGEST, LONGER * last.half)
+            further = piece_at(equations, place, last.tangent, longest)
+            ahead = further is not None and last.coordinates(place[None])[0, 0] > 0
+            if ahead and further is not None and last.holds(place, further.miss):
+                return further
+        part *= 0.6
+    return None
+
+
+def _followed(
+    equations: Equations,
+    start: Piece,
+    goal: Piece | None,
+    low: float,
+    high: float,
+    whole: bool,
+) -> tuple[list[Piece], bool, str]:
+    """Return the pieces after one, whether they come back to `goal`, and a problem."""
+    pieces: list[Piece] = []
+    last = start
+    gone = 0.0
+    driven = equations.variables - 1
+    while len(pieces) < MOST_PIECES:
+        if goal is not None and gone > 1.5 * goal.half:
+            beyond = last.coordinates(goal.centre[None])[0, 0] > 0
+            same = last.tangent @ goal.tangent > 0.5
+            if beyond and same and last.holds(goal.centre, goal.miss):
+                return pieces, True, ""
+        q = last.centre[driven]
+        if not whole and not low - last.tight <= q <= high + last.tight:
+            return pieces, False, ""
+        further = _next(equations, last)
+        if further is None:
+            return pieces, False, "a curve could not be followed to its end"
+        gone += float(np.linalg.norm(further.centre - last.centre))
+        pieces.append(further)
+        last = further
+    return pieces, False, f"a curve has more than {MOST_PIECES} pieces"

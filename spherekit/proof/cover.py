@@ -1,0 +1,69 @@
+"""Which boxes lie in some piece of some chain."""
+
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.proof.chains import Chain
+from spherekit.proof.tubes import UP
+from spherekit.sphere.rotation import Floats
+
+NEIGHBOURS = 8
+"""Pieces with the nearest centres that a box is tried against."""
+TURN = 2.0 * np.pi
+
+
+@final
+class Cover:
+    """All pieces of chains, searched by place."""
+
+    def __init__(self) -> None:
+        self.chains: list[Chain] = []
+        self.count = 0
+
+    def add(self, chain: Chain) -> None:
+        """Take a chain."""
+        from scipy.spatial import cKDTree
+
+        self.chains.append(chain)
+        pieces = [piece for each in self.chains for piece in each.pieces]
+        self.count = len(pieces)
+        self._centres = np.array([piece.centre for piece in pieces])
+        self._frames = np.array([piece.frame for piece in pieces])
+        across = self._centres.shape[1] - 1
+        self._limits = np.array([[p.half, *[p.radius] * across] for p in pieces])
+        box = np.full(across + 1, TURN)
+        self._tree = cKDTree(_turned(self._centres), boxsize=box)
+
+    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
+        """Return whether boxes (n, v) of radii (n, v) are inside a piece."""
+        out = np.zeros(len(centres), dtype=bool)
+        if not self.count:
+            return out
+        small = np.flatnonzero(np.max(radii, axis=1) < np.max(self._limits))
+        tried = min(NEIGHBOURS, self.count)
+        _, near = self._tree.query(_turned(centres[small]), k=tried)
+        near = np.asarray(near).reshape(len(small), tried)
+        for column in range(tried):
+            left = np.flatnonzero(~out[small])
+            rows, pieces = small[left], near[left, column]
+            frames = self._frames[pieces]
+            apart = centres[rows] - self._centres[pieces]
+            apart = np.remainder(apart + np.pi, TURN) - np.pi
+            inside = np.abs(np.einsum("nv,nvw->nw", apart, frames))
+            inside += np.einsum("nv,nvw->nw", radii[rows], np.abs(frames)) * UP + 1e-13
+            out[rows] = np.all(inside <= self._limits[pieces], axis=1)
+        return out
+
+    def holds(self, place: Floats, off: float) -> bool:
+        """Return whether a configuration that is off by at most `off` may be in a piece."""
+        apart = np.remainder(place - self._centres + np.pi, TURN) - np.pi
+        inside = np.abs(np.einsum("nv,nvw->nw", apart, self._frames)) - off - 1e-13
+        return bool(np.any(np.all(inside <= self._limits, axis=1)))
+
+
+def _turned(places: Floats) -> Floats:
+    """Return angles in [0, 2 pi)."""
+    turned = np.remainder(places, TURN)
+    return np.asarray(np.where(turned >= TURN, 0.0, turned))

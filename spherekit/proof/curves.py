@@ -1,0 +1,299 @@
+"""All configuration curves over a range of one input, proven complete.
+
+Chains of pieces are found from boxes that paving cannot decide, until every box is proven
+empty or lies in a piece, in which there is one arc. So the arcs are all configurations.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cached_property
+from itertools import pairwise
+from typing import final
+
+import numpy as np
+
+from spherekit.errors import PlanError
+from spherekit.guarantee import Claim, Guarantee
+from spherekit.proof.along import Stop, stops
+from spherekit.proof.balls import bits, exact, middle, pi, upper
+from spherekit.proof.chains import Chain, chain_through, laps
+from spherekit.proof.construction import Construction, construct
+from spherekit.proof.cover import TURN, Cover
+from spherekit.proof.equations import Equations
+from spherekit.proof.paving import FIRST, Axis, Paved, paved
+from spherekit.proof.tubes import Piece, corrected
+from spherekit.proof.written import Written
+from spherekit.sphere.rotation import Floats
+
+PRECISION = 80
+SMALLEST = 3e-5
+"""Boxes (rad) are not halved further."""
+MOST_BOXES = 6_000_000
+SEEDING = 0.12
+"""Boxes (rad) so small are looked into for curves not known yet."""
+MOST_VAIN = 400
+"""Boxes looked into without a new curve, after which none are."""
+TRIED = 6
+"""Boxes of each batch that are looked into."""
+
+
+@final
+@dataclass(frozen=True)
+class CertifiedCurves:
+    """What is proven of the configuration curves over a range of the only input.
+
+    `low` and `high` (rad), a whole turn if `whole`. Every closed configuration of the
+    range is on one of the `chains`, or in one of the boxes left over in `paving`.
+    `stopping` holds for each chain where the input stops along it, and how many parts are
+    undecided.
+    """
+
+    written: Written
+    construction: Construction
+    equations: Equations
+    range_text: tuple[str, str]
+    low: float
+    high: float
+    whole: bool
+    chains: tuple[Chain, ...]
+    paving: Paved
+    problems: tuple[str, ...]
+
+    @property
+    def driven(self) -> int:
+        """The number of the input's variable."""
+        return self.construction.unknowns
+
+    @cached_property
+    def stopping(self) -> tuple[tuple[list[Stop], int], ...]:
+        """Where the input stops along each chain: type II, dead centres of the input."""
+        return self.stops_of(self.driven)
+
+    def stops_of(self, variable: int) -> tuple[tuple[list[Stop], int], ...]:
+        """Return where a variable stops along each chain, and undecided parts."""
+        with bits(PRECISION):
+            return tuple(stops(self.equations, chain, variable) for chain in self.chains)
+
+    @property
+    def undecided(self) -> list[tuple[float, float]]:
+        """Parts of the range (rad) at which configurations may be missing."""
+        centres, radii = self.paving.centres, self.paving.radii
+        if not len(centres):
+            return []
+        q, r = centres[:, self.driven], radii[:, self.driven]
+        order = np.argsort(q - r)
+        parts: list[tuple[float, float]] = []
+        for low, high in zip((q - r)[order], (q + r)[order], strict=True):
+            if parts and low <= parts[-1][1] + 1e-12:
+                parts[-1] = parts[-1][0], max(parts[-1][1], float(high))
+            else:
+                parts.append((float(low), float(high)))
+        return parts
+
+    def inside(self, q: float) -> float | None:
+        """Return an input less whole turns if it is in the range, else None."""
+        turned = self.low + np.remainder(q - self.low, TURN)
+        for each in (turned, turned - TURN):
+            if self.low - 1e-9 <= each <= self.high + 1e-9:
+                return float(each)
+        return None
+
+    @cached_property
+    def turning_points(self) -> list[float]:
+        """Inputs (rad) in the range at which two modes meet, in order."""
+        places = [stop.place[self.driven] for found, _ in self.stopping for stop in found]
+        return sorted(q for q in (self.inside(float(p)) for p in places) if q is not None)
+
+    def modes_at(self, q: float) -> int:
+        """Return the number of modes at an input (rad) that is no turning point."""
+        return sum(_crossings(low, high, q) for low, high in self.segments)
+
+    @cached_property
+    def segments(self) -> list[tuple[float, float]]:
+        """The inputs (rad, turns counted) that each part of a chain without stops spans."""
+        found = []
+        for chain, (stopped, _) in zip(self.chains, self.stopping, strict=True):
+            found += _segments(chain, stopped, self.driven)
+        return found
+
+    @cached_property
+    def intervals(self) -> list[tuple[float, float, int]]:
+        """The range cut at turning points (rad), with the number of modes of each part."""
+        edges = [self.low, *self.turning_points, self.high]
+        return [
+            (low, high, self.modes_at(0.5 * (low + high)))
+            for low, high in pairwise(edges)
+            if high - low > 1e-12
+        ]
+
+    @cached_property
+    def claim(self) -> Claim:
+        """What is guaranteed, and what that rests on."""
+        pieces = sum(len(chain.pieces) for chain in self.chains)
+        rests = (
+            f"{len(self.chains)} curves of {pieces} pieces with one arc each, "
+            f"{self.paving.looked_at} boxes"
+        )
+        parts = self.undecided
+        doubtful = sum(count for _, count in self.stopping)
+        if parts:
+            widest = max(high - low for low, high in parts)
+            return Claim(
+                Guarantee.TO_BOX,
+                f"{len(parts)} parts of the range are undecided; elsewhere {rests}",
+                max(widest, float(2.0 * np.max(self.paving.radii))),
+            )
+        if self.problems or doubtful:
+            words = (
+                self.problems[0]
+                if self.problems
+                else (f"{doubtful} parts in which the input may stop are undecided")
+            )
+            return Claim(Guarantee.COMPONENT, f"{words}; {rests}")
+        return Claim(Guarantee.CERTIFIED, f"all configurations; {rests}")
+
+
+def _crossings(low: float, high: float, q: float) -> int:
+    """Return how often an input, of any turn, lies between two."""
+    first, last = sorted((low, high))
+    return int(np.floor((last - q) / TURN) - np.floor((first - q) / TURN))
+
+
+def _segments(
+    chain: Chain, stopped: Sequence[Stop], driven: int
+) -> list[tuple[float, float]]:
+    """Return the spans of the input between its stops along a chain."""
+    ends: list[float] = []
+    q = float(chain.pieces[0].centre[driven])
+    start = q
+    following = [*chain.pieces[1:], *(chain.pieces[:1] if chain.closed else ())]
+    for number, (piece, further) in enumerate(zip(chain.pieces, following, strict=False)):
+        for stop in stopped:
+            if stop.after == number:
+                ends.append(q + _apart(piece.centre[driven], stop.place[driven]))
+        q += _apart(piece.centre[driven], further.centre[driven])
+    if not ends:
+        return [(start, q)]
+    spans = list(pairwise(ends))
+    if chain.closed:
+        # the last one goes on into the first, as many turns on
+        return [*spans, (ends[-1], ends[0] + (q - start))]
+    return [(start, ends[0]), *spans, (ends[-1], q)]
+
+
+def _apart(one: float, other: float) -> float:
+    """Return the shorter way from one angle to another."""
+    return float(np.remainder(other - one + np.pi, TURN) - np.pi)
+
+
+def certified_curves(
+    written: Written,
+    range_text: tuple[str, str],
+    construction: Construction | None = None,
+    smallest: float = SMALLEST,
+    most: int = MOST_BOXES,
+) -> CertifiedCurves:
+    """Return all configuration curves over a range of the only input, as far as proven.
+
+    Parameters
+    ----------
+    written
+        The mechanism, with one input.
+    range_text
+        The ends of the range as decimal numbers in the unit of the file.
+    construction
+        By default that of `construct`.
+    smallest, most
+        Least radius of boxes (rad), and how many are looked at.
+
+    Raises
+    ------
+    PlanError
+        If the mechanism is none that proofs are for.
+    """
+    made = construction or construct(written.mechanism)
+    with bits(PRECISION):
+        equations = Equations(written, made)
+        low, high = (written.input_angle(text) for text in range_text)
+        turns = middle(high - low) / TURN
+        exact_turn = _whole_turn(written, range_text)
+        if turns > 1.0 and not exact_turn:
+            raise PlanError(
+                f"{written.mechanism.name}: {range_text[0]} to {range_text[1]} is more "
+                "than a turn, after which everything returns; give at most one"
+            )
+        axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(made.unknowns)]
+        axes.append(Axis(low, 2 * pi()) if exact_turn else Axis(low, high - low))
+        search = _Search(equations, middle(low), middle(high), exact_turn)
+        done = paved(equations, axes, search.cover.covers, search.look, smallest, most)
+        assert upper(high - low) > 0.0
+    return CertifiedCurves(
+        written,
+        made,
+        equations,
+        range_text,
+        middle(low),
+        middle(high),
+        search.whole,
+        tuple(search.cover.chains),
+        done,
+        tuple(search.problems()),
+    )
+
+
+def _whole_turn(written: Written, range_text: tuple[str, str]) -> bool:
+    """Return whether a range in degrees is exactly one turn."""
+    low, high = (Decimal(text) for text in range_text)
+    return written.document.data["angle_unit"] == "deg" and high - low == 360
+
+
+@final
+class _Search:
+    """Finds curves in boxes that are not decided."""
+
+    def __init__(self, equations: Equations, low: float, high: float, whole: bool) -> None:
+        self.equations, self.low, self.high, self.whole = equations, low, high, whole
+        self.cover = Cover()
+        self.overlapping = False
+        self.vain = 0
+
+    def look(self, centres: Floats, radii: Floats) -> None:
+        """Look for curves that go through boxes."""
+        small = np.flatnonzero(np.max(radii, axis=1) < SEEDING)
+        for row in small[:: max(1, len(small) // TRIED)] if self.vain < MOST_VAIN else ():
+            self.vain += 1
+            place = corrected(self.equations, centres[row])
+            if place is None:
+                continue
+            reach = 4.0 * float(np.max(radii[row]))
+            if float(np.max(np.abs(place - centres[row]))) > reach:
+                continue
+            if self.cover.count and self.cover.holds(place, 0.0):
+                continue
+            chain = chain_through(self.equations, place, self.low, self.high, self.whole)
+            if chain is None or self._known(chain.start):
+                continue
+            if self.cover.count and not chain.closed:
+                within = (p for p in chain.pieces if self.in_range(float(p.centre[-1])))
+                if any(self.cover.holds(piece.centre, piece.miss) for piece in within):
+                    self.overlapping = True
+            self.cover.add(chain)
+            self.vain = 0
+
+    def _known(self, start: Piece) -> bool:
+        """Return whether a configuration found is on a curve known already."""
+        return bool(self.cover.count) and self.cover.holds(start.centre, start.miss)
+
+    def in_range(self, q: float) -> bool:
+        """Return whether an input is in the range."""
+        return self.whole or self.low <= q <= self.high
+
+    def problems(self) -> list[str]:
+        """Return why chains are not whole curves, or not known to be different."""
+        found = [chain.problem for chain in self.cover.chains if chain.problem]
+        if self.overlapping:
+            found.append("two curves may be parts of one beyond the range")
+        if any(laps(chain) for chain in self.cover.chains):
+            found.append("a curve may have been gone round twice")
+        return found

@@ -1,0 +1,189 @@
+"""Proof that no configuration lies outside given pieces: space is cut into boxes.
+
+A box goes if an equation cannot vanish in it: |f| at its centre is more than its slopes and
+the bound of its second derivatives allow over the box. It goes too if it is inside a
+piece. All others are halved. What is left when boxes are small is undecided.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.proof.balls import Ball, circle, exact, middle, upper
+from spherekit.proof.equations import Equations
+from spherekit.proof.tubes import UP, values_and_slopes
+from spherekit.sphere.rotation import Floats
+
+CHUNK = 20000
+FIRST = -2.4
+"""Where turns of unknown angles begin (rad): at no place that special geometry prefers."""
+Bools = NDArray[np.bool_]
+
+
+@final
+class Axis:
+    """One variable over its range, cut in halves: centres, radii, cosines and sines.
+
+    `low` and `width` are balls (rad), exact or far narrower than a rounding.
+    """
+
+    def __init__(self, low: Ball, width: Ball) -> None:
+        self.low, self.width = low, width
+        self.start, self.extent = middle(low), middle(width)
+        self._known: dict[int, tuple[NDArray[np.int64], Floats]] = {}
+
+    def radii(self, levels: NDArray[np.int64]) -> Floats:
+        """Return half widths after so many halvings, rounded up."""
+        return np.asarray(upper(self.width) * UP * np.exp2(-1.0 - levels))
+
+    def centres(self, levels: NDArray[np.int64], places: NDArray[np.int64]) -> Floats:
+        """Return float64 numbers next to the centres."""
+        return np.asarray(self.start + self.extent * (places + 0.5) * np.exp2(-levels))
+
+    def turns(self, levels: NDArray[np.int64], places: NDArray[np.int64]) -> Floats:
+        """Return cosines and sines (n, 2) of the centres, each rounded once."""
+        out = np.empty((len(levels), 2))
+        for level in np.unique(levels):
+            rows = levels == level
+            wanted = np.unique(places[rows])
+            known, values = self._known.get(
+                int(level), (np.empty(0, dtype=np.int64), np.empty((0, 2)))
+            )
+            fresh = np.setdiff1d(wanted, known, assume_unique=True)
+            if len(fresh):
+                step = self.width * exact(2.0 ** -(int(level) + 1))
+                made = circle([self.low + step * (2 * int(place) + 1) for place in fresh])
+                known, values = (
+                    np.concatenate([known, fresh]),
+                    np.concatenate([values, made]),
+                )
+                order = np.argsort(known)
+                known, values = known[order], values[order]
+                self._known[int(level)] = known, values
+            out[rows] = values[np.searchsorted(known, places[rows])]
+        return out
+
+
+@final
+@dataclass
+class Boxes:
+    """Boxes (n, variables) by how often each side was halved, and which part they are."""
+
+    levels: NDArray[np.int64]
+    places: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.levels)
+
+    def take(self, rows: Bools | slice) -> "Boxes":
+        """Return some of them."""
+        return Boxes(self.levels[rows], self.places[rows])
+
+    def halved(self, sides: NDArray[np.intp]) -> "Boxes":
+        """Return both halves of each across its side in `sides` (n,)."""
+        rows = np.arange(len(self))
+        levels, places = self.levels.copy(), self.places.copy()
+        levels[rows, sides] += 1
+        places[rows, sides] *= 2
+        other = places.copy()
+        other[rows, sides] += 1
+        return Boxes(np.concatenate([levels, levels]), np.concatenate([places, other]))
+
+    @staticmethod
+    def joined(parts: Sequence["Boxes"]) -> "Boxes":
+        """Return all boxes of some."""
+        return Boxes(
+            np.concatenate([part.levels for part in parts]),
+            np.concatenate([part.places for part in parts]),
+        )
+
+
+@final
+@dataclass
+class Paved:
+    """What became of space: how many boxes were looked at, and those undecided.
+
+    `centres` and `radii` (n, variables) rad are those of the boxes left.
+    """
+
+    looked_at: int = 0
+    centres: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    radii: Floats = field(default_factory=lambda: np.empty((0, 0)))
+
+
+Covered = Callable[[Floats, Floats], Bools]
+"""Says which boxes of centres and radii (n, variables) are inside a piece."""
+Looked = Callable[[Floats, Floats], None]
+"""Is told the centres and radii of boxes that are not decided, to find pieces there."""
+
+
+def paved(
+    equations: Equations,
+    axes: Sequence[Axis],
+    covered: Covered,
+    looked: Looked,
+    smallest: float,
+    most: int,
+) -> Paved:
+    """Return which boxes of the axes' ranges may have configurations not in pieces.
+
+    Boxes whose largest radius is below `smallest` (rad) are not halved; after `most` boxes
+    none are.
+    """
+    bounds = equations.floats.bounds
+    count = len(axes)
+    zero = np.zeros((1, count), dtype=np.int64)
+    waiting = [Boxes(zero, zero)]
+    left: list[tuple[Floats, Floats]] = []
+    found = Paved()
+    while waiting:
+        boxes = waiting.pop()
+        if len(boxes) > CHUNK:
+            waiting.append(boxes.take(slice(CHUNK, None)))
+            boxes = boxes.take(slice(0, CHUNK))
+        found.looked_at += len(boxes)
+        radii = np.stack([a.radii(boxes.levels[:, j]) for j, a in enumerate(axes)], axis=1)
+        sides = [boxes.levels[:, j] for j in range(count)]
+        turns = np.stack(
+            [a.turns(sides[j], boxes.places[:, j]) for j, a in enumerate(axes)], axis=1
+        )
+        values, slopes = values_and_slopes(equations.floats.at(turns, 1), count)
+        change = radii @ bounds.degrees.T
+        reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
+        reach += 0.5 * bounds.constant * change**2 + bounds.error * (1.0 + change)
+        open_ = ~np.any(np.abs(values) > reach * UP, axis=1)
+        if not np.any(open_):
+            continue
+        boxes, radii, slopes = boxes.take(open_), radii[open_], slopes[open_]
+        centres = np.stack(
+            [a.centres(boxes.levels[:, j], boxes.places[:, j]) for j, a in enumerate(axes)],
+            axis=1,
+        )
+        largest = np.max(radii, axis=1)
+        kept = ~covered(centres, radii)
+        if np.any(kept):
+            looked(centres[kept], radii[kept])
+            kept[kept] = ~covered(centres[kept], radii[kept])
+        ended = kept & (largest < smallest)
+        if found.looked_at > most:
+            ended = kept
+        if np.any(ended):
+            left.append((centres[ended], radii[ended]))
+        kept &= ~ended
+        if np.any(kept):
+            weight = _weights(slopes[kept], bounds.degrees, radii[kept])
+            waiting.append(boxes.take(kept).halved(np.argmax(weight, axis=1)))
+    found.centres = np.concatenate([c for c, _ in left]) if left else np.empty((0, count))
+    found.radii = np.concatenate([r for _, r in left]) if left else np.empty((0, count))
+    return found
+
+
+def _weights(slopes: Floats, degrees: Floats, radii: Floats) -> Floats:
+    """Return by how much each side of boxes (n, v) keeps the equations undecided."""
+    norms = np.sqrt(np.sum(slopes**2, axis=2, keepdims=True)) + 1e-3
+    share = np.max(np.abs(slopes) / norms, axis=1)
+    floor = 0.2 * np.any(degrees > 0, axis=0)
+    return np.asarray(np.maximum(share, floor) * radii)

@@ -1,0 +1,100 @@
+"""Singularities over a range, proven: where the input or an output stops along the curves.
+
+An output that a pair joins to the link it is seen from turns about one axis, so it rests
+where that pair's variable stops: type I. The input rests where its own variable stops:
+type II. Where neither does, the curves are free of both.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.model.mechanism import Mechanism
+from spherekit.proof.along import Stop
+from spherekit.proof.curves import CertifiedCurves
+
+
+@final
+@dataclass(frozen=True)
+class CertifiedSingularity:
+    """A singular configuration of an output: exactly one within `stop.off` of its place.
+
+    `kind` is I, II, or "I or III" and "II or III" where the other one stops as near.
+    `q` (rad) is the input, `inside` whether it is in the range.
+    """
+
+    output: str
+    kind: str
+    curve: int
+    stop: Stop
+    q: float
+    inside: bool
+
+
+@final
+@dataclass(frozen=True)
+class CertifiedSingularities:
+    """All singularities of types I and II of outputs along certified curves.
+
+    `undecided` counts the parts in which one may be; `skipped` are outputs that no variable
+    of the construction is the rate of, of which only type II is known.
+    """
+
+    found: tuple[CertifiedSingularity, ...]
+    undecided: int
+    skipped: tuple[str, ...]
+
+
+def pair_of_output(mechanism: Mechanism, name: str) -> int | None:
+    """Return the pair that joins an output to what it is seen from, None without one."""
+    output = next(each for each in mechanism.outputs if each.name == name)
+    two = {output.link, output.relative_to}
+    for number, pair in enumerate(mechanism.pairs):
+        if set(pair.links) == two:
+            return number
+    return None
+
+
+def output_pairs(mechanism: Mechanism) -> list[int]:
+    """Return the pairs that join outputs to what they are seen from."""
+    pairs = (pair_of_output(mechanism, each.name) for each in mechanism.outputs)
+    return [pair for pair in pairs if pair is not None]
+
+
+def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
+    """Return the singularities of all declared outputs but the input itself."""
+    mechanism, made = curves.written.mechanism, curves.construction
+    found: list[CertifiedSingularity] = []
+    undecided = sum(count for _, count in curves.stopping)
+    skipped = []
+    for output in mechanism.outputs:
+        pair = pair_of_output(mechanism, output.name)
+        if pair == made.pairs[curves.driven]:
+            continue
+        known = pair is not None and pair in made.pairs
+        own = curves.stops_of(made.pairs.index(pair)) if known else None  # type: ignore[arg-type]
+        if own is None:
+            skipped.append(output.name)
+        for curve, (driven, _) in enumerate(curves.stopping):
+            resting, doubtful = own[curve] if own is not None else ([], 0)
+            undecided += doubtful
+            for kind, one, others in (("I", resting, driven), ("II", driven, resting)):
+                for stop in one:
+                    near = any(_meet(stop, other) for other in others)
+                    words = f"{kind} or III" if near else kind
+                    inside = curves.inside(float(stop.place[curves.driven]))
+                    q = float(stop.place[curves.driven]) if inside is None else inside
+                    found.append(
+                        CertifiedSingularity(
+                            output.name, words, curve, stop, q, inside is not None
+                        )
+                    )
+    found.sort(key=lambda each: (each.output, each.kind, each.q))
+    return CertifiedSingularities(tuple(found), undecided, tuple(skipped))
+
+
+def _meet(one: Stop, other: Stop) -> bool:
+    """Return whether two stops may be at the same configuration."""
+    apart = np.remainder(one.place - other.place + np.pi, 2 * np.pi) - np.pi
+    return bool(np.all(np.abs(apart) <= one.off + other.off))

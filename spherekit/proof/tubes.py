@@ -1,0 +1,234 @@
+"""Pieces of configuration curves: parts of space in which there is one arc and no more.
+
+A piece is z = z0 + t s + N y with |s| <= h and |y| <= r, in all variables z, t and N
+orthonormal. With Y near the inverse of F_z N, the test of `roots` is made for all s at
+once: then for every s there is exactly one y, so the configurations in the piece are one
+arc without an end inside. No variable is special, so a dead centre of the input is an
+ordinary place. Everything is float64 with bounds of what it is off by.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.proof.balls import circle
+from spherekit.proof.equations import Equations
+from spherekit.proof.jets import Jet
+from spherekit.sphere.rotation import Floats
+
+LONGEST = 0.4
+"""Largest half length (rad) of a piece."""
+SHORTEST_PIECE = 1e-7
+"""Pieces that would have to be shorter are not looked for."""
+SHRINK = 0.7
+WIDTHS = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
+"""Radii tried, over the half length."""
+UP = 1.0 + 1e-12
+"""More than any rounding in the sums of bounds, which have positive terms only."""
+ROUNDING = 1e-14
+"""More than the relative rounding of products of matrices of up to 16 rows."""
+
+
+@final
+@dataclass(frozen=True)
+class Local:
+    """The equations at one configuration: values, slopes, curvatures, and what bounds them.
+
+    `values` (k,), `slopes` (k, v), `curvatures` (k, v, v) are off by at most `error`
+    (k,) times products of `degrees` (k, v); derivatives of order three are at most
+    `constant` (k,) times such products.
+    """
+
+    values: Floats
+    slopes: Floats
+    curvatures: Floats
+    error: Floats
+    constant: Floats
+    degrees: Floats
+
+
+def local(equations: Equations, place: Floats) -> Local:
+    """Return the equations at a configuration (variables,), float64 taken as it is."""
+    turns = circle(place)[None]
+    jets = equations.floats.at(turns, 2)
+    count, variables = len(jets), equations.variables
+    values, slopes = np.zeros(count), np.zeros((count, variables))
+    curvatures = np.zeros((count, variables, variables))
+    for row, jet in enumerate(jets):
+        values[row] = jet[()][0]
+        for key, entry in jet.items():
+            if len(key) == 1:
+                slopes[row, key[0]] = entry[0]
+            elif len(key) == 2:
+                curvatures[row, key[0], key[1]] = curvatures[row, key[1], key[0]] = entry[0]
+    bounds = equations.floats.bounds
+    return Local(values, slopes, curvatures, bounds.error, bounds.constant, bounds.degrees)
+
+
+def values_and_slopes(
+    jets: list[Jet], variables: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return values (n, k) and slopes (n, k, v) of many configurations."""
+    values = np.stack([jet[()] for jet in jets], axis=1)
+    slopes = np.zeros((*values.shape, variables))
+    for row, jet in enumerate(jets):
+        for column in range(variables):
+            if (column,) in jet:
+                slopes[:, row, column] = jet[(column,)]
+    return values, slopes
+
+
+@final
+@dataclass(frozen=True)
+class Piece:
+    """A part of space with one arc in it: `frame` (v, v) has the columns t and N.
+
+    The arc is within `tight` of the axis, y = 0; at s = 0 within `miss`.
+    `inverse` is Y and `at` the equations at `centre`.
+    """
+
+    centre: Floats
+    frame: Floats
+    half: float
+    radius: float
+    tight: float
+    miss: float
+    inverse: Floats
+    at: Local
+
+    def coordinates(self, places: Floats) -> Floats:
+        """Return (s, y) (n, v) of places (n, v), whole turns away or not."""
+        apart = np.remainder(places - self.centre + np.pi, 2 * np.pi) - np.pi
+        return np.asarray(apart @ self.frame)
+
+    def holds(self, place: Floats, off: float) -> bool:
+        """Return whether a place that is off by at most `off` is in the piece."""
+        inside = np.abs(self.coordinates(place[None])[0]) + off + 1e-13
+        return bool(inside[0] <= self.half and np.all(inside[1:] <= self.radius))
+
+    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
+        """Return whether boxes (n, v) of radii (n, v) are in the piece."""
+        reach = radii @ np.abs(self.frame) * UP + 1e-13
+        inside = np.abs(self.coordinates(centres)) + reach
+        limits = np.array([self.half, *[self.radius] * (len(self.centre) - 1)])
+        return np.asarray(np.all(inside <= limits, axis=1))
+
+    @property
+    def tangent(self) -> Floats:
+        """T (v,)."""
+        return np.asarray(self.frame[:, 0])
+
+
+def frame_at(slopes: Floats, along: Floats | None) -> Floats | None:
+    """Return the frame at a configuration from slopes (k, v), None if they lose rank.
+
+    t is the one of two senses that goes on `along` (v,).
+    """
+    _, sizes, rows = np.linalg.svd(slopes)
+    if not sizes[-1] > 1e-13 * sizes[0]:
+        return None
+    t = rows[-1]
+    if along is not None and t @ along < 0:
+        t = -t
+    return np.asarray(np.column_stack([t, rows[:-1].T]))
+
+
+def piece_at(
+    equations: Equations,
+    centre: Floats,
+    along: Floats | None,
+    longest: float,
+    shortest: float = SHORTEST_PIECE,
+) -> Piece | None:
+    """Return a piece around a configuration, as long as can be proven up to `longest`."""
+    at = local(equations, centre)
+    frame = frame_at(at.slopes, along)
+    if frame is None:
+        return None
+    t, normals = frame[:, 0], frame[:, 1:]
+    inner = at.slopes @ normals
+    inverse = np.asarray(np.linalg.inv(inner), dtype=float)
+    if not np.all(np.isfinite(inverse)):
+        return None
+    test = Test(at, t, normals, inverse)
+    half = longest
+    while half >= shortest:
+        for width in WIDTHS:
+            found = test.inside(half, width * half)
+            if found is not None:
+                tight, miss = found
+                return Piece(centre, frame, half, width * half, tight, miss, inverse, at)
+        half *= SHRINK
+    return None
+
+
+@final
+class Test:
+    """Whether for every s of a length there is exactly one y in a radius."""
+
+    def __init__(self, at: Local, t: Floats, normals: Floats, inverse: Floats) -> None:
+        self.at, self.inverse = at, np.abs(inverse)
+        count = len(inverse)
+        self.along = at.degrees @ np.abs(t)
+        self.across = at.degrees @ np.abs(normals)
+        slope, bend = at.slopes @ t, np.einsum("ijl,j,l->i", at.curvatures, t, t)
+        size = self.inverse @ np.abs(np.stack([at.values, slope, bend], axis=1))
+        moved = np.abs(inverse @ np.stack([at.values, slope, bend], axis=1))
+        ways = at.constant * (1.0 + self.along) ** 2
+        self.moved = moved + ROUNDING * (size + (self.inverse @ ways)[:, None])
+        inner = at.slopes @ normals
+        rest = np.abs(np.eye(count) - inverse @ inner)
+        self.rest = rest + ROUNDING * (1.0 + self.inverse @ np.abs(inner))
+        mixed = np.einsum("ijl,jc->icl", at.curvatures, normals)
+        self.mixed_t = np.abs(mixed) @ np.abs(t)
+        self.mixed_n = np.abs(mixed) @ np.sum(np.abs(normals), axis=1)
+
+    def sums(self, half: float, radius: float) -> Floats:
+        """Return (k,) by how much the angles of each equation change at most."""
+        return np.asarray((self.along * half + np.sum(self.across, axis=1) * radius) * UP)
+
+    def contraction(self, half: float, radius: float) -> Floats:
+        """Return bounds (k, k) of 1 - Y F_z N in the piece."""
+        at, change = self.at, self.sums(half, radius)
+        wide = self.mixed_t * half + self.mixed_n * radius
+        third = 0.5 * at.constant * change**2 + at.error * (1.0 + change + 0.5 * change**2)
+        return np.asarray(
+            (self.rest + self.inverse @ (wide + third[:, None] * self.across)) * UP
+        )
+
+    def displacement(self, half: float) -> Floats:
+        """Return bounds (k,) of Y F on the axis."""
+        at, way = self.at, self.along * half
+        off = at.error * (1.0 + way + 0.5 * way**2) + at.constant * way**3 / 6.0
+        powers = np.array([1.0, half, 0.5 * half**2])
+        return np.asarray((self.moved @ powers + self.inverse @ off) * UP)
+
+    def inside(self, half: float, radius: float) -> tuple[float, float] | None:
+        """Return within what the arc is of the axis, and its middle of the centre."""
+        rows = np.sum(self.contraction(half, radius), axis=1) * UP
+        miss = self.displacement(half)
+        if not np.all(miss + rows * radius < radius / UP) or not np.max(rows) < 1.0 / UP:
+            return None
+        spare = 1.0 - float(np.max(rows)) * UP
+        # lengths, not components: other pieces see them from other sides
+        scale = float(np.sqrt(len(miss))) / spare * UP
+        return float(np.max(miss)) * scale, float(np.max(self.displacement(0.0))) * scale
+
+
+def corrected(equations: Equations, place: Floats, steps: int = 8) -> Floats | None:
+    """Return the configuration next to a place by Newton's method, None without one."""
+    for _ in range(steps):
+        angles = np.stack([np.cos(place), np.sin(place)], axis=-1)[None]
+        values, slopes = values_and_slopes(
+            equations.floats.at(angles, 1), equations.variables
+        )
+        change, *_ = np.linalg.lstsq(slopes[0], -values[0], rcond=1e-13)
+        place = place + change
+        size = float(np.max(np.abs(change)))
+        if not size < 1.0:
+            return None
+        if size < 1e-14:
+            break
+    return place if float(np.max(np.abs(values))) < 1e-10 else None

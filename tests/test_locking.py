@@ -1,0 +1,134 @@
+"""A locked pair makes one link of two: poses, inertia and loads as with it held."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from newton_euler import body
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.errors import ModelError
+from spherekit.model.laws import ConstantSpeed
+from spherekit.motion.motion import Tracer
+
+CASES = {
+    # mechanism: the pair that is locked, at what (rad), and values of the other inputs
+    "five_bar": ("51", 1.2, (1.0,)),
+    "two_dof_spm": ("61", 0.35, (0.3,)),
+    "three_rrr": ("a2", 1.0, (0.9, 1.2)),
+}
+
+
+def heavy(name):
+    random = np.random.default_rng(sum(map(ord, name)))
+    made = sk.load(name)
+    masses = tuple(body(random, link) for link in made.links[1:])
+    return replace(made, masses=masses).with_loads(
+        sk.Gravity("weight", (1.0, -2.0, -9.0)),
+        sk.PairTorque("pull", made.pairs[1].name, f"0.3 - theta_{CASES[name][0]}"),
+    )
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
+    pair, value, others = CASES[name]
+    made = heavy(name)
+    locked = sk.lock(made, {pair: value}, angle_unit="rad")
+    assert len(locked.links) == len(made.links) - 1
+    assert len(locked.inputs) == len(made.inputs) - 1
+    held = {item.pair: value for item in made.inputs if item.pair == pair}
+    free = [item.pair for item in made.inputs if item.pair != pair]
+    laws = {
+        p: ConstantSpeed(0.4 - 0.7 * k, q)
+        for k, (p, q) in enumerate(zip(free, others, strict=True))
+    }
+    t = [0.0, 0.1]
+    sk.dump(locked, tmp_path / "locked.toml")
+    one = inverse_dynamics(
+        made, laws | {p: ConstantSpeed(0.0, q) for p, q in held.items()}, t, assembly_mode=0
+    )
+    for other in (
+        locked,
+        sk.load(sk.dump(locked, tmp_path / "locked.toml") or tmp_path / "locked.toml"),
+    ):
+        found = inverse_dynamics(other, laws if len(laws) > 1 else laws[free[0]], t)
+        turns = found.motion.rotations
+        links = [made.link_number[link] for link in other.links]
+        apart = turns[:: len(t)] - one.motion.rotations[0, links]
+        gaps = np.max(np.abs(apart), axis=(1, 2, 3))
+        row = int(np.argmin(gaps)) * len(t)
+        assert np.min(gaps) < 1e-12
+        for link in other.links:
+            a = one.motion.rotations[:, made.link_number[link]]
+            b = turns[row : row + len(t), other.link_number[link]]
+            assert np.max(np.abs(a - b)) < 1e-12
+        keep = [k for k, item in enumerate(made.inputs) if item.pair != pair]
+        M = one.M[:, keep][:, :, keep]
+        assert found.M[row : row + len(t)] == pytest.approx(M, rel=1e-11)
+        torques = found.torques[row : row + len(t)]
+        assert torques == pytest.approx(one.torques[:, keep], rel=1e-11, abs=1e-11)
+
+
+def test_a_pair_between_moving_links_and_one_beside_a_contact():
+    made = sk.load("five_bar")
+    held = Tracer(made, path=np.array([[1.0, 1.2]]), assembly_mode=0).motion()
+    coupler = float(held.values[0, made.angles["43"]])
+    locked = sk.lock(made, {"43": coupler}, angle_unit="rad").with_inputs("21")
+    tracer = Tracer(locked, path=np.array([[1.0]]))
+    found = tracer.motion()
+    near = [abs(np.sin(0.5 * (x - 1.2))) for x in found.values[:, locked.angles["51"]]]
+    assert min(near) < 1e-12
+    geared = sk.load("bevel_differential")
+    single = sk.lock(geared, {"right_axle": 0.0}, angle_unit="deg")
+    motion = sk.trace(single, samples=5)
+    carrier = motion.values[:, single.angles["carrier_axle"]]
+    assert carrier == pytest.approx(0.5 * motion.q, abs=1e-12)
+
+
+def test_what_cannot_be_locked_is_said():
+    with pytest.raises(
+        ModelError, match="given in a reference pose, in which the pair has 0"
+    ):
+        sk.lock(sk.load("bevel_differential"), {"right_axle": 0.3}, angle_unit="rad")
+    with pytest.raises(ModelError, match="is a contact; only R pairs can be locked"):
+        sk.lock(sk.load("flat_cam"), {"contact": 0.3}, angle_unit="rad")
+    with pytest.raises(ModelError, match='no pair is named "52"'):
+        sk.lock(sk.load("five_bar"), {"52": 0.3}, angle_unit="rad")
+
+
+def test_commands_lock(tmp_path, capsys):
+    assert (
+        main(["run", "five_bar", "--lock", "51=80", "-a", "eksergian", "--samples", "5"])
+        == 0
+    )
+    assert "input 21" in "".join(capsys.readouterr())
+    assert main(["plan", "five_bar", "--lock", "51=80"]) == 0
+    assert (
+        main(
+            [
+                "export",
+                "five_bar",
+                "--lock",
+                "51=80",
+                "--to",
+                "mjcf",
+                "--at",
+                "80",
+                "-o",
+                str(tmp_path / "x.xml"),
+            ]
+        )
+        == 0
+    )
+    assert main(["validate", "five_bar", "--lock", "51=80"]) == 0
+    capsys.readouterr()
+    assert main(["run", "five_bar", "--lock", "51"]) == 1
+    assert "--lock" in capsys.readouterr().err
+    study = tmp_path / "held.study.toml"
+    study.write_text(
+        'format = 1\nmechanism = "five_bar"\nangle_unit = "deg"\nsamples = 5\n'
+        "[lock]\n51 = 80.0\n[analyses.poles]\n"
+    )
+    assert [item.pair for item in sk.load_study(study).mechanism.inputs] == ["21"]

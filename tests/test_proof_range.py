@@ -1,0 +1,164 @@
+"""Certified curves and singularities over a range, against modes, floats and a checker."""
+
+import copy
+import json
+import random
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+from proof_checker import Refused, check
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.guarantee import Guarantee
+from spherekit.planning.inputs import driven_at
+from spherekit.proof.along import rates
+from spherekit.proof.certificate import curves_certificate
+from spherekit.proof.construction import construct
+from spherekit.proof.curves import certified_curves
+from spherekit.proof.modes import certified_modes
+from spherekit.proof.singular import output_pairs, singularities
+from spherekit.proof.tubes import local
+from spherekit.proof.written import Written
+
+TURN = ("0", "360")
+
+
+def over(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
+    mechanism = driven_at(sk.load(name), pair) if isinstance(name, str) else name
+    made = construct(mechanism, wanted)
+    return certified_curves(Written.of(mechanism, tolerance=tolerance), ends, made)
+
+
+@pytest.mark.parametrize(
+    ("name", "pair", "ends", "turning"),
+    [
+        ("four_bar", None, TURN, 0),
+        ("four_bar", "41", TURN, 4),
+        ("four_bar", "41", ("-90", "10"), 1),
+        ("watt", "23", ("10", "100"), 0),
+        ("stephenson", "16", ("-30", "20"), 2),
+    ],
+)
+def test_modes_between_turning_points_are_as_many_as_at_one_input(
+    name, pair, ends, turning
+):
+    curves = over(name, pair, ends)
+    assert curves.claim.guarantee is Guarantee.CERTIFIED, curves.claim
+    assert len(curves.turning_points) == turning
+    for low, high, count in curves.intervals[:4]:
+        middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
+        modes = certified_modes(curves.written, (middle,))
+        assert modes.counted and len(modes.real) == count
+
+
+def test_rates_along_pieces_are_within_their_bounds():
+    curves = over("stephenson", "16", ("0", "60"))
+    moves = np.random.default_rng(3)
+    for piece in [piece for chain in curves.chains for piece in chain.pieces][::5]:
+        bounds = rates(piece, piece.half)
+        t, normals = piece.frame[:, 0], piece.frame[:, 1:]
+        for s in moves.uniform(-piece.half, piece.half, 3):
+            y = np.zeros(normals.shape[1])
+            for _ in range(8):
+                at = local(curves.equations, piece.centre + s * t + normals @ y)
+                y -= np.linalg.solve(at.slopes @ normals, at.values)
+            assert np.max(np.abs(y)) <= piece.tight
+            inner = at.slopes @ normals
+            rate = t - normals @ np.linalg.solve(inner, at.slopes @ t)
+            bent = np.einsum("ijl,j,l->i", at.curvatures, rate, rate)
+            bend = -normals @ np.linalg.solve(inner, bent)
+            for value, low, high in (
+                (rate, bounds.low, bounds.high),
+                (bend, bounds.bend_low, bounds.bend_high),
+            ):
+                assert np.all(low <= value + 1e-12) and np.all(value <= high + 1e-12)
+
+
+@pytest.mark.parametrize(("name", "pair"), [("four_bar", None), ("stephenson", "35")])
+def test_singularities_proven_are_those_that_a_run_reports(name, pair):
+    mechanism = driven_at(sk.load(name), pair)
+    curves = over(mechanism, wanted=output_pairs(mechanism))
+    proven = singularities(curves)
+    assert not proven.undecided and not proven.skipped
+    frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
+    assert len(frame) == len(proven.found)
+    for kind in ("I", "II"):
+        inputs = np.sort(frame["q"][frame["kind"] == kind].to_numpy())
+        found = np.sort([each.q for each in proven.found if each.kind == kind])
+        assert len(inputs) == len(found)
+        assert np.all(np.abs(inputs - found) < 1e-7)
+
+
+def test_a_geometry_that_folds_is_undecided_there_and_nowhere_else():
+    folding = sk.load("four_bar").with_sizes(
+        angle_unit="deg", arcs={"1": [60.0], "2": [20.0], "3": [70.0], "4": [30.0]}
+    )
+    written = Written.of(folding)
+    curves = certified_curves(written, TURN, most=5_000)
+    assert curves.claim.guarantee is Guarantee.TO_BOX and curves.claim.box < 0.02
+    middles = np.degrees([0.5 * (low + high) for low, high in curves.undecided])
+    assert np.all(np.abs(np.remainder(middles + 180.0, 360.0) - 180.0) < 0.5)
+    nearly = folding.with_sizes(angle_unit="deg", arcs={"4": [30.1]})
+    assert certified_curves(Written.of(nearly), TURN).claim.guarantee is Guarantee.CERTIFIED
+
+
+def test_all_sizes_within_a_tolerance_have_the_curves_proven():
+    curves = over("four_bar", "41", TURN, tolerance=1e-7)
+    assert curves.claim.guarantee is Guarantee.CERTIFIED
+    assert len(curves.turning_points) == 4
+    wide = Written.of(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
+    undecided = certified_curves(wide, TURN, most=3000)
+    assert undecided.claim.guarantee is not Guarantee.CERTIFIED
+
+
+def certificate_of(curves):
+    return json.loads(json.dumps(curves_certificate(curves)))
+
+
+def tampered(certificate, moves):
+    changed = copy.deepcopy(certificate)
+    curve = moves.choice(changed["curves"])
+    piece = moves.choice(curve["pieces"])
+    kind = moves.randrange(6)
+    if kind == 0:
+        changed["curves"].remove(curve)
+    elif kind == 1:
+        piece["centre"][moves.randrange(2)] += moves.choice(
+            (-1, 1)
+        ) * 10 ** -moves.randrange(1, 7)
+    elif kind == 2:
+        piece["radius"] *= 30.0
+    elif kind == 3:
+        at = moves.randrange(len(curve["pieces"]))
+        del curve["pieces"][at : at + 3]
+    elif kind == 4:
+        changed["curves"].append(copy.deepcopy(curve))
+    else:
+        piece["frame"][0] = [-each for each in piece["frame"][0]]
+    return changed
+
+
+def test_the_checker_proves_curves_again_and_refuses_tampered_ones():
+    whole = certificate_of(over("four_bar", "41", ("-50", "-40")))
+    check(whole)
+    moves = random.Random(23)
+    for _ in range(12):
+        with pytest.raises(Refused):
+            check(tampered(whole, moves))
+
+
+def test_the_command_proves_the_range_of_the_file(tmp_path, capsys):
+    path = tmp_path / "curves.json"
+    assert main(["certify", "four_bar", "-o", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "certified: all configurations" in said and said.count("type I at") == 4
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    assert kept["complete"] and len(kept["singularities"]["found"]) == 4
+    assert main(["certify", "three_rrr"]) == 1
+    assert "give values of all with --at" in capsys.readouterr().err
+    assert main(["certify", "four_bar", "--range", "30", "10"]) == 1
+    assert "is empty" in capsys.readouterr().err

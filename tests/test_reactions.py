@@ -1,0 +1,189 @@
+"""Reactions in the pairs, holding torques and stiffness, against equations of the links."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from newton_euler import loaded, newton_euler
+
+import spherekit as sk
+from spherekit.conventions import Status
+from spherekit.dynamics.reactions import reactions
+from spherekit.dynamics.statics import holding_torques, output_stiffness
+from spherekit.model.laws import Polynomial
+from spherekit.motion.motion import Tracer
+from spherekit.motion.timing import by_laws
+
+STARTS = {
+    "two_dof_spm": (0.3, 0.35),
+    "three_rrr": (0.9, 1.0, 1.2),
+    "stephenson": (0.4,),
+    "shaped_flat_cam": (0.4,),
+    "roller_cam": (0.4,),
+}
+
+
+def moving(made, starts, t):
+    laws = {
+        item.pair: Polynomial((q, 0.3 * (-1) ** k, 0.2))
+        for k, (item, q) in enumerate(zip(made.inputs, starts, strict=True))
+    }
+    q, timing = by_laws(list(laws), laws, np.asarray(t, dtype=float))
+    return replace(Tracer(made, None, 0, path=q).motion(), timing=timing)
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_newton_and_euler_give_the_same_reactions(name):
+    made, joint = loaded(name, np.random.default_rng(sum(map(ord, name))))
+    made = made.with_inputs(*[item.pair for item in made.inputs])
+    found = reactions(moving(made, STARTS[name], [0.0, 0.2]))
+    torques = found.torques
+    size = np.max(np.abs(found.moments))
+    assert np.max(found.unbalanced) < 1e-12 * size
+    assert not np.any(found.is_open)
+    for row, t in enumerate(torques.t):
+        want = newton_euler(
+            made,
+            torques.values[row],
+            torques.values[row, made.angles[joint]],
+            t,
+            torques.input_rates[row],
+            torques.input_accelerations[row],
+            joint,
+            full=True,
+        )
+        for k, pair in enumerate(made.pairs):
+            held = len(want[pair.name])
+            got = found.moments[row, k]
+            assert got[:held] == pytest.approx(want[pair.name], abs=1e-11 * size)
+            if not pair.kind.has_axis:
+                assert np.all(got[held:] == 0.0)
+
+
+def test_reactions_do_no_work():
+    """All that pairs transmit has the power of the torques about their axes alone."""
+    made, _ = loaded("five_bar", np.random.default_rng(4))
+    found = reactions(moving(made, (1.0, 1.2), [0.0, 0.1, 0.2]))
+    motion, rates = found.torques.motion, found.torques.input_rates
+    w = np.einsum("ni,nila->nla", rates, motion.w)
+    for k, (first, second) in enumerate(made.ends):
+        moment = np.einsum("nab,nb->na", found.frames[:, k], found.moments[:, k])
+        power = np.sum(moment * (w[:, second] - w[:, first]), axis=1)
+        rate = np.einsum("ni,ni->n", rates, motion.rates[:, :, k])
+        own = found.moments[:, k, 2] * rate
+        assert power == pytest.approx(own, abs=1e-12 * np.max(np.abs(moment)))
+
+
+def pressed(torque):
+    """Return the flat-faced follower with a torque at its pivot and inertia."""
+    made = sk.load("flat_cam").with_inputs("cam_shaft")
+    tensor = np.diag([0.02, 0.02, 0.01])
+    made = made.with_mass("follower", tensor).with_mass("cam", tensor)
+    return made.with_loads(sk.PairTorque("press", "follower_pivot", torque))
+
+
+@pytest.mark.parametrize("torque", ["5", "-5"])
+def test_a_contact_presses_away_from_the_side_of_the_first_body(torque):
+    made = pressed(torque)
+    found = reactions(moving(made, (0.5,), [0.0, 0.1]))
+    contact = made.pair_number["contact"]
+    frame, moment = found.frames[0, contact], found.moments[0, contact]
+    point = frame[:, 2]
+    # The force at the point on the follower, of which p x F is the moment.
+    force = np.cross(frame @ moment, point)
+    cam = made.pair("contact").profiles[0]
+    rotation = found.torques.motion.rotations[0, made.link_number["cam"]]
+    centre = rotation @ np.array(cam.centre)
+    presses = force @ (centre - point) < 0.0
+    assert presses == (found.push[0, contact] > 0.0)
+    assert np.linalg.norm(force) == pytest.approx(abs(found.push[0, contact]))
+    # The follower turns about its pivot: what presses it balances its torque there.
+    assert presses == (found.status[0, contact] == Status.OK)
+
+
+def test_a_cam_lifts_off_where_its_follower_would_outrun_the_spring():
+    """The follower alone has inertia: no push is left where I theta'' is the torque."""
+    speed, inertia = 20.0, 0.01
+    sides = []
+    for torque in (0.5, -0.5):
+        made = pressed(str(torque))
+        q = np.linspace(0.0, 6.2, 400)
+        tracer = Tracer(made, None, 0, path=q[:, None])
+        law = {"cam_shaft": sk.ConstantSpeed(speed)}
+        found = reactions(
+            replace(tracer.motion(), timing=by_laws(["cam_shaft"], law, q / speed)[1])
+        )
+        contact, pivot = made.pair_number["contact"], made.angles["follower_pivot"]
+        h = 1e-3
+        near = [tracer.at(q + k * h).values[:, pivot] for k in (-1, 0, 1)]
+        bend = (near[0] - 2.0 * near[1] + near[2]) / h**2
+        left = inertia * bend * speed**2 - torque  # what the cam has to add
+        push = found.push[:, contact]
+        sense = np.sign(push[0] * left[0])
+        assert np.all(
+            np.sign(push[np.abs(left) > 1e-3]) * sense == np.sign(left)[np.abs(left) > 1e-3]
+        )
+        lifted = found.status[:, contact] == Status.LIFT_OFF
+        assert np.array_equal(lifted, push < 0.0)
+        sides.append((float(np.mean(lifted)), sense))
+    # A weak spring keeps contact on a part of the way only, whichever way it turns.
+    assert all(0.0 < part < 1.0 for part, _ in sides) and sides[0][1] == sides[1][1]
+
+
+def test_hookes_joint_holds_and_bends_its_shafts_as_textbooks_say():
+    """Seherr-Thoss, Schmelz, Aucktor, Universal Joints and Driveshafts, section 1.2.1.
+
+    T_2 / T_1 = (1 - sin^2 b cos^2 f) / cos b at the angle b of the shafts, where f = 0 is
+    that of the driving yoke in their plane, and the couple that bends the driving shaft is
+    T_1 tan b |sin f|.
+    """
+    made = sk.load("universal_joint").with_inputs("21")
+    made = made.with_loads(sk.PairTorque("brake", "41", "-3"))
+    f = np.linspace(0.1, 3.0, 7)
+    found = reactions(moving_slowly(made, f))
+    beta = np.radians(35.0)
+    ratio = (1.0 - np.sin(beta) ** 2 * np.cos(f) ** 2) / np.cos(beta)
+    held = holding_torques(Tracer(made, None, 0, path=f[:, None]).motion())
+    assert held.torques[:, 0] == pytest.approx(3.0 / ratio, rel=1e-12)
+    bent = found.across[:, made.pair_number["21"]]
+    couple = held.torques[:, 0] * np.tan(beta) * np.abs(np.sin(f))
+    assert bent == pytest.approx(couple, rel=1e-11, abs=1e-12)
+    output = output_stiffness(held, "4", "1", np.array([50.0]))
+    assert output.advantage[:, 0] == pytest.approx(ratio, rel=1e-12)
+    assert output.stiffness[:, 0] == pytest.approx(50.0 * ratio**2, rel=1e-12)
+    assert np.all(np.isinf(output.stiffness[:, 1:]))
+
+
+def moving_slowly(made, q):
+    timing = by_laws(["21"], {"21": sk.ConstantSpeed(0.0)}, np.arange(len(q)) * 1.0)[1]
+    return replace(Tracer(made, None, 0, path=q[:, None]).motion(), timing=timing)
+
+
+def test_outputs_yield_by_what_a_moment_does_to_the_inputs():
+    """Each input turned by w . m / k, the output moves by the closure itself."""
+    made = sk.load("five_bar")
+    q, k = np.array([[1.0, 1.2]]), np.array([40.0, 90.0])
+    tracer = Tracer(made, None, 0, path=q)
+    held = output_stiffness(holding_torques(tracer.motion()), "3", "1", k)
+    axis, stiffness = held.axes[0, 0], held.stiffness[0, 0]
+    moment = 1e-6 * axis
+    turned = q + (held.w[0] @ moment / k)[None]
+    ends = [Tracer(made, None, 0, path=x).motion().rotations[0, 2] for x in (q, turned)]
+    gap = ends[1] @ ends[0].T
+    moved = 0.5 * np.array(
+        [gap[2, 1] - gap[1, 2], gap[0, 2] - gap[2, 0], gap[1, 0] - gap[0, 1]]
+    )
+    assert moved == pytest.approx(moment / stiffness, rel=1e-4, abs=1e-13)
+
+
+def test_redundant_constraints_are_named_and_left_open(capsys):
+    from spherekit.cli.main import main
+
+    assert main(["run", "bevel_differential", "-a", "reactions", "--samples", "3"]) == 0
+    said = capsys.readouterr()
+    assert "redundant constraints leave open" in said.out + said.err
+    found = sk.run("bevel_differential", "reactions", samples=3)
+    table = found.frame("reactions")
+    assert table["moment_x"].isna().any() and not table["moment_z"].isna().any()
+    with pytest.raises(sk.SpherekitError, match="needs one number above 0 N m/rad"):
+        sk.run("five_bar", "statics:stiffness=-2", samples=3)

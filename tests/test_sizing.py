@@ -1,0 +1,127 @@
+"""Sizing against random designs, differences, and what the mechanism then does."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.design.gradients import FigureGradients
+from spherekit.errors import AnalysisError, DesignError, FileError
+from spherekit.front.size import sizing_of
+
+EXAMPLES = Path(__file__).parent.parent / "examples" / "sizing"
+
+
+def random_best(path, count):
+    """Return the least objective of so many random designs that meet the conditions."""
+    sizing = sizing_of(path, designs=count, seed=7)
+    best = np.inf
+    for number in range(sizing.sweep.parts):
+        rows = sizing.with_match(sizing.sweep.part(number))
+        good = rows["status"] == "OK"
+        value = sizing.objective.evaluate({n: rows[n] for n in sizing.objective.names})
+        best = min(best, np.nanmin(np.where(good, value, np.inf)))
+    return best
+
+
+def test_the_rocker_follows_the_function():
+    path = EXAMPLES / "function.toml"
+    found = sk.size_of(path, designs=2048, starts=4)
+    assert found.objective[0] < 0.5 < random_best(path, 16384)
+    made = found.mechanism()
+    mode = next(
+        m.number
+        for m in sk.trace(made, samples=3).assembly_modes
+        if m.label == found.modes[0]
+    )
+    turned = np.arange(0.0, 360.0, 30.0)
+    theta = sk.evaluate(made, np.radians(turned), assembly_mode=mode).variable("41")
+    missed = np.degrees(theta) - 30.0 * (1.0 - np.cos(np.radians(turned)))
+    missed = (missed + 180.0) % 360.0 - 180.0
+    assert np.sqrt(np.mean(missed**2)) == pytest.approx(found.objective[0], rel=2e-3)
+    near = sk.run(made, "singularities", samples=73).frame("singularities", "relation")
+    assert np.degrees(near["transmission"].min()) > 40.0
+
+
+def test_the_peak_torque_is_less_than_that_of_random_designs():
+    path = EXAMPLES / "torque.toml"
+    found = sk.size_of(path, designs=2048, starts=4)
+    assert found.objective[0] <= random_best(path, 16384)
+    row = found.frame().iloc[0]
+    assert row["swing"] > 65.0 - 1e-6 and row["least"] > 30.0 - 1e-6
+    mode = sk.trace(found.mechanism(), samples=3).assembly_modes
+    number = next(m.number for m in mode if m.label == found.modes[0])
+    run = sk.run(found.mechanism(), "eksergian", samples=181, assembly_mode=number)
+    assert run.frame("eksergian")["tau"].abs().max() == pytest.approx(row["peak"], rel=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["function.toml", "torque.toml"])
+def test_no_million_of_random_designs_is_better(name):
+    found = sk.size_of(EXAMPLES / name)
+    assert found.objective[0] <= random_best(EXAMPLES / name, 1 << 20)
+
+
+def test_gradients_of_figures_are_those_of_differences(tmp_path):
+    path = tmp_path / "sizing.toml"
+    path.write_text(
+        'format = 1\nmechanism = "four_bar"\nsamples = 19\nminimise = "a"\n'
+        '[vary]\n"links.2.arc" = [10, 40]\n"links.4.arc" = [30, 60]\n'
+        '"pairs.41.zero" = [-90, 90]\n[figures]\na = "max(abs(torque))"\n'
+        'b = "min(transmission_angle_43)"\nc = "rms(rate_41*sin(theta_41))"\n'
+        'd = "swing(theta_41)"\ne = "at(max(theta_41, 0.1*q), 70)"\n'
+        'f = "mean(min(B, 2))"\ng = "range(acceleration_coefficient_3_1)"\n'
+    )
+    evaluator = sizing_of(path, designs=4).sweep.evaluator
+    gradients = FigureGradients(evaluator)
+    at = np.radians([22.0, 41.0, 10.0])
+    for signs, mode in (([1.0], "+"), ([-1.0], "-")):
+        figures, slopes, closes = gradients.at(at, signs)
+        assert closes == 1.0
+        step = 1e-6
+        shifted = at[:, None] + step * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        every = np.concatenate([at[:, None], shifted, 2.0 * at[:, None] - shifted], axis=1)
+        found = evaluator.at(np.degrees(every))
+        rows = np.flatnonzero(found.mode == mode)
+        for k, merit in enumerate(evaluator.merits):
+            own = found.merits[merit.name][rows]
+            assert figures[k] == pytest.approx(own[0], rel=1e-12)
+            difference = (own[1:4] - own[4:7]) / (2.0 * step)
+            assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-7), merit.name
+
+
+HEAD = 'format = 1\nmechanism = "four_bar"\nsamples = 9\n'
+VARY = '[vary]\n"links.2.arc" = [10, 40]\n'
+MISTAKES = [
+    (HEAD + VARY, FileError, "minimise"),
+    (HEAD + 'minimise = "x"\n' + VARY, DesignError, "figure of merit"),
+    (HEAD + 'minimise = "y"\n' + VARY + '[figures]\nx = "max(q)"', DesignError, "minimise"),
+    (HEAD + 'minimise = "x"\n' + VARY + '[figures]\nx = "most(q)"', AnalysisError, "max"),
+    (
+        HEAD + 'minimise = "x"\n[vary]\n"links.8.arc" = [1, 2]\n[figures]\nx = "max(q)"',
+        FileError,
+        'there is no "8"',
+    ),
+    (
+        HEAD
+        + 'minimise = "match"\n'
+        + VARY
+        + '[match]\nquantity = "theta_41"\nat = [1, 2]\nvalues = [1]',
+        FileError,
+        "1 values for 2 inputs",
+    ),
+    (
+        HEAD + 'minimise = "x"\nwhere = ["x > 1000"]\n' + VARY + '[figures]\nx = "max(q)"',
+        DesignError,
+        "none of 8 designs meets",
+    ),
+]
+
+
+@pytest.mark.parametrize("text, error, message", MISTAKES)
+def test_mistakes_say_what_is_wrong(text, error, message, tmp_path):
+    path = tmp_path / "sizing.toml"
+    path.write_text(text)
+    with pytest.raises(error, match=message):
+        sk.size_of(path, designs=8, starts=1)
