@@ -284,8 +284,9 @@ class SingularityAnalysis(AbstractAnalysis):
         warnings = [*found.report.notes, *found.configurations.mismatches]
         if found.report.everywhere is not None:
             warnings.append(
-                f"the mechanism has {found.report.everywhere} freedoms in every "
-                "configuration: it is singular everywhere, and its tables are empty"
+                f"to a part in a million, the mechanism has {found.report.everywhere} "
+                "freedoms in every configuration: it is singular everywhere, and its "
+                "tables are empty"
             )
         for name in dict.fromkeys(points["output"][inside & (points["kind"] == "II")]):
             warnings.append(

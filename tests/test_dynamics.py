@@ -21,6 +21,7 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import PoseStart
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated_motion import online_motion
+from spherekit.engine.compiler import available
 from spherekit.errors import ModelError, SolveError, SpherekitError
 from spherekit.model.dynamics import (
     Friction,
@@ -33,6 +34,7 @@ from spherekit.model.dynamics import (
 )
 from spherekit.model.laws import ConstantSpeed, Polynomial, Start
 from spherekit.model.mechanism import Profile
+from spherekit.motion.motion import Tracer
 
 
 def simulate(*given, **options):
@@ -484,6 +486,41 @@ def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
     assert "cross" in found.end.message
     assert abs(found.at([found.end.t]).q[0]) < 1e-5
     assert np.all(np.diff(found.at(np.linspace(0.0, found.end.t, 20)).q) < 0.0)
+
+
+@pytest.mark.parametrize(
+    "engine",
+    [
+        "numpy",
+        pytest.param(
+            "compiled",
+            marks=pytest.mark.skipif(not available(), reason="heyoka is not installed"),
+        ),
+    ],
+)
+@pytest.mark.parametrize(("off", "end"), [(1e-12, "singularity"), (1e-9, "time")])
+def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
+    four_bar, engine, off, end
+):
+    """A parallelogram off by d misses the flat one by about the root of d.
+
+    What passes it is still on the configuration curve that it started on, and without
+    loads it keeps its energy.
+    """
+    sizes = four_bar.geometry
+    arcs = np.radians([60.0, 40.0, 60.0, 40.0]) + np.array([0.0, 0.0, off, 0.0])
+    links = {
+        link: replace(sizes.links[link], arcs=(float(arc),))
+        for link, arc in zip(four_bar.links, arcs, strict=True)
+    }
+    flat = replace(four_bar, geometry=replace(sizes, links=links), loads=())
+    found = forward.simulate(flat, Start(1.0, -1.0), 4.0, tolerance=1e-7, engine=engine)
+    assert found.end.kind == end
+    if end == "time":
+        history = found.at(np.linspace(0.0, found.end.t, 25))
+        curves = [each.curve for each in Tracer(flat).configurations.curves]
+        assert any(np.all(np.isfinite(curve.find(history.values))) for curve in curves)
+        assert np.ptp(history.kinetic) < 1e-7 * np.max(history.kinetic)
 
 
 def test_a_load_without_bound_ends_the_simulation(four_bar):

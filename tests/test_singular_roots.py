@@ -219,10 +219,16 @@ def test_a_place_at_both_ends_of_a_turn_is_listed_once():
     """90 + 40 = 60 + 70: at q = 180 deg the four-bar lies in one plane."""
     made = four_bar(np.radians([90.0, 40.0, 60.0, 70.0])).with_inputs("21")
     path = np.radians(np.linspace(-180.0, 180.0, 9))[:, None]
-    frame = sk.run(made, NAME, path=path).frame()
+    result = sk.run(made, NAME, path=path)
+    frame = result.frame()
     own = frame[frame["kind"] == "III"]
     assert len(own) == 1 and set(own["assembly_mode"]) == {"0+1"}
     assert abs(np.degrees(own["q"].iloc[0])) == pytest.approx(180.0)
+    relation = result.frame(NAME, "relation")
+    to = relation["to_II"].to_numpy()
+    assert np.sum(np.isfinite(to)) > 9
+    away = np.pi - np.abs(relation["q"].to_numpy())
+    assert np.nanmax(np.abs(to - away)) < 1e-11
 
 
 def test_turns_of_an_input():

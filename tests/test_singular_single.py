@@ -437,10 +437,12 @@ def test_jacobian_rates_are_the_slope_of_the_jacobian():
 
 
 @pytest.mark.parametrize(("coaxial", "freedoms"), [(3, 2), (4, 3)])
-def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms):
+@pytest.mark.parametrize("off", [0.0, 1e-8])
+def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms, off):
     """Three or four of the four axes are one: link 2 turns whatever link 3 does."""
     z, slant = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
     axes = np.array([z] * coaxial + [slant] * (4 - coaxial))
+    axes[0] = np.sin(off), 0.0, np.cos(off)
     tracer = Tracer(mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0)), samples=9)
     report = SingleFreedom(tracer, all_curves(tracer), ["3/1"]).report()
     assert report.points == report.crossings == ()

@@ -37,6 +37,7 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
+from spherekit.engine.integration import CROSSED
 from spherekit.engine.probes import good_until
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
@@ -45,11 +46,11 @@ FIRST_ARC = 0.1
 SHORTEST = 1e-11
 """Steps shorter than this part of the whole time end a simulation."""
 
-CROSSED = 1e-6
-"""Orientations smaller than this part of the largest are those of a crossing of curves.
+FINEST = 0.1 * CROSSED**2
+"""Largest tolerance of a step that passes near a crossing of curves, or meets one.
 
-A configuration off its curve by d misses a crossing by sqrt(d), so the root of the
-tolerance counts where it is more.
+A configuration off its curve by d misses a crossing by sqrt(d), and where that is not less
+than `CROSSED`, curves that pass each other cannot be told from some that cross.
 """
 
 MOST_STEPS = 100_000
@@ -87,6 +88,7 @@ class Collocation:
         self.sizes[self.equation.works] = square
         self._nodes = 0.5 * (gauss(NODES).nodes + 1.0)
         self.orientation = 0.0
+        self.fine = False
         self.drift = 0.0
         self.last: Dynamics | None = None
         self.end: SimulationEnd | None = None
@@ -166,11 +168,15 @@ class Collocation:
                     if length < SHORTEST * problem.until:
                         return self._stuck(t, state, tried)
                     continue
+                within = StepEvents(tried.step, self.last.motion.rates, problem.whole)
+                orientation = within.orientation(self.equation.closure)
+                if self._refined(orientation):
+                    continue
                 if len(self.path) >= MOST_STEPS:
                     return SimulationEnd("too_fast", t, too_many(MOST_STEPS))
                 if tried_length == length or tried_length < left:
                     length = next_length(tried)
-                stopped = self._accept(tried.step)
+                stopped = self._accept(within, orientation)
                 if stopped is not None:
                     return stopped
                 t = target if tried_length == left else tried.step.stop
@@ -193,7 +199,7 @@ class Collocation:
         # Newton's method is of one momentum.
         stiff = equation.variables if watched and equation.freedoms == 1 else None
         tried = attempt(
-            self.field, t, length, state, self.tolerance, before, self.sizes, stiff
+            self.field, t, length, state, self._step_tolerance, before, self.sizes, stiff
         )
         last = self.last
         assert last is not None
@@ -201,7 +207,7 @@ class Collocation:
             return tried
         momenta = equation.momenta
         scale = max(self.sizes[momenta][0], float(np.max(np.abs(state[momenta]))))
-        enough = MISSED * self.tolerance * (4 * NODES - 2) * scale / length
+        enough = MISSED * self._step_tolerance * (4 * NODES - 2) * scale / length
 
         def look(_: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
             when = t + x * length
@@ -234,13 +240,23 @@ class Collocation:
         self.drift = max(self.drift, gap)
         return closed
 
-    def _accept(self, step: Step) -> SimulationEnd | None:
+    @property
+    def _step_tolerance(self) -> float:
+        return min(self.tolerance, FINEST) if self.fine else self.tolerance
+
+    def _refined(self, orientation: Floats) -> bool:
+        """Return whether a step has to be taken again, to tell whether curves cross."""
+        signed = orientation * (self.orientation or float(orientation[0]))
+        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
+        near = np.abs(orientation) < np.sqrt(self.tolerance) * size
+        before, self.fine = self.fine, bool(np.any(near | (signed < 0.0)))
+        return self.fine and not before and self.tolerance > FINEST
+
+    def _accept(self, within: StepEvents, orientation: Floats) -> SimulationEnd | None:
         """Keep a step and note its events; return the end if there is one within it."""
-        assert self.last is not None
+        step, rates = within.step, within.rates
         mechanism, driven = self.equation.mechanism, self.problem.driven
-        rates = self.last.motion.rates
-        within = StepEvents(step, rates, self.problem.whole)
-        end = self._end(within)
+        end = self._end(within, orientation)
         last = np.inf if end is None else end.t
         if len(driven) == 1:
             name = mechanism.pairs[mechanism.variable_owners[driven[0]]].name
@@ -263,15 +279,13 @@ class Collocation:
         assert self.last is not None
         return bool(np.linalg.norm(self.last.motion.rates[-1], 2) > ASKEW)
 
-    def _end(self, within: StepEvents) -> SimulationEnd | None:
+    def _end(self, within: StepEvents, orientation: Floats) -> SimulationEnd | None:
         """Return the end that lies within a step: a stop, or a crossing of curves."""
         reached = within.stop(self.equation.mechanism)
-        orientation = within.orientation(self.equation.closure)
         size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
         side = self.orientation or float(orientation[0])
         self.orientation = float(np.copysign(size, side))
-        least = max(CROSSED, float(np.sqrt(self.tolerance)))
-        crossing = within.crossing(orientation, self.orientation, least)
+        crossing = within.crossing(orientation, self.orientation, CROSSED)
         if crossing is not None and (reached is None or crossing < reached[0]):
             return SimulationEnd("singularity", crossing, CROSSING)
         if reached is None:
@@ -299,10 +313,8 @@ class Collocation:
             if np.any(codes == code):
                 return SimulationEnd(kind, t, STATUS_MEANING[code])
         values = state[: self.equation.variables]
-        if (
-            reciprocal_condition(self.equation.closure, values, self.equation.freedoms)
-            < 1e-5
-        ):
+        closure, freedoms = self.equation.closure, self.equation.freedoms
+        if self.fine or reciprocal_condition(closure, values, freedoms) < 1e-5:
             return SimulationEnd("singularity", t, CROSSING)
         why = f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}"
         if not self.path:

@@ -36,7 +36,7 @@ SHORTEST = 1e-11
 """Steps shorter than this part of the whole time end a run."""
 
 CROSSED = 1e-5
-"""Where |tau| is smaller than this part of its largest, curves cross.
+"""Where |tau| is smaller than this part of its largest, curves cross, for either engine.
 
 A configuration off its curve by d misses a crossing by sqrt(d), so this suits
 `spherekit.engine.equation.LOOSEST`.

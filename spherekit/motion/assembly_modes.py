@@ -20,7 +20,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.follow import ModeCurve
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
-from spherekit.motion.loops import left_inverse, rank_mobility
+from spherekit.motion.loops import DEPENDENT, left_inverse, rank_mobility
 from spherekit.motion.meshes import TURN, Meshes, meshes_of
 from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.pairs import penetrates
@@ -116,10 +116,13 @@ class Solver:
         """Return the state in which only the inputs have values q (n, inputs)."""
         return State.start(self.mechanism, self.joints, self.assembly, q)
 
-    def freedoms(self, values: Floats) -> int:
-        """Return the mobility by rank at a closed configuration (variables,)."""
+    def freedoms(self, values: Floats, dependent: float = DEPENDENT) -> int:
+        """Return the mobility by rank at a closed configuration (variables,).
+
+        Singular values below the part `dependent` of the largest count as zero.
+        """
         vectors = self.closure.at(values[None]).vectors
-        return int(rank_mobility(self.closure.tree, vectors)[0])
+        return int(rank_mobility(self.closure.tree, vectors, dependent)[0])
 
     def evaluate(
         self, assembly_mode: AssemblyMode, q: Floats, rows: NDArray[np.intp] | None = None

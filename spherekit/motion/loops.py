@@ -136,12 +136,15 @@ def _one_inverse(matrix: Floats) -> Floats:
         return np.full_like(matrix, np.nan)
 
 
-def rank_mobility(tree: LoopTree, vectors: Floats) -> Floats:
-    """Return the nullity (n,) of the velocity equations: the mobility at each sample."""
+def rank_mobility(tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT) -> Floats:
+    """Return the nullity (n,) of the velocity equations: the mobility at each sample.
+
+    Singular values below the part `dependent` of the largest count as zero.
+    """
     values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
     if values.shape[1] == 0:
         return np.full(len(vectors), vectors.shape[1])
-    rank = np.sum(values > DEPENDENT * values[:, :1], axis=1)
+    rank = np.sum(values > dependent * values[:, :1], axis=1)
     return np.asarray(vectors.shape[1] - rank)
 
 

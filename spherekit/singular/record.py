@@ -191,8 +191,8 @@ class Singularities:
     whole
         Curves that are singular throughout.
     everywhere
-        The freedoms by rank of a mechanism that is singular in all its configurations,
-        which has no curves; otherwise None.
+        The freedoms by rank, to a part in a million, of a mechanism that is singular in
+        all its configurations, which has no curves; otherwise None.
     notes
         What holds on whole curves, such as c = d = 0 everywhere.
     """

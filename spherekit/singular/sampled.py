@@ -250,7 +250,7 @@ class SampledSingularities:
         return np.asarray(found.segments.closure.at(found.at([s]).values).placed[0])
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
-        curve = self.curves[number]
+        curve, driven = self.curves[number], self.tracer.solver.single
         links = self.report.outputs[output]
         places = [
             point.s
@@ -259,17 +259,23 @@ class SampledSingularities:
             and point.output == links
             and point.type in (kind, Type.III)
         ]
+        inputs = list(curve.at(places).values[:, driven]) if places else []
         for crossing in self.report.crossings:
             for own, at_start in crossing.ends:
                 if own == number:
+                    last = curve.nodes.values[0 if at_start else -1]
+                    beyond = curve.wrapped(crossing.values - last)
                     places.append(0.0 if at_start else curve.length)
+                    inputs.append(last[driven] + beyond[driven])
         if not places:
             return np.full(len(s), np.nan)
-        at = np.sort(np.array(places))
+        order = np.argsort(places)
+        at, there = np.array(places)[order], np.array(inputs)[order]
         if curve.closed:
+            rise = curve.rise[driven]
             at = np.concatenate([at - curve.length, at, at + curve.length])
-        driven = self.tracer.solver.single
-        there, here = curve.at(at).values[:, driven], curve.at(s).values[:, driven]
+            there = np.concatenate([there - rise, there, there + rise])
+        here = curve.at(s).values[:, driven]
         after = np.searchsorted(at, s)
         ways = []
         for beside in (after - 1, after):

@@ -18,6 +18,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.arc_length import SINGULAR
 from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import Pole, parse_pole, pole_of
@@ -491,6 +492,7 @@ class SingleFreedom:
     def _everywhere(self) -> int | None:
         """Return the freedoms of a mechanism that nowhere has just one, if it is one.
 
+        Rank counts as lost where it is for following curves.
         Asked for at configurations of its assembly modes, and where all variables are zero
         if the loops close there: the reference pose.
         """
@@ -501,7 +503,7 @@ class SingleFreedom:
         known = motion.values[~motion.failed]
         if solver.closure.at(reference).gap[0] < CLOSURE_TOLERANCE:
             known = np.concatenate([reference, known])
-        freedoms = [solver.freedoms(values) for values in known]
+        freedoms = [solver.freedoms(values, SINGULAR) for values in known]
         return min(freedoms) if freedoms and min(freedoms) > 1 else None
 
 
