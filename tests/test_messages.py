@@ -89,7 +89,7 @@ COMMANDS = {
     "run four_bar --format csv": ["--format", "without tables", "-o DIR"],
     "run four_bar --log-every 5": ["--log-every", "without a recording", "--save"],
     "run four_bar --save x.txt": ["x.txt", "must be named *.rrd"],
-    "run four_bar --save nothere/x.rrd": ["nothere/x.rrd", "the folder nothere does not exist", "make it first"],
+    "run four_bar --save nothere/x.rrd": ["nothere/x.rrd", "the folder does not exist", "create it first"],
     "run four_bar --connect nowhere": ['"nowhere"', "not the address of a viewer", "rerun+http://"],
     "run four_bar --trade d": ["--trade", "with --tol T"],
     "plan four_bar --for 3/9": ['"3/9" is not a pole', 'did you mean "3/2"'],

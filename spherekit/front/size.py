@@ -49,9 +49,17 @@ def size_of(
 
     Examples
     --------
+    >>> from pathlib import Path
     >>> import spherekit as sk
-    >>> sized = sk.size_of("examples/sizing/torque.toml", designs=512, starts=2)
-    >>> sized.mechanism().name
+    >>> wanted = '''
+    ... format = 1
+    ... mechanism = "four_bar"
+    ... minimise = "peak"
+    ... vary = {"links.2.arc" = [15, 30], "links.4.arc" = [30, 60]}
+    ... figures = {peak = "max(abs(torque))"}
+    ... '''
+    >>> _ = Path("wanted.toml").write_text(wanted)
+    >>> sk.size_of("wanted.toml", designs=64, starts=1).mechanism().name
     'four_bar'
     """
     return size(sizing_of(path, designs, seed), starts)
