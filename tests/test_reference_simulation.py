@@ -422,7 +422,7 @@ def short_trade():
 def test_the_table_says_what_the_reference_was(monkeypatch):
     if WIDE:
         assert "a simulation in float128, known to" in short_trade().reference
-    for module in ("trade.simulated", "dynamics.reference"):
+    for module in ("tradeoff.simulated", "dynamics.reference"):
         monkeypatch.setattr(f"spherekit.{module}.wide", lambda: Digits(20))
     assert short_trade().reference == "a simulation in 20 digits"
 

@@ -376,7 +376,9 @@ def test_the_command_line_runs_a_study_and_writes_its_output(tmp_path, monkeypat
         ("6", "1"),
     ]
     assert set(frame["assembly_mode"]) == {1}
-    np.testing.assert_allclose(frame["q [deg]"].unique(), np.linspace(-30, 90, 7), atol=1e-13)
+    np.testing.assert_allclose(
+        frame["q [deg]"].unique(), np.linspace(-30, 90, 7), atol=1e-13
+    )
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["analyses"][0]["parameters"]["only"] == ["6/1", "5/1"]
 
