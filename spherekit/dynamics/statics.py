@@ -38,10 +38,10 @@ class Stiffness:
 
     `w` (n, inputs, 3): its angular velocity per unit rate of each input, in ground axes.
     `advantage` (n, inputs): the moment about the axis of w that a unit torque at that input
-    balances while the others are locked, 1 / |w|; infinite where the input does not move
-    the link. `stiffness` (n, 3) N m/rad rising and `axes` (n, 3, 3), in rows: the principal
-    ones of the link where every input yields by its torque over its stiffness; about axes
-    that do not yield it is infinite, and the axis NaN.
+    balances while the others are locked, one over the size of w; infinite where the input
+    does not move the link. `stiffness` (n, 3) N m/rad rising and `axes` (n, 3, 3), in rows:
+    the principal ones of the link where every input yields by its torque over its
+    stiffness; about axes that do not yield it is infinite, and the axis NaN.
     """
 
     w: Floats
