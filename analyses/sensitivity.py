@@ -61,9 +61,8 @@ class SensitivityAnalysis(AbstractAnalysis):
     version: ClassVar[str] = "1"
     summary: ClassVar[str] = "derivatives by sizes, and tolerances of sizes"
     cites: ClassVar[tuple[str, ...]] = (
-        "J. J. Craig, Introduction to Robotics, 3rd ed., 2005, section 5: rates of closed "
-        "chains; the derivative by a size is that of the closure equations solved for the "
-        "variables",
+        "derived in docs/sensitivity.md: the velocity equations of the loops, with the rate "
+        "at which a size opens them on the right side",
     )
     rowwise: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (

@@ -130,8 +130,8 @@ def test_a_cam_lifts_off_where_its_follower_would_outrun_the_spring():
     assert all(0.0 < part < 1.0 for part, _ in sides) and sides[0][1] == sides[1][1]
 
 
-def test_hookes_joint_holds_and_bends_its_shafts_as_textbooks_say():
-    """Seherr-Thoss, Schmelz, Aucktor, Universal Joints and Driveshafts, section 1.2.1.
+def test_hookes_joint_holds_and_bends_its_shafts():
+    """By hand: the moment that the cross transmits is normal to both of its axes.
 
     T_2 / T_1 = (1 - sin^2 b cos^2 f) / cos b at the angle b of the shafts, where f = 0 is
     that of the driving yoke in their plane, and the couple that bends the driving shaft is
