@@ -61,8 +61,8 @@ class SensitivityAnalysis(AbstractAnalysis):
     version: ClassVar[str] = "1"
     summary: ClassVar[str] = "derivatives by sizes, and tolerances of sizes"
     cites: ClassVar[tuple[str, ...]] = (
-        "derived in docs/sensitivity.md: the velocity equations of the loops, with the rate "
-        "at which a size opens them on the right side",
+        "derived in docs/sensitivity.md: the velocity equations of the loops, with the "
+        "rate at which a size opens them on their right side",
     )
     rowwise: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (
