@@ -141,6 +141,24 @@ def test_the_analysis_conforms_and_says_what_matters():
         assert row["drawn_spread"] == pytest.approx(spread, rel=0.1)
 
 
+def test_transmission_angles_are_the_same_from_variables_and_in_closed_form():
+    motion = sk.trace("stephenson", samples=5)
+    names = [f"transmission_angle_{pair}" for pair in ("34", "56")]
+    sensitivity = Sensitivity(sk.load("stephenson"), ["links.2.arc"], names)
+    values, gradients = sensitivity.at(samples_of(motion), motion.values)
+    reduce = [f"low_{k}=min({name})" for k, name in enumerate(names)]
+    for mode in motion.assembly_modes:
+        own = motion.assembly_mode == mode.number
+        for arc, change in ((15.0, 0.0), (15.0 + 1e-4, np.radians(1e-4))):
+            vary = {"links.2.arc": [arc]}
+            found = sk.sweep("stephenson", vary, reduce, samples=5).frame()
+            row = found[found["mode"] == mode.label].iloc[0]
+            for k in range(2):
+                least = np.argmin(values[k, own])
+                near = values[k, own][least] + change * gradients[0, k, own][least]
+                assert np.radians(row[f"low_{k}"]) == pytest.approx(near, abs=1e-10)
+
+
 def test_defaults_and_mistakes():
     assert sizes_of(sk.load("stephenson"))[:2] == ("links.1.arcs.14", "links.1.arcs.16")
     assert len(sizes_of(sk.load("double_butterfly"))) == 20

@@ -8,6 +8,7 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import nearest
 from spherekit.design.variables import (
     DesignVariable,
     check_variables,
@@ -121,16 +122,19 @@ class Sensitivity:
         self.variables = tuple(self._variable(key) for key in self.keys)
         check_variables(self.document, self.variables)
         self.quantities = tuple(quantities) or quantities_of(mechanism)
-        unknown = set(self.quantities) - set(row_quantities(mechanism))
-        self._closed_form_only = [
-            name for name in self.quantities if name.startswith("transmission_angle_")
-        ]
-        if unknown or (self._closed_form_only and not middle_pairs(mechanism)):
-            wrong = sorted(unknown or self._closed_form_only)[0]
-            raise DesignError(
-                f'{mechanism.name}: "{wrong}" is no quantity of its configurations; '
-                "such are theta_PAIR, rate_PAIR and velocity_coefficient_LINK_OTHER"
-            )
+        middles = {f"transmission_angle_{pair}" for pair in middle_pairs(mechanism)}
+        known = {
+            name
+            for name in row_quantities(mechanism)
+            if name in middles or not name.startswith("transmission_angle_")
+        }
+        for name in self.quantities:
+            if name not in known:
+                raise DesignError(
+                    f'{mechanism.name}: "{name}" is no quantity of its configurations'
+                    f"{nearest(name, known) or ';'} such are theta_PAIR, rate_PAIR and "
+                    "velocity_coefficient_LINK_OTHER"
+                )
 
     def _variable(self, key: str) -> DesignVariable:
         variable = design_variable(self.document, key)

@@ -22,7 +22,7 @@ from spherekit.engine.algebra import (
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.derivatives import derivatives
-from spherekit.engine.dyads import ClosedDyad, middle_of, place_by_input
+from spherekit.engine.dyads import ClosedDyad, dyad_pairs, middle_of, place_by_input
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -35,7 +35,7 @@ from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import RateExpressions, Structure
 from spherekit.engine.loads import LoadState, generalised_force
 from spherekit.engine.misfits import answers, misfit_rates, misfits
-from spherekit.engine.pose import LinkOrientation, place_by_variables
+from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
@@ -316,14 +316,26 @@ class RowQuantities:
     def _transmission_angle(self, pair: str) -> Expr:
         mechanism = self.structure.mechanism
         number = mechanism.pair_number[pair]
-        by_pair = {dyad.middle: dyad for dyad in self.dyads}
-        if number not in by_pair:
-            middles = listing(mechanism.pairs[k].name for k in by_pair)
+        groups = {middle_of(g): g for g in self.structure.assembly.groups if g.is_dyad}
+        if number not in groups:
+            middles = listing(mechanism.pairs[k].name for k in groups) or "none"
             raise EngineError(
                 f"{mechanism.name}: pair {pair} is in the middle of no dyad, so it has no "
                 f"transmission angle; those with one: {middles}"
             )
-        return by_pair[number].transmission_angle
+        closed = {dyad.middle: dyad.transmission_angle for dyad in self.dyads}
+        if number in closed:
+            return closed[number]
+        near, middle, far = (self._axis(each) for each in dyad_pairs(groups[number]))
+        one, other = cross(near, middle), cross(middle, far)
+        normal, level = cross(one, other), dot(one, other)
+        sine, cosine = dot(normal, normal), level * level
+        return function("atan2", function("sqrt", sine), function("sqrt", cosine))
+
+    def _axis(self, pair: int) -> Exprs:
+        (variable,) = self.structure.mechanism.variables_of(pair)
+        ((_, _, axis),) = spin_vectors(self.structure.pairs, self.links, variable)
+        return axis
 
     def _coefficient(self, text: str, order: int) -> Expr:
         mechanism = self.structure.mechanism
@@ -399,11 +411,9 @@ def arc_function(
 def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the pairs with a ``transmission_angle``: those in the middle of dyads.
 
-    None where a group is no dyad, or with several inputs.
+    None with several inputs.
     """
     if len(mechanism.inputs) != 1:
         return ()
-    assembly = plan_assembly(mechanism)
-    if not assembly.has_closed_form:
-        return ()
-    return tuple(mechanism.pairs[middle_of(group)].name for group in assembly.groups)
+    groups = (group for group in plan_assembly(mechanism).groups if group.is_dyad)
+    return tuple(mechanism.pairs[middle_of(group)].name for group in groups)

@@ -82,9 +82,15 @@ def place_by_input(
     return ClosedPlacements(within, dyads)
 
 
+def dyad_pairs(group: Group) -> tuple[int, int, int]:
+    """Return the numbers of a dyad's pairs: one outer, the middle, the other outer."""
+    near, middle, far = (_joint(group, *ends) for ends in ((0, 1), (1, 2), (0, 2)))
+    return group.pairs[near], group.pairs[middle], group.pairs[far]
+
+
 def middle_of(group: Group) -> int:
     """Return the number of the pair in the middle of a dyad."""
-    return group.pairs[_joint(group, 1, 2)]
+    return dyad_pairs(group)[1]
 
 
 def _joint(group: Group, a: int, b: int) -> int:
