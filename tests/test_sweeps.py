@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import spherekit as sk
+from spherekit.cli.main import main
 from spherekit.design.space import DesignSpace, between, variation
 from spherekit.errors import AnalysisError, DesignError, FileError, OutputError
 from spherekit.files.change import document_of, number_path, with_numbers
@@ -226,6 +227,33 @@ def test_conditions_leave_out_designs_and_rows():
         found.astype({"mode": str, "status": str, "grashof": str}),
         kept.reset_index(drop=True).astype({"mode": str, "status": str, "grashof": str}),
     )
+
+
+def test_nothing_left_is_no_row():
+    vary = {"links.2.arc": [10.0, 20.0]}
+    for where in ("links_2_arc > 90", "most > 1000"):
+        found = sk.sweep("four_bar", vary, "most=max(rate_41)", where=where, samples=5)
+        assert found.frame().empty
+
+
+def test_sizes_of_a_mechanism_with_a_locked_pair_are_its_own(capsys):
+    words = ["sweep", "five_bar", "--lock", "51=30", "--vary", "links.2.arc=50:70:3"]
+    words += ["--reduce", "most=max(abs(velocity_coefficient_3_1))", "--samples", "9"]
+    assert main([*words, "--json"]) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    held = sk.lock(sk.load("five_bar"), {"51": 30.0}, angle_unit="deg")
+    assert {row["design"] for row in rows} == {0, 1, 2}
+    for row in rows:
+        made = held.with_sizes(angle_unit="deg", arcs={"2": row["links_2_arc"]})
+        (driven,) = made.inputs
+        modes = {m.label: m.number for m in sk.trace(made, samples=3).assembly_modes}
+        here = sk.evaluate(
+            made,
+            np.linspace(driven.start, driven.stop, 9),
+            assembly_mode=modes[row["mode"]],
+        )
+        most = np.nanmax(np.abs(here.velocity_coefficient("3/1")))
+        assert row["most"] == pytest.approx(most, rel=1e-9)
 
 
 def rows_of(folder):

@@ -142,7 +142,8 @@ class Evaluator:
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
-        parts = []
+        nothing = np.zeros(0, dtype=np.int64)
+        parts = [_without(nothing, np.empty(0, dtype=object), self.merits)]
         for start in range(0, values.shape[1], BLOCK):
             some = values[:, start : start + BLOCK]
             found = self._together(some) if self.kernel else self._one_by_one(some)

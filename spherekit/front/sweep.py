@@ -15,7 +15,9 @@ from spherekit.design.space import DesignSpace, Scheme, Variation, listed, varia
 from spherekit.design.sweep import Sweep, SweepResult, run_sweep
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
+from spherekit.files.document import Document
 from spherekit.files.library import find, is_study
+from spherekit.files.read import angle_unit_of, load
 from spherekit.files.study import load_study
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
@@ -122,9 +124,7 @@ def sweep_of(
     study = _study(subject)
     if samples is not None:
         study = replace(study, samples=samples, path=None)
-    file = subject if source is None else source
-    named = isinstance(file, str | os.PathLike) and not is_study(find(file))
-    document = document_of(file if named else study.mechanism)  # type: ignore[arg-type]
+    document = _document(study.mechanism, subject if source is None else source)
     radians = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
     merits: dict[str, Merit] = {}
     for analysis in analyses:
@@ -157,6 +157,19 @@ def perform(
     from spherekit.design.cluster import Cluster
 
     return run_sweep(sweep, folder, elsewhere=Cluster(dask))
+
+
+def _document(mechanism: Mechanism, subject: Subject) -> Document:
+    """Return the file that a mechanism is of, or else the file that it would make.
+
+    A mechanism with locked pairs, or that of a study, is not that of a file.
+    """
+    if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
+        own = load(subject)
+        if replace(own, inputs=()) == replace(mechanism, inputs=()):
+            return document_of(subject)
+        return document_of(mechanism, angle_unit_of(subject))
+    return document_of(mechanism)
 
 
 def _study(subject: Subject) -> Study:
