@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 PART, SINGLY = 16384, 16
 """Designs in a part: in one kernel, and one by one."""
 
+OWN = ("design", "mode", "status", "closes", "grashof")
+"""Columns that every table may have."""
+
 DEFINITION = "sweep.json"
 LOCK = ".sweep.lock"
 DEG = np.pi / 180.0
@@ -78,7 +81,8 @@ class Sweep:
                 f"{listing(row_quantities(self.mechanism), 40)}"
             )
         check_variables(self.document, self.variables)
-        names = [*(each.name for each in self.variables), *(m.name for m in self.merits)]
+        names = [*OWN, *(each.name for each in self.variables)]
+        names += [merit.name for merit in self.merits]
         double = [name for k, name in enumerate(names) if name in names[:k]]
         if double:
             raise DesignError(
