@@ -344,6 +344,8 @@ MISTAKES = [
     ({"links.2.arc": [1.0]}, (), DesignError, "no figure of merit is asked for"),
     ({"links.2.arc": [1.0]}, "most(q)", AnalysisError, "did you mean"),
     ({"links.2.arc": [1.0]}, "max(theta_99)", AnalysisError, "theta_99"),
+    ({"links.2.arc": [1.0]}, "status=max(q)", DesignError, 'called "status"'),
+    ({"links.2.arc": [1.0]}, "max(transmission_angle_21)", AnalysisError, "did you mean"),
     ({"links.2.arc": [1.0]}, "at(q)", AnalysisError, "needs an expression and an input"),
     (
         {"links.2.arc": [1.0], "links.2.arcs.32": [2.0]},

@@ -20,7 +20,6 @@ from spherekit.engine.design_kernel import (
     DesignTerms,
     NewtonKernel,
     design_kernel,
-    middle_pairs,
     newton_kernel,
     row_quantities,
 )
@@ -122,12 +121,7 @@ class Sensitivity:
         self.variables = tuple(self._variable(key) for key in self.keys)
         check_variables(self.document, self.variables)
         self.quantities = tuple(quantities) or quantities_of(mechanism)
-        middles = {f"transmission_angle_{pair}" for pair in middle_pairs(mechanism)}
-        known = {
-            name
-            for name in row_quantities(mechanism)
-            if name in middles or not name.startswith("transmission_angle_")
-        }
+        known = row_quantities(mechanism)
         for name in self.quantities:
             if name not in known:
                 raise DesignError(

@@ -237,7 +237,7 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     made = {"q": "rad", "dq": "rad/s", "ddq": "rad/s2", "t": "s"}
     made |= {f"theta_{pair}": "rad" for pair in angles}
     made |= {f"rate_{pair}": "" for pair in angles}
-    made |= {f"transmission_angle_{pair}": "rad" for pair in angles}
+    made |= {f"transmission_angle_{pair}": "rad" for pair in middle_pairs(mechanism)}
     links = mechanism.links
     for kind, unit in (("velocity_coefficient", ""), ("acceleration_coefficient", "1/rad")):
         made |= {f"{kind}_{a}_{b}": unit for a in links for b in links if a != b}
@@ -317,12 +317,6 @@ class RowQuantities:
         mechanism = self.structure.mechanism
         number = mechanism.pair_number[pair]
         groups = {middle_of(g): g for g in self.structure.assembly.groups if g.is_dyad}
-        if number not in groups:
-            middles = listing(mechanism.pairs[k].name for k in groups) or "none"
-            raise EngineError(
-                f"{mechanism.name}: pair {pair} is in the middle of no dyad, so it has no "
-                f"transmission angle; those with one: {middles}"
-            )
         closed = {dyad.middle: dyad.transmission_angle for dyad in self.dyads}
         if number in closed:
             return closed[number]
@@ -339,9 +333,15 @@ class RowQuantities:
 
     def _coefficient(self, text: str, order: int) -> Expr:
         mechanism = self.structure.mechanism
-        link, other = next(
+        both = [
             (a, b) for a in mechanism.links for b in mechanism.links if f"{a}_{b}" == text
-        )
+        ]
+        if len(both) > 1:
+            raise EngineError(
+                f'{mechanism.name}: "{text}" may be of links {both[0][0]} and {both[0][1]} '
+                f"or of {both[1][0]} and {both[1][1]}; give links other names"
+            )
+        ((link, other),) = both
         pole = pole_of(mechanism.link(link), mechanism.link(other))
         flow = self._flow(order)
         _, rate = flow.pole(pole)
