@@ -25,6 +25,7 @@ from spherekit.engine.design_kernel import (
 )
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
+from spherekit.model.geometry import COLLINEAR
 from spherekit.model.mechanism import Mechanism, SizeGeometry
 from spherekit.sphere.rotation import Floats
 
@@ -229,11 +230,15 @@ class Sensitivity:
 
 
 def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the keys of all arcs and angles, or of all axes in a reference pose."""
+    """Return the keys of all arcs and angles, or of all axes in a reference pose.
+
+    Without those of links with two axes on one line, which no small size parts.
+    """
     if isinstance(mechanism.geometry, SizeGeometry):
         return tuple(
             f"links.{link}.{kind}" + (f"s.{pair}" if len(axes) > 1 else "")
             for link, sizes in mechanism.geometry.links.items()
+            if all(abs(np.sin(arc)) > COLLINEAR for arc in sizes.arcs)
             for kind, axes in (("arc", sizes.axes[1:]), ("angle", sizes.axes[2:]))
             for pair in axes
         )
