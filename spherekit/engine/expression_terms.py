@@ -18,13 +18,17 @@ def _larger(*items: Expr) -> Expr:
     return best
 
 
-_BY_TERMS: Mapping[str, Callable[..., Expr]] = {
+BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
     "+": lambda a, b: a + b,
     "-": lambda a, b: a - b,
     "*": lambda a, b: a * b,
     "/": lambda a, b: a / b,
     "**": power,
     "negative": lambda a: -1.0 * a,
+}
+
+_BY_TERMS: Mapping[str, Callable[..., Expr]] = {
+    **BY_OPERATOR,
     "abs": _size,
     "max": _larger,
     "min": lambda *items: -1.0 * _larger(*(-1.0 * each for each in items)),

@@ -12,7 +12,8 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
-from spherekit.engine.expression_graph import Expr, function, power
+from spherekit.engine.expression_graph import Expr, function
+from spherekit.engine.expression_terms import BY_OPERATOR
 from spherekit.engine.kinematics import RateExpressions
 from spherekit.model.dynamics import Called, Load, TorqueTable, Vector, expression_of
 from spherekit.model.expression import Expression, fold
@@ -155,10 +156,10 @@ def expression_value(law: Expression, moving: LoadState) -> Expr:
         whole, reduced = zip(*parts, strict=True)
         if name in _PERIODIC:
             whole = reduced
-        if name in _BY_OPERATOR:
-            found = _BY_OPERATOR[name](*whole)
+        if name in BY_OPERATOR:
+            found = BY_OPERATOR[name](*whole)
             if name in _COUNTS_TURNS or (name == "*" and any(map(_is_whole, whole))):
-                return found, _BY_OPERATOR[name](*reduced)
+                return found, BY_OPERATOR[name](*reduced)
             return found, found
         if name in _BY_SWITCH:
             found = _BY_SWITCH[name](moving, *whole)
@@ -176,16 +177,6 @@ _COUNTS_TURNS = ("+", "-", "negative")
 
 def _is_whole(item: Expr) -> bool:
     return isinstance(item, float) and item.is_integer()
-
-
-_BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
-    "/": lambda a, b: a / b,
-    "**": power,
-    "negative": lambda a: -1.0 * a,
-}
 
 
 def _larger(moving: LoadState, *items: Expr) -> Expr:
