@@ -9,8 +9,9 @@ import numpy as np
 
 from spherekit.conventions import counted
 from spherekit.design.conditions import Condition
+from spherekit.design.evaluate import DEG
 from spherekit.design.gradients import FigureGradients, with_derivatives
-from spherekit.design.sweep import DEG, Columns, Sweep
+from spherekit.design.sweep import Columns, Sweep
 from spherekit.design.variables import designed
 from spherekit.engine.arrays import ArrayFunction
 from spherekit.engine.design_kernel import row_quantities

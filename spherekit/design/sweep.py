@@ -41,7 +41,6 @@ OWN = ("design", "mode", "status", "closes", "grashof")
 
 DEFINITION = "sweep.json"
 LOCK = ".sweep.lock"
-DEG = np.pi / 180.0
 
 Columns = dict[str, Any]
 

@@ -130,6 +130,8 @@ def _steps(
         if len(sizes) == 1:
             return name, 0
         pairs = place.get("axes", [])[first:]
+        if not sizes:
+            raise FileError(f"{document.name}: links.{path[1]} has no {name}")
         raise FileError(
             f"{document.name}: links.{path[1]} has {len(sizes)} {name}; say which by the "
             f"pair it leads to: {listing(f'links.{path[1]}.{name}.{p}' for p in pairs)}"
