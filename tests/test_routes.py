@@ -14,7 +14,8 @@ from spherekit.errors import SolveError
 from spherekit.model.mechanism import Input
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import SignMemory, evaluate
+from spherekit.rates.field import evaluate
+from spherekit.rates.signs import SignMemory
 from spherekit.rates.gnomonic import REFERENCE, Chart
 from spherekit.rates.request import request
 from spherekit.rates.routes import ROUTES

@@ -13,7 +13,8 @@ from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import SignMemory, evaluate
+from spherekit.rates.field import evaluate
+from spherekit.rates.signs import SignMemory
 from spherekit.rates.request import request
 
 SLOW = {"twelve_bar", "stephenson_output"}
