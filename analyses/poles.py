@@ -113,8 +113,8 @@ class Poles(AbstractAnalysis):
                 Column(
                     "conditioning",
                     "",
-                    "how far the angular velocities of the two links are from cancelling: the "
-                    "size of their difference over the sum of their sizes; 1 for pairs",
+                    "how far the angular velocities of both links are from cancelling: the "
+                    "size of their difference over the sum of sizes; 1 for pairs",
                     scale="none",
                 ),
                 Column(

@@ -1,8 +1,9 @@
 """Everything that a run reads of a row, as terms of the pair variables.
 
-The closure of the loops, the rates and their derivatives, all poles and how they turn, and
-what each of them may be off by: bounds of norms as in `spherekit.rates.errors.rough_errors`,
-with what the numbers given leave over in the equations.
+The closure of the loops, the rates and their derivatives, all poles and how they turn,
+and what each of them may be off by: bounds of norms as in
+`spherekit.rates.errors.rough_errors`, with what the numbers given leave over in the
+equations.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
 from spherekit.engine.algebra import Exprs, cross, dot, vector
@@ -24,10 +26,15 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole
-from spherekit.rates.columns import LARGEST_ERROR, PoleColumns, RateColumns, RowColumns
+from spherekit.rates.columns import PoleColumns, RateColumns
+from spherekit.rates.core import NEARLY_FLAT
 from spherekit.rates.request import Request
 from spherekit.rates.turning import TURN_KNOWN
 from spherekit.sphere.rotation import Floats
+
+LARGEST_ERROR = 1e-10
+"""Rows in which a direction, or the derivative of a rate, may be off by more are not
+vouched for: norms alone say too little of them."""
 
 REFERENCES = 32
 """Configurations at most that say in which order variables are eliminated."""
@@ -129,42 +136,58 @@ class RowKernel:
         """Return the variables `free`, (variables, n), closer to where loops close."""
         return np.asarray(self.closing(np.ascontiguousarray(values)))
 
-    def read(self, rows: Floats) -> RowColumns:
-        """Return columns, or those that are kept, by what they are: as views."""
-        whole = len(rows) == self.width
-        residual, sensitivity, off = (
-            each.of(rows)[0] if whole or each is self.closure[0] else None
-            for each in self.closure
-        )
-        assert residual is not None
-        rates = [_read(each, rows, whole) for each in self.rates]
-        return RowColumns(residual, sensitivity, off, rates, self.flatness, self.rounding)
+    def closed(self, rows: Floats) -> NDArray[np.bool_]:
+        """Return which rows (n,) have loops no more open than numbers are rounded.
+
+        Of two axes of a frame, each by as much at most.
+        """
+        return np.asarray(self.residual(rows) <= np.sqrt(2.0) * self.rounding)
+
+    def judged(self, rows: Floats) -> tuple[NDArray[np.bool_], Floats]:
+        """Return which rows (n,) the kernel vouches for, and their configurations' errors.
+
+        Of these the numbers are as good as those that are found with care.
+        """
+        _, sensitivity, off = (each.of(rows)[0] for each in self.closure)
+        good = sensitivity <= self.flatness / NEARLY_FLAT
+        for places in self.rates:
+            good &= places.worst.of(rows)[0] <= LARGEST_ERROR
+        return np.asarray(good), off
+
+    def residual(self, rows: Floats) -> Floats:
+        """Return (n,) by how much loops are open, rad: a view of columns that are kept."""
+        return np.asarray(self.closure[0].of(rows)[0])
+
+    def read(self, rows: Floats) -> list[RateColumns]:
+        """Return rates by input, as views of columns that are kept."""
+        return [_read(each, rows) for each in self.rates]
 
 
-def _read(places: _RatePlaces, rows: Floats, whole: bool) -> RateColumns:
+def _read(places: _RatePlaces, rows: Floats) -> RateColumns:
     count = len(places.signed)
     signed = rows[places.block : places.block + 8 * count].reshape(8, count, rows.shape[1])
-    found = {
-        pole: (signed[:3, k], signed[3:6, k], signed[6, k], signed[7, k])
-        for k, pole in enumerate(places.signed)
-    }
+    poles: dict[Pole, PoleColumns] = {}
     for pole, own in places.poles.items():
-        if own.axis is not None:
-            unit, turn, rate, change = (place.of(rows) for place in own.axis)
-            found[pole] = unit, turn, rate[0], change[0]
-    return RateColumns(
-        {
-            pole: PoleColumns(
-                *found[pole],
-                own.angle.of(rows)[0],
-                *(place.of(rows)[0] for place in own.errors),
-                pole in places.signed,
+        if own.axis is None:
+            k = places.signed.index(pole)
+            unit, turn, rate, change = (
+                signed[:3, k],
+                signed[3:6, k],
+                signed[6, k],
+                signed[7, k],
             )
-            for pole, own in places.poles.items()
-        },
+        else:
+            unit, turn, first, second = (place.of(rows) for place in own.axis)
+            rate, change = first[0], second[0]
+        angle, one, other, last = (each.of(rows)[0] for each in (own.angle, *own.errors))
+        is_signed = own.axis is None
+        poles[pole] = PoleColumns(
+            unit, turn, rate, change, angle, one, other, last, is_signed
+        )
+    return RateColumns(
+        poles,
         {link: place.of(rows) for link, place in places.w.items()},
         {link: place.of(rows) for link, place in places.dw.items()},
-        places.worst.of(rows)[0] if whole else None,
     )
 
 
@@ -488,9 +511,7 @@ class _Moving:
         )
         return _PolePlaces(axis, outputs.place(1.0), (one, other, last))
 
-    def _across(
-        self, i: int, j: int
-    ) -> tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]:
+    def _across(self, i: int, j: int) -> tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]:
         """Return the columns with a sign of a pole, how far it is from none, its errors."""
         v, dv = self._w[j] - self._w[i], self._dw[j] - self._dw[i]
         length = _norm(v)

@@ -22,7 +22,7 @@ APART = 0.01
 meet."""
 FEWEST = 4
 """With fewer samples than this to a node prediction does not pay."""
-MOST = 256
+MOST = 1024
 """Samples to a node at most."""
 AT_ONCE = 8192
 """Samples that are read at once."""
@@ -110,13 +110,13 @@ class Predictor:
                     rows = slice(max(0, low), min(out.shape[2], low + len(own) * every))
                     if rows.start >= rows.stop:
                         continue
-                    here = out[:, mode, rows]
                     if alike[own[0] - windows[0]] < 0:
-                        here[:] = np.nan
+                        out[:, mode, rows] = np.nan
                         continue
                     at = first[mode, own[0]] + np.arange(len(own))
                     made = self._read(values[:, mode], own, at)
-                    here[self._free] = made[:, rows.start - low : rows.stop - low]
+                    for number, each in zip(self._free, made, strict=True):
+                        out[number, mode, rows] = each[rows.start - low : rows.stop - low]
 
     def _read(self, values: Floats, own: NDArray[np.intp], at: NDArray[np.intp]) -> Floats:
         """Return (free variables, samples) in windows with stencils (k,) from `at` on."""
@@ -125,14 +125,15 @@ class Predictor:
         away = values[:, at[:, None] + np.arange(STENCIL)] - base
         angles = self._angles[self._free]
         away[angles] -= TURN * np.round(away[angles] / TURN)
+        far = np.max(np.abs(base[:, :, 0]), axis=1) + np.max(np.abs(away), axis=(1, 2))
         offset = int(own[0] - at[0])
         away[:, :, offset] = base[:, :, 0]
-        made = away @ _weights(self._every)[offset]
-        made = made.reshape(len(values), -1)
-        for each, is_angle in zip(made, angles, strict=True):
-            if is_angle:
-                _wrap(each)
-        return made
+        made = (away.reshape(-1, STENCIL) @ _weights(self._every)[offset]).reshape(
+            len(values), -1
+        )
+        for number in np.flatnonzero(angles & (far >= np.pi)):
+            _wrap(made[number])
+        return np.asarray(made)
 
     def _found(self, samples: NDArray[np.intp]) -> "Nodes":
         """Return the variables (variables, modes, k) of samples, and which are good."""

@@ -1,19 +1,13 @@
-"""What a kernel found of the rows of a motion, as columns, and what it vouches for."""
+"""What a kernel found of the poles and rates of a motion's rows, as columns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.planning.poles import Pole
-from spherekit.rates.core import NEARLY_FLAT
 from spherekit.sphere.rotation import Floats
-
-LARGEST_ERROR = 1e-10
-"""Rows in which a direction, or the derivative of a rate, may be off by more are not
-vouched for: norms alone say too little of them."""
 
 
 @final
@@ -39,7 +33,7 @@ class PoleColumns:
     is_signed: bool
 
     @property
-    def with_sign(self) -> tuple[Floats, ...]:
+    def with_sign(self) -> tuple[Floats, Floats, Floats, Floats]:
         """What changes its sign with the direction."""
         return self.direction, self.turn, self.rate, self.change
 
@@ -50,11 +44,17 @@ class PoleColumns:
 
     def parted(self) -> "PoleColumns":
         """Return a copy all of whose rows can be written to."""
-        made = {
-            name: np.array(part) if isinstance(part, np.ndarray) else part
-            for name, part in vars(self).items()
-        }
-        return PoleColumns(**made)
+        return PoleColumns(
+            np.array(self.direction),
+            np.array(self.turn),
+            np.array(self.rate),
+            np.array(self.change),
+            np.array(self.angle),
+            np.array(self.direction_error),
+            np.array(self.rate_error),
+            np.array(self.change_error),
+            self.is_signed,
+        )
 
 
 @final
@@ -63,13 +63,12 @@ class RateColumns:
     """Poles and rates of n rows in which one input moves.
 
     `poles` are those of which there is something. `w[link]`, `dw[link]` (3, n) are as in
-    `PoleField`. `worst` (n,) is the largest bound that decides, if it is kept.
+    `PoleField`.
     """
 
     poles: Mapping[Pole, PoleColumns]
     w: Mapping[int, Floats]
     dw: Mapping[int, Floats]
-    worst: Floats | None
 
     def parted(self) -> "RateColumns":
         """Return a copy all of whose rows can be written to."""
@@ -77,38 +76,4 @@ class RateColumns:
             {pole: own.parted() for pole, own in self.poles.items()},
             {link: np.array(own) for link, own in self.w.items()},
             {link: np.array(own) for link, own in self.dw.items()},
-            self.worst,
         )
-
-
-@final
-@dataclass(frozen=True)
-class RowColumns:
-    """What a kernel found at n rows: closure, and rates for each input that moves.
-
-    `residual` (n,) rad is how far loops are open, `sensitivity` (n,) and
-    `configuration_error` (n,) are those of `Motion`, `flatness` the reciprocal condition of
-    the equations at sensitivity 1.
-    """
-
-    residual: Floats
-    sensitivity: Floats | None
-    configuration_error: Floats | None
-    rates: Sequence[RateColumns]
-    flatness: float
-    rounding: float
-
-    @property
-    def closed(self) -> NDArray[np.bool_]:
-        """(n,) rows whose loops are open by no more than the rounding of the numbers."""
-        return np.asarray(self.residual <= self.rounding)
-
-    @property
-    def vouched(self) -> NDArray[np.bool_]:
-        """(n,) rows whose numbers are as good as those of the careful way."""
-        assert self.sensitivity is not None
-        held = self.sensitivity <= self.flatness / NEARLY_FLAT
-        for each in self.rates:
-            assert each.worst is not None
-            held &= each.worst <= LARGEST_ERROR
-        return np.asarray(held)

@@ -350,6 +350,3 @@ def _rounded(wanted: Request) -> set[Pole]:
         for step in wanted.plan.steps
         if isinstance(step, CoaxialPole) and step.pair in wanted.plan.rounded_axes
     }
-
-
-

@@ -19,23 +19,24 @@ class PoleField(ArrayRows):
 
     NaN where the motion failed. Derivatives are by that input, the others held.
 
-    `direction[pole]` (n, 3) unit vector in ground axes, continuous along each assembly mode
-    and at its first sample on the side of the mechanism's axes (of a pair: its axis);
-    `rate[pole]` (n,): rate * direction is the angular velocity of the pole's second link
-    relative to its first per unit rate of the input; `acceleration_coefficient[pole]` (n,)
-    its derivative by the input (1/rad); `angle[pole]` (n,) how far the angular velocities of its links are from
-    cancelling: |w_j - w_i| over |w_i| + |w_j|, 1 for the axes of pairs. `error[pole]` (n,) bound of the direction's
-    error (rad), `velocity_coefficient_error[pole]` and
-    `acceleration_coefficient_error[pole]` (n,) those of the two coefficients: of rounding,
-    and of what the configuration is off by. `planes[pole]` (n, 2, 3) unit normals of those
-    planes, for the poles asked for. `w[link]`, `dw[link]` (n, 3): rates of links relative
-    to the ground, per unit rate of the input, and their derivatives. `direction_dq[pole]`
-    (n, 3) is how directions turn, of the poles of which a kernel says it. `loss` (n,): the part
-    of the largest of them, or of 1, that may be wrong. `status` (n,): the motion's, with
-    AT_SINGULARITY where the rates are not finite. `pole_status[pole]` (n,): the same, with
-    NO_POLE or ILL_CONDITIONED where only this pole cannot be given. `by_equations` (n,):
-    samples solved from the velocity equations instead; `by_kernel` (n,): rows that a kernel
-    vouches for.
+    `direction[pole]` (n, 3) unit vector in ground axes, continuous along each assembly
+    mode and at its first sample on the side of the mechanism's axes (of a pair: its
+    axis); `rate[pole]` (n,): rate * direction is the angular velocity of the pole's
+    second link relative to its first per unit rate of the input;
+    `acceleration_coefficient[pole]` (n,) its derivative by the input (1/rad);
+    `angle[pole]` (n,) how far the angular velocities of its links are from cancelling:
+    |w_j - w_i| over |w_i| + |w_j|, 1 for the axes of pairs. `error[pole]` (n,) bound of
+    the direction's error (rad), `velocity_coefficient_error[pole]` and
+    `acceleration_coefficient_error[pole]` (n,) those of the two coefficients: of
+    rounding, and of what the configuration is off by. `planes[pole]` (n, 2, 3) unit
+    normals of those planes, for the poles asked for. `w[link]`, `dw[link]` (n, 3):
+    rates of links relative to the ground, per unit rate of the input, and their
+    derivatives. `direction_dq[pole]` (n, 3) is how directions turn, of the poles of
+    which a kernel says it. `loss` (n,): the part of the largest of them, or of 1, that
+    may be wrong. `status` (n,): the motion's, with AT_SINGULARITY where the rates are
+    not finite. `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED
+    where only this pole cannot be given. `by_equations` (n,): samples solved from the
+    velocity equations instead; `by_kernel` (n,): rows that a kernel vouches for.
     """
 
     direction: dict[Pole, Floats]

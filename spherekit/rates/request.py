@@ -68,10 +68,11 @@ def request(
     """Return what must be planned for these poles and velocity coefficients.
 
     `driven` is the input that moves; others stand still, and poles of links that they
-    join are left out. The coefficient of links (i, j) is the component of w_j - w_i; each
-    w follows from the two poles of its body with those of the input. Derivatives in
-    ground axes also need the rate of one body at each pair whose axis the plan uses.
-    `links` are those whose angular velocity is wanted. `by_rank` is that of `spherekit.planning.poles.plan`.
+    join are left out. The coefficient of links (i, j) is the component of w_j - w_i;
+    each w follows from the two poles of its body with those of the input. Derivatives
+    in ground axes also need the rate of one body at each pair whose axis the plan uses.
+    `links` are those whose angular velocity is wanted. `by_rank` is that of
+    `spherekit.planning.poles.plan`.
     """
     whole = _whole_plan(_ByIdentity(mechanism), driven, by_rank)
     a, b = whole.ends[whole.input]

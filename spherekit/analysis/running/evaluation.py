@@ -21,8 +21,8 @@ from spherekit.motion.motion import Motion
 from spherekit.rates.core import LinkRates
 from spherekit.rates.field import evaluate, field_of_rates
 from spherekit.rates.pole_field import PoleField
-from spherekit.rates.signs import SignMemory
 from spherekit.rates.request import Request
+from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 
 ORDINARY_WAY = ORDINARY.engine, ORDINARY.route, ORDINARY.representation

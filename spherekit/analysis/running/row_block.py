@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.engine.columns import RowKernel
-from spherekit.rates.columns import RowColumns
 from spherekit.sphere.rotation import Floats
 
 SLICE = 8184
@@ -26,8 +26,8 @@ class Rows:
     """The rows of a block while they are found, with room for the columns of a slice.
 
     `values` (variables, n), `columns` those of the kernel that are kept. `known` (n,) says
-    where the values close all loops, `vouched` (n,) where the kernel's numbers may be given;
-    `off` (n,) is the error of the configuration.
+    where the values close all loops, `vouched` (n,) where the kernel's numbers may be
+    given; `off` (n,) is the error of the configuration.
     """
 
     kernel: RowKernel
@@ -57,7 +57,7 @@ class Rows:
     @property
     def residual(self) -> Floats:
         """(n,) by how much loops are open, rad."""
-        return self.kernel.read(self.columns).residual
+        return self.kernel.residual(self.columns)
 
     def fill(self, parts: Sequence[Part], senses: Sequence[Floats]) -> list[bool]:
         """Fill all rows; return for each input whether no direction reverses in its modes.
@@ -73,17 +73,13 @@ class Rows:
     def put(self, rows: NDArray[np.intp]) -> None:
         """Fill rows by their numbers, whose values are known."""
         found = self.kernel(self.values[:, rows])
-        read = self.kernel.read(found)
         self.columns[:, rows] = found[: self.kernel.kept]
-        self.vouched[rows] = read.vouched
-        self.off[rows] = read.configuration_error
+        self.vouched[rows], self.off[rows] = self.kernel.judged(found)
 
     def _joins(self, number: int, parts: Sequence[Part]) -> bool:
         """Return whether directions go on from each slice to the next of its mode."""
         same = [
-            rows.start
-            for (before, _), (mode, rows) in zip(parts[:-1], parts[1:], strict=True)
-            if mode == before
+            rows.start for (before, _), (mode, rows) in pairwise(parts) if mode == before
         ]
         at = np.array(same, dtype=np.intp)
         unit = self._signed(self.columns, number)[:3]
@@ -100,21 +96,21 @@ class Rows:
         mode, rows = part
         kernel, values = self.kernel, np.ascontiguousarray(self.values[:, rows])
         found = kernel(values, self._columns(kernel.width, values.shape[1]))
-        read = kernel.read(found)
-        known = read.closed
+        known = kernel.closed(found)
         if not np.all(known):
             open_ = np.flatnonzero(~known & np.isfinite(values[0]))
             if len(open_):
                 known[open_] = self._close(rows, values, found, open_)
-        self.known[rows], self.vouched[rows] = known, read.vouched
-        self.off[rows] = read.configuration_error
-        self.columns[:, rows] = found[: kernel.kept]
-        steady = []
+        self.known[rows] = known
+        self.vouched[rows], self.off[rows] = kernel.judged(found)
         for number, own in enumerate(senses):
             signed = self._signed(found, number)
-            if np.any(own[mode] < 0.0):
-                kept = self._signed(self.columns[:, rows], number)
-                np.multiply(signed, own[mode][:, None], out=kept)
+            for pole in np.flatnonzero(own[mode] < 0.0):
+                np.negative(signed[:, pole], out=signed[:, pole])
+        self.columns[:, rows] = found[: kernel.kept]
+        steady = []
+        for number in range(len(senses)):
+            signed = self._signed(found, number)
             unit = signed[:3]
             np.multiply(unit[..., 1:], unit[..., :-1], out=unit[..., 1:])
             unit[0, :, 1:] += unit[1, :, 1:]
@@ -134,7 +130,7 @@ class Rows:
         after[list(self.kernel.free)] = self.kernel.closer(before)
         again = self.kernel(after)
         step = np.max(np.abs(after - before), axis=0)
-        closed = self.kernel.read(again).closed & (step < SMALL_STEP)
+        closed = self.kernel.closed(again) & (step < SMALL_STEP)
         self.values[:, rows.start + open_[closed]] = after[:, closed]
         found[:, open_[closed]] = again[:, closed]
         return np.asarray(closed)

@@ -19,11 +19,11 @@ from spherekit.engine.columns import RowKernel, row_kernel
 from spherekit.engine.compiler import available
 from spherekit.motion.motion import Motion
 from spherekit.motion.predicted import Predictor
-from spherekit.rates.columns import RateColumns, RowColumns
+from spherekit.rates.columns import RateColumns
 from spherekit.rates.from_columns import field_of_columns
 from spherekit.rates.pole_field import PoleField
-from spherekit.rates.signs import SignMemory
 from spherekit.rates.request import Request
+from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 
 FEWEST = 1 << 14
@@ -37,7 +37,7 @@ BYTES = 1 << 25
 MORE = 4
 """Blocks have so many times the rows of those without a kernel, at most."""
 
-_Found = tuple[Motion, RowColumns, NDArray[np.bool_], Sequence[bool]]
+_Found = tuple[Motion, Sequence[RateColumns], NDArray[np.bool_], Sequence[bool]]
 
 
 @final
@@ -110,9 +110,9 @@ class RowsAtOnce:
     ) -> tuple[PoleField, ...]:
         """Return the poles of the motion found last, for each input that moves."""
         assert self._found is not None and self._found[0] is motion
-        _, columns, vouched, steady = self._found
+        _, rates, vouched, steady = self._found
         self._found = None
-        each = zip(self.requests, columns.rates, memories, self._senses, strict=False)
+        each = zip(self.requests, rates, memories, self._senses, strict=False)
         found = []
         for (wanted, own, memory, senses), is_steady in zip(each, steady, strict=True):
             field = field_of_columns(
