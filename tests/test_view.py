@@ -22,7 +22,6 @@ pytest.importorskip("rerun", reason="the viewer extra is not installed")
 
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
-from spherekit.motion.motion import Tracer
 
 import spherekit as sk
 from spherekit.analysis.link_scenes import link_bodies
@@ -37,6 +36,7 @@ from spherekit.analysis.scene import (
     Text,
 )
 from spherekit.errors import OutputError
+from spherekit.motion.motion import Tracer
 from spherekit.view.names import Names
 from spherekit.view.pictures import screenshot
 from spherekit.view.rerun_view import RerunRecorder
