@@ -12,11 +12,11 @@ from benchmarks.report import Cell, Section
 from spherekit.dynamics import forward
 from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.kinematics import by_variables
-from spherekit.dynamics.mjcf import RigidBodies, mjcf, rigid_bodies
 from spherekit.dynamics.start import prepare
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated_motion import online_motion
 from spherekit.engine.compiler import available
+from spherekit.exchange.mjcf import RigidBodies, mjcf, rigid_bodies
 from spherekit.files.read import load
 from spherekit.model.dynamics import Mass, PairTorque
 from spherekit.model.geometry import link_axes

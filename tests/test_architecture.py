@@ -31,7 +31,7 @@ LAYERS = (
     ("exact", "singular", "output", "guidance", "engine", "proof"),
     ("dynamics", "workspace"),
     ("analysis",),
-    ("tradeoff", "design"),
+    ("tradeoff", "design", "exchange"),
     ("figures", "view"),
     ("front",),
     ("conformance",),
@@ -54,8 +54,9 @@ SIBLINGS = {
     "dynamics": {"singular", "workspace"},
     "figures": {"view", "tradeoff"},
     "view": {"figures"},
-    "tradeoff": {"design"},
-    "design": {"tradeoff"},
+    "tradeoff": {"design", "exchange"},
+    "design": {"tradeoff", "exchange"},
+    "exchange": {"tradeoff", "design"},
     "workspace": {"dynamics", "engine", "singular"},
 }
 HOME_OF = {

@@ -11,10 +11,10 @@ import pytest
 
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.mjcf import mjcf, rigid_bodies
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated import load_reduced
 from spherekit.errors import FileError, ModelError, PlanError, SolveError
+from spherekit.exchange.mjcf import mjcf, rigid_bodies
 from spherekit.files.read import load
 from spherekit.files.write import dumps
 from spherekit.model.dynamics import (

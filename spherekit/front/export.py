@@ -10,9 +10,9 @@ import numpy as np
 
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.dynamics.mjcf import left_out, mjcf, rigid_bodies
 from spherekit.dynamics.tabulate import online_model
 from spherekit.errors import OutputError, SolveError
+from spherekit.exchange.mjcf import left_out, mjcf, rigid_bodies
 from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import dump
