@@ -166,8 +166,8 @@ class HomogeneousRates:
 
     Of the inputs, pairs `driven`, `moving` moves at the rate 1. `span(a, b)` is the
     constant |A x B|^2 of two variables' vectors, or None where it is not constant. With
-    `misfits` (3,) of pairs all inputs rest, and the rates over `scale` are the answers of the
-    variables (`spherekit.engine.misfits`).
+    `misfits` (3,) of pairs all inputs rest, and the rates over `scale` are the answers
+    of the variables (`spherekit.engine.misfits`).
     """
 
     def __init__(
