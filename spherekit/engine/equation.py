@@ -96,7 +96,7 @@ class CompiledEquation:
 
     def rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
-        found = np.asarray(self.tau(np.ascontiguousarray(values.T)))
+        found: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
         shape = len(values), self.layout.freedoms, self.layout.variables
         return np.asarray(found[:-1].T.reshape(shape))
 
