@@ -98,12 +98,12 @@ class CompiledEquation:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
         found: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
         shape = len(values), self.layout.freedoms, self.layout.variables
-        return np.asarray(found[:-1].T.reshape(shape))
+        return found[:-1].T.reshape(shape)
 
     def measure(self, values: Floats) -> Floats:
         """Return (n,) what vanishes where sets of configurations cross."""
         found: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
-        return found[-1]
+        return np.asarray(found[-1])
 
 
 def compiled_equation(
