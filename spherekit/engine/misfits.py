@@ -90,7 +90,12 @@ def answers(
             total = total + axis * size
         vectors.append(total)
     solver = HomogeneousRates(
-        mechanism, structure.assembly.input, vectors, structure.span, misfit
+        mechanism,
+        structure.assembly.inputs,
+        structure.assembly.inputs[0],
+        vectors,
+        structure.span,
+        misfit,
     )
     for rows in structure.groups:
         solver.close(rows)
