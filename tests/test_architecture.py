@@ -33,6 +33,7 @@ LAYERS = (
     ("analysis",),
     ("tradeoff", "design"),
     ("figures", "view"),
+    ("exchange",),
     ("front",),
     ("conformance",),
     ("plugin",),

@@ -10,9 +10,9 @@ import spherekit as sk
 from spherekit.checked import checked
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.mjcf import mjcf
 from spherekit.dynamics.tabulate import online_model
 from spherekit.errors import SpherekitError
+from spherekit.exchange.mjcf import mjcf
 from spherekit.model.laws import ConstantSpeed, Cycloidal, Start, Tabulated
 from spherekit.motion.motion import Tracer
 from spherekit.tradeoff.trade import trade

@@ -33,7 +33,7 @@ from spherekit.engine.expression_graph import (
 from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import RateExpressions, Structure
-from spherekit.engine.loads import LoadState, generalised_force
+from spherekit.engine.loads import LoadState, generalised_forces
 from spherekit.engine.misfits import answers, misfit_rates, misfits
 from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
 from spherekit.engine.turns import turning_pairs
@@ -362,7 +362,7 @@ class RowQuantities:
         for pair, variable in mechanism.angles.items():
             angles[variable] = self._angle(pair)
         speed = dq * scale.coefficients[0]
-        state = LoadState(
+        state = LoadState.along(
             flow,
             angles,
             [0.0] * len(angles),
@@ -373,7 +373,7 @@ class RowQuantities:
         )
         force: Expr = 0.0
         for load in mechanism.loads:
-            force = force + generalised_force(load, state)
+            force = force + generalised_forces(load, state)[0]
         return made[0] * ddq + 0.5 * made[1] * (dq * dq) - force * scale.coefficients[0]
 
     def _no_table(self, name: str) -> Expr:

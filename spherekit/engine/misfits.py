@@ -123,7 +123,12 @@ def _closed(
             total = total + axis * size
         vectors.append(total)
     solver = HomogeneousRates(
-        mechanism, structure.assembly.input, vectors, structure.span, misfit
+        mechanism,
+        structure.assembly.inputs,
+        structure.assembly.inputs[0],
+        vectors,
+        structure.span,
+        misfit,
     )
     for rows in structure.groups:
         solver.close(rows)

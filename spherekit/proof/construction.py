@@ -21,6 +21,8 @@ from spherekit.planning.inputs import driven_pairs, merged
 
 MOST_ORDERS = 20000
 """Orders looked at; those of eight-bars are some hundred."""
+MOST_KEPT = 256
+"""Structures whose order is kept: random geometries of one have the same."""
 
 
 @final
@@ -45,6 +47,7 @@ class Onto:
 
 
 Step = Across | Onto
+_Key = tuple[tuple[tuple[int, int], ...], int, tuple[int, ...], frozenset[int]]
 
 
 @final
@@ -82,44 +85,6 @@ class Construction:
         """
         degrees = 2 * self.degrees[:, : self.unknowns]
         return permanent(degrees)
-
-    @cached_property
-    def counts_all(self) -> bool:
-        """Whether as many isolated modes as the bound leave no room for a curve of modes.
-
-        They do where the equations fall into systems, one after the other, in each of
-        which every unknown is in every equation: a curve of solutions of such a system
-        takes at least one from its bound (W. Fulton, Intersection Theory, theorem 12.2).
-        """
-        used = self.degrees[:, : self.unknowns] > 0
-        row_of = _matched(used)
-        if row_of is None:
-            return False
-        reach = np.eye(self.unknowns, dtype=bool) | used[row_of]
-        for _ in range(self.unknowns):
-            reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
-        together = reach & reach.T
-        return bool(np.all(used[row_of] | ~together))
-
-
-def _matched(used: NDArray[np.bool_]) -> list[int] | None:
-    """Return for each unknown an equation of its own, None where there are none."""
-    count = len(used)
-    row_of: list[int | None] = [None] * count
-
-    def place(row: int, tried: set[int]) -> bool:
-        for column in np.flatnonzero(used[row]):
-            if column not in tried:
-                tried.add(int(column))
-                other = row_of[column]
-                if other is None or place(other, tried):
-                    row_of[column] = row
-                    return True
-        return False
-
-    if not all(place(row, set()) for row in range(count)):
-        return None
-    return [row for row in row_of if row is not None]
 
 
 def permanent(matrix: NDArray[np.intp]) -> int:
@@ -181,6 +146,9 @@ class Ranks:
         return shared, np.asarray(total + np.zeros(count, dtype=np.intp))
 
 
+_FOUND: dict[_Key, Construction | None] = {}
+
+
 def construct(mechanism: Mechanism, wanted: Collection[int] = ()) -> Construction:
     """Return the order of placing links that has the lowest bound of complex modes.
 
@@ -197,6 +165,29 @@ def construct(mechanism: Mechanism, wanted: Collection[int] = ()) -> Constructio
         If there is none, since the pairs do not leave one freedom for each input.
     """
     inputs = driven_pairs(mechanism)
+    key = mechanism.ends, len(mechanism.links), inputs, frozenset(wanted)
+    if key not in _FOUND:
+        if len(_FOUND) >= MOST_KEPT:
+            _FOUND.clear()
+        _FOUND[key] = _searched(mechanism, inputs, wanted)
+    best = _FOUND[key]
+    if best is None:
+        raise PlanError(
+            f"{mechanism.name}: its links cannot be placed one after another on at most "
+            f"two axes each; proofs need one freedom for each input by counting"
+        )
+    if not best.unknowns:
+        raise PlanError(
+            f"{mechanism.name}: it has no closed loop, so that all angles are inputs and "
+            "there is nothing to prove"
+        )
+    return best
+
+
+def _searched(
+    mechanism: Mechanism, inputs: tuple[int, ...], wanted: Collection[int]
+) -> Construction | None:
+    """Return the order with the lowest bound of all, None if there is none."""
     best: tuple[tuple[float, ...], Construction] | None = None
     bodies = merged(mechanism, inputs)
     roots = sorted(
@@ -211,17 +202,7 @@ def construct(mechanism: Mechanism, wanted: Collection[int] = ()) -> Constructio
                 best = weight, made
         if number >= MOST_ORDERS:
             break
-    if best is None:
-        raise PlanError(
-            f"{mechanism.name}: its links cannot be placed one after another on at most "
-            f"two axes each; proofs need one freedom for each input by counting"
-        )
-    if not best[1].unknowns:
-        raise PlanError(
-            f"{mechanism.name}: it has no closed loop, so that all angles are inputs and "
-            "there is nothing to prove"
-        )
-    return best[1]
+    return None if best is None else best[1]
 
 
 def _orders(

@@ -65,7 +65,7 @@ class Putting:
 @final
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds of f of each equation, (equations,) each.
+    """Bounds of f of each equation, (..., equations) each.
 
     All derivatives of order k are at most `constant` times the k-th power of `degrees`;
     the float64 values are off by at most `error` times that. `degrees` is
@@ -161,34 +161,36 @@ class Equations:
     def bounds(self, stretch: Floats | None = None) -> Bounds:
         """Return bounds for angles whose imaginary parts are at most the log of `stretch`.
 
-        `stretch` (variables,) is 1 for real angles, the default.
+        `stretch` (..., variables) is 1 for real angles, the default.
         """
         factors = np.ones(self.variables) if stretch is None else stretch
-        constants: dict[int, float] = {}
+        constants: dict[int, Floats] = {}
         found = []
         for step in self.construction.steps:
             if isinstance(step, Across):
-                constants[step.link] = float(factors[step.variable])
+                constants[step.link] = factors[..., step.variable]
                 continue
             one, other = self._ways(step, constants)
             both = one * other
             sine = self._part(step.link).sine
             constants[step.link] = (one + other + both) / sine * (1 + 16 * UNIT)
             found.append(both)
-        constant = np.array(found) * (1 + 64 * UNIT)
+        constant = np.stack(found, axis=-1) * (1 + 64 * UNIT)
         degrees = self.construction.degrees.astype(float)
-        return Bounds(constant, np.zeros(len(found)), degrees)
+        return Bounds(constant, np.zeros_like(constant), degrees)
 
     def _part(self, link: int) -> Putting:
         part = self.parts[link]
         assert isinstance(part, Putting)
         return part
 
-    def _ways(self, step: Onto, factors: dict[int, float]) -> tuple[float, float]:
+    def _ways(self, step: Onto, factors: dict[int, Floats]) -> tuple[Floats, Floats]:
         """Return the products of factors along the two ways to a link's parents."""
         _, first, second = self.ranks.apart(*step.parents)
+        nothing = np.ones_like(next(iter(factors.values())))
         one, other = (
-            float(np.prod([factors[link] for link in way])) for way in (first, second)
+            np.prod([nothing, *(factors[link] for link in way)], axis=0)
+            for way in (first, second)
         )
         return one, other
 
@@ -289,44 +291,78 @@ class _Placing:
 
 
 @final
+@dataclass(frozen=True)
+class _Off:
+    """By how much float64 parts of a link are off: of its two axes, rows and cosine."""
+
+    axes: tuple[float, float]
+    rows: float
+    cosine: float
+
+
+@final
 class FloatEquations:
-    """Equations in float64 for many configurations at once."""
+    """Equations in float64 for many configurations at once, real or complex."""
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         self.parts: dict[int, Turning | Putting] = {}
-        errors: dict[int, float] = {}
-        constants: dict[int, float] = {}
-        off = []
-        for step in equations.construction.steps:
-            part = equations.parts[step.link]
+        self._turned: dict[int, float] = {}
+        self._put: dict[int, _Off] = {}
+        for link, part in equations.parts.items():
             if isinstance(part, Turning):
                 made = [_floats(each) for each in part.parts]
                 still, even, odd = (array for array, _ in made)
-                self.parts[step.link] = Turning(part.variable, (still, even, odd))
-                errors[step.link] = 3.0 * sum(miss for _, miss in made) + 64 * UNIT
-                constants[step.link] = 1.0
+                self.parts[link] = Turning(part.variable, (still, even, odd))
+                self._turned[link] = 3.0 * sum(miss for _, miss in made)
                 continue
-            assert isinstance(step, Onto)
             (u, off_u), (w, off_w) = _floats(part.u), _floats(part.w)
             rows = [_floats(row) for row in part.rows]
             cosine = middle(part.cosine)
+            off_rows = 2.0 * max(miss for _, miss in rows)
             off_cosine = upper(part.cosine - exact(cosine))
-            self.parts[step.link] = Putting(
+            self._put[link] = _Off((2.0 * off_u, 2.0 * off_w), off_rows, off_cosine)
+            self.parts[link] = Putting(
                 u, w, (rows[0][0], rows[1][0], rows[2][0]), cosine, part.sine
             )
+
+    @cached_property
+    def bounds(self) -> Bounds:
+        """The bounds for real angles."""
+        return self._bounds(np.ones(self.equations.variables), 1.0)
+
+    def complex_bounds(self, stretch: Floats) -> Bounds:
+        """Return the bounds for complex angles, as `Equations.bounds` has them."""
+        return self._bounds(stretch, 4.0)
+
+    def _bounds(self, stretch: Floats, slower: float) -> Bounds:
+        """Return bounds where rounding is at most `slower` times that of real numbers."""
+        unit = slower * UNIT
+        errors: dict[int, Floats] = {}
+        constants: dict[int, Floats] = {}
+        off = []
+        equations = self.equations
+        one = np.ones_like(stretch[..., 0])
+        for step in equations.construction.steps:
+            if isinstance(step, Across):
+                factor = stretch[..., step.variable]
+                errors[step.link] = factor * (self._turned[step.link] + 64 * unit)
+                constants[step.link] = factor
+                continue
+            part, miss = self.parts[step.link], self._put[step.link]
+            assert isinstance(part, Putting)
             _, first, second = equations.ranks.apart(*step.parents)
-            c_u, e_u = _carried(first, constants, errors, 2.0 * off_u)
-            c_w, e_w = _carried(second, constants, errors, 2.0 * off_w)
-            both = e_u * c_w + c_u * e_w + e_u * e_w + 32 * UNIT * c_u * c_w
-            off.append(both + off_cosine + 8 * UNIT * (c_u * c_w + 1.0))
-            off_rows = 2.0 * max(miss for _, miss in rows)
+            c_u, e_u = _carried(first, constants, errors, one, miss.axes[0], unit)
+            c_w, e_w = _carried(second, constants, errors, one, miss.axes[1], unit)
+            both = e_u * c_w + c_u * e_w + e_u * e_w + 32 * unit * c_u * c_w
+            off.append(both + miss.cosine + 8 * unit * (c_u * c_w + 1.0))
             sums = c_u + c_w + c_u * c_w
             constants[step.link] = sums / part.sine
-            errors[step.link] = (e_u + e_w + both) * (1.0 / part.sine + off_rows)
-            errors[step.link] += sums * (off_rows + 64 * UNIT / part.sine)
-        bounds = equations.bounds()
-        self.bounds = Bounds(bounds.constant, 2.0 * np.array(off), bounds.degrees)
+            error = (e_u + e_w + both) * (1.0 / part.sine + miss.rows)
+            errors[step.link] = error + sums * (miss.rows + 64 * unit / part.sine)
+        bounds = equations.bounds(stretch)
+        error = 2.0 * np.stack(off, axis=-1)
+        return Bounds(bounds.constant, error, bounds.degrees)
 
     def at(self, turns: NDArray[Any], order: int) -> list[Jet]:
         """Return the jets, each entry (n,), at cosines and sines (n, variables, 2)."""
@@ -342,14 +378,19 @@ class FloatEquations:
 
 
 def _carried(
-    way: Sequence[int], constants: dict[int, float], errors: dict[int, float], off: float
-) -> tuple[float, float]:
+    way: Sequence[int],
+    constants: dict[int, Floats],
+    errors: dict[int, Floats],
+    one: Floats,
+    off: float,
+    unit: float,
+) -> tuple[Floats, Floats]:
     """Return the norm of an axis carried along a way, and its error in float64."""
-    constant, error = 1.0, off + 4 * UNIT
+    constant, error = one, one * (off + 4 * unit)
     for link in way:
         c, e = constants[link], errors[link]
-        error = e * constant + c * error + e * error + 32 * UNIT * c * constant
-        constant *= c
+        error = e * constant + c * error + e * error + 32 * unit * c * constant
+        constant = constant * c
     return constant, error
 
 

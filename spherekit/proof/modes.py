@@ -1,6 +1,7 @@
 """All assembly modes at inputs, certified: every complex root, counted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -19,8 +20,10 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.cover import TURN
+from spherekit.proof.eliminated import eliminated
 from spherekit.proof.equations import Equations
 from spherekit.proof.exclusion import RealModes
+from spherekit.proof.float_roots import float_roots
 from spherekit.proof.homotopy import SEEDS, Complexes, modes_near
 from spherekit.proof.jets import Jet
 from spherekit.proof.paving import Paved
@@ -28,8 +31,10 @@ from spherekit.proof.roots import Root, root_near
 from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
+FLOAT = 53
+"""Bits of float64."""
 PRECISIONS = (80, 160, 320, 640)
-"""Bits of centres; the next are used where roots are not told apart."""
+"""Bits of centres where float64 does not do; the next where roots are not told apart."""
 CLOSE = 1e-7
 """Roots that are alone in a smaller ball (rad) only have neighbours that may be lost."""
 FAR = 12.0
@@ -76,9 +81,7 @@ class CertifiedModes:
     @property
     def complete(self) -> bool:
         """Whether it is proven that no real mode is missing."""
-        if self.left is None:
-            return self.counted
-        return not len(self.left.centres)
+        return self.counted or (self.left is not None and not len(self.left.centres))
 
     @property
     def boxes(self) -> int:
@@ -97,14 +100,13 @@ class CertifiedModes:
     def claim(self) -> Claim:
         """What is guaranteed, and what that rests on."""
         rests = f"ball arithmetic of {self.precision} bits"
-        if self.counted and self.complete:
-            also = (
-                "" if self.left is None else f", no curve of others in {self.boxes} boxes"
-            )
+        if self.precision == FLOAT:
+            rests = "float64 with bounds of its rounding"
+        if self.counted:
             return Claim(
                 Guarantee.CERTIFIED,
                 f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
-                f"bound, each alone in its ball{also}; {rests}",
+                f"bound, each alone in its ball; {rests}",
             )
         found = f"{len(self.real)} real modes, each alone in its ball"
         if self.complete:
@@ -122,10 +124,25 @@ class CertifiedModes:
 
     def angles(self) -> list[list[Ball]]:
         """Return balls (rad) of all pairs' angles, in the order of pairs, of real modes."""
-        with bits(self.precision):
+        with self.sharp() as (equations, places):
+            return [pair_angles(equations, each) for each in places]
+
+    @contextmanager
+    def sharp(self) -> Iterator[tuple[Equations, list[list[Ball]]]]:
+        """Return equations, and narrow balls of all variables in each real mode.
+
+        Within the context there are the bits that they are for.
+        """
+        with bits(max(self.precision, PRECISIONS[0])):
             equations = Equations(self.written, self.construction)
             driven = [self.written.input_angle(text) for text in self.inputs]
-            return [pair_angles(equations, [*root.balls(), *driven]) for root in self.real]
+            places = []
+            for root in self.real:
+                near = root_near(equations, driven, [middle_of(a) for a in root.centre])
+                same = near is not None and near.real and root.holds(near)
+                narrow = near if near is not None and same else root
+                places.append([*narrow.balls(), *driven])
+            yield equations, places
 
 
 def certified_modes(
@@ -148,27 +165,26 @@ def certified_modes(
         If the mechanism is none that proofs are for.
     """
     made = construction or construct(written.mechanism)
-    found: list[Root] = []
     near: list[Complexes] = []
-    precision = PRECISIONS[0]
-    for precision in PRECISIONS:
+    with bits(PRECISIONS[0]):
+        search = _Search(written, made, inputs)
+        found = search.in_floats(near)
+    precision = FLOAT
+    for further in PRECISIONS if len(found) < made.bound else ():
+        precision = further
         with bits(precision):
             search = _Search(written, made, inputs)
             search.prove_again(found)
-            for seed in range(SEEDS) if not near else ():
-                if len(search.found) < made.bound:
-                    near.append(modes_near(search.equations.floats, search.turns, seed))
-                    search.try_all(near[-1])
+            for starts in near:
+                search.try_all(starts)
             if precision > PRECISIONS[0]:
-                for starts in near:
-                    search.try_all(starts)
                 search.try_beside()
             found = search.found
         if len(found) >= made.bound or not search.doubtful:
             break
     assert len(found) <= made.bound, "more roots were proven than there can be"
     left = None
-    if len(found) < made.bound or not made.counts_all:
+    if len(found) < made.bound:
         with bits(precision):
             equations = Equations(written, made)
             driven = [written.input_angle(text) for text in inputs]
@@ -217,6 +233,24 @@ class _Search:
         self.turns = circle(self.driven)
         self.found: list[Root] = []
         self.lost = False
+
+    def in_floats(self, near: list[Complexes]) -> list[Root]:
+        """Return roots proven in float64; all approximations tried are put in `near`."""
+        floats, bound = self.equations.floats, self.equations.construction.bound
+        found: list[Root] = []
+        for seed in range(-1, SEEDS):
+            made = (
+                eliminated(floats, self.turns)
+                if seed < 0
+                else modes_near(floats, self.turns, seed)
+            )
+            if made is None or not len(made):
+                continue
+            near.append(made)
+            found = float_roots(self.equations, self.driven, np.concatenate(near))
+            if len(found) >= bound:
+                break
+        return found
 
     def prove_again(self, roots: Sequence[Root]) -> None:
         """Prove roots once more, so that all are of this precision."""

@@ -8,7 +8,6 @@ from typing import final
 from spherekit.proof.balls import (
     Ball,
     BallMatrix,
-    bits,
     complex_ball,
     exact,
     lower,
@@ -44,11 +43,8 @@ def certified_poles(modes: CertifiedModes) -> list[CertifiedPole]:
     """
     made = modes.construction
     found = []
-    with bits(modes.precision):
-        equations = Equations(modes.written, made)
-        driven = [modes.written.input_angle(text) for text in modes.inputs]
-        for number, root in enumerate(modes.real):
-            places = [*root.balls(), *driven]
+    with modes.sharp() as (equations, modes_places):
+        for number, places in enumerate(modes_places):
             for column in range(made.unknowns, len(made.pairs)):
                 turning = _angular_velocities(equations, places, column)
                 found += list(_poles(number, made.pairs[column], turning))

@@ -66,6 +66,11 @@ class Root:
         pairs = zip(self.points(), other.points(), strict=True)
         return any(not one.overlaps(two) for one, two in pairs)
 
+    def holds(self, other: "Root") -> bool:
+        """Return whether the solution of another is this one: it is alone around here."""
+        pairs = zip(self.centre, other.centre, strict=True)
+        return all(upper(a - b) + other.radius < self.unique / 2.0 for a, b in pairs)
+
     def points(self) -> list[Ball]:
         """Return balls of e^(i angle)."""
         return [(_i() * complex_ball(each)).exp() for each in self.balls()]

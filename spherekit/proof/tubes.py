@@ -8,7 +8,7 @@ ordinary place. Everything is float64 with bounds of what it is off by.
 """
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,12 +67,10 @@ def local(equations: Equations, place: Floats) -> Local:
     return Local(values, slopes, curvatures, bounds.error, bounds.constant, bounds.degrees)
 
 
-def values_and_slopes(
-    jets: list[Jet], variables: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def values_and_slopes(jets: list[Jet], variables: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return values (n, k) and slopes (n, k, v) of many configurations."""
     values = np.stack([jet[()] for jet in jets], axis=1)
-    slopes = np.zeros((*values.shape, variables))
+    slopes = np.zeros((*values.shape, variables), dtype=values.dtype)
     for row, jet in enumerate(jets):
         for column in range(variables):
             if (column,) in jet:

@@ -1,0 +1,1 @@
+"""Mechanisms for other programs, and from them."""

@@ -1,0 +1,193 @@
+"""Approximations of all complex modes at an input by elimination, system after system.
+
+Nothing here is proven, as in `homotopy`, which is slower and for all structures. In
+z = e^(i angle) the equations are polynomials. They fall into systems that are solved one
+after the other: of one unknown by the roots of a polynomial, of two by a resultant that
+is an eigenvalue problem, of three by `sphere.trigonometric`.
+"""
+
+from itertools import combinations, permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.proof.construction import Construction
+from spherekit.proof.equations import FloatEquations
+from spherekit.sphere.rotation import Floats
+from spherekit.sphere.trigonometric import common_angles, eliminated_degree
+
+Complexes = NDArray[np.complex128]
+MOST_AT_ONCE = 3
+"""Unknowns of the largest system that is solved."""
+FARTHEST = 1e8
+"""Points e^(i angle), or their inverses, that are larger are taken to be infinite."""
+
+
+def eliminated(equations: FloatEquations, driven: Floats) -> Complexes | None:
+    """Return approximations (n, unknowns) rad of the complex modes, None if too hard.
+
+    `driven` (inputs, 2) are the cosines and sines of the inputs. Some may be missing.
+    """
+    made = equations.equations.construction
+    systems = systems_of(made)
+    if systems is None or max(len(unknowns) for _, unknowns in systems) > MOST_AT_ONCE:
+        return None
+    angles = np.zeros((1, made.unknowns), dtype=complex)
+    with np.errstate(all="ignore"):
+        for number, (rows, unknowns) in enumerate(systems):
+            grown = []
+            for known in angles:
+                found = _solved(equations, driven, known, rows, unknowns, number > 0)
+                if found is None:
+                    return None
+                further = np.repeat(known[None], len(found), axis=0)
+                further[:, unknowns] = found
+                grown.append(further)
+            angles = np.concatenate(grown)
+    return angles[np.all(np.isfinite(angles), axis=1)]
+
+
+def systems_of(made: Construction) -> list[tuple[list[int], list[int]]] | None:
+    """Return equations and unknowns of systems to be solved one after the other."""
+    used = made.degrees[:, : made.unknowns] > 0
+    left = set(range(len(used)))
+    known: set[int] = set()
+    systems = []
+    while left:
+        for size in range(1, len(left) + 1):
+            found = _system(used, sorted(left), known, size)
+            if found is not None:
+                break
+        else:
+            return None
+        systems.append(found)
+        left -= set(found[0])
+        known |= set(found[1])
+    return systems
+
+
+def _system(
+    used: NDArray[np.bool_], left: list[int], known: set[int], size: int
+) -> tuple[list[int], list[int]] | None:
+    for rows in combinations(left, size):
+        unknowns = set(np.flatnonzero(np.any(used[list(rows)], axis=0)).tolist()) - known
+        if len(unknowns) == size:
+            return list(rows), sorted(unknowns)
+    return None
+
+
+def _solved(
+    equations: FloatEquations,
+    driven: Floats,
+    known: Complexes,
+    rows: list[int],
+    unknowns: list[int],
+    may_be_complex: bool,
+) -> Complexes | None:
+    """Return the solutions (n, unknowns) of one system."""
+    degrees = equations.equations.construction.degrees[np.ix_(rows, unknowns)]
+    largest = np.max(degrees, axis=0)
+    spectra = _spectra(equations, driven, known, rows, unknowns, largest)
+    if len(rows) == 1:
+        return _angles(np.roots(_cut(spectra[0], degrees[0])[::-1]))[:, None]
+    if len(rows) == 2:
+        return _two(spectra, degrees)
+    if may_be_complex or np.any(degrees > 1):
+        return None
+    return _three(spectra, degrees > 0)
+
+
+def _spectra(
+    equations: FloatEquations,
+    driven: Floats,
+    known: Complexes,
+    rows: list[int],
+    unknowns: list[int],
+    largest: NDArray[np.intp],
+) -> Complexes:
+    """Return the coefficients (rows, ...) of e^(i angles) from -`largest` to it."""
+    counts = 2 * largest + 1
+    grids = np.meshgrid(*(2 * np.pi * np.arange(n) / n for n in counts), indexing="ij")
+    angles = np.repeat(known[None], grids[0].size, axis=0)
+    for column, grid in zip(unknowns, grids, strict=True):
+        angles[:, column] = grid.ravel()
+    turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    given = np.broadcast_to(driven, (len(angles), *driven.shape))
+    jets = equations.at(np.concatenate([turns, given], axis=1), 0)
+    values = np.stack([jets[row][()].reshape(counts) for row in rows])
+    axes = tuple(range(1, len(counts) + 1))
+    return np.asarray(
+        np.fft.fftshift(np.fft.fftn(values, axes=axes), axes=axes) / np.prod(counts)
+    )
+
+
+def _cut(spectrum: Complexes, degrees: NDArray[np.intp]) -> Complexes:
+    """Return a spectrum without the outer terms that an equation has not."""
+    cuts = [(n - 1) // 2 - int(m) for n, m in zip(spectrum.shape, degrees, strict=True)]
+    return spectrum[
+        tuple(slice(c, n - c) for c, n in zip(cuts, spectrum.shape, strict=True))
+    ]
+
+
+def _angles(points: NDArray[Any]) -> Complexes:
+    size = np.abs(points)
+    points = points[(size < FARTHEST) & (size > 1.0 / FARTHEST)]
+    return np.asarray(-1j * np.log(points))
+
+
+def _two(spectra: Complexes, degrees: NDArray[np.intp]) -> Complexes:
+    """Return the solutions (n, 2) of two equations by Sylvester's matrix in the second."""
+    from scipy.linalg import eig
+
+    power = 2 * int(np.max(degrees[:, 0]))
+    f, g = (
+        _cut(each, np.array([power // 2, own]))
+        for each, own in zip(spectra, degrees[:, 1], strict=True)
+    )
+    m, n = f.shape[1] - 1, g.shape[1] - 1
+    size = m + n
+    sylvester = np.zeros((power + 1, size, size), dtype=complex)
+    for row in range(n):
+        sylvester[:, row, row : row + m + 1] = f
+    for row in range(m):
+        sylvester[:, n + row, row : row + n + 1] = g
+    whole = size * power
+    left, right = np.eye(whole, dtype=complex), np.eye(whole, dtype=complex)
+    left[:-size] = np.eye(whole, k=size)[:-size]
+    left[-size:] = -np.concatenate(list(sylvester[:-1]), axis=1)
+    right[-size:, -size:] = sylvester[-1]
+    first, vectors = eig(left, right)
+    powers = vectors[:size]
+    # of the ratios of neighbouring powers those of the largest entries are best
+    best = np.argmax(np.abs(powers[1:]) + np.abs(powers[:-1]), axis=0)
+    columns = np.arange(whole)
+    second = powers[1:][best, columns] / powers[:-1][best, columns]
+    points = np.stack([first, second], axis=1)
+    sizes = np.abs(points)
+    good = np.all((sizes < FARTHEST) & (sizes > 1.0 / FARTHEST), axis=1)
+    return np.asarray(-1j * np.log(points[good]))
+
+
+def _three(spectra: Complexes, involves: NDArray[np.bool_]) -> Complexes | None:
+    """Return the solutions (n, 3) of three equations of the first degree."""
+    forms = spectra
+    for axis in (1, 2, 3):
+        if forms.shape[axis] == 1:
+            return None
+        minus, zero, plus = np.moveaxis(forms, axis, 0)
+        forms = np.stack([zero, plus + minus, 1j * (plus - minus)], axis=axis)
+    best: tuple[int, tuple[int, ...], tuple[int, ...]] | None = None
+    for rows in permutations(range(3)):
+        for columns in permutations(range(3)):
+            degree = eliminated_degree(involves[np.ix_(rows, columns)])
+            if degree and (best is None or degree < best[0]):
+                best = degree, rows, columns
+    if best is None:
+        return None
+    _, rows, columns = best
+    ordered = np.transpose(forms[list(rows)].real, [0, *(1 + c for c in columns)])
+    found = common_angles(ordered, involves[np.ix_(rows, columns)], np.inf).angles
+    out = np.empty_like(found)
+    out[:, list(columns)] = found
+    return out
