@@ -98,8 +98,8 @@ class Evaluator:
     """The figures of merit of designs of one topology.
 
     Sizes that kernels take are varied in one kernel for all designs: in closed form where
-    every group is a dyad, else with all solutions followed from design to design. Numbers of
-    masses and loads are inputs of the kernel too, read design by design. Mechanisms in
+    every group is a dyad, else with all solutions followed from design to design. Numbers
+    of masses and loads are inputs of the kernel too, read design by design. Mechanisms in
     contact and designs of which a solution was lost are taken one by one.
     """
 
