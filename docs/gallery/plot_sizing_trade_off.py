@@ -2,8 +2,8 @@
 Driving torque against swing
 ============================
 
-Four-bars with the least peak of the driving torque for every swing of the rocker: the Pareto
-front of each assembly mode, with the designs that were looked at first behind it.
+Four-bars with the least peak of the driving torque for every swing of the rocker: the
+Pareto front of each assembly mode, and behind it the designs that were looked at first.
 """
 
 import matplotlib.pyplot as plt
@@ -16,7 +16,7 @@ frame = found.frame()
 sweep = found.sizing.sweep.part(0)
 
 figure, panel = plt.subplots(layout="constrained")
-for tone, mode in zip(("tab:blue", "tab:orange"), "+-"):
+for mode, tone in {"+": "tab:blue", "-": "tab:orange"}.items():
     looked = (sweep["mode"] == mode) & (sweep["status"] == "OK")
     panel.plot(sweep["swing"][looked], sweep["peak"][looked], ".", color=tone, alpha=0.15)
     front = frame[frame["mode"] == mode]
