@@ -34,10 +34,7 @@ from spherekit.sphere.rotation import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
-PART, SINGLY = 16384, 16
-"""Designs in a part: in one kernel, and one by one."""
-
-OWN = ("design", "mode", "status", "closes", "grashof")
+OWN = ("design", "mode", "status", "closes", "claim", "grashof")
 """Columns that every table may have."""
 
 DEFINITION = "sweep.json"
@@ -128,7 +125,7 @@ class Sweep:
     @cached_property
     def part_size(self) -> int:
         """Designs in a part."""
-        return PART if self.evaluator.kernel else SINGLY
+        return self.evaluator.part
 
     @property
     def parts(self) -> int:
@@ -182,6 +179,7 @@ class Sweep:
         for variable, values in zip(self.variables, designs, strict=True):
             made[variable.name] = values[own]
         made |= {"mode": found.mode, "status": found.status, "closes": found.closes}
+        made["claim"] = found.claim
         if classes is not None:
             made["grashof"] = classes[own].astype(object)
         known = row_quantities(self.mechanism)
