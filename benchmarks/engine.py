@@ -164,14 +164,14 @@ def _exact(times: Floats) -> tuple[Floats, str]:
     equation = problem.equation
     state = equation.state(problem.values, problem.speed, problem.frame)
     made, _ = compiled_equation(equation.mechanism, 1e-25, number=module.real128)
-    tau = np.asarray(made.tau(problem.values[:, None]))[:, 0]
+    tau = made.rates(problem.values[None])[0, 0]
     momentum = float(state[len(problem.values)] * np.sign(tau @ problem.frame[0]))
     found = integrate(
         made,
         equation.mechanism,
         problem.values,
         problem.turns,
-        momentum,
+        np.array([momentum]),
         1.0,
         [10.0],
         equation.closed,

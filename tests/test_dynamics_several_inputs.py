@@ -10,11 +10,15 @@ from newton_euler import body, loaded, newton_euler
 import spherekit as sk
 from spherekit.dynamics.equation import coriolis
 from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.engine.compiler import available
 from spherekit.errors import ModelError, SolveError
+from spherekit.model.dynamics import Stop
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Polynomial, Start
 from spherekit.motion.closure import Closure
 from spherekit.plugin.rotations import normal_at
+
+compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
 
 STARTS = {
     "two_dof_spm": (0.3, 0.35),
@@ -78,17 +82,30 @@ def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
     assert np.max(np.abs(own + np.swapaxes(own, 1, 2))) < 1e-13 * size
 
 
-@pytest.mark.parametrize("name", ["two_dof_spm", "five_bar", "three_rrr"])
-def test_bodies_held_together_move_the_same_way(name):
+@pytest.mark.parametrize(
+    ("name", "engine", "until"),
+    [
+        ("two_dof_spm", "numpy", 0.6),
+        ("three_rrr", "numpy", 0.6),
+        pytest.param("three_rrr", "compiled", 0.6, marks=compiled),
+        ("five_bar", "numpy", 1.8),
+        pytest.param("five_bar", "compiled", 1.8, marks=compiled),
+    ],
+)
+def test_bodies_held_together_move_the_same_way(name, engine, until):
+    """The five-bar passes a configuration at 1.588 s where its inputs do not hold it."""
     made = heavy(name)
     driven, *passive = [item.pair for item in made.inputs]
     dq = tuple(0.1 * (-1) ** (k + 1) for k in range(len(made.inputs)))
     torque = {driven: f"5*sin(2*t) - 0.5*dtheta_{driven}"}
-    found = sk.simulate(made, Start(STARTS[name], dq), 0.6, torque=torque, tolerance=1e-12)
-    assert found.end.kind == "time" and found.engine.name == "numpy" and passive
+    start = Start(STARTS[name], dq)
+    found = sk.simulate(made, start, until, torque=torque, tolerance=1e-12, engine=engine)
+    assert found.end.kind == "time" and found.engine.name == engine and passive
+    kinds = [event.kind for event in found.events]
+    assert kinds == (["type_2"] if name == "five_bar" else [])
     checks = found.checks
     assert checks.energy < 1e-12 * checks.energy_scale
-    t = np.linspace(0.0, 0.6, 7)
+    t = np.linspace(0.0, until, 7)
     history = found.at(t)
     assert np.max(np.abs(history.kinetic - history.kinetic[0] - history.work[:, 0])) < 1e-12
     at = Closure.of(made, geometry_of(made).joints).at(history.values[:1])
@@ -122,6 +139,20 @@ def test_a_feedback_law_and_a_spring_hold_a_differential():
     found = sk.simulate(made, Start((0.5, 0.4), (1.0, -2.0)), 40.0, torque=torque)
     assert np.max(np.abs(found.at([40.0]).input_rates)) < 1e-3
     assert found.checks.energy < 1e-9
+
+
+@compiled
+def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
+    held = replace(heavy("five_bar"), stops=(Stop("51", -1.0, 1.35),))
+    ends = [
+        sk.simulate(
+            held, Start((1.0, 1.2), (0.3, 0.2)), 3.0, engine=engine, tolerance=1e-12
+        )
+        for engine in ("numpy", "compiled")
+    ]
+    assert [found.end.kind for found in ends] == ["stop"] * 2
+    assert ends[0].end.t == pytest.approx(ends[1].end.t, abs=1e-12)
+    assert ends[0].events[-1].inputs == pytest.approx(ends[1].events[-1].inputs, abs=1e-12)
 
 
 def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
@@ -168,9 +199,13 @@ def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
         assert np.max(np.abs(got @ first.T - want @ begun.T)) < 1e-9
 
 
-def test_where_sets_of_configurations_cross_a_simulation_ends():
+@pytest.mark.parametrize(
+    "engine", ["numpy", pytest.param("compiled", marks=[compiled, pytest.mark.long])]
+)
+def test_where_sets_of_configurations_cross_a_simulation_ends(engine):
     made = heavy("two_dof_spm")
-    found = sk.simulate(made, Start((0.3, 0.25), (0.3, -0.3)), 3.0)
+    found = sk.simulate(made, Start((0.3, 0.25), (0.3, -0.3)), 3.0, engine=engine)
+    assert found.end.t == pytest.approx(0.379394747, abs=1e-6)
     assert found.end.kind == "singularity" and 0.1 < found.end.t < 1.0
     assert "cross" in found.end.message
 

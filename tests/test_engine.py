@@ -454,13 +454,13 @@ def reference_path(made, assembly_mode):
     exact, _ = compiled_equation(mechanism, tolerance, number=number)
     momentum = problem.equation.state(problem.values, problem.speed, problem.frame)
     momentum = momentum[len(problem.values)]
-    sense = np.sign(np.asarray(exact.tau(problem.values[:, None]))[:, 0] @ problem.frame[0])
+    sense = np.sign(exact.rates(problem.values[None])[0, 0] @ problem.frame[0])
     found = integrate(
         exact,
         mechanism,
         problem.values,
         problem.turns,
-        sense * momentum,
+        np.array([sense * momentum]),
         1.0,
         [10.0],
         problem.equation.closed,

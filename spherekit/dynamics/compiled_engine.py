@@ -1,15 +1,15 @@
 """The direct problem by Taylor series of the compiled equation of motion."""
 
 import time
-from dataclasses import dataclass
-from typing import final
+from collections.abc import Callable, Iterator
+from itertools import combinations
 
 import numpy as np
 
 from spherekit.conventions import STATUS_MEANING, Status
+from spherekit.dynamics.forces import rates_by_time
 from spherekit.dynamics.inertia import equivalent_inertia
-from spherekit.dynamics.kinematics import reciprocal_condition
-from spherekit.dynamics.path import Traced
+from spherekit.dynamics.kinematics import CoordinateMotion, reciprocal_condition
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
@@ -25,51 +25,23 @@ from spherekit.dynamics.simulation import (
     too_many,
 )
 from spherekit.dynamics.start import Problem
-from spherekit.engine.equation import compiled_equation
-from spherekit.engine.integration import MOST_STEPS, Run, integrate
+from spherekit.dynamics.taylor_path import CoordinateLeg, CurveLeg, TaylorPath
+from spherekit.engine.equation import CompiledEquation, Coordinates, compiled_equation
+from spherekit.engine.integration import MOST_STEPS, Begun, Run, integrate
 from spherekit.engine.loads import FULL_TURN
-from spherekit.errors import EngineError
+from spherekit.engine.several_freedoms import STEEPEST, mass_size
+from spherekit.errors import EngineError, PlanError
 from spherekit.sphere.rotation import Floats
 
 NO_CROSSING = 1e-3
 """Less belongs to a crossing of curves, see `reciprocal_condition`."""
+ENOUGH = 0.5
+"""Part of `STEEPEST` with which coordinates may be taken."""
+
 STICKS = (
     "a load that is not smooth would turn back at once, as dry friction does at rest; "
     "sticking is not modelled: smooth the load, or end here"
 )
-
-
-@final
-@dataclass(frozen=True)
-class TaylorPath:
-    """A compiled run; `sense` is that of the homogeneous rates along the curve."""
-
-    run: Run
-    sense: float
-
-    @property
-    def starts(self) -> Floats:
-        """(steps,) times at which steps start (s)."""
-        return self.run.starts
-
-    @property
-    def lengths(self) -> Floats:
-        """(steps,) their lengths (s)."""
-        return self.run.lengths
-
-    @property
-    def drift(self) -> float:
-        """Largest closure residual (rad) that was taken out."""
-        return self.run.drift
-
-    def at(self, t: Floats) -> Traced:
-        """Return the states at times (n,) within the path."""
-        states, rates, turns = self.run.at(t)
-        count = turns.shape[1]
-        states[:, count] *= self.sense
-        rates[:, count] *= self.sense
-        frames = self.sense * self.run.tau(states[:, :count])[:, None]
-        return Traced(states, rates, frames, turns)
 
 
 def by_taylor_series(
@@ -94,43 +66,30 @@ def by_taylor_series(
         If the mechanism cannot be compiled, or not on all of the way, or a load has no
         series at the start.
     """
-    mechanism = problem.equation.mechanism
-    if problem.equation.freedoms > 1:
-        raise EngineError(
-            f"{mechanism.name}: the compiled engine is of one input; this mechanism has "
-            f"{problem.equation.freedoms}, which NumPy simulates"
+    solve = _along_curve if problem.equation.freedoms == 1 else _by_coordinates
+    compiling, started = 0.0, time.perf_counter()
+
+    def compiled(coordinates: Coordinates | None) -> CompiledEquation:
+        nonlocal compiling
+        before = time.perf_counter()
+        made, known = compiled_equation(
+            problem.equation.mechanism, tolerance, compact, coordinates=coordinates
         )
-    started = time.perf_counter()
-    made, known = compiled_equation(mechanism, tolerance, compact)
-    compiling = 0.0 if known else time.perf_counter() - started
-    started = time.perf_counter()
+        compiling += 0.0 if known else time.perf_counter() - before
+        return made
+
     motion = problem.equation.motion(problem.values[None], problem.frame)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
-    unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
-    tau = np.asarray(made.tau(problem.values[:, None]))[:, 0]
-    sense = float(np.copysign(1.0, tau @ problem.frame[0]))
-    run = integrate(
-        made,
-        mechanism,
-        problem.values,
-        problem.turns,
-        sense * unit * float(problem.speed[0]),
-        unit,
-        (*problem.switches, problem.until),
-        problem.equation.closed,
-    )
-    seconds = time.perf_counter() - started
-    if not run.stretches:
-        state = problem.equation.state(problem.values, problem.speed, problem.frame)
-        if _has_value(problem, 0.0, state, problem.frame, problem.whole):
-            raise EngineError(f"{mechanism.name}: at the start {NO_SERIES}")
-        raise cannot_leave(problem, JUMPS)
-    path = TaylorPath(run, sense)
+    path = solve(problem, motion, compiled)
+    seconds = time.perf_counter() - started - compiling
+    run = path.last
     if run.end == "singularity":
         _need_crossing(problem, path)
-    report = EngineReport("compiled", reason, compiling, seconds, len(run.starts), forecast)
+    report = EngineReport(
+        "compiled", reason, compiling, seconds, len(path.starts), forecast
+    )
     return Simulation(
         problem.equation,
         problem.driven,
@@ -142,50 +101,173 @@ def by_taylor_series(
     )
 
 
+Compiled = Callable[[Coordinates | None], CompiledEquation]
+
+
+def _along_curve(
+    problem: Problem, motion: CoordinateMotion, compiled: Compiled
+) -> TaylorPath:
+    """Return the path of one freedom."""
+    mechanism = problem.equation.mechanism
+    made = compiled(None)
+    unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
+    tau = made.rates(problem.values[None])[0, 0]
+    sense = float(np.copysign(1.0, tau @ problem.frame[0]))
+    run = integrate(
+        made,
+        mechanism,
+        problem.values,
+        problem.turns,
+        sense * unit * problem.speed,
+        unit,
+        (*problem.switches, problem.until),
+        problem.equation.closed,
+    )
+    _need_stretches(problem, run)
+    return TaylorPath((CurveLeg(run, sense),))
+
+
+def _by_coordinates(
+    problem: Problem, motion: CoordinateMotion, compiled: Compiled
+) -> TaylorPath:
+    """Return the path of several freedoms, by other pair variables where it has to be."""
+    equation = problem.equation
+    root = float(np.sqrt(mass_size(equation.mechanism)))
+    legs: list[CoordinateLeg] = []
+    values, turns = problem.values, problem.turns
+    rates = rates_by_time(motion, problem.speed[None])[0]
+    begun = Begun()
+    while True:
+        made, places = _coordinates(problem, values, compiled)
+        targets = [t for t in problem.switches if t > begun.time]
+        run = integrate(
+            made,
+            equation.mechanism,
+            values,
+            turns,
+            root * rates[list(places)],
+            root,
+            (*targets, problem.until),
+            equation.closed,
+            begun,
+        )
+        if not run.stretches and legs:
+            break
+        _need_stretches(problem, run)
+        legs.append(CoordinateLeg(equation, run, places))
+        if run.end != "coordinates":
+            break
+        states, _, whole = run.at(np.array([run.time]))
+        turns = whole[0]
+        values, gap = equation.closed(states[0, : equation.variables])
+        along = equation.motion(values[None], legs[-1].frame)
+        rates = rates_by_time(along, states[:, equation.momenta] / root)[0]
+        now = float(made.measure(values[None])[0]) / run.largest
+        begun = Begun(run.time, states[0, equation.works], now, max(run.drift, gap))
+    return TaylorPath(tuple(legs))
+
+
+def first_of(problem: Problem) -> Coordinates | None:
+    """Return the coordinates that a run begins with, None of one freedom."""
+    if problem.equation.freedoms == 1:
+        return None
+    return next(_candidates(problem, problem.values))
+
+
+def _coordinates(
+    problem: Problem, values: Floats, compiled: Compiled
+) -> tuple[CompiledEquation, tuple[int, ...]]:
+    """Return the equation in pair variables that say how all others move, and these."""
+    why = "no pair variables say how all others move"
+    for coordinates in _candidates(problem, values):
+        angles = problem.equation.mechanism.angles
+        try:
+            return compiled(coordinates), tuple(angles[pair] for pair in coordinates.pairs)
+        except PlanError as fault:
+            why = str(fault)
+    raise EngineError(f"{problem.equation.mechanism.name}: {why}")
+
+
+def _candidates(problem: Problem, values: Floats) -> Iterator[Coordinates]:
+    """Yield coordinates at a configuration.
+
+    The inputs, if they say well enough how all variables move, then R pairs whose variables
+    do, the best first.
+    """
+    equation, driven = problem.equation, problem.driven
+    mechanism = equation.mechanism
+    jacobian = equation.closure.at(values[None]).jacobian[0]
+    free = np.linalg.svd(jacobian)[2][-equation.freedoms :]
+
+    def spread(places: tuple[int, ...]) -> float:
+        sizes = np.linalg.svd(free[:, list(places)], compute_uv=False)
+        return float(np.sum(1.0 / np.maximum(sizes, 1e-150) ** 2))
+
+    angles = sorted(mechanism.angles.values())
+    ordered = sorted(combinations(angles, equation.freedoms), key=spread)
+    for places in (driven, *ordered):
+        if spread(places) < ENOUGH * STEEPEST:
+            pairs = (mechanism.pairs[mechanism.variable_owners[v]].name for v in places)
+            yield Coordinates(tuple(pairs), values, driven)
+
+
+def _need_stretches(problem: Problem, run: Run) -> None:
+    """Raise an error where a motion has not even a first step."""
+    if run.stretches:
+        return
+    state = problem.equation.state(problem.values, problem.speed, problem.frame)
+    if _has_value(problem, 0.0, state, problem.frame, problem.whole):
+        raise EngineError(f"{problem.equation.mechanism.name}: at the start {NO_SERIES}")
+    raise cannot_leave(problem, JUMPS)
+
+
 def _need_crossing(problem: Problem, path: TaylorPath) -> None:
     """Raise `EngineError` where no curves cross at the end of a path.
 
     Of redundant equations those that are independent where they were chosen are compiled;
     elsewhere they may depend on each other though the others hold the mechanism.
     """
-    state = path.at(np.array([path.run.time])).states[0]
+    state = path.at(np.array([path.last.time])).states[0]
     equation = problem.equation
-    if reciprocal_condition(equation.closure, state[: equation.variables]) > NO_CROSSING:
+    values, freedoms = state[: equation.variables], equation.freedoms
+    if reciprocal_condition(equation.closure, values, freedoms) > NO_CROSSING:
         raise EngineError(
             f"{equation.mechanism.name}: of its redundant equations those that were chosen "
-            f"depend on each other at t = {path.run.time:.6g} s; use NumPy's "
+            f"depend on each other at t = {path.last.time:.6g} s; use NumPy's "
             'simulate(engine="numpy"), or --engine numpy'
         )
 
 
 def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
     mechanism = problem.equation.mechanism
-    run, names = path.run, [pair.name for pair in mechanism.pairs]
+    names = [pair.name for pair in mechanism.pairs]
     found = [
         (
             each.t,
             each.kind,
             names[mechanism.variable_owners[each.variable]] if each.variable >= 0 else "",
         )
-        for each in run.passages
-        if each.kind != "singularity" and (each.t > 0.0 or each.kind in ("switch", "stop"))
+        for leg in path.legs
+        for each in leg.run.passages
+        if each.kind not in ("singularity", "coordinates")
+        and (each.t > 0.0 or each.kind in ("switch", "stop"))
     ]
-    found += [(t, "switch", "") for t in problem.switches if t < run.time]
+    found += [(t, "switch", "") for t in problem.switches if t < path.last.time]
     found.sort(key=lambda item: item[0])
     if not found:
         return ()
     t = np.array([each[0] for each in found])
     traced = path.at(t)
-    (driven,) = problem.driven
-    q = traced.states[:, driven] + FULL_TURN * traced.turns[:, driven]
+    driven = list(problem.driven)
+    inputs = traced.states[:, driven] + FULL_TURN * traced.turns[:, driven]
     return tuple(
-        Event(kind, t, (float(q),), pair)
-        for (t, kind, pair), q in zip(found, q, strict=True)
+        Event(kind, t, tuple(q.tolist()), pair)  # type: ignore[arg-type]
+        for (t, kind, pair), q in zip(found, inputs, strict=True)
     )
 
 
 def _end(problem: Problem, path: TaylorPath) -> SimulationEnd:
-    run = path.run
+    run = path.last
     if run.end == "time":
         return SimulationEnd("time", problem.until, "the time asked for is over")
     if run.end == "stop":

@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.dynamics.compiled_engine import by_taylor_series
+from spherekit.dynamics.compiled_engine import by_taylor_series, first_of
 from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulation import NO_SERIES, Forecast, Simulation
@@ -78,8 +78,7 @@ def simulate(
         left to say.
     engine
         ``"auto"`` takes the one that is expected to be done first, or the one that can do
-        what is asked, kinks of loads included; the result says which, and why. Several
-        inputs are simulated by NumPy.
+        what is asked, kinks of loads included; the result says which, and why.
     compact
         False compiles longer for about two thirds of the time of solving.
     scheme, step
@@ -148,8 +147,7 @@ def _need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
         raise SolveError(
             f'{mechanism.name}: engine "{engine}" is not known; it is {listing(ENGINES)}'
         )
-    several = len(mechanism.inputs) > 1
-    least = LEAST["numpy" if engine == "numpy" or several else "compiled"]
+    least = LEAST["numpy" if engine == "numpy" else "compiled"]
     if not least <= tolerance <= 1e-2:
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is {least:g} to 1e-2"
@@ -195,10 +193,8 @@ def _difference(one: Simulation, other: Simulation) -> float:
 
 
 def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) -> Solving:
-    if engine == "numpy" or (engine == "auto" and problem.equation.freedoms > 1):
-        asked = engine == "numpy"
-        why = "it was asked for" if asked else "the compiled engine is of one input"
-        return _stepping(Collocation(problem, tolerance), why)
+    if engine == "numpy":
+        return _stepping(Collocation(problem, tolerance), "it was asked for")
     if engine == "compiled":
         return _compiled(problem, tolerance, compact, "it was asked for")
     return _cheaper(problem, tolerance, compact)
@@ -235,7 +231,7 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
     mechanism = problem.equation.mechanism
     solver = Collocation(problem, tolerance)
     try:
-        compiling = compiling_time(mechanism, tolerance, compact)
+        compiling = compiling_time(mechanism, tolerance, compact, first_of(problem))
         why = "it was compiled before" if compiling == 0.0 else ""
         if tolerance < LEAST["numpy"]:
             why = "NumPy does not reach the tolerance"

@@ -72,12 +72,21 @@ class Roots:
         turned = by[..., None] * (transpose(self.vectors) @ x[..., None])
         return np.asarray((self.vectors @ turned)[..., 0])
 
+    def changing(self, dM: Floats, u: Floats) -> Floats:
+        """Return R' u (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
+        own = transpose(self.vectors) @ u[..., None]
+        return np.asarray((self.vectors @ self._change(dM, u) @ own)[..., 0])
+
+    def _change(self, dM: Floats, u: Floats) -> Floats:
+        """Return R' (n, m, m) along the eigenvectors."""
+        change = (dM @ u[:, None, :, None])[..., 0]
+        sums = self.sizes[:, :, None] + self.sizes[:, None]
+        return np.asarray(transpose(self.vectors) @ change @ self.vectors / sums)
+
     def turning(self, dM: Floats, u: Floats, p: Floats) -> Floats:
         """Return S p (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
-        change = (dM @ u[:, None, :, None])[..., 0]
         own = transpose(self.vectors)
-        sums = self.sizes[:, :, None] + self.sizes[:, None]
-        root_change = (own @ change @ self.vectors) / sums
+        root_change = self._change(dM, u)
         pull = own @ coriolis(dM, u) @ self.vectors / self.sizes[:, :, None]
         part = (root_change - pull) / self.sizes[:, None]
         skew = 0.5 * (part - transpose(part))

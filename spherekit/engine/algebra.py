@@ -173,3 +173,18 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
         return known[columns]
 
     return minor(tuple(range(len(rows))))
+
+
+def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
+    """Return the cofactors of a square matrix: the signed minors without row and column."""
+    places = range(len(rows))
+
+    def minor(i: int, j: int) -> Expr:
+        return determinant(
+            [[rows[a][b] for b in places if b != j] for a in places if a != i]
+        )
+
+    return [
+        [minor(i, j) if (i + j) % 2 == 0 else -1.0 * minor(i, j) for j in places]
+        for i in places
+    ]

@@ -1,23 +1,17 @@
 """The equation of motion as a system that the Taylor integrator runs.
 
-The state is that of `spherekit.dynamics.state`: the pair variables v, the momentum
-p = sqrt(B) u and the work W of each load. In the homogeneous parameter of
-`spherekit.engine.kinematics`, with tau its rates of the variables,
-
-    dv/dt = u tau,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B)
-
-(from Di Gregorio 2024, eq. (9), which holds in any coordinate). The closure of the loops
-is an invariant of these equations, so nothing has to be solved or stabilised.
+Of one freedom it is that of `spherekit.engine.one_freedom`, of several that of
+`spherekit.engine.several_freedoms` in given coordinates; loads, stops and switches are the
+same.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Any, Literal, final
+from typing import Any, final
 
 import numpy as np
 
-from spherekit.engine.algebra import dot, vector
 from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import (
     CompiledFunction,
@@ -29,22 +23,20 @@ from spherekit.engine.compiler import (
     compile_with_rates,
     heyoka,
 )
-from spherekit.engine.expression_graph import Expr, ExpressionNode, power, symbols, varies
-from spherekit.engine.inertia import inertia, tensors
-from spherekit.engine.kinematics import RateExpressions, Structure
-from spherekit.engine.loads import (
-    FULL_TURN,
-    LoadState,
-    Switches,
-    generalised_force,
-    steep_arguments,
+from spherekit.engine.kinematics import Structure
+from spherekit.engine.loads import steep_arguments
+from spherekit.engine.one_freedom import one_freedom
+from spherekit.engine.several_freedoms import several_freedoms
+from spherekit.engine.system import (
+    MOMENT,
+    EventKind,
+    ParameterLayout,
+    System,
+    constant,
+    stop_events,
 )
-from spherekit.engine.pose import place_by_variables
 from spherekit.engine.turns import turning_pairs
-from spherekit.model.dynamics import (
-    Stop,
-    TorqueTable,
-)
+from spherekit.model.dynamics import Stop, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -55,49 +47,19 @@ A larger one saves little, for the order of the series grows with the digits, no
 number of steps; and crossings of curves need closed configurations to be seen.
 """
 
-(_MOMENT,) = symbols(["moment"])
-
-EventKind = Literal["rest", "dead_centre", "singularity", "stop", "switch"]
-
 
 @final
 @dataclass(frozen=True)
-class ParameterLayout:
-    """Where what is set for each run stands among the integrator's parameters.
+class Coordinates:
+    """The variables by which a mechanism of several freedoms is integrated.
 
-    In this order: whole turns of each variable; the unit of momentum and its reciprocal;
-    the least square of |tau|; low and high of each stop; the time from which tables run,
-    value and slope of each; the sides of the switches.
+    `pairs` are R pairs, `values` (variables,) a closed configuration at which they say how
+    all variables move, `held` the variables of the mechanism's own inputs.
     """
 
-    variables: int
-    stops: int
-    tables: tuple[str, ...]
-
-    @property
-    def unit(self) -> int:
-        """The unit of momentum, its reciprocal after it."""
-        return self.variables
-
-    @property
-    def least(self) -> int:
-        """The square of |tau| at which a run ends."""
-        return self.variables + 2
-
-    @property
-    def stop(self) -> int:
-        """The first stop's low."""
-        return self.variables + 3
-
-    @property
-    def table(self) -> int:
-        """The time from which tables run."""
-        return self.stop + 2 * self.stops
-
-    @property
-    def side(self) -> int:
-        """The side of the first switch."""
-        return self.table + 1 + 2 * len(self.tables)
+    pairs: tuple[str, ...]
+    values: Floats
+    held: tuple[int, ...]
 
 
 @final
@@ -105,12 +67,13 @@ class ParameterLayout:
 class CompiledEquation:
     """The compiled equation of motion of a mechanism with its loads and stops.
 
-    The state of the integrator is the pair variables less whole turns, the momentum in
-    its unit, and the work of each load in the square of that unit. `events` are the kinds
-    of the integrator's events, with the variable they are about. `tau` gives the rates of
-    all variables by the homogeneous parameter, `tangent` their length. `conditions` gives
+    The state of the integrator is the pair variables less whole turns, the momenta in
+    their unit, and the work of each load in the square of that unit. `events` are the kinds
+    of the integrator's events, with the variable they are about. `tau` gives the
+    homogeneous rates of all variables by each coordinate, and the measure that vanishes
+    where sets of configurations cross. `conditions` gives
     what the switches depend on, then its rates by time, from the state, the time and all
-    parameters. `steep` gives from the same the rate of the momentum, then the arguments at
+    parameters. `steep` gives from the same the rates of the momenta, then the arguments at
     whose zeros and turns loads may change faster than a series shows, None where no load
     does; `tolerance` is that of a step. The integrator holds the state of a run, so `lock`
     is held while one lasts; the functions may be called by several threads at once.
@@ -131,19 +94,31 @@ class CompiledEquation:
         """How many switches the loads have."""
         return sum(kind == "switch" for kind, _ in self.events)
 
+    def rates(self, values: Floats) -> Floats:
+        """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
+        found: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
+        shape = len(values), self.layout.freedoms, self.layout.variables
+        return found[:-1].T.reshape(shape)
+
+    def measure(self, values: Floats) -> Floats:
+        """Return (n,) what vanishes where sets of configurations cross."""
+        found: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
+        return np.asarray(found[-1])
+
 
 def compiled_equation(
     mechanism: Mechanism,
     tolerance: float,
     compact: bool = True,
     number: type[Any] = float,
+    coordinates: Coordinates | None = None,
 ) -> tuple[CompiledEquation, bool]:
     """Return the equation of a mechanism, and whether it had been compiled before.
 
     Parameters
     ----------
     mechanism
-        One freedom, its first input the input; all its loads act. The values of torque
+        All its loads act. Of one freedom its first input is the input. The values of torque
         tables and stops are set for each run, so mechanisms that differ in them only
         share one equation.
     tolerance
@@ -153,23 +128,38 @@ def compiled_equation(
     number
         The type the integrator computes with: float, or heyoka's ``real128`` where the
         machine has it, for reference solutions.
+    coordinates
+        Those to integrate by, of several freedoms.
 
     Raises
     ------
     EngineError
         If the mechanism cannot be compiled.
+    PlanError
+        If the coordinates are not independent.
     """
-    common = _common(mechanism)
+    common = _common(mechanism, coordinates)
     fresh: list[bool] = []
 
     def make() -> CompiledEquation:
         fresh.append(True)
-        return _compile(common, min(tolerance, LOOSEST), compact, number)
+        system = (
+            one_freedom(common)
+            if coordinates is None
+            else several_freedoms(common, coordinates.values, coordinates.held)
+        )
+        return _compile(common, system, min(tolerance, LOOSEST), compact, number)
 
-    return COMPILED.get(common, _request(tolerance, compact, number), make), not fresh
+    request = _request(tolerance, compact, number, coordinates)
+    return COMPILED.get(common, request, make), not fresh
 
 
-def compiling_time(mechanism: Mechanism, tolerance: float, compact: bool) -> float:
+def compiling_time(
+    mechanism: Mechanism,
+    tolerance: float,
+    compact: bool,
+    coordinates: Coordinates | None = None,
+) -> float:
     """Return about how long `compiled_equation` will take (s), 0 where it is kept.
 
     Fitted to the shipped mechanisms with up to ten loads, on one core; half and twice as
@@ -183,22 +173,32 @@ def compiling_time(mechanism: Mechanism, tolerance: float, compact: bool) -> flo
     turning_pairs(mechanism)
     if not available():
         heyoka()
-    if COMPILED.known(_common(mechanism), _request(tolerance, compact, float)):
+    request = _request(tolerance, compact, float, coordinates)
+    if COMPILED.known(_common(mechanism, coordinates), request):
         return 0.0
     variables = len(mechanism.variable_names)
     on_links = sum("pair" not in load.keys for load in mechanism.loads)
     at_pairs = len(mechanism.loads) - on_links
     if compact:
-        return max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs
+        more = 0.0 if coordinates is None else 0.5
+        return more + max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs
     return 0.06 * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
 
 
-def _request(tolerance: float, compact: bool, number: type[Any]) -> str:
-    return repr(("motion", min(tolerance, LOOSEST), compact, number.__name__))
+def _request(
+    tolerance: float,
+    compact: bool,
+    number: type[Any],
+    coordinates: Coordinates | None,
+) -> str:
+    held = coordinates and coordinates.held
+    return repr(("motion", min(tolerance, LOOSEST), compact, number.__name__, held))
 
 
-def _common(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism without what is set for each run."""
+def _common(mechanism: Mechanism, coordinates: Coordinates | None) -> Mechanism:
+    """Return the mechanism without what is set for each run, driven at its coordinates."""
+    if coordinates is not None:
+        mechanism = mechanism.with_inputs(*coordinates.pairs)
     tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
     if not tables and not mechanism.stops:
         return mechanism
@@ -215,50 +215,27 @@ def _common(mechanism: Mechanism) -> Mechanism:
 
 
 def _compile(
-    mechanism: Mechanism, tolerance: float, compact: bool, number: type[Any]
+    mechanism: Mechanism,
+    system: System,
+    tolerance: float,
+    compact: bool,
+    number: type[Any],
 ) -> CompiledEquation:
-    names = mechanism.variable_names
-    layout = ParameterLayout(
-        len(names),
-        len(mechanism.stops),
-        tuple(load.name for load in mechanism.loads if isinstance(load, TorqueTable)),
-    )
-    structure = Structure.of(mechanism, mechanism.inputs[0].pair)
-    variables = symbols(names)
-    works = symbols([f"work_{k}" for k in range(len(mechanism.loads))])
-    (momentum,) = symbols(["momentum"])
-    flow = RateExpressions(
-        structure, place_by_variables(mechanism, structure.pairs, variables)
-    )
-    share = power(inertia(flow, tensors(mechanism)).coefficients[0], -0.5)
-    speed = _constant(layout.unit) * momentum * share
-    switches = Switches(lambda k: _constant(layout.side + k))
-    moving = LoadState(
-        flow,
-        variables,
-        [_constant(k) for k in range(layout.variables)],
-        speed,
-        _MOMENT,
-        switches,
-        lambda name: _table(layout, name),
-    )
-    push = _constant(layout.unit + 1) * share
-    forces = [generalised_force(load, moving) * push for load in mechanism.loads]
-    equations = [
-        *((v, tau * speed) for v, tau in zip(variables, flow.tau[0], strict=True)),
-        (momentum, sum(forces, 0.0)),
-        *((work, f * momentum) for work, f in zip(works, forces, strict=True)),
-    ]
+    own = system.symbols
+    layout, switches = own.layout, own.switches
+    equations = system.equations
     arguments = dict.fromkeys(
-        each for load in mechanism.loads for each in steep_arguments(load, moving)
+        each for load in mechanism.loads for each in steep_arguments(load, system.moving)
     )
-    events, kinds = _events(flow, variables, momentum, layout)
+    found = [*system.events, *stop_events(mechanism, own)]
+    events = [event for event, _, _ in found]
+    kinds: list[tuple[EventKind, int]] = [(kind, variable) for _, kind, variable in found]
     count = layout.side + len(switches.conditions)
-    constants = [_constant(k) for k in range(count)]
+    parameters = [constant(k) for k in range(count)]
     conditions = None
     if switches.conditions:
-        running = [*equations, (_MOMENT, 1.0)]
-        conditions = compile_with_rates(switches.conditions, running, constants)
+        running = [*equations, (MOMENT, 1.0)]
+        conditions = compile_with_rates(switches.conditions, running, parameters)
     for which, condition in enumerate(switches.conditions):
         assert conditions is not None
         stuck = _sticking(conditions, which, layout)
@@ -267,63 +244,23 @@ def _compile(
     steep = None
     if arguments and number is float:
         steep = compile_function(
-            [sum(forces, 0.0), *arguments],
-            [*variables, momentum, *works, _MOMENT, *constants],
+            [*system.push, *arguments],
+            [*own.variables, *own.momenta, *own.works, MOMENT, *parameters],
             compact=True,
         )
+    homogeneous = [each for tau in system.tau for each in tau]
     return CompiledEquation(
-        structure,
+        system.structure,
         layout,
         compile_integrator(
-            equations, _MOMENT, constants, tolerance, compact, events, number
+            equations, MOMENT, parameters, tolerance, compact, events, number
         ),
         tuple(kinds),
-        compile_function(flow.tau[0], variables, compact=True),
+        compile_function([*homogeneous, system.measure], own.variables, compact=True),
         conditions,
         steep,
         tolerance,
     )
-
-
-def _constant(number: int) -> ExpressionNode:
-    """Return the variable that stands for one of the integrator's parameters."""
-    (made,) = symbols([f"constant_{number}"])
-    return made
-
-
-def _table(layout: ParameterLayout, name: str) -> Expr:
-    place = layout.table + 1 + 2 * layout.tables.index(name)
-    since = _MOMENT - _constant(layout.table)
-    return _constant(place) + _constant(place + 1) * since
-
-
-def _events(
-    flow: RateExpressions,
-    variables: Sequence[Expr],
-    momentum: Expr,
-    layout: ParameterLayout,
-) -> tuple[list[EventFunction], list[tuple[EventKind, int]]]:
-    mechanism, driven = flow.structure.mechanism, flow.structure.driven
-    tau = vector(flow.tau[0])
-    square = dot(tau, tau)
-    events = [EventFunction(momentum)]
-    kinds: list[tuple[EventKind, int]] = [("rest", -1)]
-    if varies(tau[driven]):
-        events.append(EventFunction(tau[driven]))
-        kinds.append(("dead_centre", driven))
-    if varies(square):
-        crossed = square - _constant(layout.least)
-        events.append(EventFunction(crossed, stops=True, sense=-1))
-        kinds.append(("singularity", -1))
-    for number, stop in enumerate(mechanism.stops):
-        (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
-        value = variables[place] + FULL_TURN * _constant(place)
-        limits: tuple[tuple[int, Literal[-1, 1]], ...] = ((0, -1), (1, 1))
-        for side, sense in limits:
-            level = _constant(layout.stop + 2 * number + side)
-            events.append(EventFunction(value - level, stops=True, sense=sense))
-            kinds.append(("stop", place))
-    return events, kinds
 
 
 def _sticking(

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.engine.compiler import MOST_SWITCHES, Integrator, StepEnd
-from spherekit.engine.equation import CompiledEquation, EventKind
+from spherekit.engine.equation import CompiledEquation
 from spherekit.engine.loads import FULL_TURN
 from spherekit.engine.probes import good_until
+from spherekit.engine.system import EventKind, ParameterLayout
 from spherekit.model.dynamics import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import Working
@@ -58,7 +59,14 @@ _Mark = tuple[int, Floats]
 """How many events were seen before a step, and the sides of the switches then."""
 
 RunEnd = Literal[
-    "time", "stop", "singularity", "sticking", "too_fast", "too_many", "not_finite"
+    "time",
+    "stop",
+    "singularity",
+    "coordinates",
+    "sticking",
+    "too_fast",
+    "too_many",
+    "not_finite",
 ]
 
 
@@ -94,7 +102,8 @@ class Stretch:
 class Run:
     """A run as far as it came: its stretches, events, and why and when it ended (s).
 
-    `drift` is the largest closure residual (rad) that was taken out.
+    `drift` is the largest closure residual (rad) that was taken out, `largest` the largest
+    measure of independence.
     """
 
     equation: CompiledEquation
@@ -103,6 +112,7 @@ class Run:
     end: RunEnd
     time: float
     drift: float
+    largest: float
 
     @cached_property
     def starts(self) -> Floats:
@@ -121,7 +131,7 @@ class Run:
     def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Return states, their rates (n, states) and whole turns (n, variables).
 
-        The states at times t (n,) are the variables less the whole turns, the momentum
+        The states at times t (n,) are the variables less the whole turns, the momenta
         and the work of each load, in units of the SI.
         """
         layout = self.equation.layout
@@ -134,24 +144,22 @@ class Run:
             every = np.flatnonzero(np.maximum(owner, 0) == number)
             turns[every] = stretch.turns
             for rows in np.split(every, range(BLOCK, len(every), BLOCK)):
-                states[rows], rates[rows] = _evaluate(stretch, t[rows], layout.variables)
+                states[rows], rates[rows] = _evaluate(stretch, t[rows], layout)
         return states, rates, turns
 
-    def tau(self, reduced: Floats) -> Floats:
-        """Return the homogeneous rates (n, variables) at reduced variables."""
-        return np.asarray(self.equation.tau(np.ascontiguousarray(reduced.T))).T
 
-
-def _evaluate(stretch: Stretch, t: Floats, variables: int) -> tuple[Floats, Floats]:
+def _evaluate(
+    stretch: Stretch, t: Floats, layout: ParameterLayout
+) -> tuple[Floats, Floats]:
     step = np.searchsorted(stretch.starts, t, side="right") - 1
     step = np.clip(step, 0, len(stretch.starts) - 1)
     series = stretch.series[step]
     h = t - stretch.starts[step]
     value, rate = _powers(series, h)
     for each in (value, rate):
-        each[:, variables] *= stretch.unit
-        each[:, variables + 1 :] *= stretch.unit**2
-    value[:, variables + 1 :] += stretch.work
+        each[:, layout.momenta] *= stretch.unit
+        each[:, layout.works] *= stretch.unit**2
+    value[:, layout.works] += stretch.work
     return value, rate
 
 
@@ -171,12 +179,13 @@ def integrate(
     mechanism: Mechanism,
     values: Floats,
     turns: Floats,
-    momentum: float,
+    momenta: Floats,
     unit: float,
     targets: Sequence[float],
     close: Callable[[Floats], tuple[Floats, float]],
+    begun: "Begun | None" = None,
 ) -> Run:
-    """Return the run from a start at t = 0 to the last of the targets.
+    """Return the run from a start to the last of the targets.
 
     Runs of one equation in several threads wait for each other.
 
@@ -184,19 +193,38 @@ def integrate(
     ----------
     equation, mechanism
         The equation compiled for this mechanism, whose tables and stops are used.
-    values, turns, momentum
-        (variables,) a closed configuration (rad) less whole turns, and sqrt(B) u, positive
-        in the sense of the homogeneous rates.
+    values, turns, momenta
+        (variables,) a closed configuration (rad) less whole turns, and (m,) the momenta: of
+        one freedom sqrt(B) u, positive in the sense of the homogeneous rates.
     unit
         A momentum of usual size, not zero.
     targets
         Rising times (s) between which no load has a knot.
     close
         Puts a configuration back onto its curve, and says what its residual was.
+    begun
+        What went before, if anything did: the start is then not at t = 0.
     """
     with equation.lock:
-        made = _Integration(equation, mechanism, values, turns, momentum, unit, close)
+        made = _Integration(
+            equation, mechanism, values, turns, momenta, unit, close, begun or Begun()
+        )
         return made.run(targets)
+
+
+@final
+@dataclass(frozen=True)
+class Begun:
+    """What went before a run: the time (s) and, if anything, the work (loads,) J.
+
+    `independence` is the measure of independence at the start over its largest so far,
+    `drift` the largest closure residual (rad) that was taken out.
+    """
+
+    time: float = 0.0
+    work: Floats | None = None
+    independence: float = 1.0
+    drift: float = 0.0
 
 
 @final
@@ -209,35 +237,35 @@ class _Integration:
         mechanism: Mechanism,
         values: Floats,
         turns: Floats,
-        momentum: float,
+        momenta: Floats,
         unit: float,
         close: Callable[[Floats], tuple[Floats, float]],
+        begun: Begun,
     ) -> None:
         self.equation = equation
-        self.close, self.drift = close, 0.0
+        self.close, self.drift = close, begun.drift
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.count = len(values)
+        self.momenta, self.works = equation.layout.momenta, equation.layout.works
         self.turns = turns
-        self.work = np.zeros(len(mechanism.loads))
-        self.unit = max(unit, abs(momentum))
+        self.work = np.zeros(len(mechanism.loads)) if begun.work is None else begun.work
+        self.unit = max(unit, float(np.linalg.norm(momenta)))
         self.period = np.zeros(len(mechanism.variable_owners))
         self.period[list(mechanism.angles.values())] = 1.0
-        self.least = CROSSED**2 * float(
-            np.sum(np.asarray(equation.tau(values[:, None])) ** 2)
-        )
+        self.largest = float(equation.measure(values[None])[0]) / begun.independence
         self.stops = [v for stop in mechanism.stops for v in (stop.low, stop.high)]
         self.sides = np.zeros(equation.switches)
-        self.first = np.array([*values, momentum / self.unit, *self.work])
+        self.first = np.array([*values, *(momenta / self.unit), *np.zeros(len(self.work))])
         self.stretches: list[Stretch] = []
-        self.time = 0.0
+        self.time = begun.time
         self.longest = np.inf
         """Longest step that is tried, where longer ones missed what a load does."""
 
     def run(self, targets: Sequence[float]) -> Run:
         """Integrate from target to target."""
         integrator = self.equation.integrator
-        self._set_sides(self._parameters(0.0, targets[0]))
-        integrator.start(self.first, 0.0, self._parameters(0.0, targets[0]))
+        self._set_sides(self._parameters(self.time, targets[0]))
+        integrator.start(self.first, self.time, self._parameters(self.time, targets[0]))
         end: RunEnd = "time"
         steps = 0
         working = Working("simulating")
@@ -260,7 +288,13 @@ class _Integration:
             end,
             self.time,
             self.drift,
+            self.largest,
         )
+
+    @property
+    def least(self) -> float:
+        """The measure of independence at which the run ends."""
+        return CROSSED**2 * self.largest
 
     def _stretch(
         self, integrator: Integrator, target: float, shortest: float
@@ -312,10 +346,8 @@ class _Integration:
         if starts:
             kept = np.array(starts), np.array(lengths), np.array(series)
             self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
-            first = np.ascontiguousarray(kept[2][:, : self.count, 0].T)
-            tau = np.asarray(self.equation.tau(first))
-            largest = float(np.max(np.sum(tau**2, axis=0)))
-            self.least = max(self.least, CROSSED**2 * largest)
+            first = self.equation.measure(kept[2][:, : self.count, 0])
+            self.largest = max(self.largest, float(np.max(first)))
         return tried, end
 
     def _constants(self, integrator: Integrator) -> Floats:
@@ -348,7 +380,8 @@ class _Integration:
         starts, lengths, series = steps
         if not len(starts):
             return 0, np.inf
-        steep, count = self.equation.steep, self.count
+        steep, momenta = self.equation.steep, self.momenta
+        freedoms = self.equation.layout.freedoms
         assert steep is not None
         sides = np.array([sides for _, sides in marks])
         constants = self._constants(integrator)
@@ -362,8 +395,9 @@ class _Integration:
             rows[width + 1 :] = constants[:, None]
             rows[len(rows) - sides.shape[1] :] = sides[step].T
             found = np.asarray(steep(rows))
-            missed = np.abs(rates[:, count] - found[0]) * lengths[step]
-            return missed / (MISSED * self.equation.tolerance), found[1:].T
+            missed = np.abs(rates[:, momenta] - found[:freedoms].T)
+            missed = np.max(missed, axis=1) * lengths[step]
+            return missed / (MISSED * self.equation.tolerance), found[freedoms:].T
 
         good = good_until(look, len(starts))
         wrong = np.flatnonzero(good < 1.0)
@@ -376,6 +410,8 @@ class _Integration:
         kind, _ = self.equation.events[integrator.seen[-1].event]
         if kind == "switch":
             return "too_many" if len(integrator.seen) >= MOST_SWITCHES else "sticking"
+        if kind == "coordinates":
+            return "coordinates"
         return "stop" if kind == "stop" else "singularity"
 
     def _reduce(self, integrator: Integrator) -> None:
@@ -389,13 +425,14 @@ class _Integration:
             values[:], gap = self.close(values.astype(float))
             self.drift = max(self.drift, gap)
         self.turns = self.turns + turns
-        done = state[self.count + 1 :].astype(float)
+        done = state[self.works].astype(float)
         self.work = self.work + done * self.unit**2
-        state[self.count + 1 :] = 0.0
-        size = abs(float(state[self.count]))
+        state[self.works] = 0.0
+        size = float(np.linalg.norm(state[self.momenta].astype(float)))
         if size > 1.0:
             self.unit *= size
-            state[self.count] /= size
+            for k in range(self.momenta.start, self.momenta.stop):
+                state[k] /= size
         layout, known = self.equation.layout, integrator.parameters
         for place, value in (
             *enumerate(self.turns),
@@ -435,7 +472,7 @@ class _Integration:
         count = len(self.sides)
         if self.equation.conditions is None:
             return
-        known = np.concatenate([self.first, [0.0], parameters])
+        known = np.concatenate([self.first, [self.time], parameters])
         for k in range(count):
             known[len(known) - count :] = self.sides
             found = np.asarray(self.equation.conditions(known[:, None]))[:, 0]

@@ -28,7 +28,9 @@ from spherekit.engine.pose import LinkOrientation, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import AxisTerm, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
+from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import Assembly, plan_assembly
@@ -45,13 +47,41 @@ class Structure:
     assembly: Assembly
     pairs: TurningPairs
     groups: tuple[GroupRows, ...]
-    driven: int
+
+    @property
+    def driven(self) -> int:
+        """The number of the only input's variable."""
+        return self.mechanism.variables_of(self.assembly.input)[0]
+
+    @staticmethod
+    def at(mechanism: Mechanism, values: Floats) -> "Structure":
+        """Return the structure of a mechanism with its inputs, however many.
+
+        Where equations repeat, independent ones are chosen at the closed configuration
+        `values` (variables,).
+
+        Raises
+        ------
+        EngineError
+            If a profile is not a circle, or a group is too large.
+        PlanError
+            If the mechanism does not have as many freedoms as inputs.
+        """
+        assembly = plan_assembly(mechanism)
+        pairs = turning_pairs(mechanism)
+
+        def vectors() -> Floats:
+            closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+            return np.asarray(closure.at(values[None]).vectors[0])
+
+        groups = group_rows(mechanism, assembly, vectors)
+        return Structure(mechanism, assembly, pairs, groups)
 
     @staticmethod
     def of(
         mechanism: Mechanism, input_pair: str, design: DesignGeometry | None = None
     ) -> "Structure":
-        """Return the structure of a mechanism with this pair as input.
+        """Return the structure of a mechanism with this pair as only input.
 
         Sizes are those of a design where it has them.
 
@@ -78,8 +108,7 @@ class Structure:
             return np.asarray(motion.vectors[first])
 
         groups = group_rows(mechanism, assembly, vectors)
-        (driven,) = mechanism.variables_of(assembly.input)
-        return Structure(mechanism, assembly, pairs, groups, driven)
+        return Structure(mechanism, assembly, pairs, groups)
 
     def span(self, one: int, other: int) -> Expr | None:
         """Return |A x B|^2 of two variables' vectors where it is constant, else None."""
@@ -160,8 +189,9 @@ class RateExpressions:
         """Return the next coefficients of the variables' rates."""
         structure, k = self.structure, len(self.tau)
         moving = [series(list(each)) for each in zip(*self.vectors, strict=True)]
+        inputs = structure.assembly.inputs
         solver = HomogeneousRates(
-            structure.mechanism, structure.assembly.input, moving, structure.span
+            structure.mechanism, inputs, inputs[0], moving, structure.span
         )
         for rows in structure.groups:
             solver.close(rows)

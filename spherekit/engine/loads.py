@@ -1,8 +1,8 @@
-"""Loads as expressions of the generalised force they exert on the motion.
+"""Loads as expressions of the generalised forces they exert on the motion.
 
-What loads do is said in `spherekit.model.dynamics`; here the coordinate is the homogeneous
-parameter p. Where an expression is not smooth it asks for a switch, a factor +1 or -1 that
-the integration changes exactly where a condition passes through zero.
+What loads do is said in `spherekit.model.dynamics`; here the coordinate of one freedom is
+the homogeneous parameter p. Where an expression is not smooth it asks for a switch, a
+factor +1 or -1 that the integration changes exactly where a condition passes through zero.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +15,15 @@ from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.expression_terms import BY_OPERATOR
 from spherekit.engine.kinematics import RateExpressions
-from spherekit.model.dynamics import Called, Load, TorqueTable, Vector, expression_of
+from spherekit.engine.pose import LinkOrientation
+from spherekit.model.dynamics import (
+    Called,
+    Component,
+    Load,
+    TorqueTable,
+    Vector,
+    expression_of,
+)
 from spherekit.model.expression import Expression, fold
 from spherekit.model.mechanism import Mechanism
 
@@ -27,24 +35,47 @@ FULL_TURN = 6.283185307179586
 class LoadState:
     """A mechanism in motion, as loads see it.
 
-    `flow` gives directions, placements and angular velocities per unit of p, `speed` is
-    dp/dt, `time` the time. `switch(condition)` is +1 where an expression is positive and
-    -1 where it is negative, `table(name)` the torque of a table now. `variables` are
-    reduced by whole turns, the k-th by `turns[k]` of them.
+    `tau[i][v]` and `w[i][link]` (3,) are what variables and links turn by per unit of the
+    i-th coordinate; `placed` are the placements, `rates` those of the variables by time,
+    `time` the time. `switch(condition)` is +1 where an expression is positive and -1
+    where it is negative, `table(name)` the torque of a table now. `variables` are reduced
+    by whole turns, the k-th by `turns[k]` of them.
     """
 
-    flow: RateExpressions
+    mechanism: Mechanism
+    placed: Sequence[LinkOrientation]
+    tau: Sequence[Sequence[Expr]]
+    w: Sequence[Sequence[Exprs]]
     variables: Sequence[Expr]
     turns: Sequence[Expr]
-    speed: Expr
+    rates: Sequence[Expr]
     time: Expr
     switch: Callable[[Expr], Expr]
     table: Callable[[str], Expr]
 
-    @property
-    def mechanism(self) -> Mechanism:
-        """The mechanism that moves."""
-        return self.flow.structure.mechanism
+    @staticmethod
+    def along(
+        flow: RateExpressions,
+        variables: Sequence[Expr],
+        turns: Sequence[Expr],
+        speed: Expr,
+        time: Expr,
+        switch: Callable[[Expr], Expr],
+        table: Callable[[str], Expr],
+    ) -> "LoadState":
+        """Return the state of a motion whose only coordinate p changes by dp/dt = speed."""
+        return LoadState(
+            flow.structure.mechanism,
+            flow.placed,
+            [flow.tau[0]],
+            [flow.w[0]],
+            variables,
+            turns,
+            [each * speed for each in flow.tau[0]],
+            time,
+            switch,
+            table,
+        )
 
     def variable(self, pair: str) -> int:
         """Return the number of an R pair's variable."""
@@ -63,13 +94,9 @@ class LoadState:
         """
         return self.variables[self.variable(pair)]
 
-    def coefficient(self, pair: str) -> Expr:
-        """Return dtheta/dp of an R pair."""
-        return self.flow.tau[0][self.variable(pair)]
-
     def rate(self, pair: str) -> Expr:
         """Return dtheta/dt of an R pair (rad/s)."""
-        return self.coefficient(pair) * self.speed
+        return self.rates[self.variable(pair)]
 
 
 @final
@@ -87,14 +114,23 @@ class Switches:
         return self.factor(self.conditions.index(condition))
 
 
-def generalised_force(load: Load, moving: LoadState) -> Expr:
-    """Return the power of a load per unit rate of the homogeneous parameter."""
-    total: Expr = 0.0
+def generalised_forces(load: Load, moving: LoadState) -> list[Expr]:
+    """Return the power of a load per unit rate of each coordinate."""
+    return forces_of(load.components(moving.mechanism), moving)
+
+
+def forces_of(parts: Sequence[Component], moving: LoadState) -> list[Expr]:
+    """Return the power of a load's components per unit rate of each coordinate."""
+    totals: list[Expr] = [0.0] * len(moving.tau)
     on_links: dict[tuple[str, str, Vector | None], Exprs] = {}
-    for part in load.components(moving.mechanism):
+    for part in parts:
         magnitude = _magnitude(part.magnitude, moving)
         if part.pair:
-            total = total + magnitude * moving.coefficient(part.pair)
+            variable = moving.variable(part.pair)
+            totals = [
+                total + magnitude * tau[variable]
+                for total, tau in zip(totals, moving.tau, strict=True)
+            ]
         for moment in part.moments:
             key = moment.link, moment.axes, moment.arm
             along = vector([magnitude * each for each in moment.direction])
@@ -102,9 +138,12 @@ def generalised_force(load: Load, moving: LoadState) -> Expr:
     for (link, axes, arm), along in on_links.items():
         number = moving.mechanism.link_number[link]
         if number and not (arm is not None and not any(arm)):
-            turning = _moment(moving.flow, number, axes, arm, along)
-            total = total + dot(moving.flow.w[0][number], turning)
-    return total
+            turning = _moment(moving.placed[number], axes, arm, along)
+            totals = [
+                total + dot(w[number], turning)
+                for total, w in zip(totals, moving.w, strict=True)
+            ]
+    return totals
 
 
 def steep_arguments(load: Load, moving: LoadState) -> list[Expr]:
@@ -118,17 +157,16 @@ def steep_arguments(load: Load, moving: LoadState) -> list[Expr]:
     ]
 
 
-def _moment(
-    flow: RateExpressions, link: int, axes: str, arm: Vector | None, along: Exprs
-) -> Exprs:
+def _moment(placed: LinkOrientation, axes: str, arm: Vector | None, along: Exprs) -> Exprs:
     """Return a moment (3,), or that of a force with an arm, in ground axes."""
     if axes == "ground":
         if arm is None:
             return along
+        if not all(isinstance(each, float) for each in arm):
+            return cross(placed.direction(vector(list(arm))), along)
         size = float(np.linalg.norm(arm))
-        return cross(flow.placed[link].direction(np.array(arm) / size) * size, along)
+        return cross(placed.direction(np.array(arm) / size) * size, along)
     own = along if arm is None else cross(vector(list(arm)), along)
-    placed = flow.placed[link]
     return np.asarray(placed.basis @ (constants(placed.within) @ own))
 
 

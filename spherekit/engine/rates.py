@@ -5,7 +5,7 @@ independent rows; their maximal minors, with alternating signs, are proportional
 rates. The vector of these minors is a polynomial in the directions of the axes. It is
 regular at the dead centres of every pair and vanishes only where the rank drops. Here it
 is found group by group: a group's variables by Cramer's rule, and everything found before
-multiplied by the group's determinant.
+multiplied by the group's determinant. Of several inputs one moves while the others rest.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.engine.algebra import Exprs, cross, determinant, dot, vector
+from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, dot, vector
 from spherekit.engine.elimination import Elimination, Loop, eliminate
 from spherekit.engine.expression_graph import Expr
 from spherekit.errors import EngineError
@@ -96,11 +96,11 @@ def _independent(
 ) -> tuple[tuple[int, int], ...]:
     """Choose rows by Gram-Schmidt with pivoting, as many as there are unknowns."""
     owners = mechanism.variable_owners
-    (driven,) = mechanism.variables_of(assembly.input)
+    driven = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
     candidates: dict[tuple[int, int], Floats] = {}
     for number, loop in enumerate(plain.loops):
         sense = {group.pairs[pair]: sign for pair, sign in loop.passes}
-        for pair, sign in _through_input(mechanism, assembly, group, loop):
+        for pair, sign in _through_inputs(mechanism, assembly, group, loop):
             sense[pair] = sign
         weights = np.array([float(sense.get(owner, 0)) for owner in owners])
         columns = weights[:, None] * vectors
@@ -127,34 +127,54 @@ def _independent(
     return tuple(chosen)
 
 
-def _through_input(
+def _through_inputs(
     mechanism: Mechanism, assembly: Assembly, group: Group, loop: Loop
 ) -> list[tuple[int, int]]:
-    """Return the input pair with its sense if a loop of a group passes through it."""
-    a, b = mechanism.ends[assembly.input]
-    total = 0
+    """Return the input pairs, with their senses, that a loop of a group passes through."""
+    totals: dict[int, int] = {}
     for (pair, sign), (after, onward) in zip(
         loop.passes, (*loop.passes[1:], loop.passes[0]), strict=True
     ):
         enters = mechanism.ends[group.pairs[pair]][1 if sign > 0 else 0]
         leaves = mechanism.ends[group.pairs[after]][0 if onward > 0 else 1]
-        total += {(a, b): 1, (b, a): -1}.get((enters, leaves), 0)
-    return [(assembly.input, total)] if total else []
+        for number, sense in way(mechanism, assembly.inputs, enters, leaves):
+            totals[number] = totals.get(number, 0) + sense
+    return [item for item in totals.items() if item[1]]
+
+
+def way(
+    mechanism: Mechanism, pairs: Sequence[int], start: int, end: int
+) -> tuple[tuple[int, int], ...]:
+    """Return the pairs, with senses, that lead from a link to another; empty if none do."""
+    ways: dict[int, tuple[tuple[int, int], ...]] = {start: ()}
+    queue = [start]
+    while queue and end not in ways:
+        link = queue.pop(0)
+        for pair in pairs:
+            a, b = mechanism.ends[pair]
+            if link in (a, b):
+                other, sense = (b, 1) if link == a else (a, -1)
+                if other not in ways:
+                    ways[other] = (*ways[link], (pair, sense))
+                    queue.append(other)
+    return ways.get(end, ())
 
 
 @final
 class HomogeneousRates:
     """The rates of variables found so far, from the vectors (3,) of all variables.
 
-    `span(a, b)` is the constant |A x B|^2 of two variables' vectors, or None where it is
-    not constant. With `misfits` (3,) of pairs the input rests, and the rates over `scale`
-    are the answers of the variables (`spherekit.engine.misfits`).
+    Of the inputs, pairs `driven`, `moving` moves at the rate 1. `span(a, b)` is the
+    constant |A x B|^2 of two variables' vectors, or None where it is not constant. With
+    `misfits` (3,) of pairs all inputs rest, and the rates over `scale` are the answers
+    of the variables (`spherekit.engine.misfits`).
     """
 
     def __init__(
         self,
         mechanism: Mechanism,
-        driven: int,
+        driven: Sequence[int],
+        moving: int,
         vectors: Sequence[Exprs],
         span: Callable[[int, int], Expr | None],
         misfits: Mapping[int, Exprs] | None = None,
@@ -163,29 +183,20 @@ class HomogeneousRates:
         self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
         self.vectors = vectors
         self.span = span
-        (first,) = self.owned[driven]
-        self.rates: dict[int, Expr] = {first: 1.0 if misfits is None else 0.0}
+        self.rates: dict[int, Expr] = {
+            self.owned[pair][0]: 1.0 if pair == moving and misfits is None else 0.0
+            for pair in driven
+        }
         self.misfits = misfits or {}
         self.scale: Expr = 1.0
-        self.closed = [driven]
+        self.closed = list(driven)
 
     def _between(self, start: int, end: int) -> Exprs | None:
         """Return w_end - w_start of two links of one body, None if they are the same."""
         if start == end:
             return None
-        ways: dict[int, tuple[tuple[int, int], ...]] = {start: ()}
-        queue = [start]
-        while queue and end not in ways:
-            link = queue.pop(0)
-            for pair in self.closed:
-                a, b = self.mechanism.ends[pair]
-                if link in (a, b):
-                    other, sense = (b, 1) if link == a else (a, -1)
-                    if other not in ways:
-                        ways[other] = (*ways[link], (pair, sense))
-                        queue.append(other)
         total: Exprs | None = None
-        for pair, sense in ways[end]:
+        for pair, sense in way(self.mechanism, self.closed, start, end):
             for variable in self.owned[pair]:
                 part = self.vectors[variable] * self.rates[variable] * float(sense)
                 total = part if total is None else total + part
@@ -226,13 +237,11 @@ class HomogeneousRates:
                 )
                 right.append(dot(direction, known))
         scale = determinant(matrix)
-        found: dict[int, Expr] = {}
-        for k, variable in enumerate(unknowns):
-            swapped = [
-                [*row[:k], item, *row[k + 1 :]]
-                for row, item in zip(matrix, right, strict=True)
-            ]
-            found[variable] = -1.0 * determinant(swapped)
+        shares = cofactors(matrix)
+        found: dict[int, Expr] = {
+            variable: -1.0 * dot(vector(right), vector([row[k] for row in shares]))
+            for k, variable in enumerate(unknowns)
+        }
         for loop, (columns, known) in zip(rows.elimination.loops, loops, strict=True):
             if loop.private:
                 self._check_span(*loop.private)

@@ -1,0 +1,104 @@
+"""The rates of a mechanism of several freedoms as terms, in the variables of its inputs.
+
+In homogeneous form: `tau[i]` are the rates of all variables times `scale` while input i
+moves at the rate 1 and the others rest. The scale vanishes where these inputs do not say
+how all variables move.
+"""
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+
+from spherekit.engine.algebra import Exprs, cross, vector
+from spherekit.engine.expression_graph import Expr
+from spherekit.engine.kinematics import Structure
+from spherekit.engine.pose import LinkOrientation, spin_vectors
+from spherekit.engine.rates import HomogeneousRates
+from spherekit.motion.loops import LoopTree
+
+
+@final
+class CoordinateRates:
+    """Rates at given placements of the links.
+
+    `vectors[v]` (3,) are the angular velocities of pairs' second links relative to the
+    first per unit rate of variables, in ground axes; `w[i][link]` (3,) those of links per
+    unit rate of input i, times `scale` as `tau[i][v]` are.
+    """
+
+    def __init__(self, structure: Structure, placed: Sequence[LinkOrientation]) -> None:
+        self.structure = structure
+        mechanism = structure.mechanism
+        self.tree = LoopTree.of(mechanism)
+        self._spins = [
+            spin_vectors(structure.pairs, placed, v)
+            for v in range(len(mechanism.variable_owners))
+        ]
+        self.vectors = [
+            _sum([axis * size for size, _, axis in each]) for each in self._spins
+        ]
+        self.tau: list[list[Expr]] = []
+        for moving in structure.assembly.inputs:
+            solver = self._solver(moving, None)
+            self.tau.append([solver.rates[v] for v in range(len(self.vectors))])
+            self.scale = solver.scale
+        self.w = [self.links(self._parts(tau)) for tau in self.tau]
+
+    def _solver(self, moving: int, misfits: dict[int, Exprs] | None) -> HomogeneousRates:
+        structure = self.structure
+        solver = HomogeneousRates(
+            structure.mechanism,
+            structure.assembly.inputs,
+            moving,
+            self.vectors,
+            structure.span,
+            misfits,
+        )
+        for rows in structure.groups:
+            solver.close(rows)
+        return solver
+
+    def _parts(self, rates: Sequence[Expr]) -> list[Exprs]:
+        """Return what pairs turn by (3,) at rates of their variables."""
+        owned = self.structure.mechanism.variables_of
+        return [
+            _sum([self.vectors[v] * rates[v] for v in owned(pair)])
+            for pair in range(len(self.tree.ends))
+        ]
+
+    def links(self, parts: Sequence[Exprs]) -> list[Exprs]:
+        """Return the sums (3,) of what pairs turn by, on the way to each link."""
+        found = [_sum([])] * self.tree.count
+        for pair, parent, child in self.tree.placements:
+            ahead = self.tree.ends[pair][0] == parent
+            part = parts[pair]
+            found[child] = found[parent] + part if ahead else found[parent] - part
+        return found
+
+    def bias(self, rates: Sequence[Expr], w: Sequence[Exprs]) -> list[Exprs]:
+        """Return the angular accelerations (3,) of links while no input accelerates.
+
+        `rates` are those of the variables by time, `w` (3,) the links' angular velocities.
+        """
+        turned = []
+        for v, spins in enumerate(self._spins):
+            axes = [cross(w[link], axis * size) for size, link, axis in spins]
+            turned.append(_sum(axes) * rates[v])
+        owned = self.structure.mechanism.variables_of
+        known = [
+            _sum([turned[v] for v in owned(pair)]) for pair in range(len(self.tree.ends))
+        ]
+        misfits = {pair: np.asarray(each * -1.0) for pair, each in enumerate(known)}
+        solver = self._solver(self.structure.assembly.inputs[0], misfits)
+        share = 1.0 / solver.scale
+        second = [solver.rates[v] * share for v in range(len(self.vectors))]
+        own = self._parts(second)
+        return self.links([a + b for a, b in zip(own, known, strict=True)])
+
+
+def _sum(parts: Sequence[Exprs]) -> Exprs:
+    total = vector([0.0, 0.0, 0.0])
+    for part in parts:
+        total = total + part
+    return total
