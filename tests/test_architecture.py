@@ -72,6 +72,7 @@ HOME_OF = {
     "dask": {"design/cluster.py"},
     "flint": {"proof/balls.py"},
     "matplotlib": {"figures/sdk.py"},
+    "mujoco": {"exchange/mujoco_file.py"},
 }
 
 

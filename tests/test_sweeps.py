@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,10 +16,16 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.space import DesignSpace, between, variation
+from spherekit.design.samples import DesignSamples
+from spherekit.design.sensitivity import sizes_of
+from spherekit.design.space import DesignSpace, between, listed, variation
+from spherekit.design.sweep import run_sweep
 from spherekit.errors import AnalysisError, DesignError, FileError, OutputError
 from spherekit.files.change import document_of, number_path, with_numbers
+from spherekit.files.library import find
 from spherekit.files.read import read
+from spherekit.front.sweep import sweep_of
+from spherekit.model.study import Study
 from spherekit.plugin.designs import middle_pairs, row_quantities
 
 SAMPLES = 25
@@ -130,21 +137,46 @@ def sk_grashof(mechanism):
     return grashof(mechanism).name
 
 
-def test_groups_beyond_dyads_are_taken_one_by_one():
-    name, key = "double_butterfly", "pairs.C.longitude"
-    reduce = ["largest=max(abs(velocity_coefficient_4_1))", "mean=mean(cos(theta_H))"]
-    found = sk.sweep(name, {key: [-9.0]}, reduce, samples=5).frame()
-    document = document_of(name)
-    changed = read(with_numbers(document, {number_path(document, key): -9.0}))
-    here = sk.evaluate(changed, np.linspace(0.0, 2.0 * np.pi, 5))
-    modes = sorted(set(here.assembly_mode))
-    assert len(found) == len(modes) > 1
-    for (_, row), mode in zip(found.iterrows(), modes, strict=True):
-        rows = here.assembly_mode == mode
-        wanted = np.nanmax(np.abs(here.velocity_coefficient("4/1")[rows]))
-        assert row["largest"] == pytest.approx(wanted, rel=1e-9)
-        wanted = np.nanmean(np.cos(here.variable("H")[rows]))
-        assert row["mean"] == pytest.approx(wanted, abs=1e-9)
+@pytest.mark.parametrize(
+    "name, key, link, pair, count",
+    [
+        ("single_flier", "pairs.23.longitude", "6", "56", 3),
+        pytest.param(
+            "double_butterfly", "pairs.C.longitude", "4", "H", 4, marks=pytest.mark.long
+        ),
+        pytest.param("eight_bar_13", None, "8", None, 4, marks=pytest.mark.long),
+    ],
+)
+def test_modes_of_groups_beyond_dyads_are_those_of_runs(name, key, link, pair, count):
+    document, mechanism = document_of(name), sk.load(name)
+    key = key or sizes_of(mechanism)[1]
+    pair = pair or next(p.name for p in mechanism.pairs if link in p.links)
+    reduce = [
+        f"largest=max(abs(velocity_coefficient_{link}_{mechanism.ground}))",
+        f"mean=mean(cos(theta_{pair}))",
+        f"there=at(sin(theta_{pair}), 33)",
+    ]
+    place = number_path(document, key)
+    values = _at(document, place) + np.linspace(-4.0, 4.0, count)
+    found = sk.sweep(name, {key: values}, reduce, samples=25).frame()
+    assert set(found["claim"]) == {"complete"}
+    for number, value in enumerate(values):
+        changed = read(with_numbers(document, {place: value}))
+        here = sk.evaluate(changed, np.linspace(0.0, 2.0 * np.pi, 25))
+        there = sk.evaluate(changed, np.radians([0.0, 33.0, 360.0]))
+        rows = found[found["design"] == number]
+        sizes = np.abs(here.velocity_coefficient(f"{link}/{mechanism.ground}"))
+        cosines = np.cos(here.variable(pair))
+        known = []
+        for mode in sorted(set(here.assembly_mode)):
+            own = here.assembly_mode == mode
+            closes = np.mean(here.status[own] == 0)
+            known.append([closes, np.nanmax(sizes[own]), np.nanmean(cosines[own])])
+        own = rows[["closes", "largest", "mean"]].to_numpy()
+        assert np.sort(own, axis=0) == pytest.approx(np.sort(known, axis=0), rel=1e-9)
+        sines = np.sin(there.variable(pair)[there.sample == 1])
+        own = np.sort(rows["there"].dropna())
+        assert own == pytest.approx(np.sort(sines[np.isfinite(sines)]), abs=1e-9)
 
 
 def test_a_cone_rolls_by_the_ratio_of_sines_and_impossible_ones_are_rows():
@@ -170,6 +202,72 @@ def test_designs_that_cannot_be_are_rows_with_their_reason():
     assert reasons[2] == "links.2.arc = 0: not between 0 and 180 deg"
     assert reasons[4].startswith("links.2.arc = 190")
     assert found[found["design"] == 1]["closes"].max() < 1.0
+
+
+ACTED = """
+[mass.3]
+mass = 2.0
+centre = [0.1, 0.3, 0.8]
+tensor_at_centre = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
+
+[loads.weight]
+kind = "gravity"
+acceleration = [0.0, -9.8, 1.0]
+
+[loads.back]
+kind = "spring"
+pair = "41"
+stiffness = 3.0
+rest = 20.0
+
+[loads.rub]
+kind = "friction"
+pair = "43"
+torque = 0.4
+viscous = 0.1
+speed = 30.0
+
+[loads.push]
+kind = "force"
+link = "4"
+point = [0.0, 0.2, 0.9]
+axes = "link"
+force = ["2*sin(theta_41)", "t**2", "-3"]
+"""
+
+
+def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
+    path = tmp_path / "acted.toml"
+    whole = find("four_bar").read_text()
+    path.write_text(whole[: whole.index("[mass.2]")] + ACTED)
+    vary = {
+        "mass.3.mass": [2.0, 5.0, -1.0],
+        "mass.3.centre.0": [0.1, 0.4],
+        "loads.weight.acceleration.1": [-9.8, 4.0],
+        "loads.back.rest": [20.0, -35.0],
+        "loads.rub.torque": [0.4],
+        "loads.push.point.1": [-0.5],
+        "links.4.arc": [42.0],
+    }
+    reduce = ["peak=max(abs(torque))", "mean=mean(torque)", "most=max(B)"]
+    sweep = sweep_of(path, DesignSpace.of([listed(*v) for v in vary.items()]), reduce)
+    sweep = replace(sweep, samples=DesignSamples.of(Study("", sweep.mechanism, samples=19)))
+    assert sweep.evaluator.kernel is not None
+    found = run_sweep(sweep).frame()
+    bad = found["mass_3_mass"] < 0.0
+    assert found["status"][bad].str.contains("mass").all() and sum(bad) == 8
+    document = document_of(path)
+    names = [key.replace(".", "_") for key in vary]
+    for _, row in found[~bad].iloc[::5].iterrows():
+        numbers = {
+            number_path(document, k): row[n] for k, n in zip(vary, names, strict=True)
+        }
+        run = sk.run(read(with_numbers(document, numbers)), "eksergian", samples=19)
+        table = run.frame("eksergian")
+        table = table[table["assembly_mode"] == (0 if row["mode"] == "+" else 1)]
+        assert row["peak"] == pytest.approx(table["tau"].abs().max(), rel=1e-9)
+        assert row["mean"] == pytest.approx(table["tau"].mean(), rel=1e-9)
+        assert row["most"] == pytest.approx(table["B"].max(), rel=1e-9)
 
 
 def test_masses_stated_by_sizes_follow_them(tmp_path):
