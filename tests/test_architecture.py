@@ -21,7 +21,7 @@ PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
     ("errors", "conventions", "guarantee", "version", "progress"),
-    ("budget", "checked", "lazily", "markup"),
+    ("budget", "checked", "cores", "lazily", "markup"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),
