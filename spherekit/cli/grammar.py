@@ -23,7 +23,7 @@ COMMANDS = {
     "sweep": "compare designs: figures of merit while sizes are varied",
     "size": "find sizes for a wanted function, or the least of a figure of merit",
     "trade": "measure speed against accuracy, and find the cheapest setting",
-    "export": "write a mechanism for other programs: stored functions, MuJoCo model",
+    "export": "write a mechanism for others: stored functions, MuJoCo model, table in C",
     "import": "read a mechanism from a MuJoCo model (MJCF) or a URDF",
     "view": "open a recording, or a run's folder, in the viewer, or take a picture",
     "mechanisms": "list the mechanisms that come with spherekit or plugins",
