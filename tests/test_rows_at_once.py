@@ -8,7 +8,7 @@ from benchmarks.own import own_mechanisms
 from benchmarks.random_mechanisms import random_mechanism
 from benchmarks.same_rows import both_ways, differences
 from benchmarks.special import special_mechanism
-from spherekit.analysis.running import rows_at_once
+from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
@@ -99,6 +99,18 @@ def test_blocks_go_on(monkeypatch):
     for axis in ("ux", "uy", "uz"):
         assert np.allclose(one[axis], two[axis], rtol=0.0, atol=1e-11)
         assert np.allclose(one[axis], three[axis], rtol=0.0, atol=1e-9)
+
+
+def test_cores_change_nothing(monkeypatch):
+    """Rows of three threads, the next block found meanwhile, are those of one."""
+    found = []
+    for cores in (1, 3):
+        monkeypatch.setattr(in_turn, "usable_cores", lambda cores=cores: cores)
+        result = sk.run("four_bar", samples=9000, block=4500)
+        found.append(result.results["poles"].data["poles"])
+    one, three = found
+    for name in one:
+        assert np.array_equal(one[name], three[name], equal_nan=one[name].dtype == float)
 
 
 def test_bounds_hold_in_fifty_digits():
