@@ -28,7 +28,7 @@ from spherekit.planning.inputs import driven_pairs
 
 mujoco = pytest.importorskip("mujoco")
 
-PLAIN = [load(name) for name in mechanisms() if not load(name).has_contacts]
+PLAIN = [each for each in map(load, mechanisms()) if not each.has_contacts]
 """The shipped mechanisms of R pairs alone."""
 
 GEARED = ("bevel_differential", "bevel_pair", "planetary_bevel", "rolling_cones")
