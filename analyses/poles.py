@@ -44,8 +44,6 @@ from .pole_scenes import (
 
 Floats = NDArray[np.float64]
 
-TURN_KNOWN = 1e-6
-"""Relative error to which the derivative of an axis is known where it is given."""
 MANY = 6
 """With more poles than this, those to the ground and the shown one are seen at first."""
 
@@ -115,7 +113,8 @@ class Poles(AbstractAnalysis):
                 Column(
                     "conditioning",
                     "",
-                    "sine of the angle of the two planes used",
+                    "how far the angular velocities of both links are from cancelling: the "
+                    "size of their difference over the sum of sizes; 1 for pairs",
                     scale="none",
                 ),
                 Column(
@@ -192,7 +191,7 @@ class Poles(AbstractAnalysis):
             rates=wanted,
             derivatives=True,
             planes=planes,
-            link_rates=frozenset(mechanism.links[k] for pole in wanted for k in pole),
+            turns=wanted,
             rotations=frozenset(mechanism.links) if stepwise else frozenset(turned),
         )
 
@@ -221,7 +220,7 @@ class Poles(AbstractAnalysis):
             return per_pole([np.broadcast_to(np.array(name), n) for name in names])
 
         directions = [batch.direction(*pole) for pole in wanted]
-        turns = [_turn(batch, pole) for pole in wanted]
+        turns = [batch.direction_dq(*pole) for pole in wanted]
         links, pairs = mechanism.links, batch.moving_inputs
         return {
             "poles": {
@@ -235,7 +234,7 @@ class Poles(AbstractAnalysis):
                     for c, axis in enumerate("xyz")
                 },
                 **{
-                    f"du{axis}_dq": per_pole([each[c] for each in turns])
+                    f"du{axis}_dq": per_pole([each[:, c] for each in turns])
                     for c, axis in enumerate("xyz")
                 },
                 "velocity_coefficient": per_pole(
@@ -357,41 +356,6 @@ class Poles(AbstractAnalysis):
                 for k in circles
             ]
         return parts
-
-
-def _turn(batch: Batch, pole: tuple[int, int, int]) -> list[Floats]:
-    """Return 1/rad the derivative of a pole axis by the input: its components (n,).
-
-    From w_j - w_i = r u and its derivative, so NaN where r is too small to know it to
-    `TURN_KNOWN`; of the axis of an R pair, which its links carry, u' = w_i x u also where
-    these stand still relative to each other.
-    """
-    i, j, moved = pole
-    mechanism = batch.mechanism
-    u = batch.direction(i, j, moved).T
-    rate = batch.velocity_coefficient(i, j, moved)
-    second = batch.acceleration_coefficient(i, j, moved)
-    low, high = mechanism.links[i], mechanism.links[j]
-    carried = [
-        pair.kind.has_axis
-        for pair, ends in zip(mechanism.pairs, mechanism.ends, strict=True)
-        if pole_of(*ends) == (i, j)
-    ]
-    if any(carried):
-        w = batch.angular_velocity(low, moved).T
-        return [w[a] * u[b] - w[b] * u[a] for a, b in ((1, 2), (2, 0), (0, 1))]
-    one, other = (batch.angular_velocity_dq(link, moved).T for link in (high, low))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = [(one[c] - other[c] - second * u[c]) / rate for c in range(3)]
-        square = sum(each * each for each in found)
-        size = np.maximum(1.0, np.sqrt(square))
-        doubt = size * batch.velocity_coefficient_error_bound(i, j, moved)
-        doubt += batch.acceleration_coefficient_error_bound(i, j, moved)
-        known = doubt < TURN_KNOWN * size * np.abs(rate)
-    if not np.all(known):
-        for each in found:
-            each[~known] = np.nan
-    return found
 
 
 def _chart(batch: Batch) -> Chart:

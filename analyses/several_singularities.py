@@ -62,7 +62,9 @@ SAME = 1e-6
 SLICES = 12
 """Values of each input at which dyads are cut by default."""
 SIDES = 4.0
-"""Edges of a mesh by default along the narrowest range of an input, and the longest."""
+"""Edges that a mesh is laid with along the narrowest range of an input, and the longest."""
+HALVED = 2
+"""How often edges are halved afterwards, with vertices on the surface."""
 LONGEST_SIDE = np.radians(15.0)
 DRAWN = 8
 """Parts of each way between two nodes of a curve that is drawn."""
@@ -101,12 +103,19 @@ class SeveralInputs:
         two = len(batch.moving_inputs) == 2
         return SLICES if two and batch.tracer.assembly.has_closed_form else 0
 
-    def side_of(self, batch: Batch) -> float:
-        """Return the length (rad) of a mesh's edges, 0 for no mesh."""
-        if self.mesh is not None:
-            return self.mesh
+    def side_of(self, batch: Batch) -> tuple[float, int]:
+        """Return the length (rad) of the edges that a mesh is laid with, and halvings.
+
+        0 for no mesh.
+        """
         widths = [item.stop - item.start for item in batch.mechanism.inputs]
-        return float(min(LONGEST_SIDE, min(widths) / SIDES))
+        longest = float(min(LONGEST_SIDE, min(widths) / SIDES))
+        if self.mesh is None:
+            return longest, HALVED
+        if not self.mesh:
+            return 0.0, 0
+        halved = int(np.clip(np.log2(longest / self.mesh), 0, HALVED))
+        return self.mesh * 2**halved, halved
 
     def outputs(self, mechanism: Mechanism) -> tuple[Output, ...]:
         """Return the outputs that the mechanism declares."""
@@ -403,7 +412,7 @@ class SeveralInputs:
         return batch.once(("drawn", id(curve)), lambda: curve.dense(DRAWN))
 
     def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
-        side = self.side_of(batch)
+        side, halved = self.side_of(batch)
         if len(batch.moving_inputs) != 3 or self.slices == 0 or not side:
             return ()
         return batch.once(
@@ -414,6 +423,7 @@ class SeveralInputs:
                     kind,
                     output.name,
                     side=side,
+                    halved=halved,
                     slices_of_each=0,
                     made=self._cut(batch),
                     budget=self._share(batch, kind, output.name, "surfaces"),

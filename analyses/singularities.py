@@ -80,7 +80,7 @@ class SingularityAnalysis(AbstractAnalysis):
     surfaces of three are looked for on `slices` values of each, 0 for none: by default 12
     if there are two inputs and all groups are dyads, else from random starts, since each
     slice then costs seconds to minutes. `mesh` is the length of the edges of surfaces
-    (degrees), 0 for none, by default a quarter of the narrowest range. Aspects are found
+    (degrees), 0 for none, by default a sixteenth of the narrowest range. Aspects are found
     over `input_grid` values of each input, 0 for none. All that ends after `seconds` of
     processor time with what it has.
     """

@@ -20,7 +20,8 @@ from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import PoleField, evaluate
+from spherekit.rates.field import evaluate
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request, request
 from spherekit.sphere.rotation import Floats
 

@@ -24,7 +24,8 @@ from spherekit.model.joints import revolute
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import PoleField, evaluate
+from spherekit.rates.field import evaluate
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import request
 
 SAMPLES = 3

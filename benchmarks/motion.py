@@ -8,8 +8,9 @@ from benchmarks.timing import Times, median, ratio, rounds
 from spherekit.files.read import load
 from spherekit.motion.motion import BLOCK, Motion, Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import SignMemory, evaluate
+from spherekit.rates.field import evaluate
 from spherekit.rates.request import Request, request
+from spherekit.rates.signs import SignMemory
 
 NAMES = (
     "four_bar",

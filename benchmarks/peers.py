@@ -17,7 +17,8 @@ from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated_motion import online_motion
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError
-from spherekit.exchange.mjcf import RigidBodies, mjcf, rigid_bodies
+from spherekit.exchange.bodies import RigidBodies, rigid_bodies
+from spherekit.exchange.mjcf import mjcf
 from spherekit.files.read import load
 from spherekit.model.dynamics import Mass, PairTorque
 from spherekit.model.geometry import link_axes
@@ -294,10 +295,9 @@ def _stored(case: Case, tolerance: float) -> Run:
 def _mujoco(case: Case, step: float) -> Run:
     import mujoco
 
-    bare = replace(case.made, loads=())
-    made = rigid_bodies(bare, case.values)
-    pairs = [hinge.pair for hinge in made.hinges]
-    model: Any = mujoco.MjModel.from_xml_string(mjcf(bare, case.values, step))
+    written = mjcf(replace(case.made, loads=()), case.values, step).text
+    model: Any = mujoco.MjModel.from_xml_string(written)
+    pairs = [model.joint(k).name for k in range(model.njnt)]
     dofs = [int(model.joint(pair).dofadr[0]) for pair in pairs]
     driven = [dofs[pairs.index(pair)] for pair in case.inputs]
     loads = [(dofs[pairs.index(push.pair)], push) for push in case.pushes]

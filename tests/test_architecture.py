@@ -31,8 +31,9 @@ LAYERS = (
     ("exact", "singular", "output", "guidance", "engine", "proof"),
     ("dynamics", "workspace"),
     ("analysis",),
-    ("tradeoff", "design", "exchange"),
+    ("tradeoff", "design"),
     ("figures", "view"),
+    ("exchange",),
     ("front",),
     ("conformance",),
     ("plugin",),
@@ -54,9 +55,8 @@ SIBLINGS = {
     "dynamics": {"singular", "workspace"},
     "figures": {"view", "tradeoff"},
     "view": {"figures"},
-    "tradeoff": {"design", "exchange"},
-    "design": {"tradeoff", "exchange"},
-    "exchange": {"tradeoff", "design"},
+    "tradeoff": {"design"},
+    "design": {"tradeoff"},
     "workspace": {"dynamics", "engine", "singular"},
 }
 HOME_OF = {

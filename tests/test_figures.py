@@ -313,8 +313,9 @@ def test_the_border_of_a_workspace_is_on_both_maps(tmp_path):
         own = np.concatenate([line.get_xydata() for line in panel.lines])
         sizes = np.sort(np.hypot(*own.T))
         inside = radius[angles < np.radians(90.0)]
-        near = sizes[np.clip(np.searchsorted(sizes, inside), 1, len(sizes) - 1)]
-        assert np.max(np.minimum(np.abs(near - inside), 1.0)) < 0.02
+        above = np.clip(np.searchsorted(sizes, inside), 1, len(sizes) - 1)
+        near = np.abs(sizes[np.stack([above - 1, above])] - inside)
+        assert np.max(np.min(near, axis=0)) < 0.02
     assert figure.axes[-1].get_ylabel() == "margin, deg"
     assert any("at least 15 deg" in label for label in legend_of(figure))
 

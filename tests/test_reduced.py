@@ -14,7 +14,7 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated import load_reduced
 from spherekit.errors import FileError, ModelError, PlanError, SolveError
-from spherekit.exchange.mjcf import mjcf, rigid_bodies
+from spherekit.exchange.bodies import rigid_bodies
 from spherekit.files.read import load
 from spherekit.files.write import dumps
 from spherekit.model.dynamics import (
@@ -312,48 +312,6 @@ def test_the_command_exports_both_forms(tmp_path, capsys):
     assert "<mujoco" in target.read_text(encoding="utf-8")
 
 
-HELD = """
-[loads.motor]
-pair = "21"
-torque = "sin(t)"
-[loads.bearing]
-kind = "friction"
-pair = "32"
-torque = 0.2
-speed = 0.5
-[loads.coil]
-kind = "spring"
-pair = "32"
-stiffness = 3.0
-[loads.second_coil]
-kind = "spring"
-pair = "32"
-stiffness = 4.0
-[loads.damper]
-kind = "damper"
-pair = "43"
-damping = 0.1
-[stops.41]
-from = -90.0
-to = 90.0
-"""
-
-
-def test_an_export_says_on_the_terminal_what_it_leaves_out(tmp_path, capsys):
-    path = tmp_path / "held.toml"
-    path.write_text(dumps(replace(load("four_bar"), loads=())) + HELD)
-    target = tmp_path / "m.xml"
-    assert main(["export", str(path), "--to", "mjcf", "-o", str(target)]) == 0
-    told, written = capsys.readouterr().err, target.read_text(encoding="utf-8")
-    for name in ("motor", "bearing", "second_coil", "damper"):
-        assert f"{name} (" in told and f"{name} (" in written
-    assert "coil (a hinge" in told and " coil (" not in told
-    assert "pair 43, where the loop is cut" in told
-    assert "stops left out, hinges turn freely: 41" in told
-    assert "outputs left out: rocker" in told
-    assert 'stiffness="3.0"' in written
-
-
 @pytest.mark.parametrize(("unit", "given"), [("deg", "400"), ("rad", "6.981317007977318")])
 def test_the_input_of_an_exported_pose_is_in_the_unit_of_the_file(unit, given, tmp_path):
     path, target = tmp_path / "m.toml", tmp_path / "m.xml"
@@ -394,10 +352,3 @@ def test_rigid_bodies_have_the_inertia_of_the_mechanism(four_bar, models):
     (cut,) = made.cuts
     across = w[cut.second] - w[cut.first]
     assert np.max(np.abs(np.cross(across, cut.point))) < 1e-12
-
-
-def test_contacts_are_no_hinges():
-    mechanism = load("roller_cam")
-    values = Tracer(mechanism).motion().values[0]
-    with pytest.raises(ModelError, match="only R pairs"):
-        mjcf(mechanism, values)

@@ -14,10 +14,11 @@ from spherekit.errors import SolveError
 from spherekit.model.mechanism import Input
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import SignMemory, evaluate
+from spherekit.rates.field import evaluate
 from spherekit.rates.gnomonic import REFERENCE, Chart
 from spherekit.rates.request import request
 from spherekit.rates.routes import ROUTES
+from spherekit.rates.signs import SignMemory
 
 SHARP = 2e-10
 """Bound of directions (rad) below which a row counts as well conditioned."""

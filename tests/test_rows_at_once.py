@@ -13,8 +13,9 @@ from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import SignMemory, evaluate
+from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
+from spherekit.rates.signs import SignMemory
 
 SLOW = {"twelve_bar", "stephenson_output"}
 
@@ -132,7 +133,7 @@ def test_close_samples_are_predicted(name):
     share = compare(motion, found, *rest)
     good = float(np.mean(motion.status == Status.OK))
     assert share > 0.95 * good
-    assert np.nanmax(motion.residual) < 2e-15
+    assert np.nanmax(motion.residual) < 3e-15
 
 
 def test_blocks_go_on(monkeypatch):

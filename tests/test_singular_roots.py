@@ -276,10 +276,22 @@ def check_points(tracer, points, kind):
 @pytest.mark.parametrize("kind", ["I", "II"])
 def test_surfaces_from_random_starts_are_at_the_inputs_given(kind):
     made = sk.load("three_rrr")
-    mesh = singular_surface(made, kind, side=0.25, slices_of_each=0)
+    mesh = singular_surface(made, kind, side=0.25, halved=1, slices_of_each=0)
     assert len(mesh.points.values) and mesh.claim.guarantee is Guarantee.SAMPLED
-    assert np.mean(mesh.points.inside) > 0.5
+    assert np.all(mesh.points.inside)
     check_points(Tracer(made, samples=3), mesh.points, kind)
+    ways = [mesh.triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]
+    assert len(np.unique(np.concatenate(ways), axis=0)) == 3 * len(mesh.triangles)
+    if kind == "I":  # whose sheets cross
+        return
+    ends = np.array([(item.start, item.stop) for item in made.inputs])
+    off = np.abs(mesh.points.inputs[mesh.border][..., None] - ends)
+    assert np.max(np.min(np.max(off, axis=1), axis=(1, 2))) < 1e-9
+    away = (
+        mesh.points.values[mesh.triangles[:, 0]] - mesh.points.values[mesh.triangles[:, 1]]
+    )
+    away -= 2.0 * np.pi * np.round(away / (2.0 * np.pi))
+    assert np.max(np.linalg.norm(away, axis=1)) < 0.75 * 0.25
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.design.sensitivity import sizes_of
 from spherekit.design.space import DesignSpace, between, variation
 from spherekit.errors import AnalysisError, DesignError, FileError, OutputError
 from spherekit.files.change import document_of, number_path, with_numbers
@@ -130,21 +131,46 @@ def sk_grashof(mechanism):
     return grashof(mechanism).name
 
 
-def test_groups_beyond_dyads_are_taken_one_by_one():
-    name, key = "double_butterfly", "pairs.C.longitude"
-    reduce = ["largest=max(abs(velocity_coefficient_4_1))", "mean=mean(cos(theta_H))"]
-    found = sk.sweep(name, {key: [-9.0]}, reduce, samples=5).frame()
-    document = document_of(name)
-    changed = read(with_numbers(document, {number_path(document, key): -9.0}))
-    here = sk.evaluate(changed, np.linspace(0.0, 2.0 * np.pi, 5))
-    modes = sorted(set(here.assembly_mode))
-    assert len(found) == len(modes) > 1
-    for (_, row), mode in zip(found.iterrows(), modes, strict=True):
-        rows = here.assembly_mode == mode
-        wanted = np.nanmax(np.abs(here.velocity_coefficient("4/1")[rows]))
-        assert row["largest"] == pytest.approx(wanted, rel=1e-9)
-        wanted = np.nanmean(np.cos(here.variable("H")[rows]))
-        assert row["mean"] == pytest.approx(wanted, abs=1e-9)
+@pytest.mark.parametrize(
+    "name, key, link, pair, count",
+    [
+        ("single_flier", "pairs.23.longitude", "6", "56", 3),
+        pytest.param(
+            "double_butterfly", "pairs.C.longitude", "4", "H", 4, marks=pytest.mark.long
+        ),
+        pytest.param("eight_bar_13", None, "8", None, 4, marks=pytest.mark.long),
+    ],
+)
+def test_modes_of_groups_beyond_dyads_are_those_of_runs(name, key, link, pair, count):
+    document, mechanism = document_of(name), sk.load(name)
+    key = key or sizes_of(mechanism)[1]
+    pair = pair or next(p.name for p in mechanism.pairs if link in p.links)
+    reduce = [
+        f"largest=max(abs(velocity_coefficient_{link}_{mechanism.ground}))",
+        f"mean=mean(cos(theta_{pair}))",
+        f"there=at(sin(theta_{pair}), 33)",
+    ]
+    place = number_path(document, key)
+    values = _at(document, place) + np.linspace(-4.0, 4.0, count)
+    found = sk.sweep(name, {key: values}, reduce, samples=25).frame()
+    assert set(found["claim"]) == {"complete"}
+    for number, value in enumerate(values):
+        changed = read(with_numbers(document, {place: value}))
+        here = sk.evaluate(changed, np.linspace(0.0, 2.0 * np.pi, 25))
+        there = sk.evaluate(changed, np.radians([0.0, 33.0, 360.0]))
+        rows = found[found["design"] == number]
+        sizes = np.abs(here.velocity_coefficient(f"{link}/{mechanism.ground}"))
+        cosines = np.cos(here.variable(pair))
+        known = []
+        for mode in sorted(set(here.assembly_mode)):
+            own = here.assembly_mode == mode
+            closes = np.mean(here.status[own] == 0)
+            known.append([closes, np.nanmax(sizes[own]), np.nanmean(cosines[own])])
+        own = rows[["closes", "largest", "mean"]].to_numpy()
+        assert np.sort(own, axis=0) == pytest.approx(np.sort(known, axis=0), rel=1e-9)
+        sines = np.sin(there.variable(pair)[there.sample == 1])
+        own = np.sort(rows["there"].dropna())
+        assert own == pytest.approx(np.sort(sines[np.isfinite(sines)]), abs=1e-9)
 
 
 def test_a_cone_rolls_by_the_ratio_of_sines_and_impossible_ones_are_rows():

@@ -21,7 +21,10 @@ from closed_forms import (
 pytest.importorskip("rerun", reason="the viewer extra is not installed")
 
 from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
 
+import spherekit as sk
+from spherekit.analysis.link_scenes import link_bodies
 from spherekit.analysis.scene import (
     Arrow,
     Body,
@@ -33,9 +36,12 @@ from spherekit.analysis.scene import (
     Text,
 )
 from spherekit.errors import OutputError
+from spherekit.motion.motion import Tracer
+from spherekit.view.names import Names
 from spherekit.view.pictures import screenshot
 from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.shapes import path_on_sphere, quaternions_to
+from spherekit.view.sight import Sight
 from spherekit.view.timelines import input_scale, input_timeline
 
 SAMPLES = np.arange(361)
@@ -533,3 +539,33 @@ def test_picture_without_graphics_names_the_package(
 def test_picture_of_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="does not exist"):
         screenshot(tmp_path / "none.rrd", tmp_path / "a.png")
+
+
+def test_names_of_links_do_not_cover_each_other() -> None:
+    motion = Tracer(sk.load("two_dof_spm"), samples=1).motion()
+    bodies = link_bodies(motion.mechanism, motion.rotations[:1])
+    sight = Sight.facing(None)
+    given = Names(sight).give(bodies)
+    words = [name.words for names in given.values() for name in names]
+    assert len(words) == len(set(words))
+    assert {"32, 9_2", "11_8", "87", "2", "11"} <= set(words)
+    boxes = []
+    for body in bodies:
+        turn = Rotation.from_quat(body.quaternions[0]).as_matrix()
+        for name in given[body.path]:
+            middle = sight.seen(turn @ name.place)
+            boxes.append((middle, np.array([0.016 * (len(name.words) + 1), 0.045])))
+    for k, (middle, half) in enumerate(boxes):
+        for other, size in boxes[:k]:
+            assert np.any(np.abs(middle - other) >= half + size)
+
+
+def test_what_is_nearer_the_eye_looks_larger() -> None:
+    sight = Sight.facing(np.array([1.0, 0.0, 0.0]))
+    way = (sight.target - sight.eye) / np.linalg.norm(sight.target - sight.eye)
+    across = np.cross(way, sight.up)
+    near, far = (
+        np.linalg.norm(sight.seen(sight.target + x * way + across)) for x in (-0.5, 0.5)
+    )
+    assert near > np.linalg.norm(across) > far
+    assert np.allclose(sight.seen(sight.target), 0.0)

@@ -22,7 +22,8 @@ from benchmarks.extremes.registry import ROUNDOFF, Row
 from spherekit.conventions import Status
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import PoleField, evaluate
+from spherekit.rates.field import evaluate
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import request
 from spherekit.rates.routes import Route
 

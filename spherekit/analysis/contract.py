@@ -22,7 +22,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Extent, Timing
 from spherekit.planning.poles import Plan, Pole, pole_of
-from spherekit.rates.field import PoleField
+from spherekit.rates.pole_field import PoleField
 from spherekit.sphere.rotation import Floats
 
 Values = TypeVar("Values", bound=NDArray[Any])
@@ -39,6 +39,7 @@ class Needs:
 
     `directions`: poles whose axis direction is wanted. `rates`: poles whose velocity
     coefficient is wanted too; with `derivatives`, also its derivative by the input.
+    `turns`: poles whose direction's derivative is wanted, with `derivatives`.
     `planes`: poles whose two great circles are wanted. `link_rates`: links whose angular
     velocity per unit rate of the input is wanted, `pair_rates`: pairs whose variable's
     rate is; with `derivatives`, also the derivative of the former. `pair_values`,
@@ -59,6 +60,7 @@ class Needs:
     pair_rates: frozenset[str] = frozenset()
     time: bool = False
     tracer: bool = False
+    turns: frozenset[Pole] = frozenset()
 
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together."""
@@ -74,6 +76,7 @@ class Needs:
             self.pair_rates | other.pair_rates,
             self.time or other.time,
             self.tracer or other.tracer,
+            self.turns | other.turns,
         )
 
 
@@ -260,7 +263,10 @@ class Batch:
         return self._pole(i, j, "directions", self._found(moved).direction)
 
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) the sine of the angle between the two planes that gave the pole."""
+        """Return (n,) how far the links' angular velocities are from cancelling.
+
+        |w_j - w_i| over |w_i| + |w_j|; 1 for the axis of a pair.
+        """
         return self._pole(i, j, "directions", self._found(moved).angle)
 
     def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
@@ -285,6 +291,20 @@ class Batch:
                 "acceleration_coefficient was read; declare Needs(derivatives=True)"
             )
         return self._pole(i, j, "rates", self._found(moved).acceleration_coefficient)
+
+    def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n, 3) the derivative of the pole axis by the input, 1/rad.
+
+        NaN where the velocity coefficient is too small to know it.
+        """
+        if not self.needs.derivatives or pole_of(i, j) not in self.needs.turns:
+            links = self.mechanism.links
+            raise UndeclaredNeed(
+                f"how the pole of links {links[j]} and {links[i]} turns was read; "
+                "declare it in Needs(turns=..., derivatives=True)"
+            )
+        with np.errstate(invalid="ignore"):
+            return _sealed(self._found(moved).turned(self.plans[moved], pole_of(i, j)))
 
     def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `rate`."""

@@ -13,7 +13,7 @@ from spherekit.conventions import listing, nearest
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism
 
-_POLES = ("directions", "rates", "planes")
+_POLES = ("directions", "rates", "planes", "turns")
 _PAIRS = ("pair_values", "continued_values", "pair_rates")
 _LINKS = ("rotations", "link_rates")
 

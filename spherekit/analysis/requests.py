@@ -6,7 +6,6 @@ from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.analysis.declared import declared
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_pairs
-from spherekit.planning.poles import pole_of
 from spherekit.rates.request import Request, request
 
 
@@ -26,17 +25,17 @@ def requests_for(
     `by_rank` is that of `spherekit.planning.poles.plan`.
     """
     ends = {link for name in needs.pair_rates for link in mechanism.pair(name).links}
-    numbers = {mechanism.link_number[link] for link in needs.link_rates | ends} - {0}
-    rates = sorted(needs.rates | {pole_of(0, number) for number in numbers})
+    numbers = {mechanism.link_number[link] for link in needs.link_rates | ends}
     return tuple(
         request(
             mechanism,
             mechanism.pairs[driven].name,
             sorted(needs.directions),
-            rates,
+            sorted(needs.rates | needs.turns),
             needs.derivatives,
             sorted(needs.planes),
             by_rank,
+            sorted(numbers),
         )
         for driven in driven_pairs(mechanism)
     )

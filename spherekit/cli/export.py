@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from spherekit.cli.study import add_lock_argument, with_locks
-from spherekit.cli.suggest import mechanisms, suggesting
+from spherekit.cli.suggest import mechanisms, pairs, suggesting
 from spherekit.errors import OutputError
 
 EXAMPLES = (
@@ -35,7 +35,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="X", help="file to write (default: NAME.npz, NAME.xml)"
     )
-    parser.add_argument("--input", metavar="PAIR", help="the driven pair")
+    suggesting(
+        parser.add_argument(
+            "--input",
+            action="append",
+            metavar="PAIR",
+            help="a driven pair, once for each freedom (default: the file's)",
+        ),
+        pairs,
+    )
     parser.add_argument(
         "--assembly-mode",
         type=int,
@@ -58,11 +66,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--at",
-        type=float,
-        metavar="Q",
-        help="mjcf: input of the pose, in the angle_unit of the file (default: the start "
-        "of its range)",
+        type=numbers,
+        metavar="Q[,Q...]",
+        help="mjcf: inputs of the pose, in the angle_unit of the file (default: the first "
+        "on the way through their ranges)",
     )
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers of a list with commas."""
+    found = []
+    for part in text.split(","):
+        try:
+            found.append(float(part))
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{part!r} is not a number") from None
+    return tuple(found)
 
 
 FLAGS = {"model": ("poles", "tol"), "mjcf": ("at",)}
@@ -86,7 +105,7 @@ def execute(options: argparse.Namespace) -> int:
             "that ending"
         )
     mechanism = with_locks(load(options.file), options.lock, options.file)
-    given = options.at
+    unit = angle_unit_of(options.file)
     made = export(
         mechanism,
         options.output or str(Path(mechanism.name).with_suffix(suffix)),
@@ -94,7 +113,7 @@ def execute(options: argparse.Namespace) -> int:
         assembly_mode=options.assembly_mode,
         poles=options.poles,
         tolerance=options.tol,
-        at=None if given is None else to_radians(given, angle_unit_of(options.file)),
+        at=options.at and tuple(to_radians(each, unit) for each in options.at),
     )
     if not options.quiet:
         for text in (made.holds, *made.notes):

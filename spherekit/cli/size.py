@@ -51,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Find sizes, and print the best designs."""
+    import numpy as np
+
     from spherekit.errors import DesignError
     from spherekit.files.write import dump
     from spherekit.front.size import size_of
@@ -66,11 +68,26 @@ def execute(options: argparse.Namespace) -> int:
         units = frame.attrs["units"]
         print(
             f"{found.sizing.sweep.mechanism.name}: {counted(found.explored, 'design')} "
-            f"looked at, conditions held in {counted(found.feasible, 'row')}, the least "
-            f"objective there {found.before:.6g}; after descents {found.objective[0]:.6g}"
+            f"looked at, conditions held in {counted(found.feasible, 'row')}"
         )
+        ends = zip(
+            found.headings,
+            found.sizing.minimise,
+            found.before,
+            found.objectives.min(axis=0),
+            strict=True,
+        )
+        for name, text, before, after in ends:
+            print(
+                f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}"
+            )
+        if len(found.headings) > 1:
+            count = counted(len(found.objectives), "design")
+            print(f"{count} that none of their mode beats in all objectives:")
         hidden = [name for name in frame.columns if name in found.sizing.matched]
-        shown = frame.drop(columns=hidden).head(SHOWN)
+        few = np.unique(np.linspace(0, len(frame) - 1, SHOWN).astype(int))
+        rows = slice(SHOWN) if len(found.headings) == 1 else few
+        shown = frame.drop(columns=hidden).iloc[rows]
         shown.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in shown.columns]
         print(shown.to_string(index=False, float_format="%.8g"))
         if len(frame) > SHOWN:

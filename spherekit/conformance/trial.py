@@ -20,7 +20,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
-from spherekit.rates.field import SignMemory
+from spherekit.rates.signs import SignMemory
 
 Change = Callable[[Motion], Motion]
 Tables = Mapping[str, TableArrays]

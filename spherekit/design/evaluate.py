@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit, Reducing
+from spherekit.design.all_solutions import StartSet, start_set
+from spherekit.design.followed_modes import followed_modes
 from spherekit.design.samples import DesignSamples
 from spherekit.design.variables import DesignVariable, design_geometry, designed
 from spherekit.engine.design_kernel import (
@@ -19,8 +21,10 @@ from spherekit.engine.design_kernel import (
     design_kernel,
     row_quantities,
 )
+from spherekit.engine.path_kernel import PathKernel, path_kernel
 from spherekit.errors import SpherekitError
 from spherekit.files.document import Document
+from spherekit.guarantee import Guarantee
 from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism, SizeGeometry
 from spherekit.motion.motion import Tracer
@@ -29,6 +33,11 @@ from spherekit.sphere.rotation import Floats
 
 BLOCK = 4096
 """Designs evaluated together: their rows stay in the cache."""
+
+PART, FOLLOWED, SINGLY = 16384, 256, 16
+"""Designs in a part: in closed form, followed, and one by one."""
+
+COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 
 OK = "OK"
 NEVER = "does not close at any sample"
@@ -43,13 +52,15 @@ class Evaluated:
 
     `design` (n,) counts within what was given, `mode` (n,) says which assembly mode, ""
     where none closes; `closes` (n,) is the share of samples that do, `status` (n,) OK or
-    why not, `merits` the figures (n,) by name, in rad and SI.
+    why not, `claim` (n,) what is guaranteed of the modes of the design at the samples,
+    `merits` the figures (n,) by name, in rad and SI.
     """
 
     design: NDArray[np.int64]
     mode: NDArray[np.object_]
     closes: Floats
     status: NDArray[np.object_]
+    claim: NDArray[np.object_]
     merits: Mapping[str, Floats]
 
     @staticmethod
@@ -66,6 +77,7 @@ class Evaluated:
             of([part.mode for part in parts]),
             of([part.closes for part in parts]),
             of([part.status for part in parts]),
+            of([part.claim for part in parts]),
             {name: of([part.merits[name] for part in parts]) for name in names},
         )
 
@@ -74,8 +86,10 @@ class Evaluated:
 class Evaluator:
     """The figures of merit of designs of one topology.
 
-    Sizes that kernels take are varied in one kernel for all designs, where every group is
-    a dyad; other numbers, and other groups, design by design.
+    Sizes that kernels take are varied in one kernel for all designs: in closed form where
+    every group is a dyad, else with all solutions followed from design to design. Other
+    numbers, mechanisms in contact and designs of which a solution was lost are taken one by
+    one.
     """
 
     def __init__(
@@ -96,6 +110,7 @@ class Evaluator:
         self.expressions = [merit.parsed(names) for merit in merits]
         used = sorted({name for each in self.expressions for name in each.names})
         self.columns = [name for name in used if name not in SAMPLE]
+        self._paths: tuple[PathKernel, StartSet] | None = None
         self.kernel = self._kernel()
 
     def _kernel(self) -> DesignKernel | None:
@@ -105,7 +120,16 @@ class Evaluator:
         if set(self.columns) & set(INERTIAL) and self._masses_follow():
             return None
         terms = self.terms()
-        return design_kernel(terms, self.columns) if terms.closed_form else None
+        if terms.closed_form:
+            return design_kernel(terms, self.columns)
+        if self.mechanism.has_contacts:
+            return None
+        paths = path_kernel(terms)
+        start = start_set(paths, self.mechanism, self.document, self.variables)
+        if start is None:
+            return None
+        self._paths = paths, start
+        return design_kernel(terms, self.columns)
 
     def terms(self, closed_form: bool | None = None) -> DesignTerms:
         """Return what kernels of all designs are written in."""
@@ -144,11 +168,22 @@ class Evaluator:
         """Return the figures of merit of designs (variables, n), in the file's units."""
         nothing = np.zeros(0, dtype=np.int64)
         parts = [_without(nothing, np.empty(0, dtype=object), self.merits)]
-        for start in range(0, values.shape[1], BLOCK):
-            some = values[:, start : start + BLOCK]
+        together = BLOCK if self._paths is None else FOLLOWED
+        for start in range(0, values.shape[1], together):
+            some = values[:, start : start + together]
             found = self._together(some) if self.kernel else self._one_by_one(some)
             parts.append(replace(found, design=found.design + start))
+        return self._joined(parts)
+
+    def _joined(self, parts: Sequence[Evaluated]) -> Evaluated:
         return Evaluated.joined(parts, [merit.name for merit in self.merits])
+
+    @property
+    def part(self) -> int:
+        """How many designs pay together."""
+        if self.kernel is None:
+            return SINGLY
+        return PART if self._paths is None else FOLLOWED
 
     # All designs in one kernel.
 
@@ -158,10 +193,15 @@ class Evaluator:
         refused = self._refused(values, sizes)
         possible = np.flatnonzero(refused == OK)
         parts = [_without(np.flatnonzero(refused != OK), refused, self.merits)]
-        if len(possible):
+        if len(possible) and self._paths is None:
             found = self._modes(self.kernel, sizes[:, possible])
             parts.append(replace(found, design=possible[found.design]))
-        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+        elif len(possible):
+            found, lost = self._followed(self.kernel, sizes[:, possible])
+            parts.append(replace(found, design=possible[found.design]))
+            found = self._one_by_one(values[:, possible[lost]])
+            parts.append(replace(found, design=possible[lost[found.design]]))
+        return self._joined(parts)
 
     def _refused(self, values: Floats, sizes: Floats) -> NDArray[np.object_]:
         """Return why designs (n,) are impossible, OK where they are not."""
@@ -194,11 +234,42 @@ class Evaluator:
                     self._take(reducing, sample, found, closed, float(sample[0]))
             label = "".join("+" if sign > 0 else "-" for sign in signs)
             rows = np.flatnonzero(closes > 0)
-            parts.append(self._rows(rows, [label] * n, closes, reducing))
+            parts.append(self._rows(rows, [label] * n, closes, reducing, COMPLETE))
             closing |= closes > 0
         why = np.full(n, NEVER, dtype=object)
-        parts.append(_without(np.flatnonzero(~closing), why, self.merits))
-        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+        parts.append(_without(np.flatnonzero(~closing), why, self.merits, COMPLETE))
+        return self._joined(parts)
+
+    def _followed(
+        self, kernel: DesignKernel, sizes: Floats
+    ) -> tuple[Evaluated, NDArray[np.intp]]:
+        """Return designs (variables, n) in all their modes, and those that got lost."""
+        assert self._paths is not None
+        paths, start = self._paths
+        samples, points = self.samples.rows, self.points()
+        q, place = np.unique(
+            np.concatenate([samples[:, 0], points[:, 0]]), return_inverse=True
+        )
+        modes = followed_modes(paths, start, sizes, q)
+        prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
+        values = modes.values[:, place]
+        count, k = len(modes.design), len(samples)
+        reducing = [Reducing(merit, count) for merit in self.merits]
+        closes = np.zeros(count)
+        with np.errstate(all="ignore"):
+            for sample, found, closed in _at_modes(kernel, prepared, values, samples):
+                closes += closed
+                self._take(reducing, sample, found, closed, None)
+            for sample, found, closed in _at_modes(kernel, prepared, values[:, k:], points):
+                self._take(reducing, sample, found, closed, float(sample[0]))
+        rows = np.flatnonzero(closes > 0)
+        claim = COMPLETE if start.counted else SAMPLED
+        made = self._rows(rows, modes.labels, closes, reducing, claim)
+        made = replace(made, design=modes.design[made.design])
+        others = np.setdiff1d(np.arange(sizes.shape[1]), [*modes.lost, *made.design])
+        why = np.full(sizes.shape[1], NEVER, dtype=object)
+        nowhere = _without(others, why, self.merits, claim)
+        return self._joined([made, nowhere]), modes.lost
 
     def _rows(
         self,
@@ -206,6 +277,7 @@ class Evaluator:
         labels: Sequence[str],
         closes: Floats,
         reducing: Sequence[Reducing],
+        claim: str,
     ) -> Evaluated:
         results = zip(self.merits, (each.result() for each in reducing), strict=True)
         return Evaluated(
@@ -213,6 +285,7 @@ class Evaluator:
             np.array(labels, dtype=object)[rows],
             closes[rows] / len(self.samples.rows),
             np.full(len(rows), OK, dtype=object),
+            np.full(len(rows), claim, dtype=object),
             {merit.name: found[rows] for merit, found in results},
         )
 
@@ -241,7 +314,8 @@ class Evaluator:
     # One design after the other.
 
     def _one_by_one(self, values: Floats) -> Evaluated:
-        parts = []
+        nothing = np.zeros(0, dtype=np.int64)
+        parts = [_without(nothing, np.empty(0, dtype=object), self.merits)]
         for k, design in enumerate(values.T):
             try:
                 found = self._single(designed(self.document, self.variables, design))
@@ -249,7 +323,7 @@ class Evaluator:
                 why = np.array([_reason(problem)], dtype=object)
                 found = _without(np.zeros(1, dtype=np.int64), why, self.merits)
             parts.append(replace(found, design=found.design + k))
-        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+        return self._joined(parts)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
         terms = DesignTerms.of(mechanism, self.input)
@@ -268,11 +342,12 @@ class Evaluator:
                 self._take(reducing, sample, found, closed, None)
             for sample, found, closed in _at_variables(kernel, tracer, self.points()):
                 self._take(reducing, sample, found, closed, float(sample[0]))
+        claim = tracer.claim.guarantee.value
         if not np.any(closes):
             why = np.array([NEVER], dtype=object)
-            return _without(np.zeros(1, dtype=np.int64), why, self.merits)
+            return _without(np.zeros(1, dtype=np.int64), why, self.merits, claim)
         labels = [f"{mode.number} {mode.label}" for mode in modes]
-        made = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing)
+        made = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing, claim)
         return replace(made, design=np.zeros_like(made.design))
 
 
@@ -314,13 +389,36 @@ def _at_variables(kernel: DesignKernel, tracer: Tracer, samples: Floats) -> Samp
         yield sample, shaped[:, :, k], closed[:, k]
 
 
+def _at_modes(
+    kernel: DesignKernel, prepared: Floats, values: Floats, samples: Floats
+) -> Sampled:
+    """Yield modes at samples (k, 4) where they have these values (variables, k, n)."""
+    n = prepared.shape[1]
+    together = max(1, BLOCK // max(n, 1))
+    fixed = len(SAMPLE) + len(values)
+    for start in range(0, len(samples), together):
+        some = samples[start : start + together]
+        rows = np.empty((fixed + len(prepared), len(some), n))
+        rows[: len(SAMPLE)] = some.T[:, :, None]
+        rows[len(SAMPLE) : fixed] = values[:, start : start + len(some)]
+        rows[fixed:] = prepared[:, None, :]
+        found = kernel.evaluate(rows.reshape(len(rows), -1))
+        shaped = np.reshape(found, (-1, len(some), n))
+        closed = np.isfinite(rows[len(SAMPLE)])
+        for k, sample in enumerate(some):
+            yield sample, shaped[:, k], closed[k]
+
+
 def _value(expression: Expression, known: Mapping[str, Any], count: int) -> Floats:
     found = expression.evaluate({name: known[name] for name in expression.names})
     return np.broadcast_to(found, count)
 
 
 def _without(
-    rows: NDArray[np.intp], why: NDArray[np.object_], merits: Sequence[Merit]
+    rows: NDArray[np.intp],
+    why: NDArray[np.object_],
+    merits: Sequence[Merit],
+    claim: str = "",
 ) -> Evaluated:
     """Return rows of designs that have no figures, with the reason of each."""
     nothing = np.full(len(rows), np.nan)
@@ -329,6 +427,7 @@ def _without(
         np.full(len(rows), "", dtype=object),
         np.zeros(len(rows)),
         why[rows],
+        np.full(len(rows), claim, dtype=object),
         {merit.name: nothing for merit in merits},
     )
 

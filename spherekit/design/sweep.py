@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.analysis.frames import columns_of_files, frame_of, write_columns
 from spherekit.analysis.merit import Merit
@@ -33,10 +34,7 @@ from spherekit.sphere.rotation import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
-PART, SINGLY = 16384, 16
-"""Designs in a part: in one kernel, and one by one."""
-
-OWN = ("design", "mode", "status", "closes", "grashof")
+OWN = ("design", "mode", "status", "closes", "claim", "grashof")
 """Columns that every table may have."""
 
 DEFINITION = "sweep.json"
@@ -127,7 +125,7 @@ class Sweep:
     @cached_property
     def part_size(self) -> int:
         """Designs in a part."""
-        return PART if self.evaluator.kernel else SINGLY
+        return self.evaluator.part
 
     @property
     def parts(self) -> int:
@@ -165,14 +163,23 @@ class Sweep:
         designs = self.space.designs(start, start + self.part_size)
         rows = np.arange(start, start + designs.shape[1])
         kept = self._possible(designs)
-        designs, rows = designs[:, kept], rows[kept]
+        made = self.rows(designs[:, kept], rows[kept])
+        for each in self.conditions:
+            if not each.names <= self._before:
+                holds = each.holds(made)
+                made = {name: values[holds] for name, values in made.items()}
+        return made
+
+    def rows(self, designs: Floats, numbers: NDArray[np.intp]) -> Columns:
+        """Return the rows of designs (variables, n), by their numbers, in all modes."""
         classes = self.evaluator.classes(designs)
         found = self.evaluator.at(designs)
         own = found.design
-        made: Columns = {"design": rows[own]}
+        made: Columns = {"design": numbers[own]}
         for variable, values in zip(self.variables, designs, strict=True):
             made[variable.name] = values[own]
         made |= {"mode": found.mode, "status": found.status, "closes": found.closes}
+        made["claim"] = found.claim
         if classes is not None:
             made["grashof"] = classes[own].astype(object)
         known = row_quantities(self.mechanism)
@@ -181,10 +188,6 @@ class Sweep:
             if self.angle == "deg" and merit.unit(known) == "rad":
                 values = np.degrees(values)
             made[merit.name] = values
-        later = [c for c in self.conditions if not c.names <= self._before]
-        for each in later:
-            holds = each.holds(made)
-            made = {name: values[holds] for name, values in made.items()}
         return made
 
     @cached_property

@@ -1,15 +1,17 @@
 """Everything that a run reads of a row, as terms of the pair variables.
 
-The closure of the loops, the rates and their derivatives, all poles, and what each of them
-may be off by: bounds of norms as in `spherekit.rates.errors.rough_errors`, with what
-the numbers given leave over in the equations.
+The closure of the loops, the rates and their derivatives, all poles and how they turn,
+and what each of them may be off by: bounds of norms as in
+`spherekit.rates.errors.rough_errors`, with what the numbers given leave over in the
+equations.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
 from spherekit.engine.algebra import Exprs, cross, dot, vector
@@ -24,9 +26,15 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole
-from spherekit.rates.columns import RateColumns, RowColumns
+from spherekit.rates.columns import PoleColumns, RateColumns
+from spherekit.rates.core import NEARLY_FLAT
 from spherekit.rates.request import Request
+from spherekit.rates.turning import TURN_KNOWN
 from spherekit.sphere.rotation import Floats
+
+LARGEST_ERROR = 1e-10
+"""Rows in which a direction, or the derivative of a rate, may be off by more are not
+vouched for: norms alone say too little of them."""
 
 REFERENCES = 32
 """Configurations at most that say in which order variables are eliminated."""
@@ -34,67 +42,153 @@ REFERENCES = 32
 
 @final
 @dataclass(frozen=True)
+class _Place:
+    """Where a vector or a number is among the columns, or what it is throughout."""
+
+    first: int
+    count: int
+    numbers: tuple[float, ...] = ()
+
+    def of(self, rows: Floats) -> Floats:
+        """Return it (count, n), from all columns: a view."""
+        if self.numbers:
+            wide = self.count, rows.shape[1]
+            return np.broadcast_to(np.array(self.numbers)[:, None], wide)
+        return rows[self.first : self.first + self.count]
+
+
+@final
+class _Outputs:
+    """Expressions as columns; what is wanted twice is one column, a number is none."""
+
+    def __init__(self) -> None:
+        self.columns: list[Expr] = []
+        self._known: dict[tuple[Expr, ...], _Place] = {}
+
+    def place(self, *items: Expr) -> _Place:
+        """Return where successive items are."""
+        if items not in self._known:
+            if any(isinstance(item, ExpressionNode) for item in items):
+                self._known[items] = _Place(len(self.columns), len(items))
+                self.columns += items
+            else:
+                numbers = tuple(float(item) for item in items)
+                self._known[items] = _Place(0, len(items), numbers)
+        return self._known[items]
+
+
+@final
+@dataclass(frozen=True)
+class _PolePlaces:
+    """Where a pole's columns are.
+
+    `axis`: those of its direction, how that turns, its rate and the rate's derivative,
+    where they have a sign of their own.
+    """
+
+    axis: tuple[_Place, _Place, _Place, _Place] | None
+    angle: _Place
+    errors: tuple[_Place, _Place, _Place]
+
+
+@final
+@dataclass(frozen=True)
+class _RatePlaces:
+    """Where the columns of an input that moves are.
+
+    `signed` are the poles whose direction is theirs but for its sign, `block` where their
+    columns with a sign start: directions, turns, rates, changes.
+    """
+
+    signed: tuple[Pole, ...]
+    block: int
+    poles: Mapping[Pole, _PolePlaces]
+    w: Mapping[int, _Place]
+    dw: Mapping[int, _Place]
+    worst: _Place
+
+
+@final
+@dataclass(frozen=True)
 class RowKernel:
     """A function of all pair variables (variables, n), see `row_kernel`.
 
-    `poles` and `links` are those of each input that moves, `free` the variables that are no
-    inputs. `function` gives the columns, `closing` these variables closer to where loops
-    close, by a step of Newton's method.
+    `free` are the variables that are no inputs. `function` gives the columns, the first
+    `kept` of which are results, and the others decide; `closing` gives the free variables
+    closer to where loops close, by a step of Newton's method.
     """
 
-    poles: tuple[tuple[Pole, ...], ...]
-    links: tuple[tuple[int, ...], ...]
+    rates: tuple[_RatePlaces, ...]
+    closure: tuple[_Place, _Place, _Place]
+    kept: int
+    width: int
     free: tuple[int, ...]
     flatness: float
     rounding: float
     function: CompiledFunction | ArrayFunction
     closing: CompiledFunction | ArrayFunction
 
-    @property
-    def width(self) -> int:
-        """The number of columns."""
-        parts = zip(self.poles, self.links, strict=True)
-        return ROWS + sum(1 + 9 * len(poles) + 6 * len(links) for poles, links in parts)
-
-    def __call__(self, values: Floats) -> Floats:
+    def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return all columns (columns, n) of variables (variables, n)."""
-        return np.asarray(self.function(np.ascontiguousarray(values)))
+        return np.asarray(self.function(np.ascontiguousarray(values), out))
 
     def closer(self, values: Floats) -> Floats:
         """Return the variables `free`, (variables, n), closer to where loops close."""
         return np.asarray(self.closing(np.ascontiguousarray(values)))
 
-    def read(self, rows: Floats) -> RowColumns:
-        """Return columns by what they are, as views."""
-        rates, at = [], ROWS
+    def closed(self, rows: Floats) -> NDArray[np.bool_]:
+        """Return which rows (n,) have loops no more open than numbers are rounded.
 
-        def block(*shape: int) -> Floats:
-            nonlocal at
-            first, at = at, at + int(np.prod(shape))
-            return rows[first:at].reshape(*shape, -1)
+        Of two axes of a frame, each by as much at most.
+        """
+        return np.asarray(self.residual(rows) <= np.sqrt(2.0) * self.rounding)
 
-        for poles, links in zip(self.poles, self.links, strict=True):
-            count = len(poles)
-            worst = block(1)[0]
-            w, dw = block(len(links), 3), block(len(links), 3)
-            rates.append(
-                RateColumns(
-                    poles,
-                    block(3, count),
-                    block(2, count),
-                    block(count),
-                    block(3, count),
-                    dict(zip(links, w, strict=True)),
-                    dict(zip(links, dw, strict=True)),
-                    worst,
-                )
+    def judged(self, rows: Floats) -> tuple[NDArray[np.bool_], Floats]:
+        """Return which rows (n,) the kernel vouches for, and their configurations' errors.
+
+        Of these the numbers are as good as those that are found with care.
+        """
+        _, sensitivity, off = (each.of(rows)[0] for each in self.closure)
+        good = sensitivity <= self.flatness / NEARLY_FLAT
+        for places in self.rates:
+            good &= places.worst.of(rows)[0] <= LARGEST_ERROR
+        return np.asarray(good), off
+
+    def residual(self, rows: Floats) -> Floats:
+        """Return (n,) by how much loops are open, rad: a view of columns that are kept."""
+        return np.asarray(self.closure[0].of(rows)[0])
+
+    def read(self, rows: Floats) -> list[RateColumns]:
+        """Return rates by input, as views of columns that are kept."""
+        return [_read(each, rows) for each in self.rates]
+
+
+def _read(places: _RatePlaces, rows: Floats) -> RateColumns:
+    count = len(places.signed)
+    signed = rows[places.block : places.block + 8 * count].reshape(8, count, rows.shape[1])
+    poles: dict[Pole, PoleColumns] = {}
+    for pole, own in places.poles.items():
+        if own.axis is None:
+            k = places.signed.index(pole)
+            unit, turn, rate, change = (
+                signed[:3, k],
+                signed[3:6, k],
+                signed[6, k],
+                signed[7, k],
             )
-        closure = rows[0], rows[1], rows[2]
-        return RowColumns(*closure, rates, self.flatness, self.rounding)
-
-
-ROWS = 3
-"""Columns that do not depend on the input that moves."""
+        else:
+            unit, turn, first, second = (place.of(rows) for place in own.axis)
+            rate, change = first[0], second[0]
+        angle, one, other, last = (each.of(rows)[0] for each in (own.angle, *own.errors))
+        is_signed = own.axis is None
+        poles[pole] = PoleColumns(
+            unit, turn, rate, change, angle, one, other, last, is_signed
+        )
+    return RateColumns(
+        poles,
+        {link: place.of(rows) for link, place in places.w.items()},
+        {link: place.of(rows) for link, place in places.dw.items()},
+    )
 
 
 def row_kernel(
@@ -118,25 +212,35 @@ def row_kernel(
     if pivots is None:
         return None
     pivots = tuple((loop, (free[a], free[b], free[c])) for loop, (a, b, c) in pivots)
-    wanted = tuple((item.plan.input, item.poles, item.derivatives) for item in requests)
+    wanted = tuple(
+        (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
+        for item in requests
+    )
 
     def make() -> RowKernel:
         variables = symbols(mechanism.variable_names)
         terms = _Rows(mechanism, variables, pivots, motion.assembly.inputs)
-        outputs = terms.closure
-        each = [terms.moving(item) for item in requests]
-        for one in each:
-            outputs += one.outputs
+        outputs = _Outputs()
+        moving = [_Moving(terms, item) for item in requests]
+        residual = outputs.place(terms.residual)
+        made = [one.placed(outputs) for one in moving]
+        kept = len(outputs.columns)
+        rates = [
+            places(outputs.place(one.worst))
+            for places, one in zip(made, moving, strict=True)
+        ]
         closer = terms.closer(variables)
-        made = compile_function if engine == "compiled" else array_function
+        by = compile_function if engine == "compiled" else array_function
         return RowKernel(
-            tuple(one.poles for one in each),
-            tuple(one.links for one in each),
+            tuple(rates),
+            (residual, outputs.place(terms.sensitivity), outputs.place(terms.moved_by)),
+            kept,
+            len(outputs.columns),
             free,
             terms.flatness,
             terms.rounding,
-            made(outputs, variables),
-            made(closer, variables),
+            by(outputs.columns, variables),
+            by(closer, variables),
         )
 
     return COMPILED.get(mechanism, repr(("rows", wanted, pivots, engine)), make)
@@ -147,6 +251,8 @@ def _root(item: Expr) -> Expr:
 
 
 def _norm(item: Exprs) -> Expr:
+    if not any(isinstance(x, ExpressionNode) for x in item):
+        return float(np.sqrt(sum(float(x) ** 2 for x in item)))
     return _root(dot(item, item))
 
 
@@ -198,203 +304,234 @@ class _Rows:
         }
 
     def _opened(self, variables: Sequence[ExpressionNode]) -> None:
-        """Set by how much loops are open: rotation vectors to first order, and the size."""
+        """Set by how much loops are open: rotation vectors to first order, and the size.
+
+        Of the frames that a pair closes two axes are compared: at most by a factor of
+        sqrt(2) more than the rotation between them, never less.
+        """
         angles = Angles(variables)
         self.gaps, square = [], 0.0
         for chord in self.tree.chords:
             a, b = self.tree.ends[chord]
-            around = placed_by(self.pairs.chains[chord], self.placed[a], angles)
-            one = self._axes(around)
-            other = self._axes(self.placed[b])
-            turns = [cross(y, x) for x, y in zip(one, other, strict=True)]
+            chain = self.pairs.chains[chord]
+            around = placed_by(chain, self.placed[a], angles)
+            own = [vector(list(around.basis[:, k])) for k in range(3)]
+            other = [_along(self.placed[b], axis) for axis in chain.constants[-1]]
+            turns = [cross(y, x) for x, y in zip(own, other, strict=True)]
             self.gaps.append((turns[0] + turns[1] + turns[2]) * 0.5)
-            for x, y in zip(one, other, strict=True):
-                square = square + dot(x - y, x - y)
-        self.residual = _root(square * 0.5)
-
-    def _axes(self, placed: LinkOrientation) -> list[Exprs]:
-        return [vector(list(placed.direction(axis))) for axis in np.eye(3)]
+            for k in (0, 2):
+                square = square + dot(own[k] - other[k], own[k] - other[k])
+        self.residual = _root(square)
 
     def _bounds(self) -> None:
         """Set the bounds of what variables, orientations and axes are off by."""
         tree, blocks = self.tree, self.inverse.rows
-        self.moved = {v: _size(row.values()) for v, row in blocks.items()}
-        self.sensitivity = _root(_squares(self.moved.values()))
-        turns: list[dict[int, Exprs]] = [{}] * tree.count
+        squares = {
+            v: _squares(x for block in row.values() for x in block)
+            for v, row in blocks.items()
+        }
+        self.moved = {v: _root(square) for v, square in squares.items()}
+        self.sensitivity = _root(_added(squares.values()))
+        turns: list[Expr] = [0.0] * tree.count
         for pair, parent, child in tree.placements:
             (variable,) = self.mechanism.variables_of(pair)
-            turns[child] = dict(turns[parent])
-            sense = 1.0 if tree.ends[pair][0] == parent else -1.0
-            for loop, row in blocks.get(variable, {}).items():
-                more = np.multiply.outer(sense * self.vectors[variable], row)
-                old = turns[child].get(loop)
-                turns[child][loop] = more if old is None else old + more
+            turns[child] = turns[parent] + self.moved.get(variable, 0.0)
         paths = np.count_nonzero(tree.paths, axis=1)
         longest = int(np.max(np.count_nonzero(tree.signs, axis=1)))
-        self.numbers = EPS * (2.0 + float(np.max(paths)))
         self.rounding = EPS * (2.0 + longest)
-        self.gap = self.residual + self.rounding
-        open_ = self.gap * float(np.sqrt(3.0 * len(tree.chords)))
-        self.turns = [_size(each.values()) for each in turns]
-        self.turned = [each * open_ for each in self.turns]
-        self.axes = [self.turned[carrier] + self.numbers for carrier in self.carriers]
+        gap = self.residual + self.rounding
+        open_ = gap * float(np.sqrt(3.0 * len(tree.chords)))
+        numbers = 2.0 * EPS * (2.0 + float(np.max(paths)))
+        self.turns = turns
+        self.axes = [turns[carrier] * open_ + numbers for carrier in self.carriers]
         entries = float(np.sum(tree.signs[:, self.free] ** 2))
         self.flatness = 1.0 / float(np.sqrt(entries))
-        bend = float(longest) * (self.sensitivity * self.sensitivity) * self.gap
+        bend = float(longest) * (self.sensitivity * self.sensitivity) * gap
         root = _root(1.0 - 2.0 * bend)
-        moved_by = self.sensitivity * self.gap * 2.0 / (1.0 + root)
-        self.closure: list[Expr] = [
-            self.residual,
-            self.sensitivity,
-            moved_by + 2.0 * EPS,
-        ]
+        self.moved_by = self.sensitivity * gap * 2.0 / (1.0 + root) + 2.0 * EPS
 
     def closer(self, variables: Sequence[ExpressionNode]) -> list[Expr]:
         """Return the free variables after a step of Newton's method."""
         step = self.inverse.solved(self.gaps)
         return [variables[v] - step[v] for v in self.free]
 
-    def moving(self, wanted: Request) -> "_Moving":
-        """Return what is wanted while one input moves."""
-        return _Moving(self, wanted)
-
 
 @final
 class _Moving:
-    """Rates while one input moves, and the poles wanted, as outputs."""
+    """Rates while one input moves, and the poles wanted."""
 
     def __init__(self, rows: _Rows, wanted: Request) -> None:
-        tree, mechanism = rows.tree, rows.mechanism
-        plan = wanted.plan
+        self._rows, self._wanted = rows, wanted
+        tree, mechanism, plan = rows.tree, rows.mechanism, wanted.plan
         (moved,) = mechanism.variables_of(plan.input)
-        self._rows = rows
         rates = self._solved(
             [float(-sign[moved]) * rows.vectors[moved] for sign in tree.signs]
         )
-        rates |= {v: 1.0 if v == moved else 0.0 for v in rows.held}
-        over = self._left(rates, None)
-        w = self._links(rates)
-        turned = [
+        self._rates = rates | {v: 1.0 if v == moved else 0.0 for v in rows.held}
+        parts = {v: rate * rows.vectors[v] for v, rate in self._rates.items()}
+        self._w = w = self._links(parts)
+        self._turned = [
             cross(w[k], axis) for k, axis in zip(rows.carriers, rows.vectors, strict=True)
         ]
-        bias = [
-            _summed(
-                [float(sign) * rates[v] * turned[v] for v, sign in enumerate(row) if sign]
-            )
+        bias = {v: rate * self._turned[v] for v, rate in self._rates.items()}
+        over = [
+            _summed([float(sign) * bias[v] for v, sign in enumerate(row) if sign])
             for row in tree.signs
         ]
-        change = self._solved([-1.0 * each for each in bias])
-        change |= dict.fromkeys(rows.held, 0.0)
-        bent = self._left(change, bias)
-        dw = self._links(change, rates, turned)
-        speeds, bends = _sizes(rates), _sizes(change)
-        sizes, swings = ([_norm(each) for each in links] for links in (w, dw))
-        slips = [speeds[v] * off for v, off in enumerate(rows.axes)]
-        off_w, off_rates = self._off(slips, over)
-        slips = [
-            bends[v] * off
-            + speeds[v] * (off_w[carrier] + sizes[carrier] * off)
-            + sizes[carrier] * off_rates.get(v, 0.0)
-            for v, (off, carrier) in enumerate(zip(rows.axes, rows.carriers, strict=True))
-        ]
-        off_dw, _ = self._off(slips, bent)
-        numbers = rows.numbers
-        worst: Expr = 0.0
-        for item in off_dw:
-            worst = worst + item
-        pairs = {
-            step.pole: step.pair
-            for step in plan.steps
-            if isinstance(step, PrimaryPole | CoaxialPole)
-        }
-        self.poles = tuple(p for p in wanted.poles if plan.pole(*p) is not None)
-        self.links = tuple(
-            link for link, body in enumerate(plan.body) if body in self._bodies(wanted)
-        )
-        columns: list[list[Expr]] = []
-        for i, j in self.poles:
-            own = plan.pole(i, j)
-            assert own is not None
-            v, dv = w[j] - w[i], dw[j] - dw[i]
-            size, swing = sizes[i] + sizes[j], swings[i] + swings[j]
-            e_w, e_dw = off_w[i] + off_w[j], off_dw[i] + off_dw[j]
-            if own in pairs:
-                (variable,) = mechanism.variables_of(pairs[own])
-                unit, angle, length = rows.vectors[variable], 1.0, size
-                rate = dot(v, unit)
-                direction = rows.axes[variable]
-            else:
-                length = _norm(v)
-                unit, rate = v * (1.0 / length), length
-                angle = length / size
-                direction = (e_w + numbers * size) / length
-                worst = worst + direction
-            e_rate = e_w + numbers * size + direction * direction * length
-            e_change = e_dw + numbers * (size + swing) + direction * swing
-            columns.append([*unit, rate, dot(dv, unit), angle, direction, e_rate, e_change])
-        self.outputs: list[Expr] = [worst]
-        self.outputs += [x for link in self.links for x in w[link]]
-        self.outputs += [x for link in self.links for x in dw[link]]
-        self.outputs += [x for column in zip(*columns, strict=True) for x in column]
-
-    @staticmethod
-    def _bodies(wanted: Request) -> set[int]:
-        poles = (wanted.plan.pole(*pole) for pole in wanted.poles)
-        return {b for pole in poles if pole for b in pole} | set(wanted.bodies)
+        change = self._solved([-1.0 * each for each in over])
+        self._change = change | dict.fromkeys(rows.held, 0.0)
+        bent = {v: self._change[v] * rows.vectors[v] + bias[v] for v in self._rates}
+        self._dw = self._links(bent)
+        self._follow_errors(self._left(w, parts), self._left(self._dw, bent))
 
     def _solved(self, right: Sequence[Exprs]) -> dict[int, Expr]:
         return self._rows.inverse.solved(right)
 
-    def _left(self, rates: Mapping[int, Expr], bias: Sequence[Exprs] | None) -> Expr:
-        """Return the size of what rates leave over in the equations."""
+    def _links(self, parts: Mapping[int, Exprs]) -> list[Exprs]:
+        """Return what links do where variables do so much (3,) of it."""
+        rows = self._rows
+        found = [_zero()] * rows.tree.count
+        for pair, parent, child in rows.tree.placements:
+            (variable,) = rows.mechanism.variables_of(pair)
+            ahead = rows.tree.ends[pair][0] == parent
+            part = parts[variable]
+            found[child] = found[parent] + part if ahead else found[parent] - part
+        return found
+
+    def _left(self, links: Sequence[Exprs], parts: Mapping[int, Exprs]) -> Expr:
+        """Return the size of what rates leave over where loops close."""
         rows, total = self._rows, 0.0
-        for loop, row in enumerate(rows.tree.signs):
-            parts = [
-                float(sign) * rates[v] * rows.vectors[v]
-                for v, sign in enumerate(row)
-                if sign
-            ]
-            over = _summed(parts if bias is None else [*parts, bias[loop]])
+        for chord in rows.tree.chords:
+            a, b = rows.tree.ends[chord]
+            (variable,) = rows.mechanism.variables_of(chord)
+            over = links[a] - links[b] + parts[variable]
             total = total + dot(over, over)
         return _root(total)
 
-    def _off(self, slips: Sequence[Expr], over: Expr) -> tuple[list[Expr], dict[int, Expr]]:
-        """Return what links and variables are off by, first or second derivatives.
+    def _follow_errors(self, over: Expr, over_bent: Expr) -> None:
+        """Set what links and variables are off by, in first and second derivatives."""
+        rows = self._rows
+        speeds, bends = _sizes(self._rates), _sizes(self._change)
+        fast = self._paths(speeds)
+        slips = {v: speeds[v] * off for v, off in enumerate(rows.axes)}
+        off_w, off_rates = self._off(slips, over)
+        again = {
+            v: bends[v] * off
+            + speeds[v] * (off_w[carrier] + fast[carrier] * off)
+            + fast[carrier] * off_rates.get(v, 0.0)
+            for v, (off, carrier) in enumerate(zip(rows.axes, rows.carriers, strict=True))
+        }
+        off_dw, off_change = self._off(again, over_bent)
+        self._off_w, self._off_dw = off_w, off_dw
+        self._off_rates = {v: off_rates.get(v, 0.0) + slip for v, slip in slips.items()}
+        self._off_change = {v: off_change.get(v, 0.0) + slip for v, slip in again.items()}
+        spread = {
+            v: bends[v] + speeds[v] * fast[carrier]
+            for v, carrier in enumerate(rows.carriers)
+        }
+        self._swings = self._paths(spread)
+        self.worst = _added(off_dw)
+
+    def _paths(self, parts: Mapping[int, Expr]) -> list[Expr]:
+        """Return the sums of parts of the variables on the ways from the ground."""
+        rows = self._rows
+        found: list[Expr] = [0.0] * rows.tree.count
+        for pair, parent, child in rows.tree.placements:
+            (variable,) = rows.mechanism.variables_of(pair)
+            found[child] = found[parent] + parts[variable]
+        return found
+
+    def _off(
+        self, slips: Mapping[int, Expr], over: Expr
+    ) -> tuple[list[Expr], dict[int, Expr]]:
+        """Return what links and variables are off by, in a derivative.
 
         `slips` are what the terms of variables in the equations are off by, `over` what the
         equations have left.
         """
         rows = self._rows
-        loops = [
-            _added(slips[v] for v, sign in enumerate(row) if sign)
-            for row in rows.tree.signs
-        ]
-        whole = _size([vector(loops)]) + over
-        found = [turn * whole for turn in rows.turns]
-        along: list[Expr] = [0.0] * rows.tree.count
-        for pair, parent, child in rows.tree.placements:
-            (variable,) = rows.mechanism.variables_of(pair)
-            along[child] = along[parent] + slips[variable]
-        links = [a + b for a, b in zip(found, along, strict=True)]
+        often = np.count_nonzero(rows.tree.signs, axis=0)
+        whole = over + _added(float(often[v]) * slip for v, slip in slips.items())
+        along = self._paths(slips)
+        links = [turn * whole + own for turn, own in zip(rows.turns, along, strict=True)]
         return links, {v: moved * whole for v, moved in rows.moved.items()}
 
-    def _links(
-        self,
-        rates: Mapping[int, Expr],
-        held: Mapping[int, Expr] | None = None,
-        turned: Sequence[Exprs] = (),
-    ) -> list[Exprs]:
-        """Return what links do at rates, with axes that turn meanwhile."""
-        rows = self._rows
-        found = [_zero()] * rows.tree.count
-        for pair, parent, child in rows.tree.placements:
-            (variable,) = rows.mechanism.variables_of(pair)
-            part = rates[variable] * rows.vectors[variable]
-            if held is not None:
-                part = part + held[variable] * turned[variable]
-            ahead = rows.tree.ends[pair][0] == parent
-            found[child] = found[parent] + part if ahead else found[parent] - part
-        return found
+    def placed(self, outputs: _Outputs) -> Callable[[_Place], _RatePlaces]:
+        """Add the columns; return what says where they are, given where `worst` is."""
+        plan = self._wanted.plan
+        pairs = {
+            step.pole: step.pair
+            for step in plan.steps
+            if isinstance(step, PrimaryPole | CoaxialPole)
+        }
+        known = [pole for pole in self._wanted.poles if plan.pole(*pole) is not None]
+        poles: dict[Pole, _PolePlaces] = {}
+        signed: dict[Pole, tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]] = {}
+        for pole in known:
+            own = plan.pole(*pole)
+            assert own is not None
+            if own in pairs:
+                poles[pole] = self._of_pair(pole, pairs[own], outputs)
+            else:
+                signed[pole] = self._across(*pole)
+        block = len(outputs.columns)
+        for column in zip(*(each for each, *_ in signed.values()), strict=True):
+            outputs.columns += column
+        for pole, (_, angle, errors) in signed.items():
+            one, other, last = (outputs.place(error) for error in errors)
+            poles[pole] = _PolePlaces(None, outputs.place(angle), (one, other, last))
+        links = sorted(self._wanted.links)
+        w = {link: outputs.place(*self._w[link]) for link in links}
+        dw = {link: outputs.place(*self._dw[link]) for link in links}
+        return lambda worst: _RatePlaces(tuple(signed), block, poles, w, dw, worst)
+
+    def _of_pair(self, pole: Pole, pair: int, outputs: _Outputs) -> _PolePlaces:
+        """Place the columns of a pole that is the axis of a pair."""
+        rows, (i, j) = self._rows, pole
+        (variable,) = rows.mechanism.variables_of(pair)
+        unit = rows.vectors[variable]
+        first, second = rows.tree.ends[pair]
+        if {i, j} == {first, second}:
+            sense = 1.0 if i == first else -1.0
+            rate, change = sense * self._rates[variable], sense * self._change[variable]
+            e_rate, e_change = self._off_rates[variable], self._off_change[variable]
+        else:
+            rate = dot(self._w[j] - self._w[i], unit)
+            change = dot(self._dw[j] - self._dw[i], unit)
+            e_rate = self._off_w[i] + self._off_w[j]
+            e_change = self._off_dw[i] + self._off_dw[j] + e_rate
+            e_change = e_change + rows.axes[variable] * (self._swings[i] + self._swings[j])
+        errors = rows.axes[variable], e_rate, e_change
+        one, other, last = (outputs.place(error) for error in errors)
+        axis = (
+            outputs.place(*unit),
+            outputs.place(*self._turned[variable]),
+            outputs.place(rate),
+            outputs.place(change),
+        )
+        return _PolePlaces(axis, outputs.place(1.0), (one, other, last))
+
+    def _across(self, i: int, j: int) -> tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]:
+        """Return the columns with a sign of a pole, how far it is from none, its errors."""
+        v, dv = self._w[j] - self._w[i], self._dw[j] - self._dw[i]
+        length = _norm(v)
+        share = 1.0 / length
+        unit = v * share
+        change = dot(dv, unit)
+        turn = (dv - change * unit) * share
+        sizes = _norm(self._w[i]), _norm(self._w[j])
+        angle = length / (sizes[0] + sizes[1]) if all(sizes) else 1.0
+        e_rate = self._off_w[i] + self._off_w[j]
+        direction = e_rate * share
+        swing = self._swings[i] + self._swings[j]
+        e_change = self._off_dw[i] + self._off_dw[j] + e_rate + direction * swing
+        doubt = e_change * share * (2.0 * LARGEST_ERROR / TURN_KNOWN)
+        self.worst = self.worst + direction + doubt
+        return [*unit, *turn, length, change], angle, (direction, e_rate, e_change)
+
+
+def _along(placed: LinkOrientation, axis: Floats) -> Exprs:
+    return vector(list(placed.direction(axis)))
 
 
 def _summed(parts: Sequence[Exprs]) -> Exprs:
@@ -413,12 +550,6 @@ def _added(items: Iterable[Expr]) -> Expr:
 
 def _squares(items: Iterable[Expr]) -> Expr:
     return _added(item * item for item in items)
-
-
-def _size(parts: Iterable[Exprs]) -> Expr:
-    """Return the root of the sum of the squares of all entries; 0 of none."""
-    entries = [x for part in parts for x in np.ravel(part)]
-    return _root(_squares(entries)) if entries else 0.0
 
 
 def _sizes(items: Mapping[int, Expr]) -> dict[int, Expr]:

@@ -59,6 +59,18 @@ def misfits(
     return made
 
 
+def openness(
+    structure: Structure, links: Sequence[LinkOrientation], variables: Sequence[Expr]
+) -> Expr:
+    """Return the square of by how much loops are open (rad2), half turns included."""
+    total: Expr = 0.0
+    for pair in LoopTree.of(structure.mechanism).chords:
+        own, there = _rotations(structure, links, variables, pair)
+        for each in (own - there).ravel():
+            total = total + 0.5 * (each * each)
+    return total
+
+
 def misfit_rates(
     structure: Structure,
     links: Sequence[LinkOrientation],
@@ -82,6 +94,27 @@ def answers(
     misfit: dict[int, Exprs],
 ) -> list[Expr]:
     """Return how all variables answer to misfits (3,) of pairs, the input at rest."""
+    solver = _closed(structure, links, misfit)
+    return [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
+
+
+def rates_by_input(
+    structure: Structure, links: Sequence[LinkOrientation]
+) -> tuple[list[Expr], Expr]:
+    """Return the derivatives of all variables by the input, and the equations' determinant.
+
+    Its sign changes where modes meet.
+    """
+    solver = _closed(structure, links, None)
+    rates = [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
+    return rates, solver.scale
+
+
+def _closed(
+    structure: Structure,
+    links: Sequence[LinkOrientation],
+    misfit: dict[int, Exprs] | None,
+) -> HomogeneousRates:
     mechanism = structure.mechanism
     vectors = []
     for v in range(len(mechanism.variable_owners)):
@@ -99,4 +132,4 @@ def answers(
     )
     for rows in structure.groups:
         solver.close(rows)
-    return [solver.rates[v] / solver.scale for v in range(len(vectors))]
+    return solver

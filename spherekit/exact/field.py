@@ -13,7 +13,7 @@ from spherekit.exact.arithmetic import Numbers
 from spherekit.exact.rows import ROUNDING, ExactRows
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
-from spherekit.rates.field import PoleField
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 

@@ -1,200 +1,80 @@
-"""A mechanism as rigid bodies on hinges with cut loops, and as a MuJoCo model.
+"""A mechanism as a MuJoCo model (MJCF): bodies, hinges, closed loops, loads, looks."""
 
-General engines move bodies of a tree and close loops by constraints. Two bodies that turn
-about the centre O of the sphere share an axis if one point of it coincides in both. The
-usual three equations for a point have rank two then, since the radial one is empty. An
-engine that weighs constraints by the mobility of centres of mass needs centres away from
-O, or it is wrong by radians without a word.
-"""
-
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
-from xml.sax.saxutils import quoteattr
+from xml.etree import ElementTree
 
 import numpy as np
 
+from spherekit.analysis.link_scenes import Shape, link_shapes
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.dynamics.inertia import need_inertia
 from spherekit.errors import ModelError
-from spherekit.model.dynamics import Damper, Gravity, Spring
-from spherekit.model.geometry import geometry_of
-from spherekit.model.inertia import moments_of_point
+from spherekit.exchange.bodies import (
+    SMALL,
+    BodyInertia,
+    Hinge,
+    LoopCut,
+    RigidBodies,
+    rigid_bodies,
+    spokes,
+)
+from spherekit.exchange.mujoco_loads import Actuated, AtHinge, MujocoLoads, mujoco_loads
+from spherekit.model.dynamics import PointForce
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import Closure
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, quaternion
+from spherekit.view.colours import Colour, link_colour
 
-SMALL = 1e-6
-"""Bodies without inertia get this part of the largest one: no engine moves massless
-bodies."""
+Element = ElementTree.Element
 
 STIFF = 0.3
 """Rate of the loops' correction times the step; RK4 is stable to about 1."""
+
+IMPEDANCE = "0.9999 0.9999 1 0.5 2"
+"""The largest that MuJoCo takes, at any distance."""
 
 THICKNESS = 1e-11
 """Part of its trace added to each moment of a tensor: for a thin arc two moments add up to
 the third, and MuJoCo refuses what rounding takes beyond that."""
 
+LINK_RADIUS, PIN_RADIUS, PIN_LENGTH = 0.018, 0.034, 0.07
+"""Of the capsules and pins that draw links, as parts of the sphere's radius."""
 
-@final
-@dataclass(frozen=True)
-class Hinge:
-    """A pair of the tree that turns link `child` about a fixed axis of link `parent`.
+CHORD = 4
+"""Steps of a drawn curve that one capsule takes together."""
 
-    `axis` (3,) is a unit vector along which the pair variable, which is `value` (rad) in
-    the pose given, is positive.
-    """
+SERVO = 20.0
+"""Rate (rad/s) at which the servos of a model without masses reach their angles."""
 
-    pair: str
-    parent: str
-    child: str
-    axis: Floats
-    value: float
+ROUNDING = 1e-16
+"""Numbers below this part of the largest beside them are written as zero."""
 
 
 @final
 @dataclass(frozen=True)
-class LoopCut:
-    """A pair that closes a loop: links `first` and `second` share `point` (3,)."""
+class MujocoModel:
+    """A model's text, and notes on what it has otherwise, or not at all."""
 
-    pair: str
-    first: str
-    second: str
-    point: Floats
-
-
-@final
-@dataclass(frozen=True)
-class BodyInertia:
-    """Mass (kg), centre of mass (3,) and tensor (3, 3) about it, in m and kg m2.
-
-    `known` says whether the mass is the link's own. Otherwise it is one that has the right
-    tensor about O, which alone matters where no gravity acts.
-    """
-
-    link: str
-    mass: float
-    centre: Floats
-    tensor: Floats
-    known: bool
-
-
-@final
-@dataclass(frozen=True)
-class RigidBodies:
-    """A mechanism of R pairs in one pose, in ground axes, all bodies' origins at O.
-
-    Hinges come depth first, each subtree in one piece, as Pinocchio takes for granted;
-    body k is the child of hinge k.
-    """
-
-    mechanism: Mechanism
-    hinges: tuple[Hinge, ...]
-    cuts: tuple[LoopCut, ...]
-    bodies: tuple[BodyInertia, ...]
-
-
-def rigid_bodies(mechanism: Mechanism, values: Floats) -> RigidBodies:
-    """Return the bodies, hinges and cut loops of a mechanism.
-
-    Parameters
-    ----------
-    mechanism
-        A mechanism of R pairs with masses.
-    values
-        (variables,) the closed configuration to give.
-
-    Raises
-    ------
-    ModelError
-        If a pair is a contact, no moving link has inertia, or the variables are not as
-        many as there are.
-    """
-    for pair in mechanism.pairs:
-        if not pair.kind.has_axis:
-            raise ModelError(
-                f"{mechanism.name}: pair {pair.name} is a {pair.type} pair; only R pairs "
-                "are hinges of rigid bodies"
-            )
-    need_inertia(mechanism)
-    values = np.asarray(values, dtype=float)
-    count = len(mechanism.variable_names)
-    if values.shape != (count,) or not np.all(np.isfinite(values)):
-        raise ModelError(
-            f"{mechanism.name}: a configuration has {count} finite variables "
-            f"({listing(mechanism.variable_names)}), not {values.tolist()}"
-        )
-    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
-    at = closure.at(values[None])
-    axes = at.frames[0, :, :, 2]
-    links, pairs, ends = mechanism.links, mechanism.pairs, mechanism.ends
-    hinges = tuple(
-        Hinge(
-            pairs[pair].name,
-            links[parent],
-            links[child],
-            axes[pair] if ends[pair][0] == parent else -axes[pair],
-            float(values[mechanism.variables_of(pair)[0]]),
-        )
-        for pair, parent, child in _depth_first(closure.tree.placements, 0)
-    )
-    cuts = tuple(
-        LoopCut(pairs[k].name, links[ends[k][0]], links[ends[k][1]], axes[k])
-        for k in closure.tree.chords
-    )
-    bodies = tuple(
-        _body(mechanism, hinge.child, at.placed[0, mechanism.link_number[hinge.child]])
-        for hinge in hinges
-    )
-    return RigidBodies(mechanism, hinges, cuts, bodies)
-
-
-def _depth_first(
-    assembly_modes: Sequence[tuple[int, int, int]], root: int
-) -> list[tuple[int, int, int]]:
-    found: list[tuple[int, int, int]] = []
-    for assembly_mode in assembly_modes:
-        if assembly_mode[1] == root:
-            found += [assembly_mode, *_depth_first(assembly_modes, assembly_mode[2])]
-    return found
-
-
-def _body(mechanism: Mechanism, link: str, turn: Floats) -> BodyInertia:
-    masses = {mass.link: mass for mass in mechanism.masses}
-    if link in masses:
-        given = masses[link]
-        about_O = turn @ np.array(given.tensor) @ turn.T
-        if given.mass is not None and given.centre is not None:
-            centre = turn @ np.array(given.centre)
-            return BodyInertia(
-                link, given.mass, centre, _moved(about_O, given.mass, centre), True
-            )
-    else:
-        most = max(float(np.trace(np.array(m.tensor))) for m in mechanism.masses)
-        about_O = SMALL * most * np.diag([1.0, 1.0, 1.0])
-    # The second moments of the mass: one body of many has all of it at unit distance from
-    # O, and its centre halfway to where the moments would allow none beyond.
-    moments = 0.5 * np.trace(about_O) * np.eye(3) - about_O
-    spread, directions = np.linalg.eigh(moments)
-    mass = float(np.trace(moments))
-    centre = 0.5 * np.sqrt(spread[-1] / mass) * directions[:, -1]
-    return BodyInertia(link, mass, centre, _moved(about_O, mass, centre), False)
-
-
-def _moved(about_O: Floats, mass: float, centre: Floats) -> Floats:
-    tensor = about_O - moments_of_point(mass, centre)
-    return np.asarray(0.5 * (tensor + tensor.T))
+    text: str
+    notes: tuple[str, ...]
 
 
 @checked(ModelError)
-def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
+def mjcf(
+    mechanism: Mechanism,
+    values: Floats,
+    timestep: float = 1e-3,
+    radius: float | None = None,
+) -> MujocoModel:
     """Return a MuJoCo model (MJCF) of a mechanism in a closed configuration.
 
-    Joint positions are the pair variables. Each cut loop is held by one `connect` at unit
-    distance on the pair's axis, as stiff as the step allows. Gravity, springs and dampers
-    at hinges are exported, other loads are not: every hinge has a motor whose control is
-    a torque (N m). What is left out is said in comments, and by `left_out`.
+    Bodies are named as links and have their axes; joints are named as pairs, and their
+    positions are the pair variables. Each pair that closes a loop is a `connect` on its
+    axis, as stiff as the step allows, or, where a load acts at it, a joint of a second
+    body with half of the link's inertia, welded to the link. Inputs have motors (N m).
+    Without masses they have servos, whose controls are angles (rad).
 
     Parameters
     ----------
@@ -202,63 +82,347 @@ def mjcf(mechanism: Mechanism, values: Floats, timestep: float = 1e-3) -> str:
         As for `rigid_bodies`.
     timestep
         Step (s) of MuJoCo's integrator; the stiffness of the loops follows from it.
+    radius
+        Radius (m) of the sphere that links are drawn on, by default the distance of the
+        farthest centre of mass, 1 m without any.
+
+    Raises
+    ------
+    ModelError
+        As of `rigid_bodies`, and if the step or the radius is not above zero.
     """
-    if not 0.0 < timestep < np.inf:
-        raise ModelError(f"mjcf: timestep is {timestep} s; it has to be above 0")
-    made = rigid_bodies(mechanism, values)
-    loads, _ = _at_hinges(made)
-    falls = [m.acceleration for m in mechanism.loads if isinstance(m, Gravity)]
-    gravity = np.sum(np.array(falls).reshape(-1, 3), axis=0)
-    notes = [f"cut at pair {cut.pair}: connect, of rank two" for cut in made.cuts]
-    notes += left_out(made)
-    lines = [f"<mujoco model={quoteattr(mechanism.name)}>"]
-    lines += [f"  <!-- {note.replace('--', '- -')} -->" for note in notes]
-    lines += [
-        '  <compiler angle="radian" autolimits="true"/>',
-        f'  <option timestep="{timestep!r}" integrator="RK4" gravity="{_text(gravity)}">',
-        '    <flag contact="disable"/>',
-        "  </option>",
-        "  <worldbody>",
-        *_children(made, mechanism.ground, loads, "    "),
-        "  </worldbody>",
-        "  <equality>",
-    ]
-    rate = STIFF / timestep
-    hold = f'solref="{-(rate**2)!r} {-2.0 * rate!r}" solimp="0.9999 0.9999 1 0.5 2"'
-    lines += [
-        f'    <connect body1="{_body_name(made, cut.first)}" '
-        f'body2="{_body_name(made, cut.second)}" anchor="{_text(cut.point)}" {hold}/>'
-        for cut in made.cuts
-    ]
-    lines += ["  </equality>", "  <actuator>"]
-    lines += [f'    <motor name="{h.pair}" joint="{h.pair}"/>' for h in made.hinges]
-    return "\n".join([*lines, "  </actuator>", "</mujoco>", ""])
+    for name, value, unit in (("timestep", timestep, "s"), ("radius", radius, "m")):
+        if value is not None and not 0.0 < value < np.inf:
+            raise ModelError(f"mjcf: {name} is {value} {unit}; it has to be above 0")
+    loads = mujoco_loads(mechanism)
+    made = rigid_bodies(mechanism, values, loads.held)
+    known = [np.linalg.norm(body.centre) for body in made.bodies if body.known]
+    size = (
+        float(np.round(max(known), 3) or max(known)) if known and not made.made_up else 1.0
+    )
+    writer = _Writer(made, loads, timestep, radius or size)
+    notes = _notes(made, loads)
+    return MujocoModel(writer.text(notes), notes)
 
 
-def left_out(made: RigidBodies) -> tuple[str, ...]:
+@final
+@dataclass(frozen=True)
+class _Writer:
+    made: RigidBodies
+    loads: MujocoLoads
+    timestep: float
+    radius: float
+
+    def text(self, notes: Sequence[str]) -> str:
+        made = self.made
+        root = Element("mujoco", model=made.mechanism.name)
+        source = made.mechanism.source
+        for note in [*([source.citation] if source else ()), *notes]:
+            root.append(ElementTree.Comment(f" {note.replace('--', '- -')} "))
+        _add(root, "compiler", angle="radian", autolimits="true")
+        gravity = (0.0, 0.0, 0.0) if made.made_up else self.loads.gravity
+        option = _add(
+            root,
+            "option",
+            timestep=repr(self.timestep),
+            integrator="RK4",
+            gravity=_text(gravity),
+        )
+        _add(option, "flag", contact="disable")
+        _add(root, "statistic", center="0 0 0", extent=_drawn(2.4 * self.radius))
+        self.sky(root)
+        self.defaults(root)
+        self.ranges(root)
+        self.world(root)
+        self.equalities(root)
+        self.actuators(root)
+        self.sensors(root)
+        if made.made_up:
+            self.pose(root)
+        ElementTree.indent(root)
+        return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+    def sky(self, root: Element) -> None:
+        visual = _add(root, "visual")
+        _add(visual, "headlight", ambient="0.45 0.45 0.45", diffuse="0.5 0.5 0.5")
+        _add(
+            _add(root, "asset"),
+            "texture",
+            type="skybox",
+            builtin="gradient",
+            rgb1="0.32 0.35 0.44",
+            rgb2="0.08 0.09 0.12",
+            width="64",
+            height="64",
+        )
+
+    def defaults(self, root: Element) -> None:
+        drawn = _add(root, "default")
+        looks = {"contype": "0", "conaffinity": "0", "group": "0"}
+        _add(drawn, "geom", **looks)
+        arc = _add(drawn, "default", **{"class": "arc"})
+        _add(arc, "geom", type="capsule", size=_drawn(LINK_RADIUS * self.radius))
+        pin = _add(drawn, "default", **{"class": "pin"})
+        rgba = "0.91 0.92 0.94 1"
+        _add(pin, "geom", type="cylinder", size=_drawn(PIN_RADIUS * self.radius), rgba=rgba)
+
+    def ranges(self, root: Element) -> None:
+        """Keep what MuJoCo has no place for and `spherekit import` reads again."""
+        custom = _add(root, "custom")
+        for item in self.made.mechanism.inputs:
+            ends = _text((item.start, item.stop))
+            _add(custom, "numeric", name=f"input_{item.pair}", data=ends)
+        for cut in self.made.cuts:
+            _add(custom, "numeric", name=f"value_{cut.pair}", data=_text(cut.value))
+        if self.made.made_up:
+            _add(custom, "text", name="masses", data="made up")
+
+    def world(self, root: Element) -> None:
+        made, far = self.made, 3.0 * self.radius
+        world = _add(root, "worldbody")
+        _add(world, "light", pos=_drawn((far, -far, 2.0 * far)), dir="-1 1 -2")
+        _add(
+            world,
+            "light",
+            pos=_drawn((-far, -far, far)),
+            dir="1 1 -1",
+            diffuse="0.4 0.4 0.4",
+        )
+        ball = {"type": "sphere", "size": _drawn(0.97 * self.radius)}
+        _add(world, "geom", name="sphere", rgba="0.5 0.55 0.7 0.12", **ball)
+        ground = _add(world, "body", name=made.mechanism.ground)
+        self.turned(ground, made.rotations[0])
+        self.looks(ground, made.mechanism.ground)
+        self.bodies(ground, made.mechanism.ground)
+        for load in self.loads.actuated:
+            if load.load is not None and load.load.axes == "ground":
+                _add(
+                    world, "site", name=f"{load.name}_axes", size=_drawn(1e-3 * self.radius)
+                )
+
+    def bodies(self, parent: Element, link: str) -> None:
+        for hinge, inertia in zip(self.made.hinges, self.made.bodies, strict=True):
+            if hinge.parent != link:
+                continue
+            body = _add(parent, "body", name=hinge.child)
+            self.turned(body, self.turn(link).T @ self.turn(hinge.child))
+            self.joint(body, hinge)
+            share = 1.0 / (1 + sum(twin.child == hinge.child for twin in self.twins))
+            self.inertia(body, inertia, share)
+            self.looks(body, hinge.child)
+            self.bodies(body, hinge.child)
+        for twin in self.twins:
+            if twin.parent == link:
+                body = _add(parent, "body", name=_twin(twin))
+                self.turned(body, self.turn(link).T @ self.turn(twin.child))
+                self.joint(body, twin)
+                own = next(b for b in self.made.bodies if b.link == twin.child)
+                parts = 1 + sum(other.child == twin.child for other in self.twins)
+                self.inertia(body, own, 1.0 / parts)
+
+    @property
+    def twins(self) -> list[Hinge]:
+        """The hinges of second bodies, at cut pairs where loads act."""
+        held, ground = self.loads.held, self.made.mechanism.ground
+        return [
+            Hinge(cut.pair, cut.first, cut.second, cut.point, cut.value)
+            if cut.second != ground
+            else Hinge(cut.pair, cut.second, cut.first, -cut.point, cut.value)
+            for cut in self.made.cuts
+            if cut.pair in held
+        ]
+
+    @property
+    def connected(self) -> list[LoopCut]:
+        """The cut pairs that no load acts at."""
+        return [cut for cut in self.made.cuts if cut.pair not in self.loads.held]
+
+    def turn(self, link: str) -> Floats:
+        return np.asarray(self.made.rotations[self.made.mechanism.link_number[link]])
+
+    def turned(self, body: Element, rotation: Floats) -> None:
+        x, y, z, w = quaternion(rotation[None])[0]
+        if abs(w) < 1.0:
+            body.set("quat", _text((w, x, y, z)))
+
+    def joint(self, body: Element, hinge: Hinge) -> None:
+        here = self.loads.hinges.get(hinge.pair, AtHinge())
+        joint = _add(
+            body,
+            "joint",
+            name=hinge.pair,
+            type="hinge",
+            axis=_text(self.turn(hinge.child).T @ hinge.axis),
+            ref=_text(hinge.value),
+        )
+        for key, value in (
+            ("stiffness", here.stiffness),
+            ("springref", here.rest),
+            ("damping", here.damping),
+            ("frictionloss", here.dry),
+        ):
+            if value:
+                joint.set(key, _text(value))
+        if here.stop is not None:
+            joint.set("range", _text(here.stop))
+
+    def inertia(self, body: Element, inertia: BodyInertia, share: float) -> None:
+        turn = self.turn(inertia.link)
+        t = share * (turn.T @ inertia.tensor @ turn)
+        t = t + THICKNESS * np.trace(t) * np.eye(3)
+        inner = [t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]]
+        _add(
+            body,
+            "inertial",
+            mass=_text(share * inertia.mass),
+            pos=_text(turn.T @ inertia.centre),
+            fullinertia=_text(inner),
+        )
+        if not inertia.known:
+            body.set("gravcomp", "1")
+
+    def looks(self, body: Element, link: str) -> None:
+        mechanism = self.made.mechanism
+        number = mechanism.link_number[link]
+        shape = self.shapes[number]
+        rgba = _rgba(link_colour(number))
+        for line in [*shape.curves, *(() if shape.curves else spokes(shape.joints))]:
+            corners = line[sorted({*range(0, len(line), CHORD), len(line) - 1})]
+            for a, b in itertools.pairwise(corners):
+                ends = _drawn(self.radius * np.concatenate([a, b]))
+                _add(body, "geom", fromto=ends, rgba=rgba, **{"class": "arc"})
+        for name, axis in zip(shape.names, shape.joints, strict=True):
+            if mechanism.pair(name).links[0] == link:
+                half = 0.5 * PIN_LENGTH
+                place = self.radius * axis
+                ends = _drawn(np.concatenate([(1 - half) * place, (1 + half) * place]))
+                _add(body, "geom", fromto=ends, **{"class": "pin"})
+        for output in mechanism.outputs:
+            if output.link == link and output.direction is not None:
+                place = _text(self.radius * np.array(output.direction))
+                size = _drawn(PIN_RADIUS * self.radius)
+                _add(
+                    body, "site", name=output.name, pos=place, size=size, rgba="1 0.77 0 1"
+                )
+        for load in self.loads.actuated:
+            if load.load is not None and load.load.link == link:
+                point = load.load.point if isinstance(load.load, PointForce) else (0.0,) * 3
+                size = _drawn(1e-3 * self.radius)
+                _add(body, "site", name=load.name, pos=_text(point), size=size)
+
+    @property
+    def shapes(self) -> list[Shape]:
+        return link_shapes(self.made.mechanism)
+
+    def equalities(self, root: Element) -> None:
+        rate = STIFF / self.timestep
+        hold = {"solref": _text((-(rate**2), -2.0 * rate)), "solimp": IMPEDANCE}
+        made = self.made
+        if made.ratios:
+            tendons = _add(root, "tendon")
+            for ratio in made.ratios:
+                fixed = _add(tendons, "fixed", name=ratio.pair)
+                for pair, factor in ratio.factors.items():
+                    _add(fixed, "joint", joint=pair, coef=_text(factor))
+        equal = _add(root, "equality")
+        for cut in self.connected:
+            anchor = _text(self.radius * (self.turn(cut.first).T @ cut.point))
+            ends = {"body1": cut.first, "body2": cut.second}
+            _add(equal, "connect", name=cut.pair, **ends, anchor=anchor, **hold)
+        for twin in self.twins:
+            ends = {"body1": twin.child, "body2": _twin(twin)}
+            _add(equal, "weld", name=twin.pair, **ends, **hold)
+        for ratio in made.ratios:
+            _add(equal, "tendon", name=ratio.pair, tendon1=ratio.pair, **hold)
+
+    def actuators(self, root: Element) -> None:
+        made = self.made
+        actuators = _add(root, "actuator")
+        inertia = sum(float(np.trace(mass.tensor)) for mass in made.bodies)
+        for item in made.mechanism.inputs:
+            ends = {"name": item.pair, "joint": item.pair}
+            if made.made_up:
+                strength = _text(float(f"{inertia * SERVO**2:.2g}"))
+                limits = _text((item.start, item.stop))
+                _add(
+                    actuators,
+                    "position",
+                    **ends,
+                    kp=strength,
+                    dampratio="1",
+                    ctrlrange=limits,
+                )
+            else:
+                _add(actuators, "motor", **ends)
+        for load in () if made.made_up else self.loads.actuated:
+            _add(
+                actuators,
+                "general",
+                name=load.name,
+                **_transmission(load),
+                gainprm="0",
+                biastype="affine",
+                biasprm=_text(load.bias),
+            )
+
+    def sensors(self, root: Element) -> None:
+        outputs = self.made.mechanism.outputs
+        sensors = _add(root, "sensor") if outputs else root
+        for output in outputs:
+            ends = {"objtype": "body", "objname": output.link}
+            seen = {"reftype": "body", "refname": output.relative_to}
+            _add(sensors, "framequat", name=output.name, **ends, **seen)
+
+    def pose(self, root: Element) -> None:
+        """Let servos hold the pose that the model is in."""
+        values = {hinge.pair: hinge.value for hinge in self.made.hinges}
+        held = [values[item.pair] for item in self.made.mechanism.inputs]
+        _add(_add(root, "keyframe"), "key", name="pose", ctrl=_text(held))
+
+
+def _twin(hinge: Hinge) -> str:
+    return f"{hinge.child}_at_{hinge.pair}"
+
+
+def _transmission(load: Actuated) -> Mapping[str, str]:
+    if load.load is None:
+        return {"joint": load.pair}
+    none = (0.0, 0.0, 0.0)
+    force = isinstance(load.load, PointForce)
+    gear = _text([*load.vector, *none] if force else [*none, *load.vector])
+    axes = {"refsite": f"{load.name}_axes"} if load.load.axes == "ground" else {}
+    return {"site": load.name, **axes, "gear": gear}
+
+
+def _notes(made: RigidBodies, loads: MujocoLoads) -> tuple[str, ...]:
     """Return what of a mechanism its MuJoCo model has otherwise or not, in sentences."""
     mechanism = made.mechanism
-    weighed = {mass.link for mass in mechanism.masses}
-    massless = [body.link for body in made.bodies if body.link not in weighed]
-    unknown = [b.link for b in made.bodies if not b.known and b.link in weighed]
-    _, lost = _at_hinges(made)
     notes = []
-    if lost:
+    if made.made_up:
         notes.append(
-            f"loads left out: {', '.join(lost)}; give them as controls of the motors"
+            "kinematics only: the file has no masses, and MuJoCo moves none without, so "
+            "links are wires of 1 kg/m on a sphere of 1 m, servos turn the inputs, and "
+            "forces mean nothing"
         )
+    lost = dict(loads.lost)
+    if made.made_up:
+        lost = {load.name: "the model has no masses of its own" for load in mechanism.loads}
+    notes += [f"load {name} left out: {reason}" for name, reason in lost.items()]
+    notes += () if made.made_up else loads.otherwise
     if mechanism.stops:
         pairs = listing(stop.pair for stop in mechanism.stops)
-        notes.append(f"stops left out, hinges turn freely: {pairs}")
-    if mechanism.outputs:
-        names = listing(output.name for output in mechanism.outputs)
-        notes.append(f"outputs left out: {names}")
+        notes.append(
+            f"stops of {pairs} are MuJoCo's soft limits, where spherekit ends a simulation"
+        )
+    weighed = {mass.link for mass in mechanism.masses if np.any(np.array(mass.tensor))}
+    unknown = [b.link for b in made.bodies if not b.known and b.link in weighed]
     if unknown:
         notes.append(
-            f"mass and centre are not known and were chosen so that the tensor about the "
-            f"centre of the sphere is right: links {listing(unknown)}"
+            f"mass and centre chosen so that the tensor about the centre of the sphere is "
+            f"the file's, without weight: links {listing(unknown)}"
         )
-    if massless:
+    massless = [body.link for body in made.bodies if body.link not in weighed]
+    if massless and not made.made_up:
         notes.append(
             f"links without mass were given {SMALL:g} of the largest inertia: "
             f"{listing(massless)}"
@@ -266,55 +430,21 @@ def left_out(made: RigidBodies) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _at_hinges(made: RigidBodies) -> tuple[dict[str, list[float]], list[str]]:
-    """Return stiffness, rest and damping at every hinge, and the loads left out."""
-    found = {hinge.pair: [0.0, 0.0, 0.0] for hinge in made.hinges}
-    left = []
-    for load in made.mechanism.loads:
-        if isinstance(load, Gravity):
-            continue
-        reason = "MuJoCo has none of its kind"
-        if isinstance(load, Spring | Damper):
-            if load.pair not in found:
-                reason = f"pair {load.pair}, where the loop is cut, has no hinge"
-            elif isinstance(load, Damper):
-                found[load.pair][2] += load.damping
-                continue
-            elif found[load.pair][0] == 0.0:
-                found[load.pair][:2] = [load.stiffness, load.rest]
-                continue
-            else:
-                reason = f"a hinge has one spring, and pair {load.pair} has another"
-        left.append(f"{load.name} ({reason})")
-    return found, left
+def _add(parent: Element, tag: str, **attributes: str) -> Element:
+    return ElementTree.SubElement(parent, tag, attributes)
 
 
-def _children(
-    made: RigidBodies, link: str, loads: dict[str, list[float]], space: str
-) -> list[str]:
-    lines: list[str] = []
-    for hinge, body in zip(made.hinges, made.bodies, strict=True):
-        if hinge.parent != link:
-            continue
-        t = body.tensor + THICKNESS * np.trace(body.tensor) * np.eye(3)
-        inner = [t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]]
-        stiffness, rest, damping = loads[hinge.pair]
-        lines += [
-            f'{space}<body name="{hinge.child}">',
-            f'{space}  <joint name="{hinge.pair}" type="hinge" axis="{_text(hinge.axis)}" '
-            f'ref="{hinge.value!r}" stiffness="{stiffness!r}" springref="{rest!r}" '
-            f'damping="{damping!r}"/>',
-            f'{space}  <inertial mass="{body.mass!r}" pos="{_text(body.centre)}" '
-            f'fullinertia="{_text(inner)}"/>',
-            *_children(made, hinge.child, loads, space + "  "),
-            f"{space}</body>",
-        ]
-    return lines
+def _rgba(colour: Colour) -> str:
+    return " ".join(f"{part / 255:.3g}" for part in (*colour, 255))
 
 
-def _body_name(made: RigidBodies, link: str) -> str:
-    return "world" if link == made.mechanism.ground else link
+def _drawn(numbers: object) -> str:
+    """Return numbers that nothing is computed from, to five digits."""
+    values = np.asarray(numbers, dtype=float).ravel()
+    return " ".join(f"{x:.5g}" if abs(x) > 1e-12 else "0" for x in values)
 
 
 def _text(numbers: object) -> str:
-    return " ".join(repr(float(x)) for x in np.asarray(numbers).ravel())
+    values = np.asarray(numbers, dtype=float).ravel()
+    least = ROUNDING * np.max(np.abs(values), initial=0.0)
+    return " ".join(repr(float(x)) if abs(x) > least else "0" for x in values)

@@ -11,13 +11,14 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.tabulate import online_model
-from spherekit.errors import OutputError, SolveError
-from spherekit.exchange.mjcf import left_out, mjcf, rigid_bodies
+from spherekit.errors import OutputError
+from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.posed import posed
 from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer
+from spherekit.planning.inputs import driven_at
 
 SUFFIXES = (".npz", ".xml", ".toml")
 
@@ -37,11 +38,11 @@ def export(
     mechanism: AnyMechanism,
     path: str | os.PathLike[str],
     *,
-    input_pair: str | None = None,
+    input_pair: str | Sequence[str] | None = None,
     assembly_mode: int = 0,
     poles: Sequence[str] | None = None,
     tolerance: float | None = None,
-    at: float | None = None,
+    at: float | Sequence[float] | None = None,
 ) -> Exported:
     """Write a mechanism for other programs, in the format that the file's ending says.
 
@@ -52,13 +53,14 @@ def export(
     path
         ``*.npz``: its functions, for use without it (see `load_reduced`); ``*.xml``: a
         MuJoCo model; ``*.toml``: its file.
-    input_pair, assembly mode
-        The driven pair, by default the first input, and the assembly mode.
+    input_pair, assembly_mode
+        The driven pairs, by default the inputs of the mechanism, and the assembly mode.
     poles, tolerance
         Of functions: only these poles (all by default), and their error relative to the
         largest value of each, 1e-13 by default.
     at
-        Of a MuJoCo model: the input (rad) of its pose, by default the start of the range.
+        Of a MuJoCo model: the inputs (rad) of its pose, by default the first on the way
+        through their ranges at which there is one.
 
     Raises
     ------
@@ -88,28 +90,26 @@ def export(
             raise OutputError(f"export: {name} does nothing but for *{suffix}")
     mechanism = mechanism_of(mechanism)
     if target.suffix == ".npz":
-        return _functions(mechanism, target, input_pair, assembly_mode, poles, tolerance)
+        made = driven_at(mechanism, input_pair)
+        return _functions(made, target, assembly_mode, poles, tolerance)
     if target.suffix == ".xml":
         return _mujoco(mechanism, target, input_pair, assembly_mode, at)
-    dump(mechanism if input_pair is None else mechanism.with_inputs(input_pair), target)
+    dump(driven_at(mechanism, input_pair), target)
     return Exported(target, "a mechanism file")
 
 
 def _functions(
     mechanism: Mechanism,
     target: Path,
-    input_pair: str | None,
     assembly_mode: int,
     poles: Sequence[str] | None,
     tolerance: float | None,
 ) -> Exported:
-    accuracy = {} if tolerance is None else {"tolerance": tolerance}
     model = online_model(
         mechanism,
-        input_pair=input_pair,
         assembly_mode=assembly_mode,
         poles=poles,
-        **accuracy,
+        tolerance=1e-13 if tolerance is None else tolerance,
     )
     model.save(target)
     heading = model.heading
@@ -130,23 +130,16 @@ def _functions(
 def _mujoco(
     mechanism: Mechanism,
     target: Path,
-    input_pair: str | None,
+    input_pair: str | Sequence[str] | None,
     assembly_mode: int,
-    at: float | None,
+    at: float | Sequence[float] | None,
 ) -> Exported:
-    tracer = Tracer(mechanism, input_pair, assembly_mode)
-    q = tracer.range[0] if at is None else at
-    if not np.isfinite(q):
-        raise SolveError(f"export: at is {q}, it has to be a finite number of rad")
-    where = f"{listing(tracer.inputs)} = {q:.6g} rad ({np.degrees(q):.6g} deg)"
-    motion = tracer.at(np.array([q]))
-    if motion.failed[0]:
-        raise SolveError(
-            f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
-            f"{where}; give "
-            "another input to be at"
-        )
-    made = tracer.mechanism
-    write_text(target, mjcf(made, motion.values[0]))
-    notes = left_out(rigid_bodies(made, motion.values[0]))
-    return Exported(target, f"a MuJoCo model at {where}", notes)
+    made, values = posed(mechanism, input_pair, assembly_mode, at)
+    where = listing(
+        f"{item.pair} = {values[made.angles[item.pair]]:.6g} rad "
+        f"({np.degrees(values[made.angles[item.pair]]):.6g} deg)"
+        for item in made.inputs
+    )
+    model = mjcf(made, values)
+    write_text(target, model.text)
+    return Exported(target, f"a MuJoCo model at {where}", model.notes)

@@ -8,8 +8,9 @@ from typing import Any
 
 from spherekit.checked import checked
 from spherekit.design.evaluate import DEG
-from spherekit.design.sizing import Sized, Sizing, size
+from spherekit.design.sizing import Sized, size
 from spherekit.design.space import DesignSpace, between
+from spherekit.design.wanted import Sizing
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
 from spherekit.files.check import check
@@ -28,7 +29,7 @@ def size_of(
     starts: int = 12,
     seed: int = 0,
 ) -> Sized:
-    """Return the designs that a sizing file asks for, best first.
+    """Return the designs that a sizing file asks for, the first objective's best first.
 
     Parameters
     ----------
@@ -38,7 +39,8 @@ def size_of(
     designs, seed
         How many designs of a scrambled Sobol sequence are looked at first.
     starts
-        From how many of the best rows the objective is followed down.
+        From how many of the best rows one objective is followed down. With several
+        from five times as many points of the front of each mode.
 
     Raises
     ------
@@ -84,7 +86,9 @@ def sizing_of(
         samples=data.get("samples", SAMPLES),
     )
     sweep = replace(sweep, where=tuple(data.get("where", ())))
-    return Sizing(sweep, data["minimise"], tuple(missed))
+    wanted = data["minimise"]
+    objectives = (wanted,) if isinstance(wanted, str) else tuple(wanted)
+    return Sizing(sweep, objectives, tuple(missed))
 
 
 def _mechanism(wanted: str, folder: Path) -> str | Path:

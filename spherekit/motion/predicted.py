@@ -22,8 +22,10 @@ APART = 0.01
 meet."""
 FEWEST = 4
 """With fewer samples than this to a node prediction does not pay."""
-MOST = 256
+MOST = 1024
 """Samples to a node at most."""
+AT_ONCE = 8192
+"""Samples that are read at once."""
 PORTION = 1024
 """Nodes that are found at once."""
 TURN = 2.0 * np.pi
@@ -40,6 +42,8 @@ class Predictor:
         self._angles = np.zeros(len(tracer.mechanism.variable_owners), dtype=bool)
         self._angles[tracer.solver.angles] = True
         self._driven = list(tracer.solver.driven)
+        every_one = range(len(self._angles))
+        self._free = [v for v in every_one if v not in self._driven]
 
     @classmethod
     def of(cls, tracer: Tracer) -> "Predictor | None":
@@ -61,40 +65,75 @@ class Predictor:
         NaN where nothing is predicted.
         """
         every, last = self._every, self._last
-        given = self._tracer.input_grid.q[start:stop].T
         modes = len(self._tracer.assembly_modes)
-        out = np.full((len(self._angles), modes, stop - start), np.nan)
+        out = np.empty((len(self._angles), modes, stop - start))
         begin, end = start // every, min((stop - 1) // every, last - 1)
+        given = self._tracer.input_grid.q[start:stop].T
+        for number, own in zip(self._driven, given, strict=True):
+            out[number] = own
         if begin <= end:
             low = max(0, begin - STENCIL + 1)
-            values, good = self._nodes(low, min(last, end + STENCIL) + 1)
-            made = self._windows(values, good)[:, :, begin - low : end + 1 - low]
-            first, past = max(start, begin * every), min(stop, (end + 1) * every)
-            flat = made.reshape(*made.shape[:2], -1)
-            skipped = first - begin * every
-            out[:, :, first - start : past - start] = flat[
-                :, :, skipped : skipped + past - first
-            ]
+            nodes = self._nodes(low, min(last, end + STENCIL) + 1)
+            self._fill(out, nodes, (begin - low, end + 1 - low), low * every - start)
         if stop > last * every:
-            self._end(out, start, stop)
-        known = np.isfinite(out[0])
-        for number, own in zip(self._driven, given, strict=True):
-            out[number] = np.where(known, own, np.nan)
-        free = self._angles.copy()
-        free[self._driven] = False
-        for own in out[free]:
-            _wrap(own)
+            count = len(self._tracer.input_grid)
+            back = count - 1 - np.arange(STENCIL)[::-1] * every
+            first = max(start, last * every) - start
+            at = int(back[-2]) - start - first
+            nodes = self._found(back)
+            whole = (STENCIL - 2, STENCIL - 1)
+            self._fill(out[:, :, first:], nodes, whole, at - (STENCIL - 2) * every)
+            if stop == count:
+                values, good = nodes
+                out[:, :, -1] = np.where(good[:, -1], values[:, :, -1], np.nan)
         return out
 
-    def _end(self, out: Floats, start: int, stop: int) -> None:
-        """Add the samples after the last node, from nodes that end with the last sample."""
-        every, count = self._every, len(self._tracer.input_grid)
-        back = count - 1 - np.arange(STENCIL)[::-1] * every
-        found = self._windows(*self._found(back))[:, :, -1]
-        first = max(start, self._last * every)
-        made = found[:, :, first - back[-2] :]
-        own = out[:, :, first - start : min(stop, count - 1) - start]
-        own[:] = made[:, :, : own.shape[2]]
+    def _fill(
+        self, out: Floats, nodes: "Nodes", windows: tuple[int, int], place: int
+    ) -> None:
+        """Write the samples (variables, modes, n) of some windows, each of one node.
+
+        `place` is where in `out` the first node lies.
+        """
+        values, good = nodes
+        first, known = _stencils(good)
+        every = self._every
+        for mode in range(values.shape[1]):
+            offset = np.arange(first.shape[1]) - first[mode]
+            alike = np.where(known[mode], offset, -1)[slice(*windows)]
+            edges = np.flatnonzero(np.diff(alike)) + 1
+            for run in np.split(np.arange(*windows), edges):
+                most = max(1, AT_ONCE // every)
+                for k in range(0, len(run), most):
+                    own = run[k : k + most]
+                    low = place + int(own[0]) * every
+                    rows = slice(max(0, low), min(out.shape[2], low + len(own) * every))
+                    if rows.start >= rows.stop:
+                        continue
+                    if alike[own[0] - windows[0]] < 0:
+                        out[:, mode, rows] = np.nan
+                        continue
+                    at = first[mode, own[0]] + np.arange(len(own))
+                    made = self._read(values[:, mode], own, at)
+                    for number, each in zip(self._free, made, strict=True):
+                        out[number, mode, rows] = each[rows.start - low : rows.stop - low]
+
+    def _read(self, values: Floats, own: NDArray[np.intp], at: NDArray[np.intp]) -> Floats:
+        """Return (free variables, samples) in windows with stencils (k,) from `at` on."""
+        values = values[self._free]
+        base = values[:, own, None]
+        away = values[:, at[:, None] + np.arange(STENCIL)] - base
+        angles = self._angles[self._free]
+        away[angles] -= TURN * np.round(away[angles] / TURN)
+        far = np.max(np.abs(base[:, :, 0]), axis=1) + np.max(np.abs(away), axis=(1, 2))
+        offset = int(own[0] - at[0])
+        away[:, :, offset] = base[:, :, 0]
+        made = (away.reshape(-1, STENCIL) @ _weights(self._every)[offset]).reshape(
+            len(values), -1
+        )
+        for number in np.flatnonzero(angles & (far >= np.pi)):
+            _wrap(made[number])
+        return np.asarray(made)
 
     def _found(self, samples: NDArray[np.intp]) -> "Nodes":
         """Return the variables (variables, modes, k) of samples, and which are good."""
@@ -121,24 +160,6 @@ class Predictor:
             :, start - first : stop - first
         ]
 
-    def _windows(self, values: Floats, good: NDArray[np.bool_]) -> Floats:
-        """Return (variables, modes, windows, every) samples from each node to the next."""
-        first, known = _stencils(good)
-        modes, windows = first.shape
-        at = first[:, :, None] + np.arange(STENCIL)
-        base = values[:, :, :-1, None]
-        away = values[:, np.arange(modes)[:, None, None], at] - base
-        away[self._angles] -= TURN * np.round(away[self._angles] / TURN)
-        offset = np.arange(windows) - first
-        made = np.empty((len(values), modes, windows, self._every))
-        weights = _weights(self._every)
-        for each in np.unique(offset[known]):
-            chosen = known & (offset == each)
-            made[:, chosen] = away[:, chosen] @ weights[each]
-        made += base
-        made[:, ~known] = np.nan
-        return made
-
 
 Nodes = tuple[Floats, NDArray[np.bool_]]
 """Variables (variables, modes, k) of nodes, and which (modes, k) are good."""
@@ -163,7 +184,10 @@ def _stencils(good: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.boo
 
 @lru_cache(maxsize=64)
 def _weights(every: int) -> Floats:
-    """Return (offsets, STENCIL, every) what nodes count for at samples of each window."""
+    """Return (offsets, STENCIL, every) what nodes count for at samples of each window.
+
+    By how far they are from the node where the window starts, which counts for itself.
+    """
     nodes = np.arange(STENCIL)
     apart = nodes[:, None] - nodes + np.eye(STENCIL)
     under = np.prod(apart, axis=1)
@@ -174,12 +198,13 @@ def _weights(every: int) -> Floats:
         for node in range(STENCIL):
             others = np.delete(away, node, axis=0)
             made[offset, node] = np.prod(others, axis=0) / under[node]
+        made[offset, offset] = 1.0
     return made
 
 
 def _wrap(angle: Floats) -> None:
     """Reduce angles to (-pi, pi] in place."""
-    over = ~(np.abs(angle) < np.pi)
-    if np.any(over):
+    if np.max(angle) >= np.pi or np.min(angle) <= -np.pi:
+        over = ~(np.abs(angle) < np.pi)
         angle[over] -= TURN * np.round(angle[over] / TURN)
         angle[angle <= -np.pi] += TURN

@@ -25,7 +25,8 @@ class Request:
 
     `poles` are the wanted ones, by links; `bodies` are the bodies of the plan whose
     angular velocity is found, the ground and the two of the input among them. `planes`
-    are the poles whose great circles are wanted as well.
+    are the poles whose great circles are wanted as well, `links` those whose angular
+    velocities are.
     """
 
     plan: Plan
@@ -33,6 +34,7 @@ class Request:
     bodies: tuple[int, ...]
     derivatives: bool
     planes: frozenset[Pole] = frozenset()
+    links: frozenset[int] = frozenset()
 
 
 @lru_cache(maxsize=64)
@@ -61,20 +63,24 @@ def request(
     derivatives: bool = True,
     planes: Iterable[Pole] = (),
     by_rank: bool = False,
+    links: Iterable[int] = (),
 ) -> Request:
     """Return what must be planned for these poles and velocity coefficients.
 
     `driven` is the input that moves; others stand still, and poles of links that they
-    join are left out. The coefficient of links (i, j) is the component of w_j - w_i; each
-    w follows from the two poles of its body with those of the input. Derivatives in
-    ground axes also need the rate of one body at each pair whose axis the plan uses.
-    `by_rank` is that of `spherekit.planning.poles.plan`.
+    join are left out. The coefficient of links (i, j) is the component of w_j - w_i;
+    each w follows from the two poles of its body with those of the input. Derivatives
+    in ground axes also need the rate of one body at each pair whose axis the plan uses.
+    `links` are those whose angular velocity is wanted. `by_rank` is that of
+    `spherekit.planning.poles.plan`.
     """
     whole = _whole_plan(_ByIdentity(mechanism), driven, by_rank)
     a, b = whole.ends[whole.input]
     circles = frozenset(pole_of(*pole) for pole in planes)
     wanted = tuple(dict.fromkeys([*(pole_of(*pole) for pole in poles), *sorted(circles)]))
-    coefficients = [pole_of(*pole) for pole in rates]
+    turned = frozenset(links)
+    own = [pole_of(0, link) for link in sorted(turned - {0})]
+    coefficients = list(dict.fromkeys([*(pole_of(*pole) for pole in rates), *own]))
     bodies = {a, b} | {whole.body[link] for pole in coefficients for link in pole}
     if derivatives:
         bodies.add(0)
@@ -86,7 +92,8 @@ def request(
         more = _moving_bodies(pruned) - bodies if derivatives else set()
         if not more:
             everything = tuple(dict.fromkeys((*wanted, *coefficients)))
-            return Request(pruned, everything, tuple(sorted(bodies)), derivatives, circles)
+            found = tuple(sorted(bodies))
+            return Request(pruned, everything, found, derivatives, circles, turned)
         bodies |= more
 
 

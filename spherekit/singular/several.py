@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole, pole_of
-from spherekit.rates.field import PoleField, evaluate
+from spherekit.rates.field import evaluate
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request, request
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.rates.transmission import hold as hold_of

@@ -18,9 +18,10 @@ from spherekit.errors import AnalysisError
 from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.turns import less_periods
+from spherekit.motion.turns import in_range, less_periods
 from spherekit.singular.curves import ranges_of
 from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.singular.mesh import Mesh
 from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import Seeding
@@ -39,6 +40,8 @@ LOWEST = 0.2
 """Least height of a triangle, in sides."""
 TURNED = 0.8
 """Least cosine between tangent planes, and between singular motions, at an edge's ends."""
+BEYOND = 0.25
+"""So far beyond the ranges (in sides) a vertex still counts as within them."""
 FLAT = 1e-4
 """A point whose equations have this reciprocal condition is where surfaces cross."""
 
@@ -63,7 +66,7 @@ class SingularSurface:
     component
         (n,) number of the seed each vertex was reached from.
     side
-        Length (rad, in the variables) of the edges aimed at.
+        Length (rad, in the variables) of the edges aimed at, after halving.
     claim
         What is known of surfaces that were not found.
     slices, starts, seeds
@@ -104,6 +107,7 @@ def singular_surface(
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     side: float = 0.15,
+    halved: int = 0,
     slices_of_each: int = 4,
     whole_turn: bool = False,
     most: int = 20_000,
@@ -121,7 +125,9 @@ def singular_surface(
     output, pointing
         See `spherekit.singular.stationarity.output_of`. Type I is that of an orientation.
     side
-        Length (rad, in the variables) of the triangles' edges.
+        Length (rad, in the variables) of the edges of the triangles that are laid.
+    halved
+        How often each of these edges is halved afterwards, at a point of the surface.
     slices_of_each
         Values at which each of two inputs is locked while the third runs free. With 0 the
         locus is looked for from random closed configurations, the claim being "sampled".
@@ -129,7 +135,7 @@ def singular_surface(
         Whether to mesh the whole surface, and not the part with all inputs within their
         declared ranges.
     most
-        Greatest number of vertices.
+        Greatest number of vertices, before halving.
     made
         Slices that are there already, as of the other type.
     budget
@@ -171,13 +177,25 @@ def singular_surface(
         irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
         for row in np.flatnonzero(inside):
             source.met(front.grow(points.rows(slice(row, row + 1))))
+    mesh = Mesh(
+        locus,
+        front.points,
+        np.array(front.triangles, dtype=np.int64).reshape(-1, 3),
+        np.array(front.component, dtype=np.int64),
+        np.zeros(front.values.shape, dtype=bool),
+    )
+    for _ in range(halved):
+        mesh = mesh.split()
+    if not whole_turn:
+        for number, item in zip(solver.driven, mechanism.inputs, strict=True):
+            mesh = mesh.within(number, item.start, item.stop)
     return SingularSurface(
         kind,
-        view.points(locus, front.points),
-        np.array(front.triangles, dtype=np.int64).reshape(-1, 3),
-        np.array(sorted(front.open), dtype=np.int64).reshape(-1, 2),
-        np.array(front.component, dtype=np.int64),
-        side,
+        view.points(locus, mesh.points),
+        mesh.triangles,
+        mesh.border,
+        mesh.component,
+        side / 2**halved,
         source.claim("surface"),
         source.searched,
         source.starts,
@@ -189,7 +207,12 @@ def singular_surface(
 
 @final
 class _Front:
-    """A growing mesh. `open` has the edges with one triangle, and its third vertex."""
+    """A growing mesh. `open` has the edges with one triangle, and its third vertex.
+
+    `ways` are the edges in the sense in which triangles have them.
+
+    It grows from edges with an end inside of the ranges, by one triangle beyond these.
+    """
 
     def __init__(
         self, locus: Locus, view: View | None, side: float, most: int, budget: Budget
@@ -202,7 +225,9 @@ class _Front:
         self.motions = np.zeros((0, len(self.periods)))
         self.triangles: list[tuple[int, int, int]] = []
         self.component: list[int] = []
+        self.inside: list[bool] = []
         self.open: dict[Edge, int] = {}
+        self.ways: set[Edge] = set()
         self.closed: set[Edge] = set()
 
     @property
@@ -244,7 +269,7 @@ class _Front:
             edge = queue.popleft()
             if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
                 break
-            if edge in self.open:
+            if edge in self.open and (self.inside[edge[0]] or self.inside[edge[1]]):
                 self._advance(edge, queue, number)
         return True
 
@@ -253,10 +278,15 @@ class _Front:
         self.values = np.concatenate([self.values, point.values])
         self.motions = np.concatenate([self.motions, point.motions])
         self.component.append(number)
+        self.inside.append(self._inside(point))
         return len(self.values) - 1
 
     def _join(self, a: int, b: int, c: int, queue: deque[Edge]) -> None:
+        """Add a triangle, turned like that on the other side of its edge from a to b."""
+        if (a, b) in self.ways:
+            a, b = b, a
         self.triangles.append((a, b, c))
+        self.ways |= {(a, b), (b, c), (c, a)}
         for one, other, opposite in ((a, b, c), (b, c, a), (c, a, b)):
             edge = (min(one, other), max(one, other))
             if edge in self.open:
@@ -267,9 +297,17 @@ class _Front:
                 queue.append(edge)
 
     def _inside(self, point: LocusPoints) -> bool:
+        """Return whether a vertex is within the ranges, or just beyond them.
+
+        The surface curves back over an end between vertices beyond it.
+        """
         if self.view is None:
             return True
-        return bool(self.view.points(self.locus, point).inside[0])
+        inputs = self.view.points(self.locus, point).inputs[0]
+        declared = self.view.solver.mechanism.inputs
+        low, high = np.array([(item.start, item.stop) for item in declared]).T
+        room = BEYOND * self.side
+        return bool(np.all(in_range(inputs, low - room, high + room)))
 
     def _beside(self, base: int, way: Floats) -> LocusPoints | None:
         """Return the locus where a way (2,) in the tangent plane at a vertex leads."""
@@ -318,7 +356,7 @@ class _Front:
                 self._join(a, b, vertex, queue)
                 return
         made = self._beside(a, np.linalg.lstsq(tangents, plane @ ideal, rcond=None)[0])
-        if made is not None and self._inside(made):
+        if made is not None:
             away = self.away(made.values[0], around)
             crowded = np.min(np.linalg.norm(away, axis=1), initial=np.inf)
             if crowded > CROWDED * self.side:

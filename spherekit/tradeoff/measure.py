@@ -26,7 +26,9 @@ from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan
 from spherekit.progress import Working
-from spherekit.rates.field import PoleField, SignMemory, evaluate
+from spherekit.rates.field import evaluate
+from spherekit.rates.pole_field import PoleField
+from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 from spherekit.tradeoff.deviation import Deviation, deviations, worst
 from spherekit.tradeoff.effort import Effort

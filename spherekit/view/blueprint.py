@@ -4,15 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from spherekit.analysis.scene import Page
 from spherekit.view import charts, colours, entities
 from spherekit.view.sdk import rr, rrb
+from spherekit.view.sight import Sight
 from spherekit.view.timelines import SAMPLE, TIME
-
-Floats = NDArray[np.float64]
 
 TURN_SECONDS = 12.0
 """Playing the whole range takes this long."""
@@ -25,13 +21,6 @@ MOST_COMPARED = 60
 
 SPACE_EYE = (1.9, -2.2, 1.3)
 """From where a space of its own is seen, whose longest side is `entities.CUBE`."""
-
-EYE_DISTANCE = 3.0
-EYE_ASIDE = 0.3
-"""Tangent of the angle between the eye's direction and the middle of the mechanism."""
-DEFAULT_FOCUS = (0.76, 0.47, 0.44)
-STEEP = 0.8
-"""A focus nearer to the z axis than this cosine is seen with x up instead of z."""
 
 
 Bounds = tuple[tuple[float, float], tuple[float, float]]
@@ -78,7 +67,7 @@ class Layout:
     solids: list[tuple[Page, str]] = field(default_factory=list)
     trails: list[tuple[Page, str]] = field(default_factory=list)
     hidden: list[tuple[Page, str]] = field(default_factory=list)
-    focus: Floats | None = None
+    sight: Sight = field(default_factory=lambda: Sight.facing(None))
     answered: list[Page] = field(default_factory=list)
     """The pages with what was asked for, in the order in which it came."""
     plots: list[Plot] = field(default_factory=list)
@@ -160,21 +149,12 @@ class Layout:
             name=title,
             background=colours.BACKGROUND,
             line_grid=False,
-            eye_controls=self._eye(),
+            eye_controls=rrb.EyeControls3D(
+                position=tuple(self.sight.eye),
+                look_target=tuple(self.sight.target),
+                eye_up=tuple(self.sight.up),
+            ),
             overrides=overrides,
-        )
-
-    def _eye(self) -> rrb.EyeControls3D:
-        """Face the mechanism a little from the side, with z up where that is possible."""
-        focus = np.array(DEFAULT_FOCUS if self.focus is None else self.focus)
-        focus = focus / np.linalg.norm(focus)
-        up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP else [-1.0, 0.0, 0.0])
-        right = np.cross(focus, up)
-        right /= np.linalg.norm(right)
-        eye = focus + EYE_ASIDE * (0.8 * right + 0.6 * np.cross(right, focus))
-        position = EYE_DISTANCE * eye / np.linalg.norm(eye)
-        return rrb.EyeControls3D(
-            position=tuple(position), look_target=tuple(0.1 * focus), eye_up=tuple(up)
         )
 
     def _recent(self) -> rrb.VisibleTimeRanges:

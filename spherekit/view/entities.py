@@ -5,7 +5,7 @@ labels get an empty row there. The curves of a link stay in the recording for go
 its transform shrinks them to a point instead; the viewer ignores a scale of zero.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import assert_never
 
 import numpy as np
@@ -31,6 +31,7 @@ from spherekit.analysis.scene import (
     titled,
 )
 from spherekit.view import charts, colours, diagrams, shapes
+from spherekit.view.names import Name
 from spherekit.view.sdk import rr
 
 Still = tuple[str, rr.AsComponents]
@@ -45,18 +46,12 @@ LEVELS = 6
 """Links lie on shells `LIFT` apart, so that arcs that coincide do not flicker."""
 
 JOINT_RADIUS = 0.03
-LABEL_HEIGHT = 1.09
-LINK_LABEL_HEIGHT = 1.15
-ASIDE = 0.07
-"""Angle (rad) between a joint and its name."""
 POINT = 0.001
 GRAPH_SIZE = (420.0, 220.0)
 GRATICULE_LIFT = 1.006
 MAP_LIFT = 1.002
 """Maps lie just outside of the sphere, and inside of curves."""
 HIDDEN = 1e-6
-NEAR = np.cos(np.radians(4.0))
-"""Pairs of a link with axes closer than this have one label."""
 CUBE = 1.6
 """Side of the space that a surface fills if its axes differ."""
 
@@ -83,14 +78,11 @@ def world() -> Iterator[Still]:
     )
 
 
-def still(primitive: Primitive, labelled: set[str]) -> Iterator[Still]:
-    """Yield what is logged once for a primitive.
-
-    `labelled` holds the joint names that other links show already; it is added to.
-    """
+def still(primitive: Primitive, names: Sequence[Name] = ()) -> Iterator[Still]:
+    """Yield what is logged once for a primitive; `names` are those that a link shows."""
     match primitive:
         case Body():
-            yield from _still_body(primitive, labelled)
+            yield from _still_body(primitive, names)
         case Arrow():
             colour = colours.SILVER if primitive.primary else colours.GOLD
             radius = 0.006 if primitive.primary else 0.014
@@ -234,7 +226,7 @@ def _turned(quaternions: Floats, good: NDArray[np.bool_]) -> Iterable[rr.Compone
     return rr.Transform3D.columns(quaternion=turn, scale=scale)
 
 
-def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
+def _still_body(body: Body, names: Sequence[Name]) -> Iterator[Still]:
     colour = colours.link_colour(body.number)
     lift = 1.0 + LIFT * (1 + body.number % LEVELS)
     if len(body.curves) > 0:
@@ -245,50 +237,16 @@ def _still_body(body: Body, labelled: set[str]) -> Iterator[Still]:
             "joints",
             rr.Points3D(lift * body.joints, colors=colours.PALE, radii=JOINT_RADIUS),
         )
-    where: list[Floats] = []
-    named: list[Floats] = []
-    words: list[str] = []
-    tints: list[colours.Colour] = []
-    for joint, label in zip(body.joints, body.joint_labels, strict=True):
-        if label and label not in labelled:
-            labelled.add(label)
-            near = [k for k, at in enumerate(named) if at @ joint > NEAR]
-            if near:
-                words[near[0]] += f", {label}"
-                continue
-            where.append(LABEL_HEIGHT * _beside(joint, body.joints))
-            named.append(joint)
-            words.append(label)
-            tints.append(colours.PALE)
-    if len(body.curves) > 0 and body.label:
-        longest = max(body.curves, key=_length)
-        where.append(LINK_LABEL_HEIGHT * longest[len(longest) // 2])
-        words.append(body.label)
-        tints.append(colour)
     yield (
         "labels",
         rr.Points3D.from_fields(
-            positions=np.reshape(where, (-1, 3)),
-            labels=words,
-            colors=tints,
+            positions=np.reshape([name.place for name in names], (-1, 3)),
+            labels=[name.words for name in names],
+            colors=[colours.PALE if name.of_pair else colour for name in names],
             radii=POINT,
             show_labels=True if body.quaternions is None else None,
         ),
     )
-
-
-def _beside(joint: Floats, joints: Floats) -> Floats:
-    """Return where the name of a joint of a link goes: away from the link's other joints.
-
-    So names of joints of different links keep apart where these joints meet.
-    """
-    other = np.sum(joints, axis=0)
-    along = other - (other @ joint) * joint
-    size = float(np.linalg.norm(along))
-    if size < ASIDE:
-        return joint
-    beside: Floats = joint - ASIDE / size * along
-    return beside / float(np.linalg.norm(beside))
 
 
 def _still_curves(item: SphereCurves) -> Iterator[Still]:
@@ -383,10 +341,6 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
         "words",
         rr.Points3D(where, labels=words, colors=colours.PALE, radii=0.0, show_labels=True),
     )
-
-
-def _length(curve: Floats) -> float:
-    return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
 
 
 def _still_graph(graph: Graph) -> Iterator[Still]:

@@ -41,6 +41,7 @@ from spherekit.errors import OutputError
 from spherekit.view import charts, colours, diagrams, entities, shapes
 from spherekit.view.blueprint import MOST_COMPARED, Layout, Panel, Plot
 from spherekit.view.charts import Chart, Curve
+from spherekit.view.names import Name, Names
 from spherekit.view.outputs import (
     AbstractOutput,
     FileOutput,
@@ -49,6 +50,7 @@ from spherekit.view.outputs import (
     ViewerOutput,
 )
 from spherekit.view.sdk import rr
+from spherekit.view.sight import Sight
 from spherekit.view.timelines import SAMPLE, TIME, InputTimeline, input_timeline
 
 UNASKED = ("", MOTION)
@@ -132,7 +134,7 @@ class RerunRecorder:
         self._input: InputTimeline | None = None
         self._span: tuple[float, float] | None = None
         self._seen: set[str] = set()
-        self._labelled: dict[Page, set[str]] = {None: set()}
+        self._names: dict[Page, Names] = {}
         self._paths: dict[str, tuple[bool, list[Floats]]] = {}
         self._row: int | None = None
         self._drawn: dict[str, list[Floats]] = {}
@@ -257,7 +259,8 @@ class RerunRecorder:
             words += f" This recording has {properties['logged']}."
         self._layout = layout
         self._row = row
-        layout.focus = focus
+        layout.sight = Sight.facing(focus)
+        self._names[None] = Names(layout.sight)
         for number, title in (assembly_modes or {}).items():
             layout.pages[number] = title
         for output in self._outputs:
@@ -268,8 +271,10 @@ class RerunRecorder:
         for suffix, archetype in entities.world():
             self._still(f"{self.root}/{suffix}", archetype)
         for scene in map(in_degrees, scenes):
+            named = self._links_named(scene)
             for primitive in scene.primitives:
-                self._introduce(scene.page, primitive, False)
+                names = named.get(primitive.path, ())
+                self._introduce(scene.page, primitive, False, names)
         if scenes or layout.pages:
             self._introduce(None, Text("notes", "About", _about(self.name, words)))
         if layout.pages:
@@ -321,10 +326,11 @@ class RerunRecorder:
         if len(over) > 1 and self._row is None and isinstance(scene.page, int):
             over = (charts.along(over),)
         touched: dict[str, list[str]] = {}
+        named = self._links_named(scene)
         fresh = [
             self._enter(scene, item, over, touched)
             if isinstance(item, Series)
-            else self._introduce(scene.page, item, answers)
+            else self._introduce(scene.page, item, answers, named.get(item.path, ()))
             for item in scene.primitives
         ]
         if answers and scene.page is not None and scene.page not in layout.answered:
@@ -524,14 +530,27 @@ class RerunRecorder:
     def _path(self, page: Page, primitive: Primitive) -> str:
         return f"{self._base(page)}/{primitive.path.strip('/')}"
 
-    def _introduce(self, page: Page, primitive: Primitive, answers: bool = True) -> bool:
+    def _links_named(self, scene: Scene) -> dict[str, list[Name]]:
+        """Return the names that links seen for the first time show, by their paths."""
+        if scene.page not in self._names:
+            self._names[scene.page] = self._names[None].copy()
+        bodies = [item for item in scene.primitives if isinstance(item, Body)]
+        fresh = [b for b in bodies if self._path(scene.page, b) not in self._seen]
+        return self._names[scene.page].give(fresh)
+
+    def _introduce(
+        self,
+        page: Page,
+        primitive: Primitive,
+        answers: bool = True,
+        names: Sequence[Name] = (),
+    ) -> bool:
         """Log what stays of a primitive seen for the first time; return if it was."""
         path = self._path(page, primitive)
         if path in self._seen:
             return False
         self._seen.add(path)
-        labelled = self._labelled.setdefault(page, set(self._labelled[None]))
-        for suffix, archetype in entities.still(primitive, labelled):
+        for suffix, archetype in entities.still(primitive, names):
             self._still(_below(path, suffix), archetype)
         self._place(page, path, primitive, answers)
         return True

@@ -14,7 +14,7 @@ from spherekit.analysis.running.setting import Setting
 from spherekit.conventions import listing
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import OutputError
-from spherekit.rates.field import SignMemory
+from spherekit.rates.signs import SignMemory
 
 
 @contextmanager

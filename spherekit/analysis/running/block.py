@@ -16,7 +16,7 @@ from spherekit.analysis.running.sampling import EVENTS
 from spherekit.analysis.table_scenes import table_scenes
 from spherekit.errors import OutputError, SpherekitError
 from spherekit.motion.motion import Motion
-from spherekit.rates.field import PoleField
+from spherekit.rates.pole_field import PoleField
 from spherekit.sphere.rotation import Floats
 
 

@@ -19,8 +19,10 @@ from spherekit.errors import AnalysisError
 from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
 from spherekit.rates.core import LinkRates
-from spherekit.rates.field import PoleField, SignMemory, evaluate, field_of_rates
+from spherekit.rates.field import evaluate, field_of_rates
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
+from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 
 ORDINARY_WAY = ORDINARY.engine, ORDINARY.route, ORDINARY.representation

@@ -22,7 +22,7 @@ from spherekit.analysis.running.sizes import csv_row, parquet_row
 from spherekit.model.study import Study
 from spherekit.motion.motion import samples_in_block
 from spherekit.planning.assembly import Assembly
-from spherekit.rates.field import SignMemory
+from spherekit.rates.signs import SignMemory
 
 LEAST = 4
 """Samples below which no short run is smaller than the run."""

@@ -24,7 +24,8 @@ from spherekit.numeric.chebyshev import nodes as nodes_of
 from spherekit.numeric.periodic import Periodic
 from spherekit.planning.poles import Pole
 from spherekit.rates.core import driven_rates
-from spherekit.rates.field import PoleField, evaluate
+from spherekit.rates.field import evaluate
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats, cross
 
@@ -97,7 +98,8 @@ class InterpolatedMotion:
         number = mechanism.link_number
         turned = set(mechanism.links) if all_links else needs.rotations | ends
         self._rotations = sorted(number[link] for link in turned)
-        self._rates = sorted({number[link] for link in needs.link_rates | ends})
+        spun = {link for pole in needs.turns for link in pole}
+        self._rates = sorted({number[link] for link in needs.link_rates | ends} | spun)
         nodes = setting.nodes
         places = np.linspace(low, high, nodes + (setting.representation == "spectral"))
         tables = self._tables(places)

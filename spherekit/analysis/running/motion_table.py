@@ -19,7 +19,7 @@ from spherekit.analysis.tables import (
     input_columns,
 )
 from spherekit.motion.motion import Motion
-from spherekit.rates.field import PoleField
+from spherekit.rates.pole_field import PoleField
 
 
 def motion_table(course: Sampling) -> Table:

@@ -14,7 +14,7 @@ from spherekit.planning.part import part_for
 
 def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
     """Return the numbers of the links whose placement something declared depends on."""
-    poles = needs.directions | needs.rates | needs.planes
+    poles = needs.directions | needs.rates | needs.planes | needs.turns
     pairs = needs.pair_values | needs.continued_values | needs.pair_rates
     names = needs.rotations | needs.link_rates
     names |= {link for pair in pairs for link in mechanism.pair(pair).links}

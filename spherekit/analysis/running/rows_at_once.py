@@ -12,15 +12,18 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.running.row_block import SLICE, Rows
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.columns import RowKernel, row_kernel
 from spherekit.engine.compiler import available
 from spherekit.motion.motion import Motion
 from spherekit.motion.predicted import Predictor
-from spherekit.rates.columns import RowColumns
-from spherekit.rates.field import PoleField, SignMemory, field_of_columns
+from spherekit.rates.columns import RateColumns
+from spherekit.rates.from_columns import field_of_columns
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
+from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 
 FEWEST = 1 << 14
@@ -33,8 +36,8 @@ BYTES = 1 << 25
 """Of columns in a block, at most."""
 MORE = 4
 """Blocks have so many times the rows of those without a kernel, at most."""
-SMALL_STEP = 1e-6
-"""A step of Newton's method (rad) from what was predicted stays in its mode."""
+
+_Found = tuple[Motion, Sequence[RateColumns], NDArray[np.bool_], Sequence[bool]]
 
 
 @final
@@ -54,7 +57,12 @@ class RowsAtOnce:
     with_planes: bool
 
     def __post_init__(self) -> None:
-        self._found: tuple[Motion, RowColumns, NDArray[np.bool_]] | None = None
+        self._found: _Found | None = None
+        modes = len(self.course.tracer.assembly_modes)
+        each = self.kernel.rates
+        self._room = np.empty(self.kernel.width * SLICE)
+        # Expected from the block before: then nothing has to be turned round later.
+        self._senses = [np.ones((modes, len(places.signed))) for places in each]
 
     @classmethod
     def of(
@@ -79,7 +87,7 @@ class RowsAtOnce:
         tracer = self.course.tracer
         if self.with_planes:
             return tracer.block
-        many = BYTES // (8 * self.kernel.width * len(tracer.assembly_modes))
+        many = BYTES // (8 * self.kernel.kept * len(tracer.assembly_modes))
         return max(1, min(many, MORE * tracer.block))
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
@@ -102,13 +110,17 @@ class RowsAtOnce:
     ) -> tuple[PoleField, ...]:
         """Return the poles of the motion found last, for each input that moves."""
         assert self._found is not None and self._found[0] is motion
-        _, columns, vouched = self._found
+        _, rates, vouched, steady = self._found
         self._found = None
-        each = zip(self.requests, columns.rates, memories, strict=False)
-        return tuple(
-            field_of_columns(motion, wanted, own, vouched, memory, self.with_planes)
-            for wanted, own, memory in each
-        )
+        each = zip(self.requests, rates, memories, self._senses, strict=False)
+        found = []
+        for (wanted, own, memory, senses), is_steady in zip(each, steady, strict=True):
+            field = field_of_columns(
+                motion, wanted, own, vouched, memory, self.with_planes, is_steady
+            )
+            senses[:] = _senses_at_end(motion, own, field)
+            found.append(field)
+        return tuple(found)
 
     def _predicted(self, start: int, stop: int) -> Floats:
         """Return variables (variables, modes, samples), NaN where none is predicted."""
@@ -122,20 +134,20 @@ class RowsAtOnce:
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
         values = predicted.reshape(len(predicted), modes * count)
-        raw = self.kernel(values)
-        columns = self.kernel.read(raw)
-        status = np.zeros(modes * count, dtype=np.int8)
-        rows = _Rows(samples, values, raw, status, columns.residual)
-        known = np.isfinite(values[0])
-        with np.errstate(invalid="ignore"):
-            open_ = np.flatnonzero(known & ~columns.closed)
-        if len(open_):
-            known[open_] = self._closed(rows, open_)
-        rest = np.flatnonzero(~known)
+        rows = Rows.of(self.kernel, values, self._room)
+        parts = [
+            (mode, slice(start, min(start + SLICE, (mode + 1) * count)))
+            for mode in range(modes)
+            for start in range(mode * count, (mode + 1) * count, SLICE)
+        ]
+        steady = rows.fill(parts, self._senses)
+        rest = np.flatnonzero(~rows.known)
         if len(rest):
-            self._with_care(rows, rest)
-        with np.errstate(invalid="ignore"):
-            vouched = columns.vouched & (status == Status.OK)
+            self._with_care(rows, samples, rest)
+        vouched = rows.vouched & (rows.status == Status.OK)
+        is_path = tracer.input_grid.is_path and len(tracer.inputs) == 1
+        if not (is_path and np.all(vouched)):
+            steady = [False] * len(steady)
         timing = course.timing
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
@@ -150,58 +162,42 @@ class RowsAtOnce:
             assembly_mode=np.repeat(numbers, count),
             inputs=np.tile(course.inputs[samples], (modes, 1)),
             values=values.T,
-            status=status,
+            status=rows.status,
             residual=rows.residual,
+            is_path=tracer.input_grid.is_path,
             timing=timing,
         )
-        off = columns.configuration_error
         doubtful = np.flatnonzero(~vouched)
         if len(doubtful):
-            off = off.copy()
-            off[doubtful] = motion.rows(doubtful).configuration_error
-        vars(motion)["configuration_error"] = off
-        self._found = motion, columns, vouched
+            rows.off[doubtful] = motion.rows(doubtful).configuration_error
+        vars(motion)["configuration_error"] = rows.off
+        self._found = motion, self.kernel.read(rows.columns), vouched, steady
         return motion
 
-    def _closed(self, rows: "_Rows", open_: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Take a step of Newton's method; return which rows that closes, near by."""
-        free = list(self.kernel.free)
-        before = rows.values[:, open_]
-        after = before.copy()
-        after[free] = self.kernel.closer(before)
-        step = np.max(np.abs(after - before), axis=0)
-        found = self.kernel(after)
-        with np.errstate(invalid="ignore"):
-            closed = self.kernel.read(found).closed & (step < SMALL_STEP)
-        rows.values[:, open_[closed]] = after[:, closed]
-        rows.columns[:, open_[closed]] = found[:, closed]
-        return np.asarray(closed)
-
-    def _with_care(self, rows: "_Rows", rest: NDArray[np.intp]) -> None:
+    def _with_care(
+        self, rows: Rows, samples: NDArray[np.intp], rest: NDArray[np.intp]
+    ) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
-        tracer, count = self.course.tracer, len(rows.samples)
-        rows.residual = rows.residual.copy()
+        tracer, count = self.course.tracer, len(samples)
+        residual = np.empty(len(rest))
         for number, mode in enumerate(tracer.assembly_modes):
-            own = rest[rest // count == number]
-            if not len(own):
+            own = rest // count == number
+            if not np.any(own):
                 continue
-            samples = rows.samples[own - number * count]
-            found = tracer.solver.evaluate(mode, tracer.input_grid.q[samples], samples)
-            rows.values[:, own] = found.values.T
-            rows.status[own], rows.residual[own] = found.status, found.residual
-        rows.columns[:, rest] = self.kernel(rows.values[:, rest])
+            at = rest[own]
+            wanted = samples[at - number * count]
+            found = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
+            rows.values[:, at] = found.values.T
+            rows.status[at], residual[own] = found.status, found.residual
+        rows.put(rest)
+        rows.residual[rest] = residual
 
 
-@final
-@dataclass
-class _Rows:
-    """The rows of some samples, mode after mode, while they are found.
-
-    `values` (variables, n), `columns` those of the kernel.
-    """
-
-    samples: NDArray[np.intp]
-    values: Floats
-    columns: Floats
-    status: NDArray[np.int8]
-    residual: Floats
+def _senses_at_end(motion: Motion, columns: RateColumns, field: PoleField) -> Floats:
+    """Return (modes, poles) the signs that directions without a sense have at the end."""
+    signed = [pole for pole, own in columns.poles.items() if own.is_signed]
+    made = np.ones((len(motion.assembly_modes), len(signed)))
+    for k, pole in enumerate(signed):
+        last = field.velocity_coefficient[pole][motion.samples - 1 :: motion.samples]
+        made[:, k] = np.where(last < 0.0, -1.0, 1.0)
+    return made

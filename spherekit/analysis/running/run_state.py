@@ -16,7 +16,7 @@ from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import TableData
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.continued import AngleMemory
-from spherekit.rates.field import SignMemory
+from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
 

@@ -1,6 +1,6 @@
 """What the summary says of all samples, counted block by block."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Self, final
 
 import numpy as np
@@ -10,7 +10,7 @@ from spherekit.analysis.contract import run_status
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.rates.field import PoleField
+from spherekit.rates.pole_field import PoleField
 from spherekit.sphere.rotation import Floats
 
 CODES = len(Status)
@@ -73,29 +73,27 @@ class RunStatistics:
     def add(self, tracer: Tracer, motion: Motion, fields: Sequence[PoleField]) -> None:
         """Count a block."""
         status = run_status(motion, fields)
-        for assembly_mode in np.unique(motion.assembly_mode):
-            counts = np.bincount(
-                status[motion.assembly_mode == assembly_mode], minlength=CODES
-            )
-            self._status[int(assembly_mode)] = counts + self._status.get(
-                int(assembly_mode), 0
-            )
+        for number, mode in enumerate(motion.assembly_modes):
+            own = status[number * motion.samples : (number + 1) * motion.samples]
+            counts = np.bincount(own, minlength=CODES)
+            self._status[mode.number] = counts + self._status.get(mode.number, 0)
         self._residual = _largest(self._residual, motion.residual)
-        self._off = _largest(
-            self._off, motion.configuration_error[motion.status == Status.OK]
-        )
+        held = motion.status == Status.OK
+        off = motion.configuration_error
+        self._off = _largest(self._off, off if np.all(held) else off[held])
         for found in fields:
             held = found.status == Status.OK
             good = slice(None) if np.all(held) else held
-            for codes in found.pole_status.values():
-                locked = len(fields) > 1 and np.all(codes[good] == Status.NO_POLE)
+            for codes, often in _counted_once(found.pole_status.values()):
+                counts = np.bincount(codes[good], minlength=CODES)
+                locked = len(fields) > 1 and counts[Status.NO_POLE] == np.sum(counts)
                 if not locked:  # links that other inputs hold together have none
-                    self._poles += np.bincount(codes[good], minlength=CODES)
-            for error in found.error.values():
+                    self._poles += often * counts
+            for error, _ in _counted_once(found.error.values()):
                 self._error = _largest(self._error, error[good])
-            for error in found.velocity_coefficient_error.values():
+            for error, _ in _counted_once(found.velocity_coefficient_error.values()):
                 self._rate = _largest(self._rate, error[good])
-            for error in found.acceleration_coefficient_error.values():
+            for error, _ in _counted_once(found.acceleration_coefficient_error.values()):
                 self._rate_dq = _largest(self._rate_dq, error[good])
             self._by_equations[0] += int(np.sum(found.by_equations))
             self._by_equations[1] += len(found.by_equations)
@@ -161,6 +159,17 @@ class RunStatistics:
 
 def _counts(counts: NDArray[np.int64]) -> dict[str, int]:
     return {code.name: int(counts[code]) for code in Status if counts[code]}
+
+
+def _counted_once(
+    arrays: Iterable[NDArray[Any]],
+) -> Iterable[tuple[NDArray[Any], int]]:
+    """Return arrays without those that are there again, and how often each is."""
+    found: dict[tuple[int, tuple[int, ...]], tuple[NDArray[Any], int]] = {}
+    for each in arrays:
+        key = each.__array_interface__["data"][0], each.strides
+        found[key] = each, found.get(key, (each, 0))[1] + 1
+    return found.values()
 
 
 def _largest(known: float | None, values: Floats) -> float | None:

@@ -42,7 +42,7 @@ from spherekit.motion.continued import TURN
 from spherekit.motion.motion import Motion
 from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.poles import Pole
-from spherekit.rates.field import PoleField
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 

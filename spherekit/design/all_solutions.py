@@ -1,0 +1,179 @@
+"""All solutions of the closure equations of one design, complex ones included.
+
+From those that are known, by loops in the space of designs and complex inputs: where a
+loop comes back, each solution has become one of the design's (monodromy; Sommese and
+Wampler, The Numerical Solution of Systems of Polynomials, 2005). Loops go on until none
+brings a new one; where elimination knows how many there are, until all are there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.design.sensitivity import sizes_of
+from spherekit.design.solution_paths import SAME, Way, apart, distinct, settled, tracked
+from spherekit.design.variables import DesignVariable, design_geometry, design_variable
+from spherekit.engine.design_kernel import DesignTerms
+from spherekit.engine.path_kernel import Numbers, PathKernel, path_kernel
+from spherekit.files.document import Document
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.assemblies import assemblies
+from spherekit.motion.assembly_modes import Solver
+from spherekit.sphere.rotation import Floats
+
+MOST_SOLUTIONS = 64
+"""Complex solutions up to which all of them are followed."""
+TOGETHER, ROUNDS, IN_VAIN = 16, 24, 4
+"""Loops that are gone round together, how often, and rounds without a new solution after
+which there are no more."""
+ASIDE = 0.5
+"""How far (rad) loops go off in each size."""
+NEARBY = 0.1
+"""How far (rad) in each size the design is from that of the file."""
+SEEDED = 5
+"""Inputs at which solutions to start from are looked for."""
+
+
+@final
+@dataclass(frozen=True)
+class StartSet:
+    """The solutions (variables, m) of a design with `sizes` (k,) at a complex input q.
+
+    `counted` says whether their number is known, and was found.
+    """
+
+    values: Numbers
+    sizes: Floats
+    q: complex
+    counted: bool
+
+
+def start_set(
+    kernel: PathKernel,
+    mechanism: Mechanism,
+    document: Document,
+    variables: Sequence[DesignVariable],
+) -> StartSet | None:
+    """Return all solutions of the mechanism of a file; None if they are not found.
+
+    Loops go through all sizes of the mechanism, whichever a kernel has as inputs.
+    """
+    (driven,) = mechanism.inputs
+    every = [design_variable(document, key) for key in sizes_of(mechanism)]
+    terms = DesignTerms.of(
+        mechanism,
+        driven.pair,
+        [variable.name for variable in every],
+        lambda numbers: design_geometry(every, numbers),
+        closed_form=False,
+    )
+    unit = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
+    own, of_every = (
+        unit * np.array([each.value for each in some]) for some in (variables, every)
+    )
+    structure, q = terms.structure, complex(0.5 * (driven.start + driven.stop), 0.7)
+    solver = Solver(structure.mechanism, structure.assembly)
+    inputs = np.linspace(driven.start, driven.stop, SEEDED + 2)[1:-1]
+    seeds, roots = _seeds(solver, inputs)
+    if not seeds.shape[1] or roots > MOST_SOLUTIONS:
+        return None
+    general = path_kernel(terms, compiled=False)
+    rng = np.random.default_rng(20)
+    base = of_every + rng.uniform(-NEARBY, NEARBY, len(every))
+    starts = seeds[general.driven].astype(complex)
+    known = _moved(general, seeds, (of_every, base), (starts, np.full_like(starts, q)))
+    found = _all(general, _joined(known[:, :0], known), base, q, roots, rng)
+    if found is None:
+        return None
+    there = np.full(found.shape[1], q)
+    values = _moved(general, found, (base, of_every), (there, there))
+    if values.shape != found.shape or not distinct(values[:, None])[0]:
+        return None
+    at_rest = np.repeat(own[:, None], values.shape[1], axis=1)
+    _, closed = settled(kernel, values, kernel.prepare(at_rest))
+    return StartSet(values, own, q, roots > 0) if np.all(closed) else None
+
+
+def _all(
+    kernel: PathKernel,
+    found: Numbers,
+    sizes: Floats,
+    q: complex,
+    roots: int,
+    rng: np.random.Generator,
+) -> Numbers | None:
+    """Return all solutions from some; None if too many, or not as many as known."""
+    in_vain = 0
+    for _ in range(ROUNDS):
+        if found.shape[1] == roots or (not roots and in_vain == IN_VAIN):
+            break
+        if found.shape[1] > MOST_SOLUTIONS:
+            return None
+        more = _joined(found, _around(kernel, found, sizes, q, rng))
+        in_vain = 0 if more.shape[1] > found.shape[1] else in_vain + 1
+        found = more
+    known = found.shape[1]
+    return found if known and known == (roots or known) else None
+
+
+def _seeds(solver: Solver, inputs: Floats) -> tuple[Floats, int]:
+    """Return solutions (variables, n) at some inputs, and how many complex ones there are.
+
+    0 where that is not known.
+    """
+    found, roots = [], 0
+    for q in inputs:
+        here = assemblies(solver, np.array([q]))
+        found += [values for _, values in here.modes]
+        counts = [method.roots if method else 0 for method in here.methods]
+        roots = max(roots, int(np.prod(counts)))
+    width = len(solver.mechanism.variable_owners)
+    return np.array(found).reshape(-1, width).T, roots
+
+
+def _around(
+    kernel: PathKernel,
+    values: Numbers,
+    sizes: Floats,
+    q: complex,
+    rng: np.random.Generator,
+) -> Numbers:
+    """Return where solutions come to along random triangles that return to a place."""
+    count = values.shape[1]
+    n = TOGETHER * count
+    corners = [(np.repeat(sizes[:, None], n, axis=1), np.full(n, q))]
+    for _ in range(2):
+        aside = rng.uniform(-ASIDE, ASIDE, (len(sizes), TOGETHER))
+        away = rng.uniform(-4.0, 4.0, TOGETHER) + 1j * rng.uniform(-1.5, 0.5, TOGETHER)
+        there = sizes[:, None] + np.repeat(aside, count, axis=1)
+        corners.append((there, q + np.repeat(away, count)))
+    now, arrived = np.tile(values, (1, TOGETHER)), np.ones(n, dtype=bool)
+    for one, other in zip(corners, corners[1:] + corners[:1], strict=True):
+        way = Way((one[0], other[0]), (one[1], other[1]))
+        now, reached = tracked(kernel, way, now)
+        arrived &= reached
+    return now[:, arrived]
+
+
+def _moved(
+    kernel: PathKernel,
+    values: Numbers,
+    sizes: tuple[Floats, Floats],
+    q: tuple[Numbers, Numbers],
+) -> Numbers:
+    """Return where solutions come to, those that do."""
+    n = values.shape[1]
+    one, other = (np.repeat(each[:, None], n, axis=1) for each in sizes)
+    made, arrived = tracked(kernel, Way((one, other), q), values)
+    return made[:, arrived]
+
+
+def _joined(known: Numbers, more: Numbers) -> Numbers:
+    """Return solutions with those of `more` that are new."""
+    kept = list(known.T)
+    for each in more.T:
+        if not kept or np.min(apart(np.array(kept).T, each[:, None])) > SAME:
+            kept.append(each)
+    return np.array(kept).reshape(-1, len(known)).T

@@ -1,0 +1,142 @@
+"""Descents of sizings by exact gradients."""
+
+from collections.abc import Sequence
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.design.conditions import Condition
+from spherekit.design.evaluate import DEG
+from spherekit.design.gradients import FigureGradients, with_derivatives
+from spherekit.design.sweep import Columns
+from spherekit.design.wanted import Sizing
+from spherekit.engine.arrays import ArrayFunction
+from spherekit.engine.design_kernel import row_quantities
+from spherekit.sphere.rotation import Floats
+
+STEPS = 200
+"""Most steps of a descent."""
+SLACK = 1e-9
+"""A condition that is missed by less, of its size, holds."""
+
+
+@final
+class Descent:
+    """Descents of a sizing in units of the ranges of its variables."""
+
+    def __init__(self, sizing: Sizing) -> None:
+        self.sizing = sizing
+        sweep = self.sweep = sizing.sweep
+        self.figures = FigureGradients(sweep.evaluator)
+        self.low = np.array([each.low for each in sweep.space.variations])
+        self.width = np.array([each.high for each in sweep.space.variations]) - self.low
+        self.objectives = [
+            with_derivatives(each, sizing.names) for each in sizing.objectives
+        ]
+        self.conditions = [
+            (each, self._slack(each))
+            for each in sweep.conditions
+            if "closes" not in each.names
+        ]
+        radians = DEG if sweep.angle == "deg" else 1.0
+        known = row_quantities(sweep.mechanism)
+        self.in_rad = np.array([radians if v.is_angle else 1.0 for v in sweep.variables])
+        units = [merit.unit(known) == "rad" for merit in sweep.merits]
+        self.figure_unit = np.where(units, radians, 1.0)
+        self._last: tuple[bytes, Any] | None = None
+
+    def _slack(self, condition: Condition) -> tuple[ArrayFunction, ArrayFunction]:
+        return tuple(  # type: ignore[return-value]
+            with_derivatives(each, self.sizing.names)
+            for each in (condition.left, condition.right)
+        )
+
+    def places(self, rows: Columns) -> Floats:
+        """Return where rows of a sweep are (n, variables), in units of the ranges."""
+        varied = [rows[variable.name] for variable in self.sweep.variables]
+        return np.asarray((np.stack(varied, axis=1) - self.low) / self.width)
+
+    def at(self, x: Floats, signs: Sequence[float]) -> tuple[Floats, Floats, float]:
+        """Return varied numbers and figures (k,), their gradients by x, what closes."""
+        key = x.tobytes() + np.array(signs).tobytes()
+        if self._last is None or self._last[0] != key:
+            values = self.low + self.width * x
+            found, slopes, closes = self.figures.at(values * self.in_rad, signs)
+            found = found / self.figure_unit
+            slopes = slopes * (self.in_rad * self.width) / self.figure_unit[:, None]
+            columns = np.concatenate([values, found])
+            gradient = np.concatenate([np.diag(self.width), slopes])
+            if self.sizing.matched:
+                names = self.sizing.names
+                rows = [names.index(name) for name in self.sizing.matched]
+                missed = columns[rows]
+                size = np.sqrt(np.mean(missed**2))
+                slope = np.mean(missed[:, None] * gradient[rows], axis=0)
+                columns = np.append(columns, size)
+                gradient = np.vstack([gradient, slope / max(size, 1e-300)])
+            self._last = key, (columns, gradient, closes)
+        made: tuple[Floats, Floats, float] = self._last[1]
+        return made
+
+    def value(
+        self, function: ArrayFunction, x: Floats, signs: Sequence[float]
+    ) -> tuple[float, Floats]:
+        """Return an expression of varied numbers and figures, and its gradient by x."""
+        columns, gradient, _ = self.at(x, signs)
+        found = function(columns[:, None])[:, 0]
+        return float(found[0]), found[1:] @ np.nan_to_num(gradient)
+
+    def wanted(self, x: Floats, signs: Sequence[float]) -> Floats:
+        """Return the objectives (k,)."""
+        return np.array([self.value(each, x, signs)[0] for each in self.objectives])
+
+    def go(self, x: Floats, signs: Sequence[float]) -> Floats:
+        """Return where a descent of the first objective from x ends.
+
+        The others may not grow (the epsilon-constraint method: Haimes, Lasdon and Wismer
+        1971).
+        """
+        from scipy.optimize import minimize
+
+        closes = self.at(x, signs)[2]
+        first, *others = self.objectives
+        bounds = self.wanted(x, signs)[1:]
+
+        def objective(y: Floats) -> tuple[float, Floats]:
+            value, slope = self.value(first, y, signs)
+            if not np.isfinite(value):
+                return 1e6, np.zeros_like(y)
+            return value, slope
+
+        def slack(y: Floats) -> Floats:
+            made = [self.at(y, signs)[2] - closes]
+            for each, (left, right) in self.conditions:
+                sense = 1.0 if each.sign.startswith("<") else -1.0
+                ends = [self.value(side, y, signs)[0] for side in (right, left)]
+                made.append(sense * (ends[0] - ends[1]))
+            for other, bound in zip(others, bounds, strict=True):
+                made.append(bound - self.value(other, y, signs)[0])
+            return np.asarray(np.nan_to_num(np.array(made), nan=-1e6))
+
+        def slopes(y: Floats) -> Floats:
+            made = [np.zeros_like(y)]
+            for each, (left, right) in self.conditions:
+                sense = 1.0 if each.sign.startswith("<") else -1.0
+                ends = [self.value(side, y, signs)[1] for side in (right, left)]
+                made.append(sense * (ends[0] - ends[1]))
+            made += [-self.value(other, y, signs)[1] for other in others]
+            return np.array(made)
+
+        found = minimize(  # type: ignore[call-overload]
+            objective,
+            x,
+            jac=True,
+            method="SLSQP",
+            bounds=[(0.0, 1.0)] * len(x),
+            constraints=[{"type": "ineq", "fun": slack, "jac": slopes}],
+            options={"maxiter": STEPS, "ftol": 1e-14},
+        )
+        ends: Floats = np.clip(found.x, 0.0, 1.0)
+        better = objective(ends)[0] <= objective(x)[0]
+        holds = bool(np.all(slack(ends) >= -SLACK * (1.0 + np.abs(slack(x)))))
+        return ends if better and holds else x

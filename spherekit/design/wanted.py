@@ -1,0 +1,99 @@
+"""What a sizing wants: objectives, conditions and precision points."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.design.sweep import Columns, Sweep
+from spherekit.errors import DesignError, ModelError
+from spherekit.model.expression import Expression, parse
+from spherekit.sphere.rotation import Floats
+
+Rows = NDArray[np.intp]
+
+MATCH = "match"
+"""The figure of precision points."""
+
+
+@final
+@dataclass(frozen=True)
+class Sizing:
+    """What sizes are wanted: objectives, and conditions, of figures of a sweep.
+
+    Attributes
+    ----------
+    sweep
+        The designs that are looked at first, their figures, and the conditions.
+    minimise
+        The objectives, expressions of figures and varied numbers.
+    matched
+        Names of the figures that precision points are missed by.
+    """
+
+    sweep: Sweep
+    minimise: tuple[str, ...]
+    matched: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        _ = self.objectives
+
+    @cached_property
+    def names(self) -> list[str]:
+        """What objective and conditions may be of."""
+        names = [variable.name for variable in self.sweep.variables]
+        names += [merit.name for merit in self.sweep.merits]
+        return [*names, MATCH] if self.matched else names
+
+    @cached_property
+    def objectives(self) -> tuple[Expression, ...]:
+        """The parsed objectives."""
+        try:
+            return tuple(parse(each, self.names) for each in self.minimise)
+        except ModelError as problem:
+            raise DesignError(f"minimise: {problem}") from None
+
+    def rows_of(self, columns: Columns) -> tuple[Columns, Floats]:
+        """Return the good rows of a sweep's columns, and their objectives (rows, k)."""
+        rows = self.with_match(columns)
+        found = self._worth(rows)
+        good = (rows["status"] == "OK") & np.all(np.isfinite(found), axis=1)
+        kept = {name: np.asarray(values)[good] for name, values in rows.items()}
+        return kept, found[good]
+
+    def with_match(self, columns: Columns) -> Columns:
+        """Return columns with the figure of the precision points, if there are some."""
+        if not self.matched:
+            return columns
+        missed = np.array([columns[name] for name in self.matched])
+        return {**columns, MATCH: np.sqrt(np.mean(missed * missed, axis=0))}
+
+    def missed(self, designs: Floats, mode: str) -> tuple[Rows, Floats, Floats]:
+        """Return which designs (variables, n) have a mode, and what they are worth in it.
+
+        Returns
+        -------
+        rows, objectives, missed
+            Numbers (m,) of designs, their objectives (m, k), and (m,) by how much the
+            conditions are missed in all, 0 where they hold.
+        """
+        columns = self.with_match(self.sweep.rows(designs, np.arange(designs.shape[1])))
+        here = (columns["mode"] == mode) & (columns["status"] == "OK")
+        own = {name: np.asarray(values)[here] for name, values in columns.items()}
+        found = self._worth(own)
+        missed = np.zeros(len(found))
+        for each in self.sweep.conditions:
+            missed += np.maximum(-np.nan_to_num(each.slack(own), nan=-np.inf), 0.0)
+        known = np.all(np.isfinite(found), axis=1)
+        return own["design"][known], found[known], missed[known]
+
+    def _worth(self, rows: Columns) -> Floats:
+        """Return the objectives (rows, k)."""
+        shape = rows["design"].shape
+        worth = [
+            each.evaluate({name: rows[name] for name in each.names})
+            for each in self.objectives
+        ]
+        return np.stack([np.broadcast_to(each, shape) for each in worth], axis=1)

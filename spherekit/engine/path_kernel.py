@@ -1,0 +1,107 @@
+"""The closure equations of designs at any input, real or complex.
+
+Sizes are real. The variables, the input among them, may be complex: the equations are
+analytic, and off the real axis their solutions neither meet nor vanish.
+"""
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.engine.algebra import cross, dot
+from spherekit.engine.arrays import ArrayFunction, array_function
+from spherekit.engine.compiler import CompiledFunction, available, compile_function
+from spherekit.engine.design_kernel import DesignTerms
+from spherekit.engine.expression_graph import hoisted
+from spherekit.engine.misfits import answers, misfits, openness, rates_by_input
+from spherekit.engine.pose import spin_vectors
+from spherekit.sphere.rotation import Floats
+
+Numbers = NDArray[Any]
+"""An array of real or complex numbers."""
+
+
+@final
+@dataclass(frozen=True)
+class At:
+    """Equations at n places: Newton's `step` and the `rates` by the input (variables, n).
+
+    `determinant` (n,) of the equations, `open` (n,) the square of how far loops are open.
+    """
+
+    step: Numbers
+    rates: Numbers
+    determinant: Numbers
+    open: Numbers
+
+
+@final
+@dataclass(frozen=True)
+class PathKernel:
+    """Newton's step and the rates of a topology whose sizes are inputs.
+
+    `prepare` takes the sizes (sizes, n) to what is the same at all samples of a design,
+    `real` and `complex` variables and these to `At`; `turning` to the triple products that
+    dyads are named by, `groups` has ``+`` for each of them and ``~`` for other groups.
+    """
+
+    variables: int
+    driven: int
+    prepare: ArrayFunction
+    real: ArrayFunction | CompiledFunction
+    complex: ArrayFunction
+    groups: str
+    turning: ArrayFunction
+
+    def labels(self, values: Floats, prepared: Floats) -> list[str]:
+        """Return the signs of dyads, ``~`` for other groups, at closed configurations."""
+        rows = np.concatenate([values, prepared])
+        signs = iter(np.where(self.turning(rows) >= 0.0, "+", "-"))
+        columns = [next(signs) if g == "+" else None for g in self.groups]
+        width = values.shape[1]
+        return [
+            "".join("~" if own is None else str(own[k]) for own in columns)
+            for k in range(width)
+        ]
+
+    def at(self, values: Numbers, prepared: Floats) -> At:
+        """Return what the equations are at values (variables, n) and prepared (k, n)."""
+        number = complex if np.iscomplexobj(values) else float
+        rows = np.empty((len(values) + len(prepared), values.shape[1]), dtype=number)
+        rows[: len(values)] = values
+        rows[len(values) :] = prepared
+        found = (self.complex if number is complex else self.real)(rows)
+        v = self.variables
+        return At(found[:v], found[v : 2 * v], found[2 * v], found[2 * v + 1])
+
+
+def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
+    """Return the kernel; `terms` are of variables, not of signs."""
+    structure, links, places = terms.structure, terms.links, terms.places
+    change = answers(structure, links, misfits(structure, links, places))
+    rates, determinant = rates_by_input(structure, links)
+    outputs = [*change, *rates, determinant, openness(structure, links, places)]
+    dyads = [group for group in structure.assembly.groups if group.is_dyad]
+    turning = []
+    for group in dyads:
+        axes = []
+        for pair in group.pairs:
+            (variable,) = structure.mechanism.variables_of(pair)
+            ((_, _, axis),) = spin_vectors(structure.pairs, links, variable)
+            axes.append(axis)
+        turning.append(dot(axes[0], cross(axes[1], axes[2])))
+    rows, fixed = hoisted([*outputs, *turning], places, "design_")
+    rows, turning = rows[: len(outputs)], rows[len(outputs) :]
+    inputs = [*places, *fixed]
+    make = compile_function if compiled and available() else array_function
+    return PathKernel(
+        len(places),
+        structure.driven,
+        array_function(list(fixed.values()), terms.sizes),
+        make(rows, inputs),
+        array_function(rows, inputs, complex),
+        "".join("+" if group.is_dyad else "~" for group in structure.assembly.groups),
+        array_function(turning, inputs),
+    )

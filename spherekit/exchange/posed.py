@@ -1,0 +1,74 @@
+"""The configuration in which a mechanism goes to a program that wants a pose."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from spherekit.conventions import counted, listing
+from spherekit.errors import SolveError
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Tracer
+from spherekit.sphere.rotation import Floats
+
+SAMPLES = 61
+"""Places on the way through the inputs' ranges where a configuration is looked for."""
+
+
+def posed(
+    mechanism: Mechanism,
+    input_pair: str | Sequence[str] | None = None,
+    assembly_mode: int = 0,
+    at: float | Sequence[float] | None = None,
+) -> tuple[Mechanism, Floats]:
+    """Return a mechanism with its inputs declared, and one configuration (variables,).
+
+    Parameters
+    ----------
+    at
+        The inputs (rad), by default the first sample on the way through their ranges at
+        which the assembly mode exists.
+
+    Raises
+    ------
+    SolveError
+        If there are not as many inputs as given, or the mode does not exist there.
+    """
+    if at is None:
+        tracer = Tracer(mechanism, input_pair, assembly_mode, samples=SAMPLES)
+        motion = tracer.motion()
+        good = np.flatnonzero(~motion.failed)
+        if not len(good):
+            raise SolveError(
+                f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
+                f"any of {len(motion)} samples of the inputs' ranges; give inputs, or "
+                "another assembly mode"
+            )
+        row, q = int(good[0]), motion.inputs[good[0]]
+    else:
+        q = np.atleast_1d(np.asarray(at, dtype=float))
+        if not np.all(np.isfinite(q)):
+            raise SolveError(f"export: at is {at}, it has to be finite numbers of rad")
+        tracer = Tracer(mechanism, input_pair, follow=False)
+        if len(q) != len(tracer.inputs):
+            raise SolveError(
+                f"{mechanism.name}: at has {counted(len(q), 'value')}, but the inputs are "
+                f"{listing(tracer.inputs)}: give one value for each"
+            )
+        several = len(q) > 1
+        tracer = Tracer(
+            mechanism, input_pair, assembly_mode, path=q[None] if several else None
+        )
+        motion, row = tracer.motion() if several else tracer.at(q), 0
+        if motion.failed[0]:
+            where = listing(
+                f"{pair} = {value:.6g} rad ({np.degrees(value):.6g} deg)"
+                for pair, value in zip(tracer.inputs, q, strict=True)
+            )
+            raise SolveError(
+                f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
+                f"{where}; give another input to be at"
+            )
+    values = motion.values[row].copy()
+    for pair, value in zip(tracer.inputs, q, strict=True):
+        values[tracer.mechanism.angles[pair]] = value
+    return tracer.mechanism, values

@@ -1,0 +1,155 @@
+"""Poles from what a kernel found of the rows, those in doubt with care."""
+
+from dataclasses import replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import Pole
+from spherekit.rates.columns import PoleColumns, RateColumns
+from spherekit.rates.field import add_locked, by_lines
+from spherekit.rates.lines import evaluate_lines
+from spherekit.rates.pole_field import PoleField
+from spherekit.rates.request import Request
+from spherekit.rates.signs import SignMemory, continuous_signs, steady_signs, turn_round
+from spherekit.sphere.rotation import Floats
+
+
+def field_of_columns(
+    motion: Motion,
+    wanted: Request,
+    columns: RateColumns,
+    vouched: NDArray[np.bool_],
+    memory: SignMemory,
+    with_planes: bool,
+    steady: bool,
+) -> PoleField:
+    """Return the requested poles of a motion from what a kernel found of its rows.
+
+    Rows that it does not vouch for (n,) are found by `evaluate`'s ``best``, and put in
+    their place; `columns` are written to. Great circles are drawn when they are read, or at
+    once, `with_planes`. `steady` says that all rows are vouched for, and no direction
+    reverses within an assembly mode.
+    """
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        if not np.all(vouched):
+            columns = columns.parted()
+        field = _field(motion, wanted, columns, vouched)
+        careful = None if np.all(vouched) else _with_care(field, motion, wanted, vouched)
+        for pole, own in columns.poles.items():
+            if not own.is_signed:
+                continue
+            if steady:
+                turn_round(own, steady_signs(motion, pole, own, memory))
+            else:
+                _go_on(motion, pole, own, careful, memory)
+    for pole in wanted.planes if with_planes else ():
+        _ = field.planes[pole]
+    return field
+
+
+def _field(
+    motion: Motion, wanted: Request, columns: RateColumns, vouched: NDArray[np.bool_]
+) -> PoleField:
+    """Return what columns say, with their signs, as views."""
+    n, each = len(motion), columns.poles.items()
+    field = PoleField(
+        direction={pole: own.direction.T for pole, own in each},
+        velocity_coefficient={pole: own.rate for pole, own in each},
+        acceleration_coefficient={pole: own.change for pole, own in each},
+        angle={pole: own.angle for pole, own in each},
+        error={pole: own.direction_error for pole, own in each},
+        velocity_coefficient_error={pole: own.rate_error for pole, own in each},
+        acceleration_coefficient_error={pole: own.change_error for pole, own in each},
+        planes=_PlanesWhenRead(wanted, motion),
+        w={link: values.T for link, values in columns.w.items()},
+        dw={link: values.T for link, values in columns.dw.items()},
+        status=motion.status,
+        pole_status=dict.fromkeys(columns.poles, motion.status),
+        by_equations=np.broadcast_to(False, n),
+        by_kernel=vouched,
+        loss=np.broadcast_to(0.0, n),
+        direction_dq={pole: own.turn.T for pole, own in each},
+    )
+    for pole in wanted.poles:
+        if pole not in columns.poles:
+            add_locked(field, motion, pole)
+            field.direction_dq[pole] = field.direction[pole]
+    return field
+
+
+def _with_care(
+    field: PoleField, motion: Motion, wanted: Request, vouched: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], PoleField]:
+    """Put rows in that are not vouched for, found with care; return them, and which."""
+    rest = np.flatnonzero(~vouched)
+    careful = by_lines(motion.rows(rest), replace(wanted, planes=frozenset()), "best")
+    turned = {pole: careful.turned(wanted.plan, pole) for pole in field.direction_dq}
+    given = replace(careful, direction_dq=turned)
+    for name in ("status", "by_equations", "loss"):
+        own = getattr(field, name).copy()
+        own[rest] = getattr(given, name)
+        object.__setattr__(field, name, own)
+    for pole, status in field.pole_status.items():
+        field.pole_status[pole] = status.copy()
+    for name in ROWS_OF_EACH:
+        new = getattr(given, name)
+        for key, values in getattr(field, name).items():
+            values[rest] = new[key]
+    return rest, careful
+
+
+ROWS_OF_EACH = (
+    "direction",
+    "velocity_coefficient",
+    "acceleration_coefficient",
+    "angle",
+    "error",
+    "velocity_coefficient_error",
+    "acceleration_coefficient_error",
+    "w",
+    "dw",
+    "pole_status",
+    "direction_dq",
+)
+"""The parts of a field that have arrays for each pole or link."""
+
+
+def _go_on(
+    motion: Motion,
+    pole: Pole,
+    columns: PoleColumns,
+    careful: tuple[NDArray[np.intp], PoleField] | None,
+    memory: SignMemory,
+) -> None:
+    """Give a direction, and what goes with it, the signs that continue, in place."""
+    i, j = pole
+    v, dv = columns.relative(slice(None))
+    if careful is not None:
+        rest, found = careful
+        v[:, rest] = (found.w[j] - found.w[i]).T
+        dv[:, rest] = (found.dw[j] - found.dw[i]).T
+    signs = continuous_signs(motion, columns.direction, columns.rate, v, dv, pole, memory)
+    for values in columns.with_sign:
+        values *= signs
+
+
+@final
+class _PlanesWhenRead(dict[Pole, Floats]):
+    """The great circles of poles, drawn when they are first read."""
+
+    def __init__(self, wanted: Request, motion: Motion) -> None:
+        super().__init__()
+        self._wanted, self._motion = wanted, motion
+
+    def __missing__(self, pole: Pole) -> Floats:
+        plan, motion = self._wanted.plan, self._motion
+        own = plan.pole(*pole)
+        self[pole] = np.full((len(motion), 2, 3), np.nan)
+        if pole in self._wanted.planes and own is not None:
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                lines = evaluate_lines(plan, motion, [own])
+            self[pole] = np.moveaxis(lines.planes[own], -1, 0)
+        return self[pole]

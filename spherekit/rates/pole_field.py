@@ -1,0 +1,80 @@
+"""Poles of a motion in which one input moves, in rows."""
+
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.numeric.rows import ArrayRows
+from spherekit.planning.poles import Plan, Pole
+from spherekit.rates.turning import carried_turn, carrier, turn_along
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class PoleField(ArrayRows):
+    """Requested poles of a motion in which one input moves; rows as in the motion.
+
+    NaN where the motion failed. Derivatives are by that input, the others held.
+
+    `direction[pole]` (n, 3) unit vector in ground axes, continuous along each assembly
+    mode and at its first sample on the side of the mechanism's axes (of a pair: its
+    axis); `rate[pole]` (n,): rate * direction is the angular velocity of the pole's
+    second link relative to its first per unit rate of the input;
+    `acceleration_coefficient[pole]` (n,) its derivative by the input (1/rad);
+    `angle[pole]` (n,) how far the angular velocities of its links are from cancelling:
+    |w_j - w_i| over |w_i| + |w_j|, 1 for the axes of pairs. `error[pole]` (n,) bound of
+    the direction's error (rad), `velocity_coefficient_error[pole]` and
+    `acceleration_coefficient_error[pole]` (n,) those of the two coefficients: of
+    rounding, and of what the configuration is off by. `planes[pole]` (n, 2, 3) unit
+    normals of those planes, for the poles asked for. `w[link]`, `dw[link]` (n, 3):
+    rates of links relative to the ground, per unit rate of the input, and their
+    derivatives. `direction_dq[pole]` (n, 3) is how directions turn, of the poles of
+    which a kernel says it. `loss` (n,): the part of the largest of them, or of 1, that
+    may be wrong. `status` (n,): the motion's, with AT_SINGULARITY where the rates are
+    not finite. `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED
+    where only this pole cannot be given. `by_equations` (n,): samples solved from the
+    velocity equations instead; `by_kernel` (n,): rows that a kernel vouches for.
+    """
+
+    direction: dict[Pole, Floats]
+    velocity_coefficient: dict[Pole, Floats]
+    acceleration_coefficient: dict[Pole, Floats]
+    angle: dict[Pole, Floats]
+    error: dict[Pole, Floats]
+    velocity_coefficient_error: dict[Pole, Floats]
+    acceleration_coefficient_error: dict[Pole, Floats]
+    planes: dict[Pole, Floats]
+    w: dict[int, Floats]
+    dw: dict[int, Floats]
+    status: NDArray[np.int8]
+    pole_status: dict[Pole, NDArray[np.int8]]
+    by_equations: NDArray[np.bool_]
+    by_kernel: NDArray[np.bool_]
+    loss: Floats
+    direction_dq: dict[Pole, Floats] = field(default_factory=dict)
+
+    def turned(self, plan: Plan, pole: Pole) -> Floats:
+        """Return (n, 3) how the direction of a pole of links turns by the input, 1/rad.
+
+        From w_j - w_i = r u and its derivative, so NaN where r is too small to know it; of
+        the axis of a pair, which its links carry, u' = w x u also where these stand still
+        relative to each other.
+        """
+        if pole in self.direction_dq:
+            return self.direction_dq[pole]
+        i, j = pole
+        unit, link = self.direction[pole], carrier(plan, pole)
+        if link is not None and link in self.w:
+            return carried_turn(unit, self.w[link])
+        return turn_along(
+            unit,
+            self.dw[j] - self.dw[i],
+            (self.velocity_coefficient[pole], self.acceleration_coefficient[pole]),
+            (
+                self.velocity_coefficient_error[pole],
+                self.acceleration_coefficient_error[pole],
+            ),
+        )

@@ -1,0 +1,198 @@
+"""Where the names of links and pairs stand on the sphere, so that none covers another."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.scene import Body
+from spherekit.sphere.rotation import from_quaternion
+from spherekit.view.sight import Sight
+
+Floats = NDArray[np.float64]
+
+HEIGHT = 1.09
+LINK_HEIGHT = 1.15
+ASIDE = np.array([0.07, 0.11, 0.16, 0.22, 0.3])
+"""Angles (rad) between an axis and its name, the nearest first."""
+TURNS = np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
+"""Ways from an axis to its name, from the one that leads away from the link's others."""
+ALONG = np.array([0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8])
+"""Parts of a link's longest arc at which its name may stand."""
+NEAR = np.cos(np.radians(4.0))
+"""Pairs of a link with axes closer than this have one name."""
+MOST_PICTURES = 60
+LETTER = 0.016
+"""Half the width of a letter as it is seen first, in radii of the sphere."""
+LINE = 0.045
+"""Half the height of a name."""
+DROP = 0.055
+"""The viewer writes a name so far below its place."""
+DOT = 0.03
+DOT_WEIGHT = 0.1
+"""What covering the axis of a pair costs; the name of one costs 1."""
+FARTHER = 0.005
+"""What the next of the places for a name costs, in parts of pictures in which it covers."""
+FIRST = 0.5
+"""What the first picture counts."""
+PASSES = 3
+
+
+_Taken = tuple[float, Floats, Floats]
+"""What covering a box costs; its middles (n, 2) on the pictures; half its sides (2,)."""
+
+
+@dataclass(frozen=True)
+class Name:
+    """A name, and its place (3,) in the axes of its link."""
+
+    words: str
+    place: Floats
+    of_pair: bool
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """A name that looks for its place among some (k, 3), the best first."""
+
+    link: str
+    words: str
+    places: Floats
+    seen: Floats
+    """The middles of its box on the pictures (n, k, 2)."""
+    of_pair: bool
+
+    @property
+    def half(self) -> Floats:
+        """Half the width and height of its box."""
+        return np.array([LETTER * (len(self.words) + 1), LINE])
+
+
+class Names:
+    """The names that a page shows: places of those given, which others keep off."""
+
+    def __init__(self, sight: Sight) -> None:
+        """Begin without names."""
+        self._sight = sight
+        self._given: set[str] = set()
+        self._taken: list[_Taken] = []
+
+    def copy(self) -> Self:
+        """Return the same names, to be added to."""
+        other = type(self)(self._sight)
+        other._given, other._taken = set(self._given), list(self._taken)
+        return other
+
+    def give(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
+        """Return the names of links by their paths, in one picture or more of them.
+
+        A name keeps its place in its link over all pictures: the one of a few that
+        covers others in the fewest of them, the first of which counts most; the
+        nearest of equals.
+        """
+        wanted: list[_Wanted] = []
+        for body, turn in zip(bodies, _rotations(bodies), strict=True):
+            for axis in body.joints:
+                dot = self._sight.seen(np.einsum("nij,j->ni", turn, axis))
+                self._taken.append((DOT_WEIGHT, dot, np.full(2, DOT)))
+            wanted += self._of_pairs(body, turn) + self._of_link(body, turn)
+        chosen = _apart(wanted, self._taken)
+        names: dict[str, list[Name]] = {body.path: [] for body in bodies}
+        for name, k in zip(wanted, chosen, strict=True):
+            self._taken.append((1.0, name.seen[:, k], name.half))
+            names[name.link].append(Name(name.words, name.places[k], name.of_pair))
+        return names
+
+    def _of_pairs(self, body: Body, turn: Floats) -> list[_Wanted]:
+        axes: list[Floats] = []
+        words: list[str] = []
+        for axis, label in zip(body.joints, body.joint_labels, strict=True):
+            if not label or label in self._given:
+                continue
+            self._given.add(label)
+            near = [k for k, other in enumerate(axes) if other @ axis > NEAR]
+            if near:
+                words[near[0]] += f", {label}"
+            else:
+                axes.append(axis)
+                words.append(label)
+        around = [HEIGHT * _around(axis, body.joints) for axis in axes]
+        return [
+            _Wanted(body.path, text, places, self._middles(turn, places), True)
+            for text, places in zip(words, around, strict=True)
+        ]
+
+    def _of_link(self, body: Body, turn: Floats) -> list[_Wanted]:
+        if not len(body.curves) or not body.label:
+            return []
+        longest = np.asarray(max(body.curves, key=_length))
+        at = np.round(ALONG * (len(longest) - 1)).astype(int)
+        places = LINK_HEIGHT * longest[at]
+        middles = self._middles(turn, places)
+        return [_Wanted(body.path, body.label, places, middles, False)]
+
+    def _middles(self, turn: Floats, places: Floats) -> Floats:
+        """Return where names at places (k, 3) of a link are on the pictures (n, k, 2)."""
+        seen = self._sight.seen(np.einsum("nij,kj->nki", turn, places))
+        return np.asarray(seen - np.array([0.0, DROP]))
+
+
+def _apart(wanted: Sequence[_Wanted], taken: list[_Taken]) -> list[int]:
+    """Return the numbers of the places of names, each the best where the others are."""
+    fixed = [
+        FARTHER * np.arange(len(name.places))
+        + sum((w * _covered(name, *box) for w, *box in taken), np.zeros(len(name.places)))
+        for name in wanted
+    ]
+    chosen: dict[int, int] = {}
+    widest_first = sorted(range(len(wanted)), key=lambda k: -len(wanted[k].words))
+    for _ in range(PASSES):
+        for k in widest_first:
+            cost = fixed[k]
+            for j, at in chosen.items():
+                if j != k:
+                    other = wanted[j]
+                    cost = cost + _covered(wanted[k], other.seen[:, at], other.half)
+            chosen[k] = int(np.argmin(cost))
+    return [chosen[k] for k in range(len(wanted))]
+
+
+def _covered(name: _Wanted, middles: Floats, half: Floats) -> Floats:
+    """Return in what part of the pictures a name covers a box, for each of its places."""
+    apart = np.abs(name.seen - middles[:, None])
+    covers = np.all(apart < name.half + half, axis=-1)
+    return np.asarray(FIRST * covers[0] + (1.0 - FIRST) * np.mean(covers, axis=0))
+
+
+def _rotations(bodies: Sequence[Body]) -> list[Floats]:
+    """Return the rotations (n, 3, 3) of links in the same few pictures; one if at rest."""
+    moving = [body.quaternions for body in bodies if body.quaternions is not None]
+    still = np.eye(3)[None]
+    good = np.flatnonzero(np.all([np.isfinite(q).all(axis=1) for q in moving], axis=0))
+    if not moving or not len(good):
+        return [still] * len(bodies)
+    few = good[np.linspace(0, len(good) - 1, MOST_PICTURES).astype(int)]
+    return [
+        still if body.quaternions is None else from_quaternion(body.quaternions[few])
+        for body in bodies
+    ]
+
+
+def _around(axis: Floats, joints: Floats) -> Floats:
+    """Return places (k, 3) beside an axis of a link, those away from its others first."""
+    away = -np.sum(joints, axis=0)
+    away = away - (away @ axis) * axis
+    size = float(np.linalg.norm(away))
+    if size < ASIDE[0]:
+        away = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        size = float(np.linalg.norm(away))
+    across = np.array([away / size, np.cross(axis, away / size)])
+    ways = np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1) @ across
+    far = ASIDE[:, None, None]
+    return np.reshape(np.cos(far) * axis + np.sin(far) * ways, (-1, 3))
+
+
+def _length(curve: Floats) -> float:
+    return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())

@@ -1,0 +1,239 @@
+"""MuJoCo models against MuJoCo itself: poses, forces and motion are what they should be."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.errors import ModelError, SolveError
+from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.posed import posed
+from spherekit.files.read import load
+from spherekit.files.write import dumps
+from spherekit.model.dynamics import Damper, Moment, PairTorque, PointForce, Spring
+from spherekit.model.geometry import geometry_of
+from spherekit.motion.closure import Closure
+
+mujoco = pytest.importorskip("mujoco")
+
+
+def started(text):
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def closed_at(mechanism, values, inputs):
+    """Return all links' rotations at other inputs, the loops closed from given values."""
+    held = [mechanism.angles[item.pair] for item in mechanism.inputs]
+    values = values.copy()
+    values[held] = inputs
+    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+    found = closure.solve(values[None], held)
+    assert found.residual[0] < 1e-12
+    return found.values[0], closure.at(found.values).placed[0]
+
+
+def apart(mechanism, data, placed):
+    return max(
+        np.max(np.abs(data.body(link).xmat.reshape(3, 3) - placed[k]))
+        for k, link in enumerate(mechanism.links)
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "at"),
+    [
+        ("two_dof_spm", [0.4, 0.3]),
+        ("three_rrr", None),
+        ("universal_joint", 0.5),
+        ("bevel_differential", [0.3, 0.2]),
+    ],
+)
+def test_the_pose_is_the_mechanisms_and_motors_sit_at_inputs_alone(name, at):
+    mechanism, values = posed(load(name), at=at)
+    model, data = started(mjcf(mechanism, values).text)
+    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+    assert apart(mechanism, data, closure.at(values[None]).placed[0]) < 1e-14
+    assert np.max(np.abs(data.efc_pos), initial=0.0) < 1e-14
+    motors = [model.actuator(k).name for k in range(model.nu)]
+    assert motors == [item.pair for item in mechanism.inputs]
+    seen = {model.geom_bodyid[k] for k in range(model.ngeom)}
+    assert seen >= {model.body(link).id for link in mechanism.links}
+
+
+def prescribed(text, inputs):
+    """Return a model whose inputs are held by constraints as stiff as its loops."""
+    hold = re.search(r'solref="[^"]*" solimp="[^"]*"', text)[0]
+    held = "".join(
+        f'<joint joint1="{pair}" polycoef="0 0 0 0 0" {hold}/>' for pair in inputs
+    )
+    return text.replace("</equality>", f"{held}</equality>")
+
+
+@pytest.mark.parametrize(
+    "name", ["four_bar", "stephenson", "five_bar", "bevel_differential"]
+)
+def test_a_motion_of_the_inputs_moves_all_links_as_in_spherekit(name):
+    mechanism, values = posed(load(name))
+    inputs = [item.pair for item in mechanism.inputs]
+    text = mjcf(mechanism, values).text
+    model, data = started(prescribed(text, inputs))
+    loops = model.neq - len(inputs)
+    worst = 0.0
+    here = values
+    for step in range(1000):
+        t = (step + 1) * model.opt.timestep
+        model.eq_data[loops:, 0] = [0.4 * np.sin(2 * t) ** 2, 0.2 * t**2][: len(inputs)]
+        mujoco.mj_step(model, data)
+        if step % 50 == 49:
+            mujoco.mj_forward(model, data)
+            q = [data.joint(pair).qpos[0] for pair in inputs]
+            here, placed = closed_at(mechanism, here, q)
+            worst = max(worst, apart(mechanism, data, placed))
+    assert np.ptp(data.qpos - model.qpos0) > 0.1
+    assert worst < 1e-7
+
+
+SPRUNG = (
+    Spring("coil", "32", 3.0, 0.2),
+    Spring("second_coil", "32", 4.0, -0.1),
+    Damper("damper", "43", 0.1),
+    PairTorque("brake", "41", "0.5 - 2*(theta_41 - 1)/4 - dtheta_41*3"),
+    PointForce("push", "3", (0.1, 0.2, 0.9), ("1", "-2", "3*2"), "ground"),
+    PointForce("jet", "4", (0.3, 0.2, 0.1), ("1", "2", "-1"), "link"),
+    Moment("twist", "2", ("0.1", "0.2", "0.3"), "ground"),
+    Moment("spin", "3", ("0.4", "-0.2", "0.1"), "link"),
+)
+
+
+def test_loads_have_the_power_that_they_say():
+    """At every pair a load acts, so that one of them is a hinge of a second body."""
+    made = replace(load("four_bar"), loads=SPRUNG)
+    mechanism, values = posed(made, at=0.7)
+    written = mjcf(mechanism, values)
+    assert not [note for note in written.notes if note.startswith("load")]
+    model, data = started(written.text)
+    rng = np.random.default_rng(5)
+    data.qvel[:] = rng.uniform(-1.0, 1.0, model.nv)
+    data.qpos += rng.uniform(-0.3, 0.3, model.nq)
+    mujoco.mj_forward(model, data)
+    power = data.qvel @ (data.qfrc_actuator + data.qfrc_passive)
+    theta = {pair: data.joint(pair).qpos[0] for pair in ("32", "43", "41")}
+    rate = {pair: data.joint(pair).qvel[0] for pair in theta}
+    wanted = (
+        -3.0 * (theta["32"] - 0.2) * rate["32"] - 4.0 * (theta["32"] + 0.1) * rate["32"]
+    )
+    wanted -= 0.1 * rate["43"] ** 2
+    wanted += (0.5 - 0.5 * (theta["41"] - 1.0) - 3.0 * rate["41"]) * rate["41"]
+
+    def turning(link):
+        found = np.zeros(6)
+        body = model.body(link).id
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found, 0)
+        return found[:3], data.body(link).xmat.reshape(3, 3)
+
+    (w, turn), (w4, turn4), (w2, _) = turning("3"), turning("4"), turning("2")
+    wanted += np.cross(w, turn @ [0.1, 0.2, 0.9]) @ [1.0, -2.0, 6.0]
+    wanted += np.cross(w4, turn4 @ [0.3, 0.2, 0.1]) @ (turn4 @ [1.0, 2.0, -1.0])
+    wanted += w2 @ [0.1, 0.2, 0.3] + w @ (turn @ [0.4, -0.2, 0.1])
+    assert power == pytest.approx(wanted, rel=1e-10)
+
+
+def test_second_bodies_share_the_inertia_of_their_link():
+    at_all = tuple(Damper(f"d{pair}", pair, 0.1) for pair in ("21", "32", "43", "41"))
+    plain, values = posed(replace(load("four_bar"), loads=()), at=0.7)
+    model, _ = started(mjcf(plain, values).text)
+    twinned, _ = started(mjcf(replace(plain, loads=at_all), values).text)
+    assert twinned.nv == model.nv + 1 and np.all(twinned.dof_damping == 0.1)
+    assert np.sum(twinned.body_mass) == pytest.approx(np.sum(model.body_mass), rel=1e-14)
+
+
+HELD = """
+[loads.motor]
+pair = "21"
+torque = "sin(t)"
+[loads.bearing]
+kind = "friction"
+pair = "32"
+torque = 0.2
+speed = 0.5
+viscous = 0.3
+[loads.profile]
+kind = "table"
+pair = "21"
+times = [0.0, 1.0]
+torques = [0.0, 1.0]
+[loads.cross]
+pair = "21"
+torque = "theta_41"
+[loads.swing]
+pair = "21"
+torque = "-sin(theta_21)"
+[stops.41]
+from = -90.0
+to = 90.0
+"""
+
+
+def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
+    path = tmp_path / "held.toml"
+    path.write_text(dumps(replace(load("four_bar"), loads=())) + HELD)
+    target = tmp_path / "m.xml"
+    assert main(["export", str(path), "--to", "mjcf", "-o", str(target)]) == 0
+    told, written = capsys.readouterr().err, target.read_text(encoding="utf-8")
+    for name, why in (
+        ("motor", "change in time"),
+        ("profile", "no tables in time"),
+        ("cross", "depends on other pairs"),
+        ("swing", "not constant"),
+    ):
+        (line,) = re.findall(rf"load {name} left out: .*", told)
+        assert why in line and f"load {name} left out" in written
+    assert "bearing left out" not in told and "load bearing: MuJoCo's dry friction" in told
+    assert "stops of 41 are MuJoCo's soft limits" in told
+    model, _ = started(written)
+    joint = model.joint("32")
+    assert joint.frictionloss[0] == 0.2 and joint.damping[0] == 0.3
+    assert model.joint("41").range == pytest.approx([-np.pi / 2, np.pi / 2])
+
+
+def test_a_mechanism_without_masses_is_held_by_servos():
+    mechanism, values = posed(load("stephenson"), at=0.5)
+    written = mjcf(mechanism, values)
+    assert "kinematics only" in written.notes[0]
+    model, data = started(written.text)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.ctrl[0] += 0.3
+    mujoco.mj_step(model, data, 1500)
+    assert data.joint("12").qpos[0] == pytest.approx(0.8, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("roller_cam", "sliding contact has none"),
+        ("two_contacts", "link 3 is held by contacts alone"),
+    ],
+)
+def test_contacts_without_a_ratio_are_refused(name, why):
+    mechanism = load(name)
+    with pytest.raises(ModelError, match=why):
+        mjcf(mechanism, np.zeros(len(mechanism.variable_names)))
+
+
+def test_poses_take_an_input_for_each_freedom(tmp_path):
+    target = tmp_path / "m.xml"
+    arguments = ["export", "five_bar", "--to", "mjcf", "-o", str(target), "--at=80,80"]
+    assert main(arguments) == 0
+    _, data = started(target.read_text())
+    found = [data.joint(pair).qpos[0] for pair in ("21", "51")]
+    assert found == pytest.approx(np.radians([80.0, 80.0]), abs=1e-15)
+    with pytest.raises(SolveError, match="at has 1 value, but the inputs are 21, 51"):
+        sk.export("five_bar", target, at=1.0)
+    with pytest.raises(SolveError, match="arcs cannot close"):
+        sk.export("five_bar", target, at=np.radians([80.0, 100.0]))
