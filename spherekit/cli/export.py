@@ -55,14 +55,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--poles",
         nargs="*",
         metavar="POLE",
-        help="model: only these poles, as 3/1 (default: all)",
+        help="model: only these poles, as 3/1 (default: all; of several inputs none)",
     )
     parser.add_argument(
         "--tol",
         type=float,
         metavar="T",
         help="model: error of every function, relative to its largest value (default: "
-        "1e-13)",
+        "1e-13, of several inputs 1e-11)",
     )
     parser.add_argument(
         "--at",

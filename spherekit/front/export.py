@@ -11,6 +11,7 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulate_grid import grid_model
 from spherekit.errors import OutputError
 from spherekit.exchange.mjcf import mjcf
 from spherekit.exchange.posed import posed
@@ -56,8 +57,9 @@ def export(
     input_pair, assembly_mode
         The driven pairs, by default the inputs of the mechanism, and the assembly mode.
     poles, tolerance
-        Of functions: only these poles (all by default), and their error relative to the
-        largest value of each, 1e-13 by default.
+        Of functions: only these poles (by default all, of several inputs none), and their
+        error relative to the largest value of each, 1e-13 (of several inputs 1e-11) by
+        default.
     at
         Of a MuJoCo model: the inputs (rad) of its pose, by default the first on the way
         through their ranges at which there is one.
@@ -105,26 +107,41 @@ def _functions(
     poles: Sequence[str] | None,
     tolerance: float | None,
 ) -> Exported:
-    model = online_model(
-        mechanism,
-        assembly_mode=assembly_mode,
-        poles=poles,
-        tolerance=1e-13 if tolerance is None else tolerance,
-    )
-    model.save(target)
-    heading = model.heading
     notes = []
     if mechanism.outputs:
         names = listing(output.name for output in mechanism.outputs)
         notes.append(f"outputs left out: {names}")
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
-    return Exported(
-        target,
-        f"{len(heading.functions)} functions of {heading.coordinate}, errors up to "
-        f"{model.error:.2g} of the largest value of each",
-        tuple(notes),
+    if len(mechanism.inputs) > 1:
+        grid = grid_model(
+            mechanism,
+            assembly_mode=assembly_mode,
+            poles=poles or (),
+            tolerance=1e-11 if tolerance is None else tolerance,
+        )
+        grid.save(target)
+        count, of = len(grid.heading.functions), listing(grid.heading.inputs)
+        error = grid.error
+        if grid.heading.covered < 1.0:
+            notes.append(
+                f"known in {grid.heading.covered:.3g} of the box of the inputs' ranges; "
+                "elsewhere the assembly mode does not exist or is near a singularity"
+            )
+    else:
+        model = online_model(
+            mechanism,
+            assembly_mode=assembly_mode,
+            poles=poles,
+            tolerance=1e-13 if tolerance is None else tolerance,
+        )
+        model.save(target)
+        count, of = len(model.heading.functions), model.heading.coordinate
+        error = model.error
+    holds = (
+        f"{count} functions of {of}, errors up to {error:.2g} of the largest value of each"
     )
+    return Exported(target, holds, tuple(notes))
 
 
 def _mujoco(
