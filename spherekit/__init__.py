@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from spherekit.errors import SpherekitError as SpherekitError
     from spherekit.exact.arithmetic import Digits as Digits
     from spherekit.exact.rows import exact_rows as exact_rows
+    from spherekit.exchange.coupling_files import load_coupling as load_coupling
+    from spherekit.exchange.coupling_made import coupling_table as coupling_table
+    from spherekit.exchange.imported import import_mechanism as import_mechanism
     from spherekit.files.build import build as build
     from spherekit.files.library import mechanisms as mechanisms
     from spherekit.files.read import load as load

@@ -21,7 +21,7 @@ PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
     ("errors", "conventions", "guarantee", "version", "progress"),
-    ("budget", "checked", "lazily", "markup"),
+    ("budget", "checked", "cores", "lazily", "markup"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),
@@ -72,6 +72,7 @@ HOME_OF = {
     "dask": {"design/cluster.py"},
     "flint": {"proof/balls.py"},
     "matplotlib": {"figures/sdk.py"},
+    "mujoco": {"exchange/mujoco_file.py"},
 }
 
 

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,11 +16,16 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.design.samples import DesignSamples
 from spherekit.design.sensitivity import sizes_of
-from spherekit.design.space import DesignSpace, between, variation
+from spherekit.design.space import DesignSpace, between, listed, variation
+from spherekit.design.sweep import run_sweep
 from spherekit.errors import AnalysisError, DesignError, FileError, OutputError
 from spherekit.files.change import document_of, number_path, with_numbers
+from spherekit.files.library import find
 from spherekit.files.read import read
+from spherekit.front.sweep import sweep_of
+from spherekit.model.study import Study
 from spherekit.plugin.designs import middle_pairs, row_quantities
 
 SAMPLES = 25
@@ -196,6 +202,72 @@ def test_designs_that_cannot_be_are_rows_with_their_reason():
     assert reasons[2] == "links.2.arc = 0: not between 0 and 180 deg"
     assert reasons[4].startswith("links.2.arc = 190")
     assert found[found["design"] == 1]["closes"].max() < 1.0
+
+
+ACTED = """
+[mass.3]
+mass = 2.0
+centre = [0.1, 0.3, 0.8]
+tensor_at_centre = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
+
+[loads.weight]
+kind = "gravity"
+acceleration = [0.0, -9.8, 1.0]
+
+[loads.back]
+kind = "spring"
+pair = "41"
+stiffness = 3.0
+rest = 20.0
+
+[loads.rub]
+kind = "friction"
+pair = "43"
+torque = 0.4
+viscous = 0.1
+speed = 30.0
+
+[loads.push]
+kind = "force"
+link = "4"
+point = [0.0, 0.2, 0.9]
+axes = "link"
+force = ["2*sin(theta_41)", "t**2", "-3"]
+"""
+
+
+def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
+    path = tmp_path / "acted.toml"
+    whole = find("four_bar").read_text()
+    path.write_text(whole[: whole.index("[mass.2]")] + ACTED)
+    vary = {
+        "mass.3.mass": [2.0, 5.0, -1.0],
+        "mass.3.centre.0": [0.1, 0.4],
+        "loads.weight.acceleration.1": [-9.8, 4.0],
+        "loads.back.rest": [20.0, -35.0],
+        "loads.rub.torque": [0.4],
+        "loads.push.point.1": [-0.5],
+        "links.4.arc": [42.0],
+    }
+    reduce = ["peak=max(abs(torque))", "mean=mean(torque)", "most=max(B)"]
+    sweep = sweep_of(path, DesignSpace.of([listed(*v) for v in vary.items()]), reduce)
+    sweep = replace(sweep, samples=DesignSamples.of(Study("", sweep.mechanism, samples=19)))
+    assert sweep.evaluator.kernel is not None
+    found = run_sweep(sweep).frame()
+    bad = found["mass_3_mass"] < 0.0
+    assert found["status"][bad].str.contains("mass").all() and sum(bad) == 8
+    document = document_of(path)
+    names = [key.replace(".", "_") for key in vary]
+    for _, row in found[~bad].iloc[::5].iterrows():
+        numbers = {
+            number_path(document, k): row[n] for k, n in zip(vary, names, strict=True)
+        }
+        run = sk.run(read(with_numbers(document, numbers)), "eksergian", samples=19)
+        table = run.frame("eksergian")
+        table = table[table["assembly_mode"] == (0 if row["mode"] == "+" else 1)]
+        assert row["peak"] == pytest.approx(table["tau"].abs().max(), rel=1e-9)
+        assert row["mean"] == pytest.approx(table["tau"].mean(), rel=1e-9)
+        assert row["most"] == pytest.approx(table["B"].max(), rel=1e-9)
 
 
 def test_masses_stated_by_sizes_follow_them(tmp_path):

@@ -22,6 +22,10 @@ EXAMPLES = (
         "at values of several inputs",
     ),
     (
+        "spherekit certify five_bar --figure map.png",
+        "two inputs: where over their ranges no mode is singular, proven, drawn",
+    ),
+    (
         "spherekit certify four_bar --tolerance 1e-9",
         "for every geometry whose sizes are off by at most 1e-9 rad",
     ),
@@ -56,6 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="another range of the only input, in the unit of the file",
     )
     parser.add_argument(
+        "--cell",
+        type=float,
+        metavar="RAD",
+        help="with several inputs: largest side of the cells judged, 0.01 by default",
+    )
+    parser.add_argument("--figure", metavar="FILE", help="with two inputs: draw their map")
+    parser.add_argument(
         "--input", action="append", metavar="PAIR", help="drive this pair instead"
     )
     parser.add_argument(
@@ -74,7 +85,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.files.document import parse, read_text
     from spherekit.files.library import find
     from spherekit.files.read import read
-    from spherekit.planning.inputs import driven_at
+    from spherekit.planning.inputs import driven_at, driven_pairs
     from spherekit.proof.written import Written
 
     path = find(options.file)
@@ -85,7 +96,15 @@ def execute(options: argparse.Namespace) -> int:
         raise AnalysisError("--at and --range are two questions; give one of them")
     if options.poles and not options.at:
         raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
-    if options.at:
+    several = len(driven_pairs(mechanism)) > 1 and not options.at
+    if (options.cell or options.figure) and not several:
+        raise AnalysisError(
+            "--cell and --figure are for ranges of several inputs; "
+            f"{mechanism.name} has {len(driven_pairs(mechanism))}, or --at is given"
+        )
+    if several:
+        made = _map(written, options)
+    elif options.at:
         made = _at(written, options.at, options.poles)
     else:
         made = _over(written, options.range)
@@ -192,11 +211,6 @@ def _over(written: Any, given: list[str] | None) -> Made:
 
     mechanism = written.mechanism
     driven = driven_pairs(mechanism)
-    if len(driven) != 1:
-        raise AnalysisError(
-            f"{mechanism.name} has {len(driven)} inputs; ranges are proven of one input: "
-            "give values of all with --at"
-        )
     ends = [_decimal("--range", end) for end in given] if given else None
     ends = ends or list(written.input_range(mechanism.pairs[driven[0]].name))
     if not float(ends[0]) < float(ends[1]):
@@ -208,6 +222,58 @@ def _over(written: Any, given: list[str] | None) -> Made:
     certificate = {**curves_certificate(curves), "singularities": singular_table(found)}
     complete = curves.claim.guarantee is Guarantee.CERTIFIED and not found.undecided
     return lines, certificate, complete
+
+
+MOST_INPUTS = 2
+
+
+def _map(written: Any, options: argparse.Namespace) -> Made:
+    """Return lines and certificate of boxes of two inputs, and draw them if asked."""
+    from spherekit.errors import AnalysisError
+    from spherekit.planning.inputs import driven_pairs
+    from spherekit.proof.certificate import map_certificate
+    from spherekit.proof.input_map import CELL, input_map
+
+    mechanism = written.mechanism
+    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    if len(names) > MOST_INPUTS or options.range:
+        raise AnalysisError(
+            f"{mechanism.name} has {len(names)} inputs; ranges are proven of one input, or "
+            "of two over those of the file: give values of all with --at"
+        )
+    cell = CELL if options.cell is None else options.cell
+    if not 1e-4 <= cell <= 1.0:
+        raise AnalysisError(f"--cell {cell} rad is no use; give one from 0.0001 to 1")
+    ends = [written.input_range(name) for name in names]
+    found = input_map(written, ends, cell)
+    lines = [f"{mechanism.name}: {found.claim}"]
+    lines += [
+        f"  {count} mode{'s' * (count != 1)} in {100 * share:.3f} % of the area"
+        for count, share in found.counts.items()
+    ]
+    if options.figure:
+        _draw(found, names, options.figure)
+        lines.append(f"  drawn in {options.figure}")
+    return lines, map_certificate(found), not found.share(2)
+
+
+def _draw(found: Any, names: list[str], path: str) -> None:
+    import numpy as np
+
+    from spherekit.figures import certified_map
+    from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED
+
+    centres, half = np.degrees(found.centres), np.degrees(found.radii)
+    counts = sorted(found.counts)
+    regular = found.kind == REGULAR
+    areas = {
+        str(n): (centres[regular & (found.modes == n)], half[regular & (found.modes == n)])
+        for n in counts
+    }
+    words = {CONTAINS: certified_map.CONTAINS, UNDECIDED: certified_map.UNDECIDED}
+    for kind, word in words.items():
+        areas[word] = centres[found.kind == kind], half[found.kind == kind]
+    certified_map.draw_certified_map(areas, counts, names).savefig(path)
 
 
 def _curve_lines(curves: Any, found: Any) -> list[str]:

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from spherekit.cli.study import add_lock_argument, with_locks
+from spherekit.cli.study import add_lock_argument, sample_counts, with_locks
 from spherekit.cli.suggest import mechanisms, pairs, suggesting
 from spherekit.errors import OutputError
 
@@ -16,6 +16,10 @@ EXAMPLES = (
     (
         "spherekit export four_bar --to mjcf --at 30",
         "a MuJoCo model, posed at 30 deg",
+    ),
+    (
+        "spherekit export four_bar --to coupling --pairs 41 -o four_bar.h",
+        "a table for a controller, in C",
     ),
 )
 
@@ -29,11 +33,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--to",
         required=True,
-        choices=("model", "mjcf"),
-        help="model: its functions for use without it (.npz); mjcf: a MuJoCo model",
+        choices=("model", "mjcf", "coupling"),
+        help="model: its functions for use without it (.npz); mjcf: a MuJoCo model; "
+        "coupling: a table for controllers (.csv, .npz or .h)",
     )
     parser.add_argument(
-        "-o", "--output", metavar="X", help="file to write (default: NAME.npz, NAME.xml)"
+        "-o",
+        "--output",
+        metavar="X",
+        help="file to write (default: NAME.npz, NAME.xml, NAME.csv)",
     )
     suggesting(
         parser.add_argument(
@@ -47,22 +55,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--assembly-mode",
         type=int,
-        default=0,
         metavar="N",
-        help="assembly mode (default: 0)",
+        help="assembly mode (default: 0; coupling: all)",
     )
     parser.add_argument(
         "--poles",
         nargs="*",
         metavar="POLE",
-        help="model: only these poles, as 3/1 (default: all; of several inputs none)",
+        help="model, coupling: only these poles, as 3/1 (default: all; coupling, and "
+        "model of several inputs: none)",
+    )
+    suggesting(
+        parser.add_argument(
+            "--pairs",
+            nargs="*",
+            metavar="PAIR",
+            help="coupling: only these passive pairs (default: all)",
+        ),
+        pairs,
+    )
+    parser.add_argument(
+        "--samples",
+        type=sample_counts,
+        metavar="N[xM...]",
+        help="coupling: nodes along each input (default: as many as --tol needs)",
     )
     parser.add_argument(
         "--tol",
         type=float,
         metavar="T",
         help="model: error of every function, relative to its largest value (default: "
-        "1e-13, of several inputs 1e-11)",
+        "1e-13, of several inputs 1e-11); coupling: error of angles, rad (default: 1e-6)",
     )
     parser.add_argument(
         "--at",
@@ -84,8 +107,16 @@ def numbers(text: str) -> tuple[float, ...]:
     return tuple(found)
 
 
-FLAGS = {"model": ("poles", "tol"), "mjcf": ("at",)}
-"""The flags that only one kind of export has."""
+FLAGS = {
+    "poles": ("model", "coupling"),
+    "tol": ("model", "coupling"),
+    "pairs": ("coupling",),
+    "samples": ("coupling",),
+    "at": ("mjcf",),
+}
+"""What flags belong to that not every kind of export has."""
+
+ENDINGS = {"model": (".npz",), "mjcf": (".xml",), "coupling": (".csv", ".npz", ".h")}
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -94,24 +125,28 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.files.read import angle_unit_of, load
     from spherekit.front.export import export
 
-    for kind, flags in FLAGS.items():
-        for flag in flags:
-            if kind != options.to and getattr(options, flag) is not None:
-                raise OutputError(f"--{flag} does nothing without --to {kind}")
-    suffix = {"model": ".npz", "mjcf": ".xml"}[options.to]
-    if options.output is not None and Path(options.output).suffix != suffix:
+    for flag, kinds in FLAGS.items():
+        if options.to not in kinds and getattr(options, flag) is not None:
+            raise OutputError(
+                f"--{flag} does nothing without --to {' or --to '.join(kinds)}"
+            )
+    endings = ENDINGS[options.to]
+    if options.output is not None and Path(options.output).suffix not in endings:
         raise OutputError(
-            f"{options.output}: --to {options.to} writes a file named *{suffix}; give it "
-            "that ending"
+            f"{options.output}: --to {options.to} writes a file named "
+            f"*{' or *'.join(endings)}; give it that ending"
         )
     mechanism = with_locks(load(options.file), options.lock, options.file)
     unit = angle_unit_of(options.file)
     made = export(
         mechanism,
-        options.output or str(Path(mechanism.name).with_suffix(suffix)),
+        options.output or f"{mechanism.name}{endings[0]}",
+        to=options.to,
         input_pair=options.input,
         assembly_mode=options.assembly_mode,
         poles=options.poles,
+        pairs=options.pairs,
+        samples=options.samples,
         tolerance=options.tol,
         at=options.at and tuple(to_radians(each, unit) for each in options.at),
     )

@@ -12,7 +12,14 @@ from spherekit.analysis.merit import Merit, Reducing
 from spherekit.design.all_solutions import StartSet, start_set
 from spherekit.design.followed_modes import followed_modes
 from spherekit.design.samples import DesignSamples
-from spherekit.design.variables import DesignVariable, design_geometry, designed
+from spherekit.design.variables import (
+    ACTIONS,
+    DesignVariable,
+    design_geometry,
+    designed,
+    with_actions,
+)
+from spherekit.engine.actions import Actions
 from spherekit.engine.design_kernel import (
     SAMPLE,
     DesignKernel,
@@ -40,6 +47,10 @@ PART, FOLLOWED, SINGLY = 16384, 256, 16
 COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 
 OK = "OK"
+UNLIKE = "its loads have another form"
+"""What sends a design to the analysis of the single one."""
+TRIED = (0.0173, -0.0311)
+"""Parts by which variables are changed to see which numbers follow them."""
 NEVER = "does not close at any sample"
 INERTIAL = ("B", "dB_dq", "torque")
 DEG = np.pi / 180.0
@@ -87,9 +98,9 @@ class Evaluator:
     """The figures of merit of designs of one topology.
 
     Sizes that kernels take are varied in one kernel for all designs: in closed form where
-    every group is a dyad, else with all solutions followed from design to design. Other
-    numbers, mechanisms in contact and designs of which a solution was lost are taken one by
-    one.
+    every group is a dyad, else with all solutions followed from design to design. Numbers
+    of masses and loads are inputs of the kernel too, read design by design. Mechanisms in
+    contact and designs of which a solution was lost are taken one by one.
     """
 
     def __init__(
@@ -111,14 +122,18 @@ class Evaluator:
         used = sorted({name for each in self.expressions for name in each.names})
         self.columns = [name for name in used if name not in SAMPLE]
         self._paths: tuple[PathKernel, StartSet] | None = None
+        self._acting = any(v.path[0] in ACTIONS for v in self.variables)
+        self.differing: tuple[int, ...] = ()
         self.kernel = self._kernel()
 
     def _kernel(self) -> DesignKernel | None:
         """Return the kernel of all designs, None where they have none."""
-        if any(variable.slot is None for variable in self.variables):
+        if any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
             return None
-        if set(self.columns) & set(INERTIAL) and self._masses_follow():
-            return None
+        self._following = bool(set(self.columns) & set(INERTIAL) and self._masses_follow())
+        if self._acting or self._following:
+            self._own = Actions.of(self.mechanism)
+            self.differing = self._differing()
         terms = self.terms()
         if terms.closed_form:
             return design_kernel(terms, self.columns)
@@ -139,7 +154,51 @@ class Evaluator:
             [variable.name for variable in self.variables],
             lambda numbers: design_geometry(self.variables, numbers),
             closed_form,
+            self.differing,
         )
+
+    def _differing(self) -> tuple[int, ...]:
+        """Return which numbers of masses and loads differ between designs."""
+        values = np.array([variable.value for variable in self.variables])
+        found: set[int] = set()
+        for share in TRIED:
+            tried = self._actions(values * (1.0 + share) + share)
+            if isinstance(tried, list):
+                both = zip(tried, self._own.numbers, strict=True)
+                found |= {k for k, (new, old) in enumerate(both) if new != old}
+        return tuple(sorted(found))
+
+    def _actions(self, values: Floats) -> list[float] | str:
+        """Return the numbers of masses and loads of a design (variables,), or a reason."""
+        document, numbers = self.document, list(values)
+        try:
+            if self._following:
+                made = designed(document, self.variables, numbers)
+            else:
+                made = with_actions(document, self.mechanism, self.variables, numbers)
+            actions = Actions.of(made)
+        except SpherekitError as problem:
+            return _reason(problem)
+        return actions.numbers if actions.form == self._own.form else UNLIKE
+
+    def _numbers(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
+        """Return the numbers (k, n) that differ, and why designs (variables, n) are none.
+
+        Of a design whose laws have another form, or other numbers than these, `UNLIKE`.
+        """
+        made = np.full((len(self.differing), values.shape[1]), np.nan)
+        why = np.full(values.shape[1], OK, dtype=object)
+        rest = np.setdiff1d(np.arange(len(self._own.numbers)), self.differing)
+        same = np.array(self._own.numbers)[rest]
+        for k, design in enumerate(values.T):
+            found = self._actions(design)
+            if isinstance(found, str):
+                why[k] = found
+            elif not np.array_equal(np.array(found)[rest], same):
+                why[k] = UNLIKE
+            else:
+                made[:, k] = np.array(found)[list(self.differing)]
+        return made, why
 
     def _masses_follow(self) -> bool:
         """Return whether the file states masses by sizes of links, which then follow."""
@@ -191,8 +250,17 @@ class Evaluator:
         assert self.kernel is not None
         sizes = self.radians(values)
         refused = self._refused(values, sizes)
+        parts = []
+        if self._acting or self._following:
+            numbers, why = self._numbers(values)
+            sizes = np.concatenate([sizes, numbers])
+            refused = np.where(refused == OK, why, refused)
+            unlike = np.flatnonzero(refused == UNLIKE)
+            found = self._one_by_one(values[:, unlike])
+            parts.append(replace(found, design=unlike[found.design]))
         possible = np.flatnonzero(refused == OK)
-        parts = [_without(np.flatnonzero(refused != OK), refused, self.merits)]
+        lacking = np.flatnonzero((refused != OK) & (refused != UNLIKE))
+        parts.append(_without(lacking, refused, self.merits))
         if len(possible) and self._paths is None:
             found = self._modes(self.kernel, sizes[:, possible])
             parts.append(replace(found, design=possible[found.design]))

@@ -106,7 +106,8 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
         If there is no kernel of the mechanism's designs.
     """
     sweep = sizing.sweep
-    if sweep.evaluator.kernel is None or not sweep.evaluator.kernel.closed_form:
+    evaluator = sweep.evaluator
+    if evaluator.differing or not (evaluator.kernel and evaluator.kernel.closed_form):
         raise DesignError(
             f"{sweep.mechanism.name}: sizing follows gradients by sizes of mechanisms "
             "whose groups are all dyads, with masses given by tensors; sweep it instead"

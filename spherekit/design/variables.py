@@ -1,7 +1,7 @@
 """What is varied: a number of a mechanism file, and where kernels take it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 from spherekit.conventions import listing
@@ -11,10 +11,14 @@ from spherekit.files.change import number_at, number_path, with_numbers
 from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
 from spherekit.files.read import read
+from spherekit.files.read_dynamics import DynamicsReader
 from spherekit.model.mechanism import Mechanism
 
 DESIGNED = ("links", "pairs", "mass", "loads")
 """Tables of a file whose numbers make a design."""
+
+ACTIONS = ("mass", "loads")
+"""Those that say nothing of where links are."""
 
 _GEOMETRY = ("arcs", "angles", "zeros", "values", "longitudes", "latitudes")
 
@@ -105,6 +109,25 @@ def designed(
     paths = [variable.path for variable in variables]
     numbers = dict(zip(paths, map(float, values), strict=True))
     return read(with_numbers(document, numbers))
+
+
+def with_actions(
+    document: Document,
+    mechanism: Mechanism,
+    variables: Sequence[DesignVariable],
+    values: Sequence[float],
+) -> Mechanism:
+    """Return a mechanism with the masses and loads of a design, its geometry its own.
+
+    Raises
+    ------
+    FileError, ModelError
+        If there are no such masses or loads.
+    """
+    chosen = [k for k, each in enumerate(variables) if each.path[0] in ACTIONS]
+    numbers = {variables[k].path: float(values[k]) for k in chosen}
+    reader = DynamicsReader(with_numbers(document, numbers), mechanism)
+    return replace(mechanism, masses=reader.masses(), loads=reader.loads())
 
 
 def check_variables(document: Document, variables: Sequence[DesignVariable]) -> None:

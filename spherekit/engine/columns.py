@@ -32,7 +32,7 @@ from spherekit.rates.request import Request
 from spherekit.rates.turning import TURN_KNOWN
 from spherekit.sphere.rotation import Floats
 
-LARGEST_ERROR = 1e-10
+LARGEST_ERROR = 1e-9
 """Rows in which a direction, or the derivative of a rate, may be off by more are not
 vouched for: norms alone say too little of them."""
 

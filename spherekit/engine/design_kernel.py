@@ -11,6 +11,7 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import listing, nearest
+from spherekit.engine.actions import Actions
 from spherekit.engine.algebra import (
     Exprs,
     SeriesExpressions,
@@ -31,9 +32,9 @@ from spherekit.engine.expression_graph import (
     symbols,
 )
 from spherekit.engine.frames import DesignGeometry
-from spherekit.engine.inertia import inertia, tensors
+from spherekit.engine.inertia import inertia
 from spherekit.engine.kinematics import RateExpressions, Structure
-from spherekit.engine.loads import LoadState, generalised_forces
+from spherekit.engine.loads import LoadState, forces_of
 from spherekit.engine.misfits import answers, misfit_rates, misfits
 from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
 from spherekit.engine.turns import turning_pairs
@@ -83,6 +84,8 @@ class DesignTerms:
     ----------
     structure
         The kinematics, with `sizes` for the numbers of the mechanism.
+    actions
+        Its masses and loads; numbers of these that differ are among the sizes too.
     sample, places
         The variables of `SAMPLE`, and the signs of dyads or the variables of pairs.
     links, dyads
@@ -90,6 +93,7 @@ class DesignTerms:
     """
 
     structure: Structure
+    actions: Actions
     sizes: tuple[ExpressionNode, ...]
     sample: tuple[ExpressionNode, ...]
     places: tuple[ExpressionNode, ...]
@@ -103,8 +107,11 @@ class DesignTerms:
         sizes: Sequence[str] = (),
         geometry: Geometry | None = None,
         closed_form: bool | None = None,
+        differing: Sequence[int] = (),
     ) -> "DesignTerms":
         """Return the terms of a mechanism; by default in closed form where there is one.
+
+        `differing` says which of the numbers of `Actions` are terms, after the sizes.
 
         Raises
         ------
@@ -125,9 +132,15 @@ class DesignTerms:
         else:
             places = symbols(mechanism.variable_names)
             links = place_by_variables(mechanism, structure.pairs, places)
+        actions = Actions.of(mechanism)
+        numbers: list[Expr] = list(actions.numbers)
+        more = symbols([f"number_{k}" for k in differing])
+        for k, term in zip(differing, more, strict=True):
+            numbers[k] = term
         return DesignTerms(
             structure,
-            sizes=tuple(terms),
+            actions.replaced(numbers),
+            sizes=(*terms, *more),
             sample=tuple(sample),
             places=tuple(places),
             links=tuple(links),
@@ -251,7 +264,7 @@ class RowQuantities:
     """The quantities of a row as expressions, each formed when it is asked for."""
 
     def __init__(self, terms: DesignTerms) -> None:
-        self.structure = terms.structure
+        self.structure, self.actions = terms.structure, terms.actions
         self.links = terms.links
         self.dyads = terms.dyads
         self.sample = terms.sample
@@ -352,7 +365,7 @@ class RowQuantities:
     def _inertia(self, name: str) -> Expr:
         flow = self._flow(0 if name == "B" else 1)
         scale = self._by_q(flow)
-        whole = inertia(flow, tensors(self.structure.mechanism))
+        whole = inertia(flow, self.actions.by_link(self.structure.mechanism))
         made = by_coordinate(whole * scale * scale, scale)
         if name != "torque":
             return made[0 if name == "B" else 1]
@@ -372,8 +385,8 @@ class RowQuantities:
             self._no_table,
         )
         force: Expr = 0.0
-        for load in mechanism.loads:
-            force = force + generalised_forces(load, state)[0]
+        for parts in self.actions.loads:
+            force = force + forces_of(parts, state)[0]
         return made[0] * ddq + 0.5 * made[1] * (dq * dq) - force * scale.coefficients[0]
 
     def _no_table(self, name: str) -> Expr:

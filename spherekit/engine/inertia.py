@@ -5,11 +5,14 @@ rate of the coordinate and I_j its tensor about the centre of the sphere (Di Gre
 2024, eq. 15). Here the coordinate is the homogeneous parameter p.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, SeriesExpressions
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.kinematics import RateExpressions
+from spherekit.engine.turns import Entries
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -22,10 +25,11 @@ def tensors(mechanism: Mechanism) -> dict[int, Floats]:
     }
 
 
-def inertia(flow: RateExpressions, by_link: dict[int, Floats]) -> SeriesExpressions:
+def inertia(flow: RateExpressions, by_link: Mapping[int, Entries]) -> SeriesExpressions:
     """Return the generalised inertia of a flow; `by_link` are the links' tensors."""
     # Entries near 0 are made exact zeros, so they need a size near one.
-    unit = max((float(np.max(np.abs(each))) for each in by_link.values()), default=0.0)
+    plain = [each for each in by_link.values() if each.dtype != object]
+    unit = max((float(np.max(np.abs(each))) for each in plain), default=1.0) or 1.0
     total: list[Expr] = [0.0] * (flow.order + 1)
     for link, tensor in by_link.items():
         if link == 0 or not np.any(tensor):

@@ -16,7 +16,14 @@ from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.expression_terms import BY_OPERATOR
 from spherekit.engine.kinematics import RateExpressions
 from spherekit.engine.pose import LinkOrientation
-from spherekit.model.dynamics import Called, Load, TorqueTable, Vector, expression_of
+from spherekit.model.dynamics import (
+    Called,
+    Component,
+    Load,
+    TorqueTable,
+    Vector,
+    expression_of,
+)
 from spherekit.model.expression import Expression, fold
 from spherekit.model.mechanism import Mechanism
 
@@ -109,9 +116,14 @@ class Switches:
 
 def generalised_forces(load: Load, moving: LoadState) -> list[Expr]:
     """Return the power of a load per unit rate of each coordinate."""
+    return forces_of(load.components(moving.mechanism), moving)
+
+
+def forces_of(parts: Sequence[Component], moving: LoadState) -> list[Expr]:
+    """Return the power of a load's components per unit rate of each coordinate."""
     totals: list[Expr] = [0.0] * len(moving.tau)
     on_links: dict[tuple[str, str, Vector | None], Exprs] = {}
-    for part in load.components(moving.mechanism):
+    for part in parts:
         magnitude = _magnitude(part.magnitude, moving)
         if part.pair:
             variable = moving.variable(part.pair)
@@ -150,6 +162,8 @@ def _moment(placed: LinkOrientation, axes: str, arm: Vector | None, along: Exprs
     if axes == "ground":
         if arm is None:
             return along
+        if not all(isinstance(each, float) for each in arm):
+            return cross(placed.direction(vector(list(arm))), along)
         size = float(np.linalg.norm(arm))
         return cross(placed.direction(np.array(arm) / size) * size, along)
     own = along if arm is None else cross(vector(list(arm)), along)

@@ -35,7 +35,7 @@ STIFF = 0.3
 IMPEDANCE = "0.9999 0.9999 1 0.5 2"
 """The largest that MuJoCo takes, at any distance."""
 
-THICKNESS = 1e-11
+THICKNESS = 1e-13
 """Part of its trace added to each moment of a tensor: for a thin arc two moments add up to
 the third, and MuJoCo refuses what rounding takes beyond that."""
 

@@ -6,11 +6,11 @@ try:
     from matplotlib import style
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import LineCollection
+    from matplotlib.collections import LineCollection, PatchCollection
     from matplotlib.colors import BoundaryNorm, Normalize
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Circle
+    from matplotlib.patches import Circle, Rectangle
     from matplotlib.patheffects import withStroke
     from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
     from matplotlib.tri import Triangulation
@@ -32,7 +32,9 @@ __all__ = [
     "MaxNLocator",
     "Normalize",
     "NullFormatter",
+    "PatchCollection",
     "Poly3DCollection",
+    "Rectangle",
     "ScalarMappable",
     "Triangulation",
     "style",

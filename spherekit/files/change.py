@@ -99,10 +99,14 @@ def number_at(document: Document, path: KeyPath) -> float:
 
 def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Document:
     """Return a document with other numbers at some paths."""
-    data = copy.deepcopy(dict(document.data))
+    data = dict(document.data)
+    own: set[KeyPath] = set()
     for path, number in numbers.items():
         place: Any = data
-        for step in path[:-1]:
+        for k, step in enumerate(path[:-1]):
+            if path[: k + 1] not in own:
+                place[step] = copy.copy(place[step])
+                own.add(path[: k + 1])
             place = place[step]
         place[path[-1]] = LiteralNumber(repr(float(number)))
     return replace(document, data=data)

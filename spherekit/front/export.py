@@ -1,18 +1,22 @@
-"""Mechanisms for other programs: stored functions, MuJoCo models, mechanism files."""
+"""Mechanisms for other programs: functions, tables, MuJoCo models, mechanism files."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import listing
+from spherekit.conventions import counted, listing
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulate_grid import grid_model
 from spherekit.errors import OutputError
+from spherekit.exchange.coupling import CouplingTable
+from spherekit.exchange.coupling_files import write_csv, write_npz
+from spherekit.exchange.coupling_header import header
+from spherekit.exchange.coupling_made import coupling_table
 from spherekit.exchange.mjcf import mjcf
 from spherekit.exchange.posed import posed
 from spherekit.files.atomic import write_text
@@ -21,7 +25,24 @@ from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_at
 
-SUFFIXES = (".npz", ".xml", ".toml")
+Kind = Literal["model", "mjcf", "coupling", "file"]
+
+SUFFIXES: Mapping[Kind, tuple[str, ...]] = {
+    "model": (".npz",),
+    "mjcf": (".xml",),
+    "file": (".toml",),
+    "coupling": (".csv", ".npz", ".h"),
+}
+"""Endings of files; without a kind the first that has the ending is meant."""
+
+OWN: Mapping[str, tuple[Kind, ...]] = {
+    "poles": ("model", "coupling"),
+    "tolerance": ("model", "coupling"),
+    "pairs": ("coupling",),
+    "samples": ("coupling",),
+    "at": ("mjcf",),
+}
+"""What each argument belongs to, of those that not every kind has."""
 
 
 @final
@@ -39,9 +60,12 @@ def export(
     mechanism: AnyMechanism,
     path: str | os.PathLike[str],
     *,
+    to: Kind | None = None,
     input_pair: str | Sequence[str] | None = None,
-    assembly_mode: int = 0,
+    assembly_mode: int | None = None,
     poles: Sequence[str] | None = None,
+    pairs: Sequence[str] | None = None,
+    samples: int | Sequence[int] | None = None,
     tolerance: float | None = None,
     at: float | Sequence[float] | None = None,
 ) -> Exported:
@@ -53,13 +77,22 @@ def export(
         The mechanism, the name of a shipped one, or the path of a file.
     path
         ``*.npz``: its functions, for use without it (see `load_reduced`); ``*.xml``: a
-        MuJoCo model; ``*.toml``: its file.
+        MuJoCo model; ``*.csv`` or ``*.h``: a coupling table for controllers, as C
+        with the function that reads it; ``*.toml``: its file.
+    to
+        What to write, where the ending leaves a choice: with ``"coupling"`` the archive
+        ``*.npz`` is a coupling table (see `load_coupling`).
     input_pair, assembly_mode
-        The driven pairs, by default the inputs of the mechanism, and the assembly mode.
+        The driven pairs, by default the inputs of the mechanism, and the assembly mode; by
+        default the first, of coupling tables all.
     poles, tolerance
-        Of functions: only these poles (by default all, of several inputs none), and their
-        error relative to the largest value of each, 1e-13 (of several inputs 1e-11) by
-        default.
+        Of functions and coupling tables: only these poles (functions of one input: all by
+        default, otherwise none), and the error allowed, of functions relative to the
+        largest value of each (1e-13, of several inputs 1e-11), of angles in tables in rad
+        (1e-6).
+    pairs, samples
+        Of coupling tables: only these passive pairs (all by default), and the nodes along
+        each input (by default as many as the error needs).
     at
         Of a MuJoCo model: the inputs (rad) of its pose, by default the first on the way
         through their ranges at which there is one.
@@ -78,26 +111,75 @@ def export(
     >>> model = sk.load_reduced(made.path)
     """
     target = Path(path)
-    if target.suffix not in SUFFIXES:
-        raise OutputError(
-            f"{target}: exported are files named *{', *'.join(SUFFIXES)}; give it one of "
-            "these endings"
+    kind = _kind(target, to)
+    given = {
+        "poles": poles,
+        "tolerance": tolerance,
+        "pairs": pairs,
+        "samples": samples,
+        "at": at,
+    }
+    for name, value in given.items():
+        if value is not None and kind not in OWN[name]:
+            of = " or ".join(OWN[name])
+            raise OutputError(f"export: {name} does nothing but for {of}; this is {kind}")
+    made = driven_at(mechanism_of(mechanism), input_pair)
+    mode = 0 if assembly_mode is None else assembly_mode
+    if kind == "model":
+        return _functions(made, target, mode, poles, tolerance)
+    if kind == "mjcf":
+        return _mujoco(made, target, mode, at)
+    if kind == "coupling":
+        table = coupling_table(
+            made,
+            assembly_mode=assembly_mode,
+            pairs=pairs,
+            poles=poles or (),
+            samples=samples,
+            tolerance=1e-6 if tolerance is None else tolerance,
         )
-    for name, value, suffix in (
-        ("poles", poles, ".npz"),
-        ("tolerance", tolerance, ".npz"),
-        ("at", at, ".xml"),
-    ):
-        if value is not None and target.suffix != suffix:
-            raise OutputError(f"export: {name} does nothing but for *{suffix}")
-    mechanism = mechanism_of(mechanism)
-    if target.suffix == ".npz":
-        made = driven_at(mechanism, input_pair)
-        return _functions(made, target, assembly_mode, poles, tolerance)
-    if target.suffix == ".xml":
-        return _mujoco(mechanism, target, input_pair, assembly_mode, at)
-    dump(driven_at(mechanism, input_pair), target)
+        return _coupling(table, target)
+    dump(made, target)
     return Exported(target, "a mechanism file")
+
+
+def _kind(target: Path, to: Kind | None) -> Kind:
+    """Return what is to be written to a file."""
+    if to is not None and to not in SUFFIXES:
+        raise OutputError(f'export: to is "{to}"; allowed: {listing(SUFFIXES)}')
+    for kind, suffixes in SUFFIXES.items():
+        if target.suffix in suffixes and to in (None, kind):
+            return kind
+    every = dict.fromkeys(each for suffixes in SUFFIXES.values() for each in suffixes)
+    allowed = every if to is None else SUFFIXES[to]
+    raise OutputError(
+        f"{target}: {to or 'exported'} files are named *{', *'.join(allowed)}; give it one "
+        "of these endings"
+    )
+
+
+def _coupling(table: CouplingTable, target: Path) -> Exported:
+    if target.suffix == ".npz":
+        write_npz(table, target)
+    elif target.suffix == ".csv":
+        write_csv(table, target)
+    else:
+        write_text(target, header(table))
+    sure, reached = np.sum(table.sure), np.sum(np.isfinite(table.error))
+    notes = []
+    if sure < reached:
+        notes.append(
+            f"{reached - sure} of {reached} cells with a mode in all corners are not sure "
+            f"to {table.tolerance:g} rad and are not read; more samples make more sure"
+        )
+    nodes = "x".join(map(str, table.count))
+    held = (
+        f"a coupling table of {counted(len(table.variables), 'variable')} on {nodes} nodes "
+        f"in assembly modes {listing(table.modes)}; "
+        f"errors measured: {table.angle_error:.2g} rad of angles, "
+        f"{table.coefficient_error:.2g} of coefficients"
+    )
+    return Exported(target, held, tuple(notes))
 
 
 def _functions(
@@ -147,11 +229,10 @@ def _functions(
 def _mujoco(
     mechanism: Mechanism,
     target: Path,
-    input_pair: str | Sequence[str] | None,
     assembly_mode: int,
     at: float | Sequence[float] | None,
 ) -> Exported:
-    made, values = posed(mechanism, input_pair, assembly_mode, at)
+    made, values = posed(mechanism, None, assembly_mode, at)
     where = listing(
         f"{item.pair} = {values[made.angles[item.pair]]:.6g} rad "
         f"({np.degrees(values[made.angles[item.pair]]):.6g} deg)"

@@ -7,6 +7,7 @@ from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import Ball, exact, middle, parts_of, upper
 from spherekit.proof.construction import Across, Construction
 from spherekit.proof.curves import CertifiedCurves
+from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED, InputMap
 from spherekit.proof.modes import CertifiedModes
 from spherekit.proof.poles import CertifiedPole
 from spherekit.proof.roots import Root
@@ -108,6 +109,31 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
                 ],
             }
             for chain, (stopped, _) in zip(curves.chains, curves.stopping, strict=True)
+        ],
+    }
+
+
+def map_certificate(found: InputMap) -> dict[str, Any]:
+    """Return the certificate of boxes of several inputs: what was proven of each."""
+    written, made = found.written, found.construction
+    names = [pair.name for pair in written.mechanism.pairs]
+    driven = [names[pair] for pair in made.pairs[made.unknowns :]]
+    kinds = {REGULAR: "regular", CONTAINS: "contains type II", UNDECIDED: "undecided"}
+    return {
+        **heading("modes over boxes", written.document.text or "", written.tolerance),
+        "inputs": dict(zip(driven, map(list, found.range_texts), strict=True)),
+        "construction": construction_table(written.mechanism, made),
+        "shares": {words: found.share(kind) for kind, words in kinds.items()},
+        "boxes": [
+            {
+                "centre_rad": centre.tolist(),
+                "half_rad": half.tolist(),
+                "is": kinds[int(kind)],
+                "modes": int(modes) if kind == REGULAR else None,
+            }
+            for centre, half, kind, modes in zip(
+                found.centres, found.radii, found.kind, found.modes, strict=True
+            )
         ],
     }
 

@@ -38,9 +38,12 @@ def eliminated(equations: FloatEquations, driven: Floats) -> Complexes | None:
         for number, (rows, unknowns) in enumerate(systems):
             grown = []
             for known in angles:
-                found = _solved(equations, driven, known, rows, unknowns, number > 0)
-                if found is None:
+                points = solved(equations, driven, known, rows, unknowns, number > 0)
+                if points is None:
                     return None
+                size = np.abs(points)
+                finite = np.all((size < FARTHEST) & (size > 1.0 / FARTHEST), axis=1)
+                found = -1j * np.log(points[finite])
                 further = np.repeat(known[None], len(found), axis=0)
                 further[:, unknowns] = found
                 grown.append(further)
@@ -77,25 +80,33 @@ def _system(
     return None
 
 
-def _solved(
+def solved(
     equations: FloatEquations,
-    driven: Floats,
+    driven: NDArray[Any],
     known: Complexes,
     rows: list[int],
     unknowns: list[int],
     may_be_complex: bool,
 ) -> Complexes | None:
-    """Return the solutions (n, unknowns) of one system."""
+    """Return e^(i angle) (n, unknowns) of the solutions of one system, infinite ones too.
+
+    `known` (unknowns,) are the angles of systems before; None if this one is too hard.
+    """
     degrees = equations.equations.construction.degrees[np.ix_(rows, unknowns)]
     largest = np.max(degrees, axis=0)
+    if len(rows) > MOST_AT_ONCE:
+        return None
     spectra = _spectra(equations, driven, known, rows, unknowns, largest)
     if len(rows) == 1:
-        return _angles(np.roots(_cut(spectra[0], degrees[0])[::-1]))[:, None]
+        points = np.roots(_cut(spectra[0], degrees[0])[::-1])
+        infinite = np.full(2 * int(degrees[0, 0]) - len(points), np.inf)
+        return np.concatenate([points, infinite]).astype(complex)[:, None]
     if len(rows) == 2:
         return _two(spectra, degrees)
     if may_be_complex or np.any(degrees > 1):
         return None
-    return _three(spectra, degrees > 0)
+    angles = _three(spectra, degrees > 0)
+    return None if angles is None else np.asarray(np.exp(1j * angles))
 
 
 def _spectra(
@@ -130,14 +141,8 @@ def _cut(spectrum: Complexes, degrees: NDArray[np.intp]) -> Complexes:
     ]
 
 
-def _angles(points: NDArray[Any]) -> Complexes:
-    size = np.abs(points)
-    points = points[(size < FARTHEST) & (size > 1.0 / FARTHEST)]
-    return np.asarray(-1j * np.log(points))
-
-
 def _two(spectra: Complexes, degrees: NDArray[np.intp]) -> Complexes:
-    """Return the solutions (n, 2) of two equations by Sylvester's matrix in the second."""
+    """Return e^(i angle) (n, 2) of two equations by Sylvester's matrix in the second."""
     from scipy.linalg import eig
 
     power = 2 * int(np.max(degrees[:, 0]))
@@ -157,20 +162,18 @@ def _two(spectra: Complexes, degrees: NDArray[np.intp]) -> Complexes:
     left[:-size] = np.eye(whole, k=size)[:-size]
     left[-size:] = -np.concatenate(list(sylvester[:-1]), axis=1)
     right[-size:, -size:] = sylvester[-1]
-    first, vectors = eig(left, right)
+    (over, under), vectors = eig(left, right, homogeneous_eigvals=True)
     powers = vectors[:size]
     # of the ratios of neighbouring powers those of the largest entries are best
     best = np.argmax(np.abs(powers[1:]) + np.abs(powers[:-1]), axis=0)
     columns = np.arange(whole)
     second = powers[1:][best, columns] / powers[:-1][best, columns]
-    points = np.stack([first, second], axis=1)
-    sizes = np.abs(points)
-    good = np.all((sizes < FARTHEST) & (sizes > 1.0 / FARTHEST), axis=1)
-    return np.asarray(-1j * np.log(points[good]))
+    points = np.stack([over / under, second], axis=1)
+    return np.asarray(points[~np.any(np.isnan(points), axis=1)])
 
 
 def _three(spectra: Complexes, involves: NDArray[np.bool_]) -> Complexes | None:
-    """Return the solutions (n, 3) of three equations of the first degree."""
+    """Return the angles (n, 3) of three equations of the first degree."""
     forms = spectra
     for axis in (1, 2, 3):
         if forms.shape[axis] == 1:

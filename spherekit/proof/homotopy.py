@@ -8,10 +8,10 @@ chapter 8), and the way from them to the equations of the mechanism avoids singu
 systems but for unlucky random numbers.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,11 +55,19 @@ class _Line:
 class _Way:
     """The equations at t = 0 and at t = 1, in coordinates w (n, unknowns)."""
 
-    def __init__(self, equations: FloatEquations, driven: Floats, seed: int) -> None:
+    def __init__(
+        self,
+        equations: FloatEquations,
+        rows: Sequence[int],
+        unknowns: Sequence[int],
+        given: NDArray[Any],
+        seed: int,
+    ) -> None:
         generator = np.random.default_rng(seed)
-        self.equations, self.driven = equations, driven
-        self.count = equations.equations.unknowns
-        degrees = equations.bounds.degrees[:, : self.count]
+        self.equations, self.rows, self.unknowns = equations, rows, list(unknowns)
+        self.given = given
+        self.count = len(unknowns)
+        degrees = equations.equations.construction.degrees[np.ix_(rows, unknowns)]
         self.degrees = degrees.astype(int)
         self.line = _Line.random(generator, self.count)
         self.factors = [
@@ -105,21 +113,22 @@ class _Way:
         top, bottom = self.line.place(w)
         z = top / bottom
         unknown = np.stack([0.5 * (z + 1 / z), -0.5j * (z - 1 / z)], axis=-1)
-        given = np.broadcast_to(self.driven, (len(w), *self.driven.shape))
-        jets = self.equations.at(np.concatenate([unknown, given], axis=1), 1)
+        turns = np.repeat(self.given[None].astype(complex), len(w), axis=0)
+        turns[:, self.unknowns] = unknown
+        jets = self.equations.at(turns, 1)
         slope = -1j * (self.line.a * self.line.d - self.line.b * self.line.c)
         both = top * bottom
         turning = slope / both
         logs = (self.line.a * bottom + self.line.c * top) / both
         values = np.empty((len(w), self.count), dtype=complex)
         first = np.zeros((len(w), self.count, self.count), dtype=complex)
-        for row, jet in enumerate(jets):
+        for row, jet in enumerate(jets[each] for each in self.rows):
             weight = np.prod(both ** self.degrees[row], axis=1)
             values[:, row] = jet[()] * weight
-            for column in range(self.count):
+            for column, variable in enumerate(self.unknowns):
                 change = values[:, row] * self.degrees[row, column] * logs[:, column]
-                if (column,) in jet:
-                    change = change + jet[(column,)] * turning[:, column] * weight
+                if (variable,) in jet:
+                    change = change + jet[(variable,)] * turning[:, column] * weight
                 first[:, row, column] = change
         return values, first
 
@@ -132,10 +141,10 @@ class _Way:
         first = one[..., None] * start_w + other[..., None] * goal_w
         return values, first, self.scale * goal - self.gamma * start
 
-    def angles(self, w: Complexes) -> Complexes:
-        """Return the unknown angles (n, k)."""
+    def points(self, w: Complexes) -> Complexes:
+        """Return e^(i angle) (n, k) of the unknown angles."""
         top, bottom = self.line.place(w)
-        return np.asarray(-1j * np.log(top / bottom))
+        return np.asarray(top / bottom)
 
 
 def modes_near(equations: FloatEquations, driven: Floats, seed: int) -> Complexes:
@@ -144,7 +153,26 @@ def modes_near(equations: FloatEquations, driven: Floats, seed: int) -> Complexe
     `driven` (inputs, 2) are the cosines and sines of the inputs. Some may be missing, and
     some may come twice.
     """
-    way = _Way(equations, driven, seed)
+    count = equations.equations.unknowns
+    every = list(range(count))
+    given = np.concatenate([np.zeros((count, 2)), driven])
+    with np.errstate(all="ignore"):
+        angles = -1j * np.log(points_near(equations, every, every, given, seed))
+    return np.asarray(angles[np.all(np.isfinite(angles), axis=1)])
+
+
+def points_near(
+    equations: FloatEquations,
+    rows: Sequence[int],
+    unknowns: Sequence[int],
+    given: NDArray[Any],
+    seed: int,
+) -> Complexes:
+    """Return e^(i angle) (n, unknowns) of the solutions of a system, infinite ones too.
+
+    `given` (variables, 2) are the cosines and sines of all other variables.
+    """
+    way = _Way(equations, rows, unknowns, given, seed)
     with np.errstate(all="ignore"):
         return _tracked(way)
 
@@ -176,8 +204,8 @@ def _tracked(way: _Way) -> Complexes:
         streak[failed] = 0
         lost[failed] = step[failed] < LEAST_STEP
     # a way that ends short of its goal leads to a double solution, or nearly
-    angles = way.angles(w[t > NEARLY])
-    return np.asarray(angles[np.all(np.isfinite(angles), axis=1)])
+    points = way.points(w[t > NEARLY])
+    return np.asarray(points[~np.any(np.isnan(points), axis=1)])
 
 
 def _predicted(way: _Way, w: Complexes, t: Floats, length: Floats) -> Complexes:

@@ -16,6 +16,7 @@ from spherekit.proof.balls import (
     circle,
     complex_ball,
     matrix,
+    middle,
     middle_of,
 )
 from spherekit.proof.construction import Construction, construct
@@ -28,6 +29,7 @@ from spherekit.proof.homotopy import SEEDS, Complexes, modes_near
 from spherekit.proof.jets import Jet
 from spherekit.proof.paving import Paved
 from spherekit.proof.roots import Root, root_near
+from spherekit.proof.systems import Systems
 from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
@@ -53,7 +55,8 @@ class CertifiedModes:
     `inputs` are the texts of the inputs in the unit of the file. `roots` are proven
     different from each other. They are all complex modes if there are `bound` of them.
     Else `left` has the boxes of all variables in which real modes may be that are not
-    among them. `precision` is the number of bits that they were proven in.
+    among them, or `by_systems` says that the real ones were counted system by system,
+    those at infinity included. `precision` is the number of bits that they were proven in.
     """
 
     written: Written
@@ -62,6 +65,7 @@ class CertifiedModes:
     roots: tuple[Root, ...]
     precision: int
     left: Paved | None = None
+    by_systems: bool = False
 
     @property
     def counted(self) -> bool:
@@ -81,7 +85,8 @@ class CertifiedModes:
     @property
     def complete(self) -> bool:
         """Whether it is proven that no real mode is missing."""
-        return self.counted or (self.left is not None and not len(self.left.centres))
+        excluded = self.left is not None and not len(self.left.centres)
+        return self.counted or self.by_systems or excluded
 
     @property
     def boxes(self) -> int:
@@ -109,6 +114,12 @@ class CertifiedModes:
                 f"bound, each alone in its ball; {rests}",
             )
         found = f"{len(self.real)} real modes, each alone in its ball"
+        if self.by_systems:
+            return Claim(
+                Guarantee.CERTIFIED,
+                f"{found}; all solutions of each system of equations proven, "
+                f"with those at infinity of at most {self.bound}; {rests}",
+            )
         if self.complete:
             return Claim(
                 Guarantee.CERTIFIED,
@@ -168,9 +179,9 @@ def certified_modes(
     near: list[Complexes] = []
     with bits(PRECISIONS[0]):
         search = _Search(written, made, inputs)
-        found = search.in_floats(near)
+        found, by_systems = search.in_floats(near)
     precision = FLOAT
-    for further in PRECISIONS if len(found) < made.bound else ():
+    for further in PRECISIONS if len(found) < made.bound and not by_systems else ():
         precision = further
         with bits(precision):
             search = _Search(written, made, inputs)
@@ -184,7 +195,7 @@ def certified_modes(
             break
     assert len(found) <= made.bound, "more roots were proven than there can be"
     left = None
-    if len(found) < made.bound:
+    if len(found) < made.bound and not by_systems:
         with bits(precision):
             equations = Equations(written, made)
             driven = [written.input_angle(text) for text in inputs]
@@ -192,7 +203,9 @@ def certified_modes(
             left = real.excluded()
             found = [*(root for root in found if not root.real), *real.roots]
     order = sorted(found, key=_place)
-    return CertifiedModes(written, made, tuple(inputs), tuple(order), precision, left)
+    return CertifiedModes(
+        written, made, tuple(inputs), tuple(order), precision, left, by_systems
+    )
 
 
 def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
@@ -234,8 +247,11 @@ class _Search:
         self.found: list[Root] = []
         self.lost = False
 
-    def in_floats(self, near: list[Complexes]) -> list[Root]:
-        """Return roots proven in float64; all approximations tried are put in `near`."""
+    def in_floats(self, near: list[Complexes]) -> tuple[list[Root], bool]:
+        """Return roots proven in float64, and whether the real ones are all by systems.
+
+        All approximations tried are put in `near`.
+        """
         floats, bound = self.equations.floats, self.equations.construction.bound
         found: list[Root] = []
         for seed in range(-1, SEEDS):
@@ -249,8 +265,19 @@ class _Search:
             near.append(made)
             found = float_roots(self.equations, self.driven, np.concatenate(near))
             if len(found) >= bound:
-                break
-        return found
+                return found, False
+            if self.real_by_systems == sum(root.real for root in found):
+                return found, True
+        return found, False
+
+    @cached_property
+    def real_by_systems(self) -> int:
+        """The number of real roots, counted with those at infinity; -1 if not proven."""
+        place = np.array([[middle(each) for each in self.driven]])
+        none = np.zeros_like(place)
+        hard = np.zeros(1, dtype=bool)
+        counted = Systems(self.equations).counted(place, self.turns[None], none, [{}], hard)
+        return int(counted.modes[0]) if counted.good[0] else -1
 
     def prove_again(self, roots: Sequence[Root]) -> None:
         """Prove roots once more, so that all are of this precision."""

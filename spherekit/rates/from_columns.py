@@ -83,14 +83,20 @@ def _field(
 def _with_care(
     field: PoleField, motion: Motion, wanted: Request, vouched: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], PoleField]:
-    """Put rows in that are not vouched for, found with care; return them, and which."""
-    rest = np.flatnonzero(~vouched)
+    """Put rows in that are not vouched for, found with care; return them, and which.
+
+    Rows of which nothing is known become NaN.
+    """
+    nothing = np.flatnonzero(motion.failed)
+    rest = np.flatnonzero(~vouched & ~motion.failed)
     careful = by_lines(motion.rows(rest), replace(wanted, planes=frozenset()), "best")
     turned = {pole: careful.turned(wanted.plan, pole) for pole in field.direction_dq}
     given = replace(careful, direction_dq=turned)
     for name in ("status", "by_equations", "loss"):
         own = getattr(field, name).copy()
         own[rest] = getattr(given, name)
+        if name == "loss":
+            own[nothing] = np.nan
         object.__setattr__(field, name, own)
     for pole, status in field.pole_status.items():
         field.pole_status[pole] = status.copy()
@@ -98,6 +104,8 @@ def _with_care(
         new = getattr(given, name)
         for key, values in getattr(field, name).items():
             values[rest] = new[key]
+            if name != "pole_status":
+                values[nothing] = np.nan
     return rest, careful
 
 

@@ -146,12 +146,15 @@ def _parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | No
         (modes, each), (samples, _) = (
             _once(block[column.name]) for column in (ASSEMBLY_MODE, SAMPLE)
         )
-        if len(modes) != len(samples) or np.any(np.diff(modes) < 0):
+        if len(modes) != len(samples):
             return None
-        edges = np.flatnonzero(np.diff(modes, prepend=-1, append=-1)).tolist()
+        changes = np.flatnonzero(modes[1:] != modes[:-1]) + 1
+        edges = [0, *changes.tolist(), len(modes)] if len(modes) else []
+        if np.any(np.diff(modes[edges[:-1]]) < 0):
+            return None
         for start, stop in itertools.pairwise(edges):
             own, mode = samples[start:stop], int(modes[start])
-            if np.any(np.diff(own) < 0) or own[0] < last.get(mode, own[0]):
+            if not np.all(own[1:] >= own[:-1]) or own[0] < last.get(mode, own[0]):
                 return None
             last[mode] = int(own[-1])
             parts.append((mode, number, slice(each * start, each * stop)))

@@ -68,7 +68,8 @@ class Evaluation:
             _ = self._kernel
         self.at_once: RowsAtOnce | None = None
         if (setting.engine, setting.route, setting.representation) == ORDINARY_WAY:
-            self.at_once = RowsAtOnce.of(course, self.requests, all_links)
+            ahead = not needs.tracer
+            self.at_once = RowsAtOnce.of(course, self.requests, all_links, ahead)
 
     def _functions(
         self, requests: Sequence[Request], all_links: bool

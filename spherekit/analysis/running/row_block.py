@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.running.in_turn import each_at_once
 from spherekit.engine.columns import RowKernel
 from spherekit.sphere.rotation import Floats
 
@@ -21,9 +22,29 @@ Part = tuple[int, slice]
 
 
 @final
+class Rooms:
+    """Memory for slices that are filled at the same time, used again and again."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._free: list[Floats] = []
+
+    def taken(self) -> Floats:
+        """Return memory that nobody else has."""
+        try:
+            return self._free.pop()
+        except IndexError:
+            return np.empty(self._size)
+
+    def given_back(self, room: Floats) -> None:
+        """Take memory back."""
+        self._free.append(room)
+
+
+@final
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a block while they are found, with room for the columns of a slice.
+    """The rows of a block while they are found, with room for the columns of slices.
 
     `values` (variables, n), `columns` those of the kernel that are kept. `known` (n,) says
     where the values close all loops, `vouched` (n,) where the kernel's numbers may be
@@ -37,10 +58,10 @@ class Rows:
     vouched: NDArray[np.bool_]
     off: Floats
     status: NDArray[np.int8]
-    room: Floats
+    rooms: "Rooms"
 
     @classmethod
-    def of(cls, kernel: RowKernel, values: Floats, room: Floats) -> "Rows":
+    def of(cls, kernel: RowKernel, values: Floats, rooms: "Rooms") -> "Rows":
         """Return the rows of values (variables, n), NaN where none is predicted."""
         n = values.shape[1]
         return cls(
@@ -51,7 +72,7 @@ class Rows:
             np.empty(n, dtype=bool),
             np.empty(n),
             np.zeros(n, dtype=np.int8),
-            room,
+            rooms,
         )
 
     @property
@@ -64,7 +85,7 @@ class Rows:
 
         `senses[input]` (modes, poles) are the signs that directions get.
         """
-        made = [self._fill(part, senses) for part in parts]
+        made = each_at_once(lambda part: self._fill(part, senses), parts)
         return [
             all(each[number] for each in made) and self._joins(number, parts)
             for number in range(len(senses))
@@ -95,7 +116,11 @@ class Rows:
         """Fill a slice; return for each input whether no direction reverses in it."""
         mode, rows = part
         kernel, values = self.kernel, np.ascontiguousarray(self.values[:, rows])
-        found = kernel(values, self._columns(kernel.width, values.shape[1]))
+        room = self.rooms.taken()
+        found = kernel(
+            values,
+            room[: kernel.width * values.shape[1]].reshape(kernel.width, values.shape[1]),
+        )
         known = kernel.closed(found)
         if not np.all(known):
             open_ = np.flatnonzero(~known & np.isfinite(values[0]))
@@ -116,10 +141,8 @@ class Rows:
             unit[0, :, 1:] += unit[1, :, 1:]
             unit[0, :, 1:] += unit[2, :, 1:]
             steady.append(not unit.size or bool(np.min(unit[0, :, 1:], initial=1.0) >= 0.0))
+        self.rooms.given_back(room)
         return steady
-
-    def _columns(self, count: int, n: int) -> Floats:
-        return self.room[: count * n].reshape(count, n)
 
     def _close(
         self, rows: slice, values: Floats, found: Floats, open_: NDArray[np.intp]

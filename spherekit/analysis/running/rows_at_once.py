@@ -12,7 +12,8 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.running.row_block import SLICE, Rows
+from spherekit.analysis.running.in_turn import in_turn
+from spherekit.analysis.running.row_block import SLICE, Rooms, Rows
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.columns import RowKernel, row_kernel
@@ -37,7 +38,7 @@ BYTES = 1 << 25
 MORE = 4
 """Blocks have so many times the rows of those without a kernel, at most."""
 
-_Found = tuple[Motion, Sequence[RateColumns], NDArray[np.bool_], Sequence[bool]]
+_Found = tuple[Sequence[RateColumns], NDArray[np.bool_], Sequence[bool]]
 
 
 @final
@@ -55,20 +56,29 @@ class RowsAtOnce:
     predictor: Predictor | None
     engine: Literal["numpy", "compiled"]
     with_planes: bool
+    looks_ahead: bool
 
     def __post_init__(self) -> None:
-        self._found: _Found | None = None
+        self._found: dict[int, _Found] = {}
         modes = len(self.course.tracer.assembly_modes)
         each = self.kernel.rates
-        self._room = np.empty(self.kernel.width * SLICE)
+        self._rooms = Rooms(self.kernel.width * SLICE)
         # Expected from the block before: then nothing has to be turned round later.
         self._senses = [np.ones((modes, len(places.signed))) for places in each]
 
     @classmethod
     def of(
-        cls, course: Sampling, requests: Sequence[Request], with_planes: bool
+        cls,
+        course: Sampling,
+        requests: Sequence[Request],
+        with_planes: bool,
+        looks_ahead: bool = False,
     ) -> "RowsAtOnce | None":
-        """Return it, None where rows are few or the terms do not hold."""
+        """Return it, None where rows are few or the terms do not hold.
+
+        Where it `looks_ahead`, a block is found while the one before is made use of; the
+        tracer is then for it alone.
+        """
         tracer = course.tracer
         rows = len(course) * len(tracer.assembly_modes)
         if course.simulation is not None or rows < FEWEST:
@@ -79,7 +89,8 @@ class RowsAtOnce:
         if made is None:
             return None
         predictor = Predictor.of(tracer)
-        return cls(course, tuple(requests), made, predictor, engine, with_planes)
+        wanted = tuple(requests)
+        return cls(course, wanted, made, predictor, engine, with_planes, looks_ahead)
 
     @property
     def block(self) -> int:
@@ -92,9 +103,13 @@ class RowsAtOnce:
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples."""
-        for start in range(first, len(self.course), size):
-            samples = np.arange(start, min(start + size, len(self.course)))
-            yield self._motion(samples, self._predicted(start, start + len(samples)))
+        whole = len(self.course)
+
+        def found(start: int) -> Motion:
+            samples = np.arange(start, min(start + size, whole))
+            return self._motion(samples, self._predicted(start, start + len(samples)))
+
+        yield from in_turn(found, range(first, whole, size), self.looks_ahead)
 
     def motion_at(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers."""
@@ -102,16 +117,14 @@ class RowsAtOnce:
         return self._motion(samples, np.concatenate(each, axis=2))
 
     def has_found(self, motion: Motion) -> bool:
-        """Return whether a motion is the one found last."""
-        return self._found is not None and self._found[0] is motion
+        """Return whether a motion is one that was found, whose poles were not asked."""
+        return id(motion) in self._found
 
     def fields(
         self, motion: Motion, memories: Sequence[SignMemory]
     ) -> tuple[PoleField, ...]:
-        """Return the poles of the motion found last, for each input that moves."""
-        assert self._found is not None and self._found[0] is motion
-        _, rates, vouched, steady = self._found
-        self._found = None
+        """Return the poles of a motion that was found, for each input that moves."""
+        rates, vouched, steady = self._found.pop(id(motion))
         each = zip(self.requests, rates, memories, self._senses, strict=False)
         found = []
         for (wanted, own, memory, senses), is_steady in zip(each, steady, strict=True):
@@ -134,13 +147,13 @@ class RowsAtOnce:
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
         values = predicted.reshape(len(predicted), modes * count)
-        rows = Rows.of(self.kernel, values, self._room)
+        rows = Rows.of(self.kernel, values, self._rooms)
         parts = [
             (mode, slice(start, min(start + SLICE, (mode + 1) * count)))
             for mode in range(modes)
             for start in range(mode * count, (mode + 1) * count, SLICE)
         ]
-        steady = rows.fill(parts, self._senses)
+        steady = rows.fill(parts, [senses.copy() for senses in self._senses])
         rest = np.flatnonzero(~rows.known)
         if len(rest):
             self._with_care(rows, samples, rest)
@@ -171,7 +184,7 @@ class RowsAtOnce:
         if len(doubtful):
             rows.off[doubtful] = motion.rows(doubtful).configuration_error
         vars(motion)["configuration_error"] = rows.off
-        self._found = motion, self.kernel.read(rows.columns), vouched, steady
+        self._found[id(motion)] = self.kernel.read(rows.columns), vouched, steady
         return motion
 
     def _with_care(

@@ -1,0 +1,35 @@
+"""Pieces of work done in turn, the next while the last is made use of."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from spherekit.cores import usable_cores
+
+Given = TypeVar("Given")
+Made = TypeVar("Made")
+
+
+def in_turn(
+    make: Callable[[Given], Made], items: Sequence[Given], ahead: bool
+) -> Iterator[Made]:
+    """Yield what is made of each item; one `ahead`, in a thread, with cores to spare."""
+    if not ahead or len(items) < 2 or usable_cores() < 2:
+        yield from map(make, items)
+        return
+    with ThreadPoolExecutor(1) as thread:
+        following = thread.submit(make, items[0])
+        for item in items[1:]:
+            made = following.result()
+            following = thread.submit(make, item)
+            yield made
+        yield following.result()
+
+
+def each_at_once(make: Callable[[Given], Made], items: Sequence[Given]) -> list[Made]:
+    """Return what is made of each item, on all cores."""
+    cores = min(usable_cores(), len(items))
+    if cores < 2:
+        return list(map(make, items))
+    with ThreadPoolExecutor(cores) as threads:
+        return list(threads.map(make, items))

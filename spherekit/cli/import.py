@@ -1,0 +1,48 @@
+"""`spherekit import`: a mechanism file from a MuJoCo model or a URDF."""
+
+import argparse
+import sys
+from pathlib import Path
+
+EXAMPLES = (
+    ("spherekit import wrist.xml -o wrist.toml", "a MuJoCo model as a mechanism file"),
+    ("spherekit import wrist.urdf --within 1e-4", "axes may miss the centre by 0.1 mm"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("file", metavar="FILE", help="an MJCF (.xml) or a URDF (.urdf)")
+    parser.add_argument(
+        "-o", "--output", metavar="X", help="file to write (default: FILE with .toml)"
+    )
+    parser.add_argument(
+        "--within",
+        type=float,
+        metavar="METRES",
+        help="how far axes may pass by their common point (default: 1e-6 of the size of "
+        "the model)",
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Write the file and say what it holds."""
+    from spherekit.conventions import counted, listing
+    from spherekit.errors import OutputError
+    from spherekit.exchange.imported import import_mechanism
+
+    target = Path(options.output or Path(options.file).with_suffix(".toml").name)
+    if target.suffix != ".toml":
+        raise OutputError(
+            f"{target}: mechanism files are named *.toml; give it that ending"
+        )
+    made = import_mechanism(options.file, within=options.within)
+    made.save(target)
+    if not options.quiet:
+        mechanism = made.mechanism
+        inputs = listing(item.pair for item in mechanism.inputs)
+        held = f"{counted(len(mechanism.links), 'link')}, "
+        held += f"{counted(len(mechanism.pairs), 'pair')}, inputs {inputs}"
+        for text in (held, *made.notes):
+            print(f"{target}: {text}", file=sys.stderr)
+    return 0

@@ -1,0 +1,134 @@
+"""Coupling tables as NumPy archives, CSV, and C headers."""
+
+import io
+import json
+import os
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherekit.checked import checked
+from spherekit.errors import FileError
+from spherekit.exchange.coupling import CouplingTable
+from spherekit.exchange.coupling_made import cells_of
+from spherekit.files.atomic import write_bytes, write_text
+from spherekit.sphere.rotation import Floats
+
+FORMAT = "spherekit coupling table"
+VERSION = 1
+
+WORDS = (
+    "mechanism",
+    "mechanism_sha256",
+    "made_by",
+    "inputs",
+    "variables",
+    "poles",
+    "modes",
+    "tolerance",
+    "coefficient_error",
+)
+"""What the heading of an archive says; the rest are arrays of their names."""
+
+
+def write_npz(table: CouplingTable, path: str | os.PathLike[str]) -> None:
+    """Write a table as a NumPy archive (.npz) that `load_coupling` reads.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    heading = {"format": FORMAT, "version": VERSION}
+    arrays: dict[str, Any] = {}
+    for item in fields(table):
+        value = getattr(table, item.name)
+        (heading if item.name in WORDS else arrays)[item.name] = value
+    stream = io.BytesIO()
+    np.savez_compressed(stream, header=np.array(json.dumps(heading)), **arrays)
+    write_bytes(path, stream.getvalue())
+
+
+@checked(FileError)
+def load_coupling(path: str | os.PathLike[str]) -> CouplingTable:
+    """Return a table that was written as a NumPy archive.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, or is no such table.
+    """
+    where = repr(str(path))
+    try:
+        with np.load(Path(path), allow_pickle=False) as archive:
+            if "header" not in archive:
+                raise FileError(f"{where}: is not a {FORMAT}")
+            heading = json.loads(str(archive["header"]))
+            if heading.get("format") != FORMAT or heading.get("version") != VERSION:
+                raise FileError(
+                    f"{where}: is not a {FORMAT} of version {VERSION}; write one with "
+                    "spherekit export --to coupling"
+                )
+            arrays = {name: archive[name] for name in archive.files if name != "header"}
+        words: dict[str, Any] = {
+            name: tuple(heading[name]) if isinstance(heading[name], list) else heading[name]
+            for name in WORDS
+        }
+        whole: dict[str, Any] = words | arrays
+        return CouplingTable(**whole)
+    except OSError as error:
+        raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise FileError(f"{where}: is not a complete {FORMAT} ({error})") from None
+
+
+def columns(table: CouplingTable) -> dict[str, Floats]:
+    """Return the columns (modes nodes,) of a table, mode after mode, by their names.
+
+    ``theta_41`` is in rad, ``theta_41_by_21`` its coefficient, ``theta_41_by_21_by_51`` in
+    1/rad the derivative of that by the second input; ``w_6_1_x_by_12`` a component of the
+    angular velocity of link 6 relative to link 1. `cell_error` (rad) is measured in the
+    cell that starts at the node.
+    """
+    modes, nodes = len(table.modes), len(table.nodes)
+    found: dict[str, Floats] = {"assembly_mode": np.repeat(table.modes, nodes)}
+    for k, name in enumerate(table.inputs):
+        found[f"q_{name}"] = np.tile(table.nodes[:, k], modes)
+
+    def put(name: str, values: Floats) -> None:
+        found[name] = values.reshape(modes * nodes)
+
+    for v, name in enumerate(table.variables):
+        put(name, table.angles[:, :, v])
+        for i, one in enumerate(table.inputs):
+            put(f"{name}_by_{one}", table.coefficients[:, :, v, i])
+        for i, one in enumerate(table.inputs):
+            for j, other in list(enumerate(table.inputs))[i:]:
+                put(f"{name}_by_{one}_by_{other}", table.derivatives[:, :, v, i, j])
+    for p, pole in enumerate(table.poles):
+        stem = f"w_{pole.replace('/', '_')}"
+        for i, one in enumerate(table.inputs):
+            for x, axis in enumerate("xyz"):
+                put(f"{stem}_{axis}_by_{one}", table.turning[:, :, p, i, x])
+    cells = cells_of(table)
+    padded = np.concatenate([table.error, np.full((modes, 1), np.nan)], axis=1)
+    put("cell_error", padded[:, cells])
+    return found
+
+
+def write_csv(table: CouplingTable, path: str | os.PathLike[str]) -> None:
+    """Write a table as CSV, see `columns`; places without a mode are empty.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    made = columns(table)
+    lines = [",".join(made)]
+    for row in zip(*(column.tolist() for column in made.values()), strict=True):
+        lines.append(",".join("" if x != x else repr(x) for x in row))
+    write_text(path, "\n".join([*lines, ""]))

@@ -1,0 +1,290 @@
+"""Making a coupling table: computed on a grid, measured between its nodes."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.checked import checked
+from spherekit.conventions import listing
+from spherekit.dynamics.kinematics import by_variables
+from spherekit.errors import SolveError
+from spherekit.exchange.continuous import continued_on_grid
+from spherekit.exchange.coupling import Coupled, CouplingTable
+from spherekit.files.read import AnyMechanism, mechanism_of
+from spherekit.files.write import mechanism_hash
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Tracer
+from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.poles import Pole, parse_pole
+from spherekit.progress import Working
+from spherekit.sphere.rotation import Floats
+from spherekit.version import __version__
+
+FIRST_NODES = (61, 13, 5)
+"""Nodes along each of one, two, and more inputs that are tried first."""
+
+PARTS, BETWEEN = 3, 1.3
+"""Errors are measured at the thirds of cells, and count by the second factor: remainders
+like x^2 (1 - x)^2 of angles and x (1/2 - x) (1 - x) of coefficients are so much larger in
+between."""
+
+MOST_NODES = 25_000
+"""Places at which modes are computed at most, unless more nodes are asked for."""
+
+ENOUGH = 0.98
+"""Part of the cells with a mode in all corners that are to be sure."""
+
+SAME = 1e-9
+"""What returns after a turn returns to this (rad)."""
+
+
+@checked(SolveError)
+def coupling_table(
+    mechanism: AnyMechanism,
+    *,
+    input_pair: str | Sequence[str] | None = None,
+    assembly_mode: int | None = None,
+    pairs: Sequence[str] | None = None,
+    poles: Iterable[str] = (),
+    samples: int | Sequence[int] | None = None,
+    tolerance: float = 1e-6,
+) -> CouplingTable:
+    """Return passive variables and coefficients on a grid of the inputs, for controllers.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, the name of a shipped one, or the path of a file.
+    input_pair
+        The driven pairs, by default the inputs of the mechanism.
+    assembly_mode
+        The only mode wanted; by default all.
+    pairs
+        The passive pairs wanted; by default all.
+    poles
+        Poles such as ``"4/1"`` whose angular velocities are wanted too.
+    samples
+        Nodes along each input, or one number for all; by default as many as make 98 % of
+        the cells sure, as far as 25 000 places in all suffice.
+    tolerance
+        Error of angles (rad) up to which a cell is sure.
+
+    Raises
+    ------
+    SolveError, PlanError, ModelError
+        If there is no such mode, pair or pole, or no cell is sure.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> table = sk.coupling_table("four_bar", assembly_mode=0, pairs=["41"])
+    >>> here = table.at(0.7)
+    >>> here.angles.shape, here.coefficients.shape
+    ((1, 1), (1, 1, 1))
+    """
+    mechanism = driven_at(mechanism_of(mechanism), input_pair)
+    inputs = [mechanism.pairs[k].name for k in driven_pairs(mechanism)]
+    mechanism = mechanism.with_inputs(*inputs)
+    if not 0.0 < tolerance < 1.0:
+        raise SolveError(f"coupling_table: tolerance is {tolerance} rad, needs 0 to 1")
+    chosen = _passive(mechanism, pairs)
+    wanted = tuple(parse_pole(mechanism, text) for text in poles)
+    given = samples is not None
+    counts = _counts(mechanism, samples)
+    working = Working("filling the table")
+    while True:
+        words = "x".join(map(str, counts))
+        working.tell(words.__str__)
+        table = _table(mechanism, assembly_mode, chosen, wanted, counts, tolerance)
+        reached = np.sum(np.isfinite(table.error))
+        finer = tuple(2 * count - 1 for count in counts)
+        refined = np.prod([PARTS * (count - 1) + 1 for count in finer])
+        if given or np.sum(table.sure) >= ENOUGH * reached or refined > MOST_NODES:
+            break
+        counts = finer
+    if not np.any(table.sure):
+        known = table.error[np.isfinite(table.error)]
+        best = f"the best is to {np.min(known):.2g}" if len(known) else "no mode is there"
+        raise SolveError(
+            f"{mechanism.name}: no cell of {'x'.join(map(str, counts))} nodes is sure to "
+            f"{tolerance:g} rad, {best}: ask for more samples, a larger tolerance, or "
+            "narrower ranges"
+        )
+    return table
+
+
+def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[int, ...]:
+    m = len(mechanism.inputs)
+    if samples is None:
+        return (FIRST_NODES[min(m, 3) - 1],) * m
+    counts = tuple(samples) if isinstance(samples, Sequence) else (samples,) * m
+    if len(counts) != m or min(counts) < 2:
+        raise SolveError(
+            f"{mechanism.name}: samples: {'x'.join(map(str, counts))}; needs a number of "
+            f"at least 2 for each input ({listing(item.pair for item in mechanism.inputs)})"
+        )
+    return counts
+
+
+def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> tuple[int, ...]:
+    """Return the numbers of the passive variables that are wanted."""
+    driven = {item.pair for item in mechanism.inputs}
+    named = [pair.name for pair in mechanism.pairs if pair.name not in driven]
+    if pairs is not None:
+        for name in pairs:
+            if mechanism.pair(name).name in driven:
+                raise SolveError(
+                    f"{mechanism.name}: pairs: {name} is an input; passive are "
+                    f"{listing(named)}"
+                )
+        named = list(dict.fromkeys(pairs))
+    return tuple(
+        v for name in named for v in mechanism.variables_of(mechanism.pair_number[name])
+    )
+
+
+def _table(
+    mechanism: Mechanism,
+    assembly_mode: int | None,
+    chosen: tuple[int, ...],
+    poles: tuple[Pole, ...],
+    counts: tuple[int, ...],
+    tolerance: float,
+) -> CouplingTable:
+    """Return the table of a grid, with errors from one of a third of its steps."""
+    fine = tuple(PARTS * (count - 1) + 1 for count in counts)
+    tracer = Tracer(
+        mechanism, None, assembly_mode, samples=fine if len(fine) > 1 else fine[0]
+    )
+    motion = tracer.motion()
+    k, m, n = len(chosen), len(counts), len(motion)
+    held = [mechanism.angles[pair] for pair in tracer.inputs]
+    good = np.flatnonzero(~motion.failed)
+    parts = by_variables(tracer.solver.closure, motion.values[good], held)
+
+    def spread(values: Floats) -> Floats:
+        found = np.full((n, *values.shape[1:]), np.nan)
+        found[good] = values
+        return found
+
+    columns = list(chosen)
+    angles = spread(parts.values[:, columns])
+    first = spread(np.swapaxes(parts.rates[:, :, columns], 1, 2))
+    second = spread(np.moveaxis(parts.second[:, :, :, columns], 3, 1))
+    low, high = [p[0] for p in poles], [p[1] for p in poles]
+    turning = spread(np.moveaxis(parts.w[:, :, high] - parts.w[:, :, low], 2, 1))
+    bent = spread(np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1))
+    usable = np.all(np.isfinite(first), axis=(1, 2))
+    usable &= np.all(np.isfinite(second), axis=(1, 2, 3))
+    angles[~usable] = np.nan
+    modes = [each.number for each in tracer.assembly_modes]
+    shape = (len(modes), motion.samples)
+    q = tracer.input_grid.q
+    angles = angles.reshape(*shape, k)
+    owned = [period for joint in motion.joints for period in joint.periods]
+    periods = np.array(owned)[columns]
+    by_mode = first.reshape(*shape, k, m)
+    by_pole = turning.reshape(*shape, len(poles), m, 3)
+    for number in range(len(modes)):
+        angles[number] = continued_on_grid(
+            angles[number], by_mode[number], q, fine, periods
+        )
+    even = np.ravel_multi_index(
+        np.meshgrid(*(np.arange(0, size, PARTS) for size in fine), indexing="ij"), fine
+    ).ravel()
+    start, stop = q[0], q[-1]
+    made = CouplingTable(
+        mechanism=mechanism.name,
+        mechanism_sha256=mechanism_hash(mechanism),
+        made_by=__version__,
+        inputs=tracer.inputs,
+        variables=tuple(mechanism.variable_names[v] for v in chosen),
+        poles=tuple(f"{mechanism.links[p[1]]}/{mechanism.links[p[0]]}" for p in poles),
+        modes=tuple(modes),
+        tolerance=tolerance,
+        start=start,
+        step=(stop - start) / (np.array(counts) - 1),
+        count=np.array(counts),
+        periodic=np.zeros(m, dtype=bool),
+        rise=np.zeros((len(modes), m, k)),
+        angles=angles[:, even],
+        coefficients=by_mode[:, even],
+        derivatives=second.reshape(*shape, k, m, m)[:, even],
+        turning=by_pole[:, even],
+        turning_derivatives=bent.reshape(*shape, len(poles), m, m, 3)[:, even],
+        error=np.zeros((len(modes), int(np.prod(np.array(counts) - 1)))),
+        sure=np.ones((len(modes), int(np.prod(np.array(counts) - 1))), dtype=bool),
+        coefficient_error=0.0,
+    )
+    made = _measured(made, Coupled(angles, by_mode, by_mode, by_pole), fine)
+    return _periodic(made, periods)
+
+
+def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> CouplingTable:
+    """Return the table with the errors of its cells.
+
+    `exact` has a mode in each row, and a grid of a third of the step.
+    """
+    cells = table.count - 1
+    places = np.array(list(product(range(PARTS + 1), repeat=len(fine))))
+    inner = places[np.any(places % PARTS != 0, axis=1)]
+    every = np.stack(
+        [x.ravel() for x in np.meshgrid(*map(np.arange, cells), indexing="ij")], axis=1
+    )
+    error = np.zeros_like(table.error)
+    slope = np.zeros_like(table.error)
+    for place in inner:
+        node = np.ravel_multi_index(tuple((PARTS * every + place).T), fine)
+        for number in range(len(table.modes)):
+            found = table._blended(
+                number, every, np.broadcast_to(place / PARTS, every.shape)
+            )
+            gap = np.abs(found.angles - exact.angles[number, node])
+            error[number] = np.maximum(error[number], np.max(gap, axis=1, initial=0.0))
+            for ours, theirs in (
+                (found.coefficients, exact.coefficients[number, node]),
+                (found.turning, exact.turning[number, node]),
+            ):
+                off = np.abs(ours - theirs).reshape(len(node), -1)
+                slope[number] = np.maximum(slope[number], np.max(off, axis=1, initial=0.0))
+    error, slope = BETWEEN * error, BETWEEN * slope
+    with np.errstate(invalid="ignore"):
+        sure = error <= table.tolerance
+    return replace(
+        table,
+        error=error,
+        sure=sure,
+        coefficient_error=float(np.max(slope[sure], initial=0.0)),
+    )
+
+
+def _periodic(table: CouplingTable, periods: Floats) -> CouplingTable:
+    """Return the table with the inputs after a turn of which all returns."""
+    shape = (len(table.modes), *table.count)
+    angles = table.angles.reshape(*shape, -1)
+    rates = table.coefficients.reshape(*shape, -1)
+    periodic, rise = table.periodic.copy(), table.rise.copy()
+    for axis, lap in enumerate(table.step * (table.count - 1)):
+        if abs(lap - 2.0 * np.pi) > SAME:
+            continue
+        ends = [np.take(angles, k, axis=1 + axis) for k in (0, -1)]
+        slopes = [np.take(rates, k, axis=1 + axis) for k in (0, -1)]
+        grown = (ends[1] - ends[0]).reshape(len(table.modes), -1, angles.shape[-1])
+        whole = np.where(np.isfinite(periods), periods, 1.0)
+        turns = np.round(grown[:, 0] / whole) * np.where(np.isfinite(periods), whole, 0.0)
+        same = np.max(np.abs(grown - turns[:, None]), initial=0.0) < SAME
+        if same and np.max(np.abs(slopes[1] - slopes[0]), initial=0.0) < SAME:
+            periodic[axis], rise[:, axis] = True, turns
+    return replace(table, periodic=periodic, rise=rise)
+
+
+def cells_of(table: CouplingTable) -> NDArray[np.int64]:
+    """Return for each node (nodes,) the cell that starts there, -1 at the last ones."""
+    places = np.stack(np.unravel_index(np.arange(len(table.nodes)), tuple(table.count)), 1)
+    inner = np.all(places < table.count - 1, axis=1)
+    found = np.full(len(places), -1, dtype=np.int64)
+    found[inner] = np.ravel_multi_index(tuple(places[inner].T), tuple(table.count - 1))
+    return found

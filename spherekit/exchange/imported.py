@@ -1,0 +1,110 @@
+"""Mechanism files from MJCF and URDF."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+from spherekit.checked import checked
+from spherekit.errors import FileError
+from spherekit.exchange.from_foreign import Tables, tables_of
+from spherekit.exchange.mujoco_file import read_foreign
+from spherekit.files.atomic import write_text
+from spherekit.files.check import FORMAT
+from spherekit.files.read import loads
+from spherekit.files.toml_text import assignment, tables
+from spherekit.model.changes import AngleUnit
+from spherekit.model.mechanism import Mechanism
+
+
+@final
+@dataclass(frozen=True)
+class Imported:
+    """A mechanism from another program's file.
+
+    `text` is its mechanism file, commented; `notes` say what was left out or changed.
+    """
+
+    mechanism: Mechanism
+    text: str
+    notes: tuple[str, ...]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the mechanism file.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written there.
+        """
+        write_text(path, self.text)
+
+
+@checked(FileError)
+def import_mechanism(
+    path: str | os.PathLike[str], *, within: float | None = None
+) -> Imported:
+    """Return the spherical mechanism that an MJCF or URDF file describes.
+
+    Hinges are pairs, and so is each point at which a loop is closed; bodies that are
+    welded are one link. Actuated joints are inputs. Springs, dampers, dry friction, limits,
+    gravity and constant actuators are loads and stops.
+
+    Parameters
+    ----------
+    path
+        The file, ``*.xml`` or ``*.urdf``; a URDF may close loops by ``<loop_joint>`` or
+        ``<loop>``.
+    within
+        Distance (m) by which axes may miss their common point, by default 1e-6 of the
+        size of the model.
+
+    Raises
+    ------
+    FileError
+        If MuJoCo (extra ``import``) is not installed or cannot read the file, its axes do
+        not meet in a point, or it has joints other than hinges.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> made = sk.export("four_bar", "four_bar.xml")
+    >>> again = sk.import_mechanism("four_bar.xml").mechanism
+    >>> again.links
+    ('1', '2', '3', '4')
+    """
+    where = Path(path)
+    if within is not None and not within >= 0.0:
+        raise FileError(f"{where}: within is {within}; it has to be a distance in m")
+    model = read_foreign(where)
+    name = _name(model.name, where)
+    units: tuple[AngleUnit, ...] = ("deg", "rad")
+    both = [(unit, tables_of(str(where), model, unit, within)) for unit in units]
+    texts = ["\n".join([*_lines(name, unit, found), ""]) for unit, found in both]
+    text = min(texts, key=len)
+    return Imported(loads(text, f"{where}: imported"), text, both[0][1].notes)
+
+
+def _name(text: str, where: Path) -> str:
+    clean = "".join(x if x.isascii() and (x.isalnum() or x == "_") else "_" for x in text)
+    return clean or where.stem
+
+
+def _lines(name: str, unit: AngleUnit, found: Tables) -> Iterator[str]:
+    for line in found.heading:
+        yield f"# {line}"
+    yield assignment("format", FORMAT)
+    yield assignment("name", name)
+    yield assignment("angle_unit", unit)
+    yield assignment("ground", next(iter(found.content["links"])))
+    for key, content in found.content.items():
+        if key == "source":
+            yield from tables((key,), content)
+            continue
+        for each, table in content.items():
+            blank, *rest = tables((key, each), table)
+            yield blank
+            if (key, each) in found.comments:
+                yield f"# {found.comments[key, each]}"
+            yield from rest

@@ -1,0 +1,383 @@
+"""All complex roots over boxes of the inputs, in charts without infinity.
+
+In z = e^(i angle) the equations are polynomials of degree 2 m in each unknown. Of z and
+1 / z one is at most 1, so that a root at infinity is a root like others, and all bounds
+are sums over coefficients. A root is proven for all inputs of a box at once: one and only
+one in a tube about z0 + z' (q - q0). Of a system that is solved after others, their
+angles are inputs too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.proof.balls import circle, exact, pi
+from spherekit.proof.equations import Equations
+from spherekit.proof.tubes import ROUNDING, UP
+from spherekit.sphere.rotation import Floats
+
+Complexes = NDArray[np.complex128]
+Bools = NDArray[np.bool_]
+WIDEST = 0.05
+"""Largest radius of a tube: the bounds of derivatives are for it."""
+MARGIN = 4.0
+NEWTON_STEPS = 8
+STILL = 1e-13
+
+
+@final
+@dataclass(frozen=True)
+class Polynomials:
+    """Coefficients of a system at m inputs, and of their derivatives by the inputs.
+
+    `values[i]` (m, 2 m_i1 + 1, ...) and `slopes[i]` (m, inputs, ...) have the coefficients
+    of the powers of z, each off by at most `error[i]`. All derivatives of an equation by
+    angles are at most `constant[i]` times products of `degrees` (k, variables), the
+    unknowns first.
+    """
+
+    values: tuple[Complexes, ...]
+    slopes: tuple[Complexes, ...]
+    error: Floats
+    constant: Floats
+    degrees: NDArray[np.intp]
+
+    @staticmethod
+    def at(
+        equations: Equations,
+        rows: Sequence[int],
+        unknowns: Sequence[int],
+        given: NDArray[Any],
+    ) -> "Polynomials":
+        """Return those of equations `rows` in `unknowns`.
+
+        `given` (m, inputs, 2) are the cosines and sines, each rounded once, of all other
+        variables, in order.
+        """
+        made, floats = equations.construction, equations.floats
+        others = [v for v in range(equations.variables) if v not in unknowns]
+        m, inputs = given.shape[:2]
+        values, slopes = [], []
+        largest = np.zeros(len(rows))
+        for place, row in enumerate(rows):
+            sizes = tuple(int(2 * made.degrees[row, v] + 1) for v in unknowns)
+            turns = _grid(sizes)
+            whole = np.empty((m * len(turns), equations.variables, 2), dtype=given.dtype)
+            whole[:, unknowns] = np.tile(turns, (m, 1, 1))
+            whole[:, others] = np.repeat(given, len(turns), axis=0)
+            jet = floats.at(whole, 1)[row]
+            entries = [jet[()]]
+            for column in others:
+                entries.append(jet.get((column,), np.zeros_like(jet[()])))
+            stacked = np.stack(entries).reshape(1 + inputs, m, *sizes)
+            largest[place] = np.max(np.abs(stacked), initial=0.0)
+            axes = tuple(range(2, 2 + len(sizes)))
+            spectrum = np.fft.fftn(stacked, axes=axes) / len(turns)
+            spectrum = np.fft.fftshift(spectrum, axes=axes)
+            values.append(spectrum[0])
+            slopes.append(np.moveaxis(spectrum[1:], 0, 1))
+        bounds = floats.bounds
+        degrees = made.degrees[np.ix_(rows, [*unknowns, *others])]
+        most = np.max(degrees, axis=1, initial=1)
+        error = bounds.error[list(rows)] * most + ROUNDING * (1.0 + largest)
+        constant = bounds.constant[list(rows)]
+        return Polynomials(tuple(values), tuple(slopes), error, constant, degrees)
+
+
+def _grid(sizes: Sequence[int]) -> Floats:
+    """Return cosines and sines (points, unknowns, 2) of a grid of angles over turns."""
+    each = [
+        circle([2 * pi() * place / size + exact(0.0) for place in range(size)])
+        for size in sizes
+    ]
+    places = np.stack(
+        np.meshgrid(*(np.arange(size) for size in sizes), indexing="ij"), axis=-1
+    ).reshape(-1, len(sizes))
+    return np.stack([turns[places[:, j]] for j, turns in enumerate(each)], axis=1)
+
+
+@final
+@dataclass(frozen=True)
+class ChartRoots:
+    """Points (n, k): `z`, or where `inverse` says so 1 / z, of the inputs `row` (n,)."""
+
+    z: Complexes
+    inverse: Bools
+    row: NDArray[np.intp]
+
+    @staticmethod
+    def of(points: Complexes, row: NDArray[np.intp]) -> "ChartRoots":
+        """Return e^(i angle) (n, k), infinite ones too, in the chart where it is small."""
+        inverse = ~(np.abs(points) <= 1.0)
+        with np.errstate(all="ignore"):
+            z = np.where(inverse, 1.0 / points, points)
+        return ChartRoots(np.where(np.isfinite(points), z, 0.0), inverse, row)
+
+    def take(self, kept: Any) -> "ChartRoots":
+        """Return some of them."""
+        return ChartRoots(self.z[kept], self.inverse[kept], self.row[kept])
+
+    def moved(self, z: Complexes) -> "ChartRoots":
+        """Return the same with other points, each in the better chart."""
+        with np.errstate(all="ignore"):
+            over = np.abs(z) > 1.0 + WIDEST
+            inverted = np.where(over, 1.0 / z, z)
+        return ChartRoots(inverted, self.inverse ^ over, self.row)
+
+
+def _powers(roots: ChartRoots, column: int, size: int, order: int) -> Complexes:
+    """Return (n, size) the powers of z that belong to coefficients, or derivatives."""
+    up = np.arange(size)
+    exponents = np.where(roots.inverse[:, column, None], size - 1 - up, up)
+    factor = np.ones(exponents.shape)
+    for step in range(order):
+        factor = factor * (exponents - step)
+    z = roots.z[:, column, None]
+    return np.asarray(factor * z ** np.maximum(exponents - order, 0))
+
+
+def _contracted(coefficients: NDArray[Any], powers: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return (n, ...) sums over the last axes of coefficients times powers (n, size)."""
+    out = coefficients
+    for each in reversed(powers):
+        out = np.einsum("n...p,np->n...", out, each)
+    return out
+
+
+def values_at(
+    made: Polynomials, roots: ChartRoots
+) -> tuple[Complexes, Complexes, Complexes]:
+    """Return P (n, k), its derivatives by z (n, k, k) and by the inputs (n, k, inputs)."""
+    n, count = roots.z.shape
+    inputs = made.slopes[0].shape[1]
+    values = np.empty((n, count), dtype=complex)
+    first = np.zeros((n, count, count), dtype=complex)
+    by_input = np.empty((n, count, inputs), dtype=complex)
+    for row, own in enumerate(made.values):
+        sizes = own.shape[1:]
+        powers = [_powers(roots, j, size, 0) for j, size in enumerate(sizes)]
+        here = own[roots.row]
+        values[:, row] = _contracted(here, powers)
+        for column, size in enumerate(sizes):
+            if size > 1:
+                changed = [*powers]
+                changed[column] = _powers(roots, column, size, 1)
+                first[:, row, column] = _contracted(here, changed)
+        slopes = made.slopes[row][roots.row]
+        for driven in range(inputs):
+            by_input[:, row, driven] = _contracted(slopes[:, driven], powers)
+    return values, first, by_input
+
+
+def polished(
+    made: Polynomials, roots: ChartRoots, most: int = NEWTON_STEPS
+) -> tuple[ChartRoots, Bools]:
+    """Return what Newton's method makes of points, and where it ends well."""
+    good = np.ones(len(roots.z), dtype=bool)
+    with np.errstate(all="ignore"):
+        for _ in range(most):
+            values, first, _ = values_at(made, roots)
+            inverse, regular = inverses(first)
+            change = np.einsum("nij,nj->ni", inverse, values)
+            size = np.max(np.abs(change), axis=1, initial=0.0)
+            good &= regular & (size < 1.0)
+            roots = roots.moved(np.where(good[:, None], roots.z - change, roots.z))
+            if np.max(size[good], initial=0.0) < STILL:
+                break
+    return roots, good & (size < 1e-9)
+
+
+def inverses(first: Complexes) -> tuple[Complexes, Bools]:
+    """Return inverses (n, k, k), zero where there are none, and which there are."""
+    regular = np.all(np.isfinite(first), axis=(1, 2))
+    regular &= np.abs(np.linalg.det(np.where(regular[:, None, None], first, 0))) > 0.0
+    out = np.zeros_like(first)
+    out[regular] = np.linalg.inv(first[regular])
+    return out, regular & np.all(np.isfinite(out), axis=(1, 2))
+
+
+@final
+@dataclass(frozen=True)
+class Tubes:
+    """What is proven of points over boxes: `good` (n,) and what else.
+
+    At the centre of the box a root is within `radius` (n,), and alone within `unique`;
+    over the box it is within `reach` (n, k) of its place at the centre. `rates`
+    (n, k, inputs) are the slopes of the tubes' axes.
+    """
+
+    good: Bools
+    radius: Floats
+    unique: Floats
+    reach: Floats
+    rates: Complexes
+
+
+def tubes(made: Polynomials, roots: ChartRoots, radii: Floats) -> Tubes:
+    """Return where points have one root for every input of boxes of `radii` (m, inputs)."""
+    with np.errstate(all="ignore"):
+        return _tubes(made, roots, radii[roots.row])
+
+
+def _tubes(made: Polynomials, roots: ChartRoots, half: Floats) -> Tubes:
+    n, count = roots.z.shape
+    values, first, by_input = values_at(made, roots)
+    inverse, regular = inverses(first)
+    size = np.abs(inverse)
+    rates = -inverse @ by_input
+    moved = np.einsum("njg,ng->nj", np.abs(rates), half) * UP
+    reach = np.abs(roots.z) + moved + WIDEST
+    disk = np.maximum(reach, 1.0)
+    steps = 2.0 * made.degrees[:, :count]
+    turned = made.degrees[:, count:].astype(float)
+    growth = np.exp(np.log(disk) @ steps.T) * UP
+    own = made.constant * growth
+    travel = half @ turned.T
+    # second derivatives in a tube: by z and z, by z and an input, by two inputs
+    bent = np.zeros((n, count, count, count))
+    mixed = np.zeros((n, count, count, half.shape[1]))
+    for row in range(count):
+        largest = np.abs(made.values[row])[roots.row]
+        slopes = np.abs(made.slopes[row])[roots.row]
+        around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
+        sizes = largest.shape[1:]
+        held = [j for j in range(count) if sizes[j] > 1]
+        for j in held:
+            for other in held:
+                powers = [
+                    np.abs(_powers(around, c, s, int(c == j) + int(c == other)))
+                    for c, s in enumerate(sizes)
+                ]
+                bent[:, row, j, other] = _contracted(largest, powers)
+            powers = [
+                np.abs(_powers(around, c, s, int(c == j))) for c, s in enumerate(sizes)
+            ]
+            for driven in range(half.shape[1]):
+                mixed[:, row, j, driven] = _contracted(slopes[:, driven], powers)
+    count_of = np.array([each[0].size for each in made.values], dtype=float)
+    off = made.error * count_of
+    spare = (own * travel + off * growth) * UP
+    bent = bent + spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
+    mixed = (
+        mixed
+        + spare[:, :, None, None] * steps[:, :, None] * np.maximum(turned, 1e-3)[:, None, :]
+    )
+    far = 0.5 * (
+        np.einsum("nijl,nj,nl->ni", bent, moved, moved)
+        + 2.0 * np.einsum("nijg,nj,ng->ni", mixed, moved, half)
+        + own * travel**2
+    )
+    # rounding: of the coefficients, and of the sums over them
+    sums = np.stack([np.sum(np.abs(v.reshape(len(v), -1)), axis=1) for v in made.values], 1)
+    blur = (off + 4 * ROUNDING * count_of * sums[roots.row]) * growth
+    rest = first @ rates + by_input
+    along = np.einsum("nig,ng->ni", np.abs(rest), half)
+    along += blur * (1.0 + np.sum(moved, axis=1) + np.sum(half, axis=1))[:, None]
+    start = np.abs(np.einsum("nij,nj->ni", inverse, values))
+    miss = np.einsum("nij,nj->ni", size, far + along + blur + ROUNDING * np.abs(values))
+    still = (start + np.einsum("nij,nj->ni", size, blur + ROUNDING * np.abs(values))) * UP
+    miss = np.max((start + miss) * UP, axis=1, initial=0.0)
+    change = np.einsum("nijl,nl->nij", bent, moved) + np.einsum("nijg,ng->nij", mixed, half)
+    change += blur[:, :, None] * np.maximum(steps, 1.0)
+    part = np.abs(np.eye(count) - inverse @ first) + size @ change
+    part += ROUNDING * (size @ np.abs(first) + 1.0)
+    slack = np.max(np.sum(part, axis=2), axis=1, initial=0.0) * UP
+    bend = np.einsum("nij,nj->ni", size, np.sum(bent, axis=(2, 3)))
+    bend = np.max(bend, axis=1, initial=0.0) * UP
+    unique = np.minimum(WIDEST, 0.5 * (1.0 - slack) / bend)
+    slope = (slack + bend * unique) * UP
+    good = regular & (slack < 1.0) & np.isfinite(bend) & np.isfinite(miss)
+    good &= (slope < 1.0) & (miss * UP < unique * (1.0 - slope))
+    radius = MARGIN * np.max(still, axis=1, initial=0.0) / (1.0 - slope)
+    width = np.minimum(miss / (1.0 - slope) * UP, unique)
+    return Tubes(
+        good, np.minimum(radius, unique), unique, (moved + width[:, None]) * UP, rates
+    )
+
+
+def roots_of_one(made: Polynomials) -> ChartRoots:
+    """Return approximations of all roots of one polynomial at each of m inputs."""
+    (coefficients,) = made.values
+    m, size = coefficients.shape
+    companion = np.zeros((m, size - 1, size - 1), dtype=complex)
+    companion[:, 1:, :-1] = np.eye(size - 2)
+    with np.errstate(all="ignore"):
+        last = -coefficients[:, :-1] / coefficients[:, -1:]
+    companion[:, :, -1] = np.where(np.isfinite(last), last, 0.0)
+    points = np.linalg.eigvals(companion).astype(complex).reshape(-1, 1)
+    return ChartRoots.of(points, np.repeat(np.arange(m), size - 1))
+
+
+def are_apart(roots: ChartRoots, radius: Floats, good: Bools, count: int) -> Bools:
+    """Return at which inputs all roots are good and proven different from each other.
+
+    There are `count` roots of each input, one input after the other.
+    """
+    m, k = len(roots.z) // count, roots.z.shape[1]
+    over = np.where(roots.inverse, 1.0, roots.z).reshape(m, count, k)
+    under = np.where(roots.inverse, roots.z, 1.0).reshape(m, count, k)
+    r = radius.reshape(m, count)
+    out = np.all(good.reshape(m, count), axis=1)
+    for one in range(count):
+        rest = slice(one + 1, None)
+        gap = np.abs(
+            over[:, one, None] * under[:, rest] - under[:, one, None] * over[:, rest]
+        )
+        limit = r[:, one, None] + r[:, rest] + r[:, one, None] * r[:, rest]
+        apart = np.max(gap, axis=2, initial=0.0) > 1.5 * limit * UP + 1e-14
+        out &= np.all(apart, axis=1)
+    return np.asarray(out)
+
+
+def are_real(roots: ChartRoots, proven: Tubes) -> tuple[Bools, Bools]:
+    """Return which roots are proven real, and which are proven not to be.
+
+    With z also 1 / conj(z) is a root; where both are in a ball with one root they are
+    the same, and |z| = 1.
+    """
+    size = np.abs(roots.z)
+    r = proven.radius[:, None] * UP + 1e-14
+    with np.errstate(all="ignore"):
+        mirrored = r / ((size - r) * size) + np.abs(size - 1.0 / size) + 1e-14
+        real = np.all((size > 2 * r) & (mirrored * UP < proven.unique[:, None]), axis=1)
+    off = np.any(np.abs(size - 1.0) > r, axis=1)
+    return np.asarray(real), np.asarray(off)
+
+
+def continued(
+    equations: Equations,
+    system: tuple[Sequence[int], Sequence[int]],
+    roots: ChartRoots,
+    start: NDArray[Any],
+    goal: Floats,
+    steps: int,
+) -> ChartRoots:
+    """Return roots at inputs `start` (m, inputs) followed to `goal` by complex inputs.
+
+    Approximations: nothing rests on them.
+    """
+    generator = np.random.default_rng(steps)
+    far = np.max(np.abs(goal - start), axis=1, keepdims=True)
+    sideways = generator.normal(size=start.shape) * np.maximum(far, 1e-3)
+    before = start.astype(complex)
+    with np.errstate(all="ignore"):
+        made = Polynomials.at(equations, *system, turns_of(before))
+        for step in range(1, steps + 1):
+            t = step / steps
+            there = start + t * (goal - start) + 4j * t * (1.0 - t) * sideways
+            _, first, by_input = values_at(made, roots)
+            inverse, _ = inverses(first)
+            rates = -inverse @ by_input
+            change = np.einsum("njg,ng->nj", rates, (there - before)[roots.row])
+            made = Polynomials.at(equations, *system, turns_of(there))
+            roots, _ = polished(made, roots.moved(roots.z + change), 2)
+            before = there
+    return roots
+
+
+def turns_of(q: NDArray[Any]) -> NDArray[Any]:
+    """Return cosines and sines (..., 2) of angles, for approximations."""
+    return np.stack([np.cos(q), np.sin(q)], axis=-1)

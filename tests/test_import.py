@@ -1,0 +1,320 @@
+"""Imported mechanisms against MuJoCo's own kinematics and hand-written files."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.errors import FileError
+from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.posed import posed
+from spherekit.files.library import mechanisms
+from spherekit.files.read import load, loads
+from spherekit.model.dynamics import (
+    Damper,
+    Friction,
+    Gravity,
+    Moment,
+    PairTorque,
+    PointForce,
+    Spring,
+    Stop,
+)
+from spherekit.model.geometry import geometry_of
+from spherekit.motion.closure import Closure
+from spherekit.planning.inputs import driven_pairs
+
+mujoco = pytest.importorskip("mujoco")
+
+PLAIN = [load(name) for name in mechanisms() if not load(name).has_contacts]
+"""The shipped mechanisms of R pairs alone."""
+
+WRIST = """
+<mujoco model="wrist"><compiler angle="degree"/>
+<worldbody><body name="stand" pos="0.1 0.2 0.3">
+  <body name="fork" pos="0 0 0.1" euler="0 0 30">
+    <joint name="yaw" axis="0 0 1" pos="0 0 -0.05" damping="0.2" range="-60 60"/>
+    <geom type="sphere" size="0.01" pos="0 0.05 0" mass="0.4"/>
+    <body name="hand">
+      <joint name="pitch" axis="0 1 0" stiffness="3" springref="10"/>
+      <joint name="roll" axis="1 0 0" frictionloss="0.1"/>
+      <geom type="sphere" size="0.01" pos="0.1 0 0" mass="0.2"/>
+      <body name="tool" pos="0.1 0 0"><geom type="sphere" size="0.01" mass="0.1"/></body>
+    </body>
+  </body>
+</body></worldbody>
+<actuator><motor joint="yaw"/><motor joint="roll"/>
+<position joint="pitch" ctrlrange="-0.7 0.5"/></actuator></mujoco>
+"""
+
+URDF = """
+<robot name="two-inputs">
+  <link name="base"/>
+  <link name="left"><inertial><origin xyz="0 0.05 0.02"/><mass value="0.2"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="left_rod"/><link name="right"/><link name="hand"/><link name="tool"/>
+  <joint name="left_axle" type="revolute"><parent link="base"/><child link="left"/>
+    <origin xyz="0 0 0.3"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" effort="3" velocity="2"/></joint>
+  <joint name="left elbow" type="continuous"><parent link="left"/><child link="left_rod"/>
+    <axis xyz="0 0.6 0.8"/></joint>
+  <joint name="right_axle" type="continuous"><parent link="base"/><child link="right"/>
+    <origin xyz="0 0.1 0.3"/><axis xyz="0 1 0"/></joint>
+  <joint name="pivot" type="continuous"><parent link="right"/><child link="hand"/>
+    <origin xyz="0 {pivot} 0"/><axis xyz="0.6 0 0.8"/></joint>
+  <joint name="flange" type="fixed"><parent link="hand"/><child link="tool"/>
+    <origin xyz="0 0 0.2"/></joint>
+  {loop}
+  <transmission name="t"><joint name="left_axle"/><joint name="right_axle"/></transmission>
+</robot>
+"""
+LOOPS = {
+    "two link1": '<loop_joint name="tip" type="spherical"><link1 link="left_rod" '
+    'xyz="0 0 0.1"/><link1 link="tool" xyz="0 0 -0.1"/></loop_joint>',
+    "origins": '<loop_joint name="tip" type="revolute"><parent link="left_rod"/>'
+    '<child link="tool"/><parent_origin xyz="0 0 0.1"/><child_origin xyz="0 0 -0.1"/>'
+    '<axis xyz="0 0 -1"/></loop_joint>',
+    "URDF+": '<loop name="tip" type="continuous"><predecessor link="left_rod">'
+    '<origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/></predecessor><successor '
+    'link="tool"><origin xyz="0 0 -0.1"/></successor><axis xyz="1 0 0"/></loop>',
+}
+
+
+def written(tmp_path, text, name="model.xml"):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def configurations(made, q):
+    """Return the placed links at values of all inputs, followed from the pose."""
+    closure = Closure.of(made, geometry_of(made).joints)
+    values = geometry_of(made).reference.copy()
+    held = [made.angles[item.pair] for item in made.inputs]
+    start = values[held]
+    for part in np.linspace(0.0, 1.0, 5)[1:]:
+        values[held] = start + part * (np.asarray(q) - start)
+        values = closure.solve(values[None], held).values[0]
+    assert closure.at(values[None]).gap[0] < 1e-13
+    return closure.at(values[None]).placed[0]
+
+
+def closed(mechanism):
+    """Return a mechanism with its inputs, and a configuration found by Newton's method."""
+    pairs = [mechanism.pairs[k].name for k in driven_pairs(mechanism)]
+    mechanism = mechanism.with_inputs(*pairs)
+    geometry = geometry_of(mechanism)
+    if geometry.reference is not None:
+        return mechanism, geometry.reference
+    closure = Closure.of(mechanism, geometry.joints)
+    starts = np.random.default_rng(3).uniform(-2.0, 2.0, (60, len(closure.tree.owners)))
+    found = closure.solve(starts, iterations=40)
+    good = found.values[found.residual < 1e-14]
+    free = [v for v in range(good.shape[1]) if mechanism.variable_names[v][6:] not in pairs]
+    jacobian = closure.at(good).jacobian[:, :, free]
+    least = np.linalg.svd(jacobian, compute_uv=False)[:, len(free) - 1]
+    return mechanism, good[int(np.argmax(least))]
+
+
+@pytest.mark.parametrize("mechanism", PLAIN, ids=lambda each: each.name)
+def test_out_and_in_again_is_the_same_mechanism(mechanism, tmp_path):
+    made, values = closed(mechanism)
+    path = written(tmp_path, mjcf(made, values).text)
+    again = sk.import_mechanism(path).mechanism
+    assert set(again.links) == set(made.links) and again.ground == made.ground
+    assert {pair.name for pair in again.pairs} == {pair.name for pair in made.pairs}
+    for one, other in zip(again.inputs, made.inputs, strict=True):
+        assert one.pair == other.pair
+        assert (one.start, one.stop) == pytest.approx((other.start, other.stop), abs=1e-12)
+    closure = Closure.of(made, geometry_of(made).joints)
+    held = [made.angles[item.pair] for item in made.inputs]
+    start = closure.at(values[None]).placed[0]
+    moved = values.copy()
+    for _ in range(3):
+        moved[held] += 0.02
+        found = closure.solve(moved[None], held)
+        assert found.residual[0] < 1e-13
+        moved = found.values[0]
+    here = closure.at(moved[None]).placed[0]
+    there = configurations(again, moved[held])
+    for link in made.links:
+        k = made.link_number[link]
+        assert here[k] @ start[k].T == pytest.approx(
+            there[again.link_number[link]], abs=1e-12
+        )
+
+
+def test_loads_and_masses_come_back(tmp_path):
+    loads_there = (
+        Gravity("gravity", (1.0, 2.0, -9.0)),
+        Spring("spring_32", "32", 3.0, 0.2),
+        Damper("damper_51", "51", 0.1),
+        Friction("friction_43", "43", 0.2, 0.3, 0.01),
+        PairTorque("brake", "21", "0.5 - 0.25*theta_21 - 3*dtheta_21"),
+        PointForce("push", "3", (0.1, 0.2, 0.9), ("1", "-2", "6"), "ground"),
+        Moment("spin", "4", ("0.4", "-0.2", "0.1"), "link"),
+    )
+    mechanism = replace(load("five_bar"), loads=loads_there, stops=(Stop("54", -2.0, 0.5),))
+    made, values = posed(mechanism, at=[1.2, 1.3])
+    again = sk.import_mechanism(written(tmp_path, mjcf(made, values).text)).mechanism
+    found = {load.name: load for load in again.loads}
+    for load_there in loads_there[:4]:
+        assert repr(found[load_there.name]).replace("np.float64", "") == repr(load_there)
+    assert {*found} == {load.name for load in loads_there}
+    assert again.stops == (Stop("54", -2.0, 0.5),)
+    placed = Closure.of(made, geometry_of(made).joints).at(values[None]).placed[0]
+    for mass in made.masses:
+        turn = placed[made.link_number[mass.link]]
+        other = next(each for each in again.masses if each.link == mass.link)
+        assert other.mass == pytest.approx(mass.mass, rel=1e-12)
+        assert other.centre == pytest.approx(turn @ mass.centre, abs=1e-13)
+        tensor = turn @ np.array(mass.tensor) @ turn.T
+        assert np.array(other.tensor) == pytest.approx(tensor, abs=3e-15)
+    # The power of every load at some state is that of the file that was exported.
+    kinematics = [_power(made, values, placed), _power(again, None, None)]
+    assert kinematics[0] == pytest.approx(kinematics[1], rel=1e-11)
+
+
+def _power(mechanism, values, placed):
+    """Return the power of each load by name, while input 21 turns at 1 rad/s."""
+    from spherekit.dynamics.forces import Loads
+    from spherekit.dynamics.kinematics import by_variables
+
+    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+    values = geometry_of(mechanism).reference if values is None else values
+    held = [mechanism.angles[item.pair] for item in mechanism.inputs]
+    motion = by_variables(closure, values[None], held)
+    loads_here = Loads(mechanism)
+    velocities = loads_here.velocities(motion)[0, 0]
+    found = {}
+    for owner, part, rate in zip(
+        loads_here.owners, loads_here.components, velocities, strict=True
+    ):
+        known = {"t": np.zeros(1)}
+        for k, name in enumerate(mechanism.variable_names):
+            known[name] = motion.values[:, k]
+            known[f"d{name}"] = motion.rates[:, 0, k]
+        power = float(part.magnitude.evaluate(known)[0]) * rate
+        name = loads_here.names[owner]
+        found[name] = found.get(name, 0.0) + power
+    return found
+
+
+def test_a_serial_wrist_turns_as_in_mujoco(tmp_path, capsys):
+    path = written(tmp_path, WRIST)
+    target = tmp_path / "wrist.toml"
+    assert main(["import", str(path), "-o", str(target)]) == 0
+    assert "feedback of actuator" in capsys.readouterr().err
+    made = load(target)
+    assert made.links == ("stand", "fork", "hand_pitch", "hand")
+    assert [item.pair for item in made.inputs] == ["yaw", "roll", "pitch"]
+    limits = {item.pair: np.degrees([item.start, item.stop]) for item in made.inputs}
+    assert limits["yaw"] == pytest.approx([-60.0, 60.0])
+    assert limits["pitch"] == pytest.approx(np.degrees([-0.7, 0.5]))
+    text = target.read_text(encoding="utf-8")
+    assert "centre of the sphere is at 0.1, 0.2, 0.4 m" in text
+    model = mujoco.MjModel.from_xml_string(WRIST)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    start = {name: data.body(name).xmat.reshape(3, 3).copy() for name in ("fork", "hand")}
+    data.qpos[:] = [0.3, -0.4, 0.7]
+    mujoco.mj_forward(model, data)
+    placed = configurations(made, [0.3, 0.7, -0.4])
+    for name, before in start.items():
+        turned = data.body(name).xmat.reshape(3, 3) @ before.T
+        assert placed[made.link_number[name]] == pytest.approx(turned, abs=1e-14)
+    hand = next(mass for mass in made.masses if mass.link == "hand")
+    assert hand.mass == pytest.approx(0.3)
+    kinds = {load.name: load.kind for load in made.loads}
+    assert kinds == {
+        "gravity": "gravity",
+        "damper_yaw": "damper",
+        "spring_pitch": "spring",
+        "friction_roll": "friction",
+    }
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
+    path = written(tmp_path, URDF.format(pivot=-0.1, loop=LOOPS[loop]), "wrist.urdf")
+    found = sk.import_mechanism(path)
+    made = found.mechanism
+    assert [item.pair for item in made.inputs] == ["left_axle", "right_axle"]
+    assert made.links == ("base", "left", "left_rod", "right", "hand")
+    assert {pair.name for pair in made.pairs} == {
+        "left_axle",
+        "left_elbow",
+        "right_axle",
+        "pivot",
+        "tip",
+    }
+    assert 'angle_unit = "rad"' in found.text and "from = -1.0" in found.text
+    assert np.abs(made.geometry.axes["tip"]) == pytest.approx([0.0, 0.0, 1.0])
+    assert made.masses[0].tensor[0] == pytest.approx((1e-4 + 0.2 * 0.0029, 0.0, 0.0))
+    assert loads(found.text).pairs == made.pairs
+    motion = sk.evaluate(made, [[0.2, 0.1]], assembly_mode=0)
+    assert motion.status[0] == sk.Status.OK
+
+
+def test_axes_that_miss_are_refused_with_their_distances(tmp_path, capsys):
+    path = written(tmp_path, URDF.format(pivot=-0.09, loop=LOOPS["origins"]), "off.urdf")
+    assert main(["import", str(path), "-o", str(tmp_path / "x.toml")]) == 1
+    said = capsys.readouterr().err
+    assert (
+        "do not meet in a point" in said and "4 of 5 pass the point 0.0, 0.0, 0.3" in said
+    )
+    assert "joint pivot: 0.01 m" in said and "joint left_axle: 0 m" in said
+    assert not (tmp_path / "x.toml").exists()
+    assert sk.import_mechanism(path, within=0.02).mechanism.pairs
+
+
+BODY = '<body name="{0}"><joint name="{0}j" {1}/><geom size=".1"/>{2}</body>'
+
+
+@pytest.mark.parametrize(
+    ("inside", "why"),
+    [
+        (BODY.format("a", 'type="slide"', ""), r"other joints: aj \(slide\)"),
+        ('<body name="a"><freejoint/><geom size="1"/></body>', r"joint0 \(free\)"),
+        (
+            BODY.format("a", "", BODY.format("b", 'pos="1 0 0"', "")),
+            "all 2 axes are parallel: a planar",
+        ),
+        ('<body name="a"><geom size="1"/></body>', "has no hinge"),
+        ('<body name="a"><joint/><geom size="1"/></body>', "joint 0 has no name"),
+        ("<nonsense/>", "MuJoCo does not read it"),
+    ],
+)
+def test_models_of_another_kind_are_refused(inside, why, tmp_path):
+    text = f"<mujoco><worldbody>{inside}</worldbody></mujoco>"
+    with pytest.raises(FileError, match=why):
+        sk.import_mechanism(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("text", "why"), [("<robot", "is no XML"), ("<sdf/>", "first element is <sdf>")]
+)
+def test_files_of_another_format_are_refused(text, why, tmp_path):
+    with pytest.raises(FileError, match=why):
+        sk.import_mechanism(written(tmp_path, text))
+    with pytest.raises(FileError, match="cannot be read"):
+        sk.import_mechanism(tmp_path / "none.xml")
+
+
+def test_a_loop_that_is_open_in_the_file_is_closed(tmp_path):
+    """The tip on the hand is 0.2 rad away from that on the rod where joints are zero."""
+    place = f"{0.1 * np.sin(0.2)} 0 {0.1 * np.cos(0.2) - 0.2}"
+    loop = LOOPS["two link1"].replace("0 0 -0.1", place)
+    found = sk.import_mechanism(
+        written(tmp_path, URDF.format(pivot=-0.1, loop=loop), "wrist.urdf")
+    )
+    assert "loops are open in the file's pose" in found.text
+    axes = {name: np.array(axis) for name, axis in found.mechanism.geometry.axes.items()}
+    assert axes["tip"] @ axes["left_elbow"] == pytest.approx(0.8, abs=1e-13)
+    wanted = 0.6 * np.sin(0.2) + 0.8 * np.cos(0.2)
+    assert axes["tip"] @ axes["pivot"] == pytest.approx(wanted, abs=1e-13)
+    assert axes["left_axle"] == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
+    values = found.mechanism.geometry.values
+    assert "left_axle" not in values and abs(values["pivot"]) > 0.01

@@ -1,0 +1,100 @@
+"""Proven maps of two inputs against the closed form of a 5R and the curves of a run."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.proof.balls import bits, circle
+from spherekit.proof.construction import construct
+from spherekit.proof.equations import Equations
+from spherekit.proof.input_map import CONTAINS, REGULAR, input_map
+from spherekit.proof.modes import certified_modes
+from spherekit.proof.systems import Systems
+from spherekit.proof.written import Written
+
+
+@pytest.fixture(scope="module")
+def five_bar():
+    written = Written.of(sk.load("five_bar"))
+    ends = [written.input_range(item.pair) for item in written.mechanism.inputs]
+    return input_map(written, ends, 0.05, 3)
+
+
+def modes_of_five_bar(q):
+    """The tips of both cranks are at most the two arcs of 75 degrees apart."""
+    one = np.array([[0, 0, 1.0]])
+    base, arm = np.radians(90.0), np.radians(75.0)
+    other = np.array([[0, np.sin(base), np.cos(base)]])
+
+    def tip(axis, toward, angle):
+        side = np.cross(axis, toward)
+        ahead = np.cross(side, axis)
+        c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+        return np.cos(arm) * axis + np.sin(arm) * (c * ahead + s * side)
+
+    apart = np.sum(tip(one, other, q[:, 0]) * tip(other, one, q[:, 1]), axis=1)
+    return np.where(apart > np.cos(2 * arm), 2, 0)
+
+
+def inside(found, kind, generator, count):
+    rows = generator.choice(np.flatnonzero(found.kind == kind), count)
+    part = generator.uniform(-1.0, 1.0, (count, 2))
+    return rows, found.centres[rows] + part * found.radii[rows]
+
+
+def test_regular_boxes_have_the_modes_that_the_closed_form_has(five_bar):
+    sizes = [five_bar.share(kind) for kind in range(3)]
+    assert abs(sum(sizes) - 1.0) < 1e-12
+    assert sizes[0] > 0.92 and sizes[1] > 0.02 and sizes[2] < 0.02
+    rows, places = inside(five_bar, REGULAR, np.random.default_rng(3), 4000)
+    assert np.all(modes_of_five_bar(places) == five_bar.modes[rows])
+
+
+def test_boxes_that_contain_a_singular_configuration_have_both_numbers(five_bar):
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 33)] * 2), axis=-1).reshape(-1, 2)
+    for row in np.flatnonzero(five_bar.kind == CONTAINS):
+        counts = modes_of_five_bar(five_bar.centres[row] + grid * five_bar.radii[row])
+        assert set(counts.tolist()) == {0, 2}
+
+
+@pytest.mark.long
+def test_no_singularity_of_a_run_is_in_a_regular_box(five_bar):
+    frame = sk.run(sk.load("five_bar"), "singularities", samples=3).frame("singularities")
+    frame = frame[(frame["kind"] == "II") & (frame["inside"] == "yes")]
+    kinds = five_bar.at(frame[["q_21", "q_51"]].to_numpy())
+    assert len(kinds) > 30 and np.all(kinds > REGULAR)
+
+
+def test_solutions_at_infinity_are_counted_and_do_not_count_as_modes():
+    # arcs of 90 degrees send 32 of the 64 complex modes to infinity
+    written = Written.of(sk.load("two_dof_spm"))
+    with bits(80):
+        equations = Equations(written, construct(written.mechanism))
+        systems = Systems(equations)
+        turns = circle([written.input_angle(text) for text in ("20.5", "17.3")])
+    place = np.radians([[20.5, 17.3]])
+    found = systems.counted(place, turns[None], 0.0 * place, [{}], np.ones(1, dtype=bool))
+    assert systems.bounds == [8, 8] and found.good[0] and found.modes[0] == 16
+
+
+@pytest.mark.long
+def test_modes_beside_solutions_at_infinity_are_certified_without_boxes():
+    modes = certified_modes(Written.of(sk.load("two_dof_spm")), ("20.5", "17.3"))
+    assert modes.complete and len(modes.real) == 16 and modes.left is None
+
+
+def test_the_command_proves_and_draws_a_map_of_two_inputs(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    picture, path = tmp_path / "map.png", tmp_path / "map.json"
+    words = ["five_bar", "--cell", "0.2", "--figure", str(picture), "-o", str(path)]
+    assert main(["certify", *words]) == 3
+    assert "free of type II" in capsys.readouterr().out and picture.stat().st_size > 1000
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    assert abs(sum(kept["shares"].values()) - 1.0) < 1e-12
+    assert main(["certify", "four_bar", "--cell", "0.1"]) == 1
+    assert "several inputs" in capsys.readouterr().err
