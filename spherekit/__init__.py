@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.follow import follow_to as follow_to
     from spherekit.guidance.schedule import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
+    from spherekit.model.dynamics import Bearings as Bearings
     from spherekit.model.dynamics import Damper as Damper
     from spherekit.model.dynamics import Friction as Friction
     from spherekit.model.dynamics import Gravity as Gravity

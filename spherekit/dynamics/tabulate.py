@@ -27,7 +27,7 @@ from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import TorqueTable
+from spherekit.model.dynamics import TorqueTable, need_no_rubbing
 from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
@@ -100,6 +100,7 @@ def online_model(
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is 1e-15 to 1e-2"
         )
+    need_no_rubbing(mechanism, "a stored model has not")
     tracer = Tracer(mechanism, input_pair, assembly_mode)
     made = tracer.mechanism
     links = len(made.links)

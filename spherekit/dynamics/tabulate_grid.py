@@ -23,7 +23,7 @@ from spherekit.dynamics.tabulate import LEAST, pole_name
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import TorqueTable
+from spherekit.model.dynamics import TorqueTable, need_no_rubbing
 from spherekit.model.expression import Expression
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Tracer
@@ -87,6 +87,7 @@ def grid_model(
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is 1e-13 to 1e-2"
         )
+    need_no_rubbing(mechanism, "a stored model has not")
     inputs = len(mechanism.inputs)
     count = min(SAMPLES, int(MOST_SAMPLES ** (1.0 / max(inputs, 1))))
     tracer = Tracer(mechanism, None, assembly_mode, samples=count, grid=True)
