@@ -48,6 +48,11 @@ NEAR = 1e-3
 """Where independence is less than this part of its largest, steps are made fine enough to
 see a crossing; a configuration off its curve by `COARSEST` misses one by 1e-4."""
 
+NO_COORDINATES = (
+    "no pair variables say surely enough how all others move; use NumPy's "
+    'simulate(engine="numpy"), or --engine numpy'
+)
+
 ENOUGH = 0.5
 """Part of `STEEPEST` with which coordinates may be taken."""
 
@@ -190,14 +195,17 @@ def first_of(problem: Problem) -> Coordinates | None:
     """Return the coordinates that a run begins with, None of one freedom."""
     if problem.equation.freedoms == 1:
         return None
-    return next(_candidates(problem, problem.values))
+    found = next(_candidates(problem, problem.values), None)
+    if found is None:
+        raise EngineError(f"{problem.equation.mechanism.name}: {NO_COORDINATES}")
+    return found
 
 
 def _coordinates(
     problem: Problem, values: Floats, compiled: Compiled, most: float
 ) -> tuple[CompiledEquation, tuple[int, ...]]:
     """Return the equation in pair variables that say how all others move, and these."""
-    why = "no pair variables say how all others move"
+    why = NO_COORDINATES
     for coordinates in _candidates(problem, values):
         angles = problem.equation.mechanism.angles
         try:
