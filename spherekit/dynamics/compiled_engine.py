@@ -46,7 +46,7 @@ STEP = 0.1
 
 NEAR = 1e-3
 """Where independence is less than this part of its largest, steps are made fine enough to
-see a crossing; a configuration off its curve by `COARSEST` misses one by 1e-4."""
+see a crossing; a configuration off its curve by `COARSEST` misses one by 3e-4."""
 
 NO_COORDINATES = (
     "no pair variables say surely enough how all others move; use NumPy's "

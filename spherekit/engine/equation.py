@@ -47,7 +47,7 @@ A larger one saves little, for the order of the series grows with the digits, no
 number of steps; and crossings of curves need closed configurations to be seen.
 """
 
-COARSEST = 1e-8
+COARSEST = 1e-7
 """Largest tolerance of a step of several freedoms, whose runs end well before a crossing
 to go on with `LOOSEST`."""
 
