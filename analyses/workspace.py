@@ -29,6 +29,7 @@ from spherekit.plugin import (
     input_columns,
     listing,
 )
+from spherekit.plugin.designs import Merit
 from spherekit.plugin.rotations import (
     AtDirection,
     AtInputs,
@@ -182,6 +183,19 @@ class WorkspaceAnalysis(AbstractAnalysis):
     radius: float = 0.0
     tolerance: float = 0.0
     pose: str = ""
+
+    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+        """Return the area, or volume, of the whole workspace in each working mode."""
+        del mechanism
+        size = Merit(
+            "workspace_area",
+            "max",
+            "size",
+            table="workspace.areas",
+            meaning="sr, or the volume of orientations",
+            only=(("part", "whole"),),
+        )
+        return (size,)
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return nothing: poses are given, not traced. Bad parameters are refused here."""

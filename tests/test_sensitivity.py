@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.cli.main import main
 from spherekit.design.sensitivity import Deviations, Sensitivity, sizes_of
 from spherekit.engine.frames import DesignGeometry, revolute_frames
 from spherekit.errors import DesignError, FileError
@@ -175,3 +176,9 @@ def test_defaults_and_mistakes():
         Sensitivity(sk.load("five_bar"))
     with pytest.raises(DesignError, match="positive angle"):
         Deviations(-1.0)
+
+
+def test_a_profile_that_is_no_circle_is_refused_before_the_run(capsys):
+    assert main(["run", "shaped_cam", "-a", "sensitivity"]) == 1
+    told = capsys.readouterr().err
+    assert "profiles.cam" in told and "circles" in told and "simulate" not in told

@@ -101,8 +101,26 @@ def test_rows_that_no_other_beats():
     assert nondominated(wanted, modes).tolist() == np.flatnonzero(~beaten).tolist()
 
 
+def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
+    found = sk.size_of(EXAMPLES / "cone.toml", designs=512, starts=1)
+    arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
+    arcs |= {f"links.1.{each}": [90.0] for each in ("arcs.A", "arcs.D", "angles.D")}
+    published = sk.sweep(
+        EXAMPLES / "five_bar_cone.toml",
+        arcs,
+        "platform=min(abs(sin(theta_C - theta_F)))",
+        samples=73,
+    ).frame()
+    # B is along A x C and E along D x C, so the cosine of the angle between the distal arcs
+    # is a d / sqrt((1 - a^2)(1 - d^2)), C's components along A and D: most where a = d.
+    x = np.sin(np.radians(25.0)) ** 2 / 2.0
+    wanted = np.sqrt(1.0 - x**2 / (1.0 - x) ** 2)
+    assert published["platform"].to_numpy() == pytest.approx(wanted, rel=1e-12)
+    assert -found.objectives[0, 0] > published["platform"].max()
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["function.toml", "torque.toml"])
+@pytest.mark.parametrize("name", ["function.toml", "torque.toml", "cone.toml"])
 def test_no_million_of_random_designs_is_better(name):
     found = sk.size_of(EXAMPLES / name)
     assert found.objectives[0, 0] <= random_best(EXAMPLES / name, 1 << 20)

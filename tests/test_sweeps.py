@@ -140,7 +140,7 @@ def sk_grashof(mechanism):
 @pytest.mark.parametrize(
     "name, key, link, pair, count",
     [
-        ("single_flier", "pairs.23.longitude", "6", "56", 3),
+        ("single_flier", "pairs.23.longitude", "6", "56", 2),
         pytest.param(
             "double_butterfly", "pairs.C.longitude", "4", "H", 4, marks=pytest.mark.long
         ),
@@ -177,6 +177,37 @@ def test_modes_of_groups_beyond_dyads_are_those_of_runs(name, key, link, pair, c
         sines = np.sin(there.variable(pair)[there.sample == 1])
         own = np.sort(rows["there"].dropna())
         assert own == pytest.approx(np.sort(sines[np.isfinite(sines)]), abs=1e-9)
+
+
+def test_the_area_that_a_five_bar_reaches_is_that_between_caps():
+    vary = {"links.2.arc": [60.0, 70.0], "links.1.arc": [80.0]}
+    found = sk.sweep("five_bar", vary, analyses=["workspace"]).frame()
+    assert len(found) == 8 and set(found["mode"]) == {"++", "+-", "-+", "--"}
+    arcs = {k: v.arcs[0] for k, v in sk.load("five_bar").geometry.links.items() if v.arcs}
+    for arc, rows in found.groupby("links_2_arc"):
+        legs = (np.radians(arc), arcs["3"]), (arcs["5"], arcs["4"])
+        caps = [c for a, b in legs for c in (abs(a - b), np.pi - a - b)]
+        wanted = 4.0 * np.pi - sum(2.0 * np.pi * (1.0 - np.cos(cap)) for cap in caps)
+        assert np.allclose(rows["workspace_area"], wanted, atol=1e-4)
+    assert found.attrs["units"]["workspace_area"] == "sr or sr rad"
+
+
+def test_tables_of_runs_give_figures_of_what_no_kernel_knows():
+    key = "pairs.contact.profiles.cam.cosines.1"
+    text = (
+        "most=max(poles.poles link=follower relative_to=frame: abs(velocity_coefficient))"
+    )
+    found = sk.sweep("shaped_cam", {key: [4.0]}, text, samples=7).frame()
+    own = found.set_index("mode")
+    run = sk.run("shaped_cam", "poles", samples=7).frame("poles")
+    run = run[(run["link"] == "follower") & (run["relative_to"] == "frame")]
+    for mode, rows in run.groupby("assembly_mode"):
+        assert own.loc[str(mode), "most"] == rows["velocity_coefficient"].abs().max()
+    vary, column = {"links.2.arc": [20.0]}, "velocity_coefficient"
+    with pytest.raises(DesignError, match="two sweeps"):
+        sk.sweep("four_bar", vary, [f"max(poles.poles: {column})", "max(q)"])
+    with pytest.raises(DesignError, match='no table "pole"'):
+        sk.sweep("four_bar", vary, f"max(poles.pole: {column})")
 
 
 def test_a_cone_rolls_by_the_ratio_of_sines_and_impossible_ones_are_rows():

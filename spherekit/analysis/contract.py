@@ -502,7 +502,8 @@ class AbstractAnalysis(ABC):
     def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
         """Return the figures of merit that compare designs; none by default.
 
-        Their expressions are of `spherekit.plugin.designs.row_quantities`.
+        Their expressions are of `spherekit.plugin.designs.row_quantities`, or of the
+        columns of one of its tables, ``table="NAME.TABLE"``.
         """
         del mechanism
         return ()

@@ -28,6 +28,7 @@ REDUCTIONS = {
 """How rows become one number. Samples that do not close are left out."""
 
 _FORM = re.compile(r"(?:([A-Za-z_]\w*)\s*=(?!=))?\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.S)
+_TABLE = re.compile(r"\s*(\w+\.\w+)((?:\s+\w+\s*=\s*\w+)*)\s*:(.*)", re.S)
 _BARE = re.compile(r"\s*(?:abs\s*\(\s*)?([A-Za-z_]\w*)\s*\)?\s*")
 
 
@@ -48,6 +49,8 @@ class Merit:
         The input (rad) of ``at``.
     table
         ``ANALYSIS.TABLE`` whose rows are meant; None for those that kernels compute.
+    only
+        Columns of the table, and what each is in the rows that count.
     meaning
         What it says, in a few words.
     """
@@ -58,6 +61,7 @@ class Merit:
     point: float | None = None
     table: str | None = None
     meaning: str = ""
+    only: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         if self.reduction not in REDUCTIONS:
@@ -74,6 +78,13 @@ class Merit:
             raise AnalysisError(
                 f"{self.name}: at(EXPRESSION, Q) needs an input Q, and no other has one"
             )
+
+    @property
+    def of_table(self) -> tuple[str, str]:
+        """The names of the analysis and of its table."""
+        assert self.table is not None
+        analysis, _, table = self.table.partition(".")
+        return analysis, table
 
     def parsed(self, names: dict[str, str]) -> Expression:
         """Return the expression, of quantities with units by name.
@@ -102,7 +113,9 @@ def parse_merit(text: str, radians: float) -> Merit:
     Parameters
     ----------
     text
-        Such as ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``.
+        Such as ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``; of the rows
+        of a table ``max(workspace.areas: size)``, of some of them
+        ``max(workspace.areas part=whole: size)``.
     radians
         What a unit of an input given by ``at`` is in rad.
 
@@ -119,6 +132,10 @@ def parse_merit(text: str, radians: float) -> Merit:
         )
     name, reduction, expression = found.groups()
     point = None
+    rows = _TABLE.fullmatch(expression)
+    table, only = None, ""
+    if rows:
+        table, only, expression = rows.groups()
     if reduction == "at":
         expression, _, place = expression.rpartition(",")
         try:
@@ -128,9 +145,11 @@ def parse_merit(text: str, radians: float) -> Merit:
                 f'"{text}": at needs an expression and an input, at(theta_41, 30)'
             ) from None
     if name is None:
-        words = f"{reduction}_{expression}" + ("" if point is None else f"_{place.strip()}")
+        ending = "" if point is None else f"_{place.strip()}"
+        words = f"{reduction}_{expression.strip()}{ending}"
         name = re.sub(r"\W+", "_", words).strip("_")
-    return Merit(name, reduction, expression.strip(), point)
+    chosen = re.findall(r"(\w+)\s*=\s*(\w+)", only)
+    return Merit(name, reduction, expression.strip(), point, table, only=tuple(chosen))
 
 
 @final

@@ -6,7 +6,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.design.conditions import Condition
-from spherekit.design.evaluate import DEG
+from spherekit.design.evaluate import DEG, Evaluator
 from spherekit.design.gradients import FigureGradients, with_derivatives
 from spherekit.design.sweep import Columns
 from spherekit.design.wanted import Sizing
@@ -27,6 +27,7 @@ class Descent:
     def __init__(self, sizing: Sizing) -> None:
         self.sizing = sizing
         sweep = self.sweep = sizing.sweep
+        assert isinstance(sweep.evaluator, Evaluator)
         self.figures = FigureGradients(sweep.evaluator)
         self.low = np.array([each.low for each in sweep.space.variations])
         self.width = np.array([each.high for each in sweep.space.variations]) - self.low

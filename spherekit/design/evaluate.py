@@ -178,7 +178,7 @@ class Evaluator:
                 made = with_actions(document, self.mechanism, self.variables, numbers)
             actions = Actions.of(made)
         except SpherekitError as problem:
-            return _reason(problem)
+            return first_line(problem)
         return actions.numbers if actions.form == self._own.form else UNLIKE
 
     def _numbers(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
@@ -226,7 +226,7 @@ class Evaluator:
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
         nothing = np.zeros(0, dtype=np.int64)
-        parts = [_without(nothing, np.empty(0, dtype=object), self.merits)]
+        parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
         together = BLOCK if self._paths is None else FOLLOWED
         for start in range(0, values.shape[1], together):
             some = values[:, start : start + together]
@@ -260,7 +260,7 @@ class Evaluator:
             parts.append(replace(found, design=unlike[found.design]))
         possible = np.flatnonzero(refused == OK)
         lacking = np.flatnonzero((refused != OK) & (refused != UNLIKE))
-        parts.append(_without(lacking, refused, self.merits))
+        parts.append(without(lacking, refused, self.merits))
         if len(possible) and self._paths is None:
             found = self._modes(self.kernel, sizes[:, possible])
             parts.append(replace(found, design=possible[found.design]))
@@ -305,7 +305,7 @@ class Evaluator:
             parts.append(self._rows(rows, [label] * n, closes, reducing, COMPLETE))
             closing |= closes > 0
         why = np.full(n, NEVER, dtype=object)
-        parts.append(_without(np.flatnonzero(~closing), why, self.merits, COMPLETE))
+        parts.append(without(np.flatnonzero(~closing), why, self.merits, COMPLETE))
         return self._joined(parts)
 
     def _followed(
@@ -336,7 +336,7 @@ class Evaluator:
         made = replace(made, design=modes.design[made.design])
         others = np.setdiff1d(np.arange(sizes.shape[1]), [*modes.lost, *made.design])
         why = np.full(sizes.shape[1], NEVER, dtype=object)
-        nowhere = _without(others, why, self.merits, claim)
+        nowhere = without(others, why, self.merits, claim)
         return self._joined([made, nowhere]), modes.lost
 
     def _rows(
@@ -383,13 +383,13 @@ class Evaluator:
 
     def _one_by_one(self, values: Floats) -> Evaluated:
         nothing = np.zeros(0, dtype=np.int64)
-        parts = [_without(nothing, np.empty(0, dtype=object), self.merits)]
+        parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
         for k, design in enumerate(values.T):
             try:
                 found = self._single(designed(self.document, self.variables, design))
             except SpherekitError as problem:
-                why = np.array([_reason(problem)], dtype=object)
-                found = _without(np.zeros(1, dtype=np.int64), why, self.merits)
+                why = np.array([first_line(problem)], dtype=object)
+                found = without(np.zeros(1, dtype=np.int64), why, self.merits)
             parts.append(replace(found, design=found.design + k))
         return self._joined(parts)
 
@@ -413,7 +413,7 @@ class Evaluator:
         claim = tracer.claim.guarantee.value
         if not np.any(closes):
             why = np.array([NEVER], dtype=object)
-            return _without(np.zeros(1, dtype=np.int64), why, self.merits, claim)
+            return without(np.zeros(1, dtype=np.int64), why, self.merits, claim)
         labels = [f"{mode.number} {mode.label}" for mode in modes]
         made = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing, claim)
         return replace(made, design=np.zeros_like(made.design))
@@ -482,7 +482,7 @@ def _value(expression: Expression, known: Mapping[str, Any], count: int) -> Floa
     return np.broadcast_to(found, count)
 
 
-def _without(
+def without(
     rows: NDArray[np.intp],
     why: NDArray[np.object_],
     merits: Sequence[Merit],
@@ -506,7 +506,7 @@ def _signed(mechanism: Mechanism, variable: DesignVariable) -> bool:
     return mechanism.geometry.links[variable.slot[1][0]].signed
 
 
-def _reason(problem: SpherekitError) -> str:
+def first_line(problem: SpherekitError) -> str:
     """Return the first line of what is wrong with a design, without the file's name."""
     line, *_ = str(problem).splitlines()
     return line

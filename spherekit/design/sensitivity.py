@@ -23,6 +23,7 @@ from spherekit.engine.design_kernel import (
     newton_kernel,
     row_quantities,
 )
+from spherekit.engine.turns import ROUND
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR
@@ -104,9 +105,8 @@ class Sensitivity:
     Raises
     ------
     DesignError
-        If a key is no size of an R pair, or a quantity is not known.
-    EngineError
-        If the mechanism has pairs that no kernel knows.
+        If a key is no size of an R pair, a quantity is not known, or a profile is no
+        circle.
     """
 
     def __init__(
@@ -116,6 +116,7 @@ class Sensitivity:
             raise DesignError(
                 f"{mechanism.name}: sensitivities are those of one input; lock the others"
             )
+        _need_circles(mechanism)
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
         self.keys = tuple(keys) or sizes_of(mechanism)
@@ -227,6 +228,19 @@ class Sensitivity:
             rows = [np.repeat(samples.T, draws, axis=1), now, kernel.prepare(sizes)]
             found = kernel.evaluate(np.concatenate(rows))
         return np.where(closed, found, np.nan).reshape(-1, n, draws)
+
+
+def _need_circles(mechanism: Mechanism) -> None:
+    for pair in mechanism.pairs:
+        for link, profile in zip(pair.links, pair.profiles or (), strict=False):
+            if profile.kind not in ROUND:
+                raise DesignError(
+                    f"{mechanism.name}: pairs.{pair.name}.profiles.{link} is of kind "
+                    f'"{profile.kind}": derivatives by sizes are known of mechanisms whose '
+                    "profiles are circles and great circles; sizes of this one can be "
+                    "compared by a sweep over tables of runs, --vary KEY=LOW,HIGH "
+                    '--reduce "max(poles.poles: velocity_coefficient)"'
+                )
 
 
 def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from spherekit.conventions import counted
 from spherekit.design.descent import Descent
+from spherekit.design.evaluate import Evaluator
 from spherekit.design.pareto import front_of, nondominated
 from spherekit.design.sweep import Columns
 from spherekit.design.variables import designed
@@ -106,8 +107,10 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
         If there is no kernel of the mechanism's designs.
     """
     sweep = sizing.sweep
-    evaluator = sweep.evaluator
-    if evaluator.differing or not (evaluator.kernel and evaluator.kernel.closed_form):
+    made = sweep.evaluator
+    kernel = made.kernel
+    followable = isinstance(made, Evaluator) and not made.differing
+    if not followable or kernel is None or not kernel.closed_form:
         raise DesignError(
             f"{sweep.mechanism.name}: sizing follows gradients by sizes of mechanisms "
             "whose groups are all dyads, with masses given by tensors; sweep it instead"

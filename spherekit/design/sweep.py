@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.frames import columns_of_files, frame_of, write_columns
 from spherekit.analysis.merit import Merit
 from spherekit.conventions import counted, listing
@@ -21,6 +22,7 @@ from spherekit.design.conditions import Condition, condition
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace
+from spherekit.design.table_figures import TableFigures
 from spherekit.design.variables import DesignVariable, check_variables, design_variable
 from spherekit.engine.design_kernel import row_quantities
 from spherekit.errors import DesignError, OutputError
@@ -28,6 +30,7 @@ from spherekit.files.atomic import make_folder, write_text
 from spherekit.files.document import Document
 from spherekit.files.lock import locked
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
@@ -51,7 +54,8 @@ class Sweep:
     Attributes
     ----------
     mechanism, samples
-        The mechanism, with one input, and the samples that every design goes through.
+        The mechanism, and the samples that every design goes through; of figures from
+        tables the samples are None, and a `study` says what `analyses` go through.
     document
         The file whose numbers are varied.
     space
@@ -63,12 +67,16 @@ class Sweep:
     """
 
     mechanism: Mechanism
-    samples: DesignSamples
+    samples: DesignSamples | None
     document: Document
     space: DesignSpace
     merits: tuple[Merit, ...]
     where: tuple[str, ...] = ()
-    _kept: dict[str, Evaluator] = field(default_factory=dict, repr=False, compare=False)
+    study: Study | None = None
+    analyses: tuple[AbstractAnalysis, ...] = ()
+    _kept: dict[str, Evaluator | TableFigures] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         if not self.merits:
@@ -104,9 +112,16 @@ class Sweep:
         return tuple(condition(text, names) for text in self.where)
 
     @property
-    def evaluator(self) -> Evaluator:
+    def evaluator(self) -> Evaluator | TableFigures:
         """What computes the figures; made once in a process."""
-        if "made" not in self._kept:
+        if "made" in self._kept:
+            return self._kept["made"]
+        if self.samples is None:
+            assert self.study is not None
+            self._kept["made"] = TableFigures(
+                self.document, self.study, self.variables, self.merits, self.analyses
+            )
+        else:
             self._kept["made"] = Evaluator(
                 self.document,
                 self.mechanism,
@@ -138,8 +153,8 @@ class Sweep:
         return {
             "mechanism": self.mechanism.name,
             "file": hashlib.sha256(text.encode()).hexdigest(),
-            "input": self.mechanism.inputs[0].pair,
-            "samples": hashlib.sha256(self.samples.rows.tobytes()).hexdigest(),
+            "input": ", ".join(each.pair for each in self.mechanism.inputs),
+            "samples": hashlib.sha256(self._sampled).hexdigest(),
             "angle_unit": self.angle,
             "vary": [asdict(each) for each in self.space.variations],
             "scheme": self.space.scheme,
@@ -150,11 +165,23 @@ class Sweep:
             "part": self.part_size,
         }
 
+    @property
+    def _sampled(self) -> bytes:
+        if self.samples is not None:
+            return self.samples.rows.tobytes()
+        study = self.study
+        return repr(study and (study.samples, study.grid, study.path, study.laws)).encode()
+
+    def _unit(self, merit: Merit) -> str:
+        evaluator = self.evaluator
+        if isinstance(evaluator, TableFigures):
+            return merit.unit(evaluator.units[merit.name])
+        return merit.unit(row_quantities(self.mechanism))
+
     def units(self) -> dict[str, str]:
         """Return the unit of every column that has one."""
-        known = row_quantities(self.mechanism)
         made = {each.name: self.angle for each in self.variables if each.is_angle}
-        made |= {merit.name: merit.unit(known) for merit in self.merits}
+        made |= {merit.name: self._unit(merit) for merit in self.merits}
         return {name: self.angle if unit == "rad" else unit for name, unit in made.items()}
 
     def part(self, number: int) -> Columns:
@@ -182,10 +209,9 @@ class Sweep:
         made["claim"] = found.claim
         if classes is not None:
             made["grashof"] = classes[own].astype(object)
-        known = row_quantities(self.mechanism)
         for merit in self.merits:
             values = found.merits[merit.name]
-            if self.angle == "deg" and merit.unit(known) == "rad":
+            if self.angle == "deg" and self._unit(merit) == "rad":
                 values = np.degrees(values)
             made[merit.name] = values
         return made

@@ -10,6 +10,7 @@ import numpy as np
 from spherekit.analysis.merit import Merit, parse_merit
 from spherekit.analysis.registry import create
 from spherekit.checked import checked
+from spherekit.conventions import listing
 from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace, Scheme, Variation, listed, variation
 from spherekit.design.sweep import Sweep, SweepResult, run_sweep
@@ -136,8 +137,26 @@ def sweep_of(
             )
         merits |= {merit.name: merit for merit in own}
     merits |= {m.name: m for m in (parse_merit(text, radians) for text in reduce)}
+    if not any(merit.table for merit in merits.values()):
+        samples_of = DesignSamples.of(study)
+        return Sweep(study.mechanism, samples_of, document, space, tuple(merits.values()))
+    rows = [merit.name for merit in merits.values() if not merit.table]
+    if rows:
+        raise DesignError(
+            f"{study.mechanism.name}: figures of tables come from runs, {listing(rows)} "
+            "from a kernel; ask for them in two sweeps"
+        )
+    names = dict.fromkeys(merit.of_table[0] for merit in merits.values())
+    given = {analysis.name: analysis for analysis in analyses}
+    every = tuple(given.get(name) or create(name) for name in names)
     return Sweep(
-        study.mechanism, DesignSamples.of(study), document, space, tuple(merits.values())
+        study.mechanism,
+        None,
+        document,
+        space,
+        tuple(merits.values()),
+        study=study,
+        analyses=every,
     )
 
 

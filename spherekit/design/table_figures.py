@@ -1,0 +1,156 @@
+"""Figures of merit from the tables of analyses: every design is run on its own."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.execution import Execution
+from spherekit.analysis.merit import Merit, Reducing
+from spherekit.analysis.result import MOTION, RunResult
+from spherekit.analysis.run import executed
+from spherekit.conventions import Status, listing, nearest
+from spherekit.design.evaluate import OK, SINGLY, Evaluated, first_line, without
+from spherekit.design.variables import DesignVariable, designed
+from spherekit.errors import AnalysisError, DesignError, SpherekitError
+from spherekit.files.document import Document
+from spherekit.model.study import Study
+from spherekit.sphere.rotation import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MODES = ("assembly_mode", "working_mode")
+"""Columns by which the rows of a table are those of modes."""
+
+
+@final
+class TableFigures:
+    """Figures of tables; their analyses may be of any mechanism, with several inputs too.
+
+    Raises
+    ------
+    DesignError
+        If a table, or a column of an expression, is not known.
+    """
+
+    kernel = None
+    part = SINGLY
+
+    def __init__(
+        self,
+        document: Document,
+        study: Study,
+        variables: Sequence[DesignVariable],
+        merits: Sequence[Merit],
+        analyses: Sequence[AbstractAnalysis],
+    ) -> None:
+        self.document, self.study = document, study
+        self.variables = tuple(variables)
+        self.merits, self.analyses = tuple(merits), tuple(analyses)
+        self.units = {m.name: _units(m, analyses, study) for m in merits}
+        for merit in merits:
+            merit.parsed(self.units[merit.name])
+
+    def classes(self, values: Floats) -> None:
+        """Return no Grashof classes."""
+
+    def at(self, values: Floats) -> Evaluated:
+        """Return the figures of merit of designs (variables, n), in the file's units."""
+        nothing = np.zeros(0, dtype=np.int64)
+        parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
+        for k, design in enumerate(values.T):
+            try:
+                found = self._single(list(design))
+            except SpherekitError as problem:
+                why = np.array([first_line(problem)], dtype=object)
+                found = without(np.zeros(1, dtype=np.int64), why, self.merits)
+            parts.append(replace(found, design=found.design + k))
+        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+
+    def _single(self, values: Sequence[float]) -> Evaluated:
+        mechanism = designed(self.document, self.variables, values)
+        mechanism = mechanism.with_inputs(*(i.pair for i in self.study.mechanism.inputs))
+        study = replace(self.study, mechanism=mechanism)
+        run = executed(study, self.analyses, Execution())
+        if run.failures:
+            raise AnalysisError(next(iter(run.failures.values())))
+        figures = [self._by_mode(run, merit) for merit in self.merits]
+        modes = sorted({mode for each in figures for mode in each}) or [""]
+        made = {
+            merit.name: np.array([each.get(mode, each.get("", np.nan)) for mode in modes])
+            for merit, each in zip(self.merits, figures, strict=True)
+        }
+        found = str(run.summary.get("search", ""))
+        claim = found.partition(":")[0] if MOTION in run.results and ":" in found else ""
+        return Evaluated(
+            np.zeros(len(modes), dtype=np.int64),
+            np.array(modes, dtype=object),
+            np.array([_closes(run, mode) for mode in modes]),
+            np.full(len(modes), OK, dtype=object),
+            np.full(len(modes), claim, dtype=object),
+            made,
+        )
+
+    def _by_mode(self, run: RunResult, merit: Merit) -> dict[str, float]:
+        """Return a figure for each mode of its table; of "" where it has no modes."""
+        rows = run.frame(*merit.of_table)
+        for column, value in merit.only:
+            rows = rows[rows[column].astype(str) == value]
+        for column in MODES:
+            if column in rows:
+                own = rows[column].astype(str)
+                return {m: self._reduced(merit, rows[own == m]) for m in own.unique()}
+        return {"": self._reduced(merit, rows)}
+
+    def _reduced(self, merit: Merit, rows: "pd.DataFrame") -> float:
+        expression = merit.parsed(self.units[merit.name])
+        known = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
+        values = np.broadcast_to(expression.evaluate(known), len(rows))
+        q = rows["q"].to_numpy(dtype=float) if "q" in rows else np.arange(len(rows))
+        reducing = Reducing(merit, 1)
+        for place, value in zip(q, values, strict=True):
+            if merit.point is None or abs(place - merit.point) < 1e-9:
+                reducing.take(float(place), np.array([value]))
+        return float(reducing.result()[0])
+
+
+def _units(
+    merit: Merit, analyses: Sequence[AbstractAnalysis], study: Study
+) -> dict[str, str]:
+    """Return the unit of each column of numbers in the table of a figure."""
+    analysis, table = merit.of_table
+    if analysis == MOTION:
+        raise DesignError(
+            f"{merit.name}: {analysis}.{table} is of no analysis; name a table of one"
+        )
+    (own,) = (each for each in analyses if each.name == analysis)
+    tables = {each.name: each.of(study.mechanism) for each in own.tables}
+    if table not in tables:
+        hint = nearest(table, tables) or ";"
+        raise DesignError(
+            f'{merit.name}: {analysis} has no table "{table}"{hint} it has '
+            f"{listing(tables)}"
+        )
+    columns = tables[table].columns
+    names = [column.name for column in columns]
+    for column, _ in merit.only:
+        if column not in names:
+            raise DesignError(
+                f"{merit.name}: {analysis}.{table} has no column {column}; its columns: "
+                f"{listing(names)}"
+            )
+    return {each.name: each.unit for each in columns if each.kind == "number"}
+
+
+def _closes(run: RunResult, mode: str) -> float:
+    """Return the share of samples at which an assembly mode closes; NaN of other modes."""
+    data: Any = run.results[MOTION].data if MOTION in run.results else {}
+    if MOTION not in data:
+        return float("nan")
+    rows = run.frame(MOTION)
+    status = rows["status"][rows["assembly_mode"].astype(str) == mode].astype(str)
+    held = status.isin([Status.OK.name, Status.AT_SINGULARITY.name])
+    return float(held.mean()) if len(status) else float("nan")
