@@ -20,6 +20,7 @@ from spherekit.design.samples import DesignSamples
 from spherekit.design.sensitivity import sizes_of
 from spherekit.design.space import DesignSpace, between, listed, variation
 from spherekit.design.sweep import run_sweep
+from spherekit.engine.design_kernel import DesignTerms, design_kernel
 from spherekit.errors import AnalysisError, DesignError, FileError, OutputError
 from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.library import find
@@ -497,3 +498,10 @@ def test_ranges_and_middles():
     assert middle_pairs(sk.load("four_bar")) == ("43",)
     assert middle_pairs(sk.load("double_butterfly")) == ()
     assert row_quantities(sk.load("stephenson"))["theta_16"] == "rad"
+
+
+def test_a_kernel_may_have_nothing_to_compute():
+    mechanism = sk.load("single_flier")
+    kernel = design_kernel(DesignTerms.of(mechanism, "12"), [])
+    assert kernel.prepare(np.empty((0, 3))).shape == (0, 3)
+    assert kernel.evaluate(np.zeros((14, 3))).shape == (0, 3)
