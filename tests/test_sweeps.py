@@ -204,6 +204,8 @@ def test_tables_of_runs_give_figures_of_what_no_kernel_knows():
     run = run[(run["link"] == "follower") & (run["relative_to"] == "frame")]
     for mode, rows in run.groupby("assembly_mode"):
         assert own.loc[str(mode), "most"] == rows["velocity_coefficient"].abs().max()
+    with pytest.raises(DesignError, match="figures of tables"):
+        sk.sweep("shaped_cam", {key: [4.0]}, "max(theta_follower_pivot)")
     vary, column = {"links.2.arc": [20.0]}, "velocity_coefficient"
     with pytest.raises(DesignError, match="two sweeps"):
         sk.sweep("four_bar", vary, [f"max(poles.poles: {column})", "max(q)"])
