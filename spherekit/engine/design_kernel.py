@@ -39,6 +39,7 @@ from spherekit.engine.misfits import answers, misfit_rates, misfits
 from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
+from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import pole_of
@@ -399,6 +400,7 @@ class RowQuantities:
             lambda condition: function("sign", condition),
             self._no_table,
         )
+        need_no_rubbing(mechanism, "a kernel of designs does not solve for")
         force: Expr = 0.0
         for parts in self.actions.loads:
             force = force + forces_of(parts, state)[0]
