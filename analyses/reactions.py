@@ -73,6 +73,11 @@ class ReactionAnalysis(AbstractAnalysis):
                     "presses",
                 ),
                 Column("traction", "N m", "that along its tangent, on the second link"),
+                Column(
+                    "bearing",
+                    "N",
+                    "force across the axis on each bearing that the file places",
+                ),
                 STATUS,
             ),
         ),
@@ -106,6 +111,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 "across": found.across.ravel(),
                 "push": found.push.ravel(),
                 "traction": found.traction.ravel(),
+                "bearing": found.bearing.ravel(),
                 "status": found.status.ravel(),
             }
         }

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from statistics import median
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from benchmarks.report import Cell, Section
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_variables
 from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulate_grid import grid_model
 from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.files.read import load
+from spherekit.model.dynamics import Damper
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import parse_pole
 from spherekit.rates.field import evaluate
@@ -63,8 +66,59 @@ def run(quick: bool) -> list[Section]:
             rows,
             ratios=("in sines",),
             keys=2,
-        )
+        ),
+        _several(quick),
     ]
+
+
+def _several(quick: bool) -> Section:
+    """Return the section of models of several inputs."""
+    rows: list[tuple[Cell, ...]] = []
+    for name in ("two_dof_spm", "bevel_differential", *(() if quick else ("five_bar",))):
+        made = load(name)
+        links = [link for link in made.links if link != made.ground]
+        for link in links:
+            made = made.with_mass(link, np.diag([0.02, 0.03, 0.015]).tolist())
+        pairs = [item.pair for item in made.inputs]
+        made = made.with_loads(*(Damper(f"oil_{pair}", pair, 0.1) for pair in pairs))
+        started = time.process_time()
+        model = grid_model(made)
+        seconds = time.process_time() - started
+        cells = model.series
+        row = cells.bounds[0].mean(axis=0).tolist()
+        rates = [0.3] * len(row)
+        model.torque(row, rates, rates)
+        ratios, times = [], []
+        for _ in range(200 if quick else 5000):
+            started = time.perf_counter()
+            for _ in range(CALLS):
+                math.sin(0.3)
+            between = time.perf_counter()
+            for _ in range(CALLS):
+                model.torque(row, rates, rates)
+            times.append(1e6 * (time.perf_counter() - between) / CALLS)
+            ratios.append(times[-1] * CALLS / (1e6 * (between - started)))
+        figures = (len(cells.bounds), seconds, model.heading.covered, model.error)
+        rows.append((name, *figures, min(times), median(times), median(ratios)))
+    return Section(
+        "Stored functions of several inputs",
+        "Each shipped mechanism with masses on all links and a damper at each input: the "
+        "part of the box of the inputs' ranges that is stored, the error the model "
+        "measured at random places of it, relative to each function's largest value, and "
+        "the time of single calls from Python for the torques at all inputs.",
+        (
+            "mechanism",
+            "cells",
+            "made in, s",
+            "stored",
+            "own error",
+            "torques, us, fastest",
+            "median",
+            "in sines",
+        ),
+        rows,
+        ratios=("in sines",),
+    )
 
 
 def _times(model: TabulatedModel, quick: bool) -> list[float | None]:

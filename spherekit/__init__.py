@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from spherekit.dynamics.simulation import Simulation as Simulation
     from spherekit.dynamics.start import PoseStart as PoseStart
     from spherekit.dynamics.tabulate import online_model as online_model
+    from spherekit.dynamics.tabulate_grid import grid_model as grid_model
     from spherekit.dynamics.tabulated import load_reduced as load_reduced
     from spherekit.dynamics.tabulated_motion import online_motion as online_motion
     from spherekit.errors import SpherekitError as SpherekitError
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.follow import follow_to as follow_to
     from spherekit.guidance.schedule import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
+    from spherekit.model.dynamics import Bearings as Bearings
     from spherekit.model.dynamics import Damper as Damper
     from spherekit.model.dynamics import Friction as Friction
     from spherekit.model.dynamics import Gravity as Gravity

@@ -18,6 +18,7 @@ from spherekit.files.document import LiteralNumber
 from spherekit.files.read import load, loads
 from spherekit.files.write import canonical_text, dump, dumps
 from spherekit.model.dynamics import (
+    Bearings,
     Damper,
     Friction,
     Mass,
@@ -105,6 +106,7 @@ def random_loads(random, links, pair, angle):
         Spring("spring", pair, one, angle()),
         Damper("damper", pair, other),
         Friction("friction", pair, one, other, abs(angle()) + 1e-9),
+        Bearings("held", pair, (one + 0.1,), other, one, abs(angle()) + 1e-9),
         TorqueTable("table", pair, (0.0, one, one + 1), (one, other, one), True),
     )
 

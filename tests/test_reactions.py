@@ -187,3 +187,75 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
     assert table["moment_x"].isna().any() and not table["moment_z"].isna().any()
     with pytest.raises(sk.SpherekitError, match="needs one number above 0 N m/rad"):
         sk.run("five_bar", "statics:stiffness=-2", samples=3)
+
+
+@pytest.mark.parametrize("positions", [(0.8,), (0.5, 1.1)])
+def test_friction_follows_from_the_reactions_that_it_changes(positions):
+    """The torque c r n/arm |M| tanh(v'/speed), put in as a load, needs the same reactions.
+
+    It is found here by secants of one number, in each row, instead of by iteration.
+    """
+    made, _ = loaded("stephenson", np.random.default_rng(5))
+    pair, turned = "14", made.angles
+    rub = sk.Bearings("rub", pair, positions, radius=0.05, coefficient=0.3, speed=0.01)
+    motion = moving(made.with_loads(rub), (0.4,), [0.0, 0.1])
+    found = reactions(motion)
+    assert np.all(found.torques.status == Status.OK) and 2 < found.torques.rounds < 40
+    arm = positions[0] if len(positions) == 1 else positions[1] - positions[0]
+    number = made.pair_number[pair]
+    for row in range(2):
+        rate = found.torques.rates[row, :, turned[pair]] @ found.torques.input_rates[row]
+
+        def gap(torque, row=row, rate=rate):
+            given = made.with_loads(sk.PairTorque("rub", pair, repr(float(torque))))
+            across = reactions(moving(given, (0.4,), [0.0, 0.1])).across[row, number]
+            size = 0.3 * 0.05 * len(positions) / arm * across
+            return torque + size * np.tanh(rate / 0.01), across
+
+        a, b = 0.0, -0.1
+        for _ in range(30):
+            fa, fb = gap(a)[0], gap(b)[0]
+            if abs(fb) < 1e-13 or fa == fb:
+                break
+            a, b = b, b - fb * (b - a) / (fb - fa)
+        load = [each.name for each in found.torques.mechanism.loads].index("rub")
+        coefficient = found.torques.rates[row, 0, turned[pair]]
+        force = found.torques.Q_parts[row, 0, load]
+        assert force == pytest.approx(b * coefficient, rel=1e-9)
+        assert found.across[row, number] == pytest.approx(gap(b)[1], rel=1e-9)
+        assert found.bearing[row, number] * arm == pytest.approx(found.across[row, number])
+    assert np.all(np.isnan(found.bearing[:, [k for k in range(7) if k != number]]))
+
+
+def test_bearings_that_lock_or_move_by_loads_are_refused():
+    made, _ = loaded("stephenson", np.random.default_rng(5))
+    tight = sk.Bearings("rub", "14", (0.1,), radius=0.5, coefficient=0.9, speed=0.01)
+    locked = reactions(moving(made.with_loads(tight), (0.4,), [0.1]))
+    assert locked.torques.status[0] != Status.OK
+    with pytest.raises(sk.SpherekitError, match="follows from the reaction of pair 14"):
+        sk.simulate(made.with_loads(tight), sk.Start(0.4, 1.0), 1.0)
+
+
+def test_a_simulation_ends_where_a_one_sided_contact_lifts_off(tmp_path):
+    """Where the torque that presses the follower is all that its acceleration takes.
+
+    The acceleration is that of the follower's angle, by differences of the motion found.
+    """
+    made = pressed("0.5")
+    pairs = [replace(p, one_sided=p.name == "contact") for p in made.pairs]
+    made = replace(made, pairs=tuple(pairs))
+    sk.dump(made, tmp_path / "cam.toml")
+    assert sk.load(tmp_path / "cam.toml").pair("contact").one_sided
+    found = sk.simulate(made, sk.Start(0.5, 18.0), 1.0, tolerance=1e-11, engine="numpy")
+    assert found.end.kind == "lift_off" and "contact lifts off" in found.end.message
+    assert found.events[-1].kind == "lift_off" and 0.0 < found.end.t < 1.0
+    torque = float(made.loads[0].torque)
+    h, pivot = 1e-4, made.angles["follower_pivot"]
+    t = found.end.t - h * np.arange(6)[::-1]
+    series = np.polynomial.Polynomial.fit(t, found.at(t).values[:, pivot], 5)
+    tensor = 0.01
+    assert tensor * series.deriv(2)(found.end.t) == pytest.approx(torque, rel=1e-4)
+    with pytest.raises(sk.SpherekitError, match="would have to pull at the start"):
+        late = found.at([found.end.t])
+        beyond = sk.Start(float(late.q[0]) + 0.05, float(late.dq[0]))
+        sk.simulate(made, beyond, 1.0)

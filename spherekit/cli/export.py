@@ -62,7 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--poles",
         nargs="*",
         metavar="POLE",
-        help="model, coupling: only these poles, as 3/1 (default: all; coupling: none)",
+        help="model, coupling: only these poles, as 3/1 (default: all; coupling, and "
+        "model of several inputs: none)",
     )
     suggesting(
         parser.add_argument(
@@ -84,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="T",
         help="model: error of every function, relative to its largest value (default: "
-        "1e-13); coupling: error of angles, rad (default: 1e-6)",
+        "1e-13, of several inputs 1e-11); coupling: error of angles, rad (default: 1e-6)",
     )
     parser.add_argument(
         "--at",

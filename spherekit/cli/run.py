@@ -70,8 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         choices=FORMATS,
-        default="both",
-        help="which files, default both; CSV takes four times the space of Parquet",
+        help="which files; by default Parquet, and CSV up to 100 MB, which takes four "
+        "times the space",
     )
     stopped = parser.add_mutually_exclusive_group()
     stopped.add_argument(
@@ -189,7 +189,7 @@ def execute(options: argparse.Namespace) -> int:
                 analyses,
                 folder=study.folder,
                 unfinished=_unfinished(options),
-                formats=FORMATS[options.format],
+                formats=FORMATS.get(options.format),
                 engine=_engine(options, setting),
                 only_needed=options.only_needed,
                 tables=options.prove,
@@ -330,7 +330,7 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
         ),
         (
             study.folder,
-            options.format != "both",
+            options.format is not None,
             "--format",
             "tables: write them with -o DIR",
         ),

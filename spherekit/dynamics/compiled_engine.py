@@ -26,8 +26,14 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.start import Problem
 from spherekit.dynamics.taylor_path import CoordinateLeg, CurveLeg, TaylorPath
-from spherekit.engine.equation import CompiledEquation, Coordinates, compiled_equation
-from spherekit.engine.integration import MOST_STEPS, Begun, Run, integrate
+from spherekit.engine.equation import (
+    COARSEST,
+    LOOSEST,
+    CompiledEquation,
+    Coordinates,
+    compiled_equation,
+)
+from spherekit.engine.integration import CROSSED, MOST_STEPS, Begun, Run, integrate
 from spherekit.engine.loads import FULL_TURN
 from spherekit.engine.several_freedoms import STEEPEST, mass_size
 from spherekit.errors import EngineError, PlanError
@@ -35,6 +41,18 @@ from spherekit.sphere.rotation import Floats
 
 NO_CROSSING = 1e-3
 """Less belongs to a crossing of curves, see `reciprocal_condition`."""
+STEP = 0.1
+"""Part of the tolerance asked for that steps of several freedoms have."""
+
+NEAR = 1e-3
+"""Where independence is less than this part of its largest, steps are made fine enough to
+see a crossing; a configuration off its curve by `COARSEST` misses one by 3e-4."""
+
+NO_COORDINATES = (
+    "no pair variables say surely enough how all others move; use NumPy's "
+    'simulate(engine="numpy"), or --engine numpy'
+)
+
 ENOUGH = 0.5
 """Part of `STEEPEST` with which coordinates may be taken."""
 
@@ -69,11 +87,12 @@ def by_taylor_series(
     solve = _along_curve if problem.equation.freedoms == 1 else _by_coordinates
     compiling, started = 0.0, time.perf_counter()
 
-    def compiled(coordinates: Coordinates | None) -> CompiledEquation:
+    def compiled(coordinates: Coordinates | None, most: float) -> CompiledEquation:
         nonlocal compiling
         before = time.perf_counter()
+        step = min(tolerance if coordinates is None else STEP * tolerance, most)
         made, known = compiled_equation(
-            problem.equation.mechanism, tolerance, compact, coordinates=coordinates
+            problem.equation.mechanism, step, compact, coordinates=coordinates
         )
         compiling += 0.0 if known else time.perf_counter() - before
         return made
@@ -101,7 +120,8 @@ def by_taylor_series(
     )
 
 
-Compiled = Callable[[Coordinates | None], CompiledEquation]
+Compiled = Callable[[Coordinates | None, float], CompiledEquation]
+"""The equation in some coordinates, with steps for a tolerance or less."""
 
 
 def _along_curve(
@@ -109,7 +129,7 @@ def _along_curve(
 ) -> TaylorPath:
     """Return the path of one freedom."""
     mechanism = problem.equation.mechanism
-    made = compiled(None)
+    made = compiled(None, LOOSEST)
     unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
     tau = made.rates(problem.values[None])[0, 0]
     sense = float(np.copysign(1.0, tau @ problem.frame[0]))
@@ -136,9 +156,10 @@ def _by_coordinates(
     legs: list[CoordinateLeg] = []
     values, turns = problem.values, problem.turns
     rates = rates_by_time(motion, problem.speed[None])[0]
-    begun = Begun()
+    begun, most = Begun(), COARSEST
     while True:
-        made, places = _coordinates(problem, values, compiled)
+        made, places = _coordinates(problem, values, compiled, most)
+        fine = made.tolerance <= LOOSEST
         targets = [t for t in problem.switches if t > begun.time]
         run = integrate(
             made,
@@ -150,12 +171,15 @@ def _by_coordinates(
             (*targets, problem.until),
             equation.closed,
             begun,
+            CROSSED if fine else NEAR,
         )
         if not run.stretches and legs:
             break
         _need_stretches(problem, run)
         legs.append(CoordinateLeg(equation, run, places))
-        if run.end != "coordinates":
+        if run.end == "singularity" and not fine:
+            most = LOOSEST
+        elif run.end != "coordinates":
             break
         states, _, whole = run.at(np.array([run.time]))
         turns = whole[0]
@@ -171,18 +195,23 @@ def first_of(problem: Problem) -> Coordinates | None:
     """Return the coordinates that a run begins with, None of one freedom."""
     if problem.equation.freedoms == 1:
         return None
-    return next(_candidates(problem, problem.values))
+    found = next(_candidates(problem, problem.values), None)
+    if found is None:
+        raise EngineError(f"{problem.equation.mechanism.name}: {NO_COORDINATES}")
+    return found
 
 
 def _coordinates(
-    problem: Problem, values: Floats, compiled: Compiled
+    problem: Problem, values: Floats, compiled: Compiled, most: float
 ) -> tuple[CompiledEquation, tuple[int, ...]]:
     """Return the equation in pair variables that say how all others move, and these."""
-    why = "no pair variables say how all others move"
+    why = NO_COORDINATES
     for coordinates in _candidates(problem, values):
         angles = problem.equation.mechanism.angles
         try:
-            return compiled(coordinates), tuple(angles[pair] for pair in coordinates.pairs)
+            return compiled(coordinates, most), tuple(
+                angles[pair] for pair in coordinates.pairs
+            )
         except PlanError as fault:
             why = str(fault)
     raise EngineError(f"{problem.equation.mechanism.name}: {why}")

@@ -11,10 +11,15 @@ import numpy as np
 from spherekit.sphere.rotation import Floats
 
 
+def christoffel(dM: Floats) -> Floats:
+    """Return c (n, m, m, m) from the derivatives of M (n, m, m, m)."""
+    skew = np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)
+    return np.asarray(0.5 * (dM + skew))
+
+
 def coriolis(dM: Floats, rates: Floats) -> Floats:
     """Return C (n, m, m) from the derivatives of M (n, m, m, m) at rates (n, m)."""
-    skew = np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)
-    return np.asarray(0.5 * ((dM + skew) @ rates[:, None, :, None])[..., 0])
+    return np.asarray((christoffel(dM) @ rates[:, None, :, None])[..., 0])
 
 
 def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:

@@ -19,7 +19,8 @@ class Loads:
     `names` are those of the loads, `components` what they are made of, `owners` the
     number of the load of each component, `steep` the arguments at whose zeros and turns
     loads may change at once, see `spherekit.model.actions.steep`; `watched` says whether
-    steps have to be looked at for that, or for functions of which nothing is known.
+    steps have to be looked at for that, or for functions of which nothing is known,
+    `rubbing` whether friction of bearings follows from the reactions.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -30,6 +31,10 @@ class Loads:
         self.owners = [k for k, parts in enumerate(each) for _ in parts]
         self.steep = steep(mechanism)
         functions = (isinstance(part.magnitude, Called) for part in self.components)
+        self.rubbing = any(
+            part.bearings is not None and part.bearings.grip > 0.0
+            for part in self.components
+        )
         self.watched = bool(self.steep) or any(functions)
         self._first = np.array(
             [self.owners.index(k) for k in range(len(each))], dtype=np.intp
@@ -47,11 +52,18 @@ class Loads:
                 found[..., column] += on_links.power(moment)
         return found
 
-    def magnitudes(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
+    def magnitudes(
+        self,
+        values: Floats,
+        value_rates: Floats,
+        t: Floats,
+        across: Floats | None = None,
+    ) -> Floats:
         """Return the magnitude of each component (n, components), N m or N.
 
         `values`, `value_rates` (n, variables) are the pair variables and their rates by
-        time, `t` (n,) is in s.
+        time, `t` (n,) is in s; `across` (n, pairs) N m the moments across the axes of
+        pairs, without which bearings do not rub.
         """
         known = self._known(values, value_rates, t)
         found = np.empty((len(t), len(self.components)))
@@ -62,6 +74,10 @@ class Loads:
             else:
                 used = {name: known[name] for name in law.names}
                 found[:, column] = law.evaluate(used)
+            if part.bearings is not None:
+                pair = self.mechanism.pair_number[part.pair]
+                grip = part.bearings.grip
+                found[:, column] *= 0.0 if across is None else grip * across[:, pair]
         return found
 
     def arguments(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
@@ -78,7 +94,13 @@ class Loads:
         known |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
         return known
 
-    def parts(self, motion: CoordinateMotion, speed: Floats, t: Floats) -> Floats:
+    def parts(
+        self,
+        motion: CoordinateMotion,
+        speed: Floats,
+        t: Floats,
+        across: Floats | None = None,
+    ) -> Floats:
         """Return each load's generalised forces (n, m, loads).
 
         Parameters
@@ -89,11 +111,13 @@ class Loads:
             (n, m) rates of these coordinates by time.
         t
             (n,) time, s.
+        across
+            See `magnitudes`.
         """
         if not self.components:
             return np.zeros((*speed.shape, 0))
         rates = rates_by_time(motion, speed)
-        magnitudes = self.magnitudes(motion.values, rates, t)
+        magnitudes = self.magnitudes(motion.values, rates, t, across)
         each = magnitudes[:, None] * self.velocities(motion)
         return np.asarray(np.add.reduceat(each, self._first, axis=2))
 

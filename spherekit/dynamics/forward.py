@@ -10,6 +10,7 @@ from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series, first_of
 from spherekit.dynamics.differences import by_differences
+from spherekit.dynamics.lift_off import until_lift_off
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulation import NO_SERIES, Forecast, Simulation
 from spherekit.dynamics.solved import Solved, Solving, last, whole
@@ -121,7 +122,8 @@ def simulate(
             )
         return by_differences(problem, step if step is not None else until / 1000.0)
     found = _solving(problem, tolerance, engine, compact)
-    return last(_checking(problem, found, tolerance, compact) if check else found).motion
+    found = _checking(problem, found, tolerance, compact) if check else found
+    return until_lift_off(last(found).motion)
 
 
 def solving(
@@ -139,7 +141,17 @@ def solving(
     """
     _need_allowed(mechanism, engine, tolerance)
     problem = prepare(mechanism, start, until, torque, None, assembly_mode, ())
-    return _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
+    found = _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
+    if not any(pair.one_sided for pair in mechanism.pairs):
+        return found
+    return _lifting_off(found)
+
+
+def _lifting_off(pieces: Solving) -> Solving:
+    """Return the whole alone: where it lifts off is known when it is solved."""
+    yield from ()
+    found = last(pieces)
+    return whole(found.run, until_lift_off(found.motion))
 
 
 def _need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:

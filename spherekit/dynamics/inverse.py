@@ -12,16 +12,19 @@ from spherekit.conventions import SINGULAR_RATIO, Status, listing
 from spherekit.dynamics.equation import driving_torques
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.input_motion import InputMotion, single
 from spherekit.dynamics.kinematics import CoordinateMotion, by_variables, determined
-from spherekit.dynamics.simulation import single
 from spherekit.dynamics.start import into_range, reaching
+from spherekit.dynamics.transmitted import Driven, Transmitted, transmitted
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.schedule import Schedule
+from spherekit.model.dynamics import Bearings
 from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.continued import AngleMemory
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Timing, by_laws
 from spherekit.planning.inputs import driven_at, driven_pairs
@@ -31,6 +34,11 @@ from spherekit.sphere.rotation import Floats
 DEAD_CENTRE = 1e-6
 """Inputs that say less surely how all variables move lose half the digits of rates."""
 
+SETTLED = 1e-14
+"""Part of the largest reaction by which they may still change when friction is known."""
+
+MOST_ROUNDS = 100
+
 
 def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
     """Return sums (n,) of parts (n, k), NaN in rows that failed, also where k is 0."""
@@ -39,7 +47,7 @@ def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
 
 @final
 @dataclass(frozen=True)
-class InverseSolution:
+class InverseSolution(InputMotion):
     """The driving torques, row after row: mode after mode, in each the times.
 
     `sample`, `assembly_mode`, `status` (n,); `t` s; `inputs`, `input_rates`,
@@ -47,7 +55,8 @@ class InverseSolution:
     inputs, inputs) kg m2 and `dM_parts` (n, masses, inputs, inputs, inputs) by the inputs;
     `Q_parts` (n, inputs, loads) N m; `torques` (n, inputs) N m at the inputs; `values` (n,
     variables) rad; `motion` what moves how by the inputs; `residual` (n,) rad. Failed rows
-    are NaN.
+    are NaN. Where bearings rub, `across` (n, pairs) N m are the moments across the axes
+    that their friction follows from, found in `rounds` of iteration.
     """
 
     mechanism: Mechanism
@@ -65,6 +74,8 @@ class InverseSolution:
     motion: CoordinateMotion
     residual: Floats
     status: NDArray[np.int8]
+    across: Floats | None = None
+    rounds: int = 0
 
     def __repr__(self) -> str:
         failed = int(np.count_nonzero(self.status))
@@ -102,23 +113,8 @@ class InverseSolution:
         return np.asarray(np.einsum("ni,nil->nl", self.input_rates, self.Q_parts))
 
     @property
-    def q(self) -> Floats:
-        """(n,) variable of the only input, rad; `SolveError` with several, as all below."""
-        return single(self.inputs)
-
-    @property
-    def dq(self) -> Floats:
-        """(n,) its rate, rad/s."""
-        return single(self.input_rates)
-
-    @property
-    def ddq(self) -> Floats:
-        """(n,) its acceleration, rad/s2."""
-        return single(self.input_accelerations)
-
-    @property
     def tau(self) -> Floats:
-        """(n,) driving torque at it, N m."""
+        """(n,) driving torque at the only input, N m; `SolveError` with several."""
         return single(self.torques)
 
     @property
@@ -290,12 +286,31 @@ def needed_torques(motion: Motion) -> InverseSolution:
     numbers = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     closure = Closure.of(mechanism, motion.joints)
     found = by_variables(closure, motion.values, numbers)
+    loads = Loads(mechanism)
+    status = motion.status.copy()
+    at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
+    across: Floats | None = None
+    rounds = 0
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, found)
-        forces = Loads(mechanism).parts(found, timing.dq, timing.t)
-        Q = np.sum(forces, axis=2)
-        torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
-    status = motion.status.copy()
+        while True:
+            forces = loads.parts(found, timing.dq, timing.t, across)
+            Q = np.sum(forces, axis=2)
+            torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
+            good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
+            if not loads.rubbing or not np.any(good):
+                break
+            driven = Driven(mechanism, at, found, timing, torques, across).rows(good)
+            before, across = across, np.zeros((len(motion), len(mechanism.pairs)))
+            across[good] = _known(mechanism, transmitted(driven, motion.joints))
+            change = np.max(np.abs(across - (0.0 if before is None else before)), axis=1)
+            moved = change > SETTLED * np.max(across, axis=1)
+            rounds += 1
+            if not np.any(moved):
+                break
+            if rounds == MOST_ROUNDS:
+                status[(status == Status.OK) & moved] = Status.NOT_CONVERGED
+                break
     flat = ~(determined(found.rates) >= DEAD_CENTRE)
     held = ~motion.failed
     # Where assembly modes nearly cross, rounding of the configuration decides the
@@ -322,7 +337,24 @@ def needed_torques(motion: Motion) -> InverseSolution:
         found,
         motion.residual,
         status,
+        across,
+        rounds,
     )
+
+
+def _known(mechanism: Mechanism, found: Transmitted) -> Floats:
+    """Return the moments (n, pairs) across axes, where bearings need them."""
+    across = found.across
+    for load in mechanism.loads:
+        if isinstance(load, Bearings) and load.grip > 0.0:
+            pair = mechanism.pair_number[load.pair]
+            if np.any(np.isnan(across[:, pair])):
+                raise SolveError(
+                    f"{mechanism.name}: loads.{load.name}: redundant constraints leave the "
+                    f"reaction of pair {load.pair} open, and so the friction of its "
+                    "bearings; take a load of kind friction"
+                )
+    return np.asarray(np.nan_to_num(across))
 
 
 def need_terms(mechanism: Mechanism) -> None:

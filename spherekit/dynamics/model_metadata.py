@@ -1,7 +1,7 @@
 """What a stored model is of, without its numbers."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -55,6 +55,18 @@ class StoredLoad:
         return TorqueTable(self.name, "", self.times, self.torques, self.repeats)
 
 
+def magnitudes(
+    loads: Sequence[StoredLoad], angles: Sequence[str]
+) -> tuple[Expression | TorqueTable, ...]:
+    """Return the magnitude of each component of each load, N m or N."""
+    names = load_names(angles)
+    found: list[Expression | TorqueTable] = []
+    for load in loads:
+        table = load.table
+        found += [table] if table else [parse(text, names) for text in load.components]
+    return tuple(found)
+
+
 @final
 @dataclass(frozen=True)
 class ModelMetadata:
@@ -106,12 +118,7 @@ class ModelMetadata:
 
     def magnitudes(self) -> tuple[Expression | TorqueTable, ...]:
         """Return the magnitude of each component of each load, N m or N."""
-        names = load_names(self.angles)
-        found: list[Expression | TorqueTable] = []
-        for load in self.loads:
-            table = load.table
-            found += [table] if table else [parse(text, names) for text in load.components]
-        return tuple(found)
+        return magnitudes(self.loads, self.angles)
 
     def read(self) -> Mapping[str, tuple[str, bool]]:
         """Return what each name in magnitudes stands for, the time left out.

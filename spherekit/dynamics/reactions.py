@@ -17,19 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
-from spherekit.dynamics.forces import Loads, rates_by_time
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
-from spherekit.model.joints import Joint, Revolute, Rolling
+from spherekit.dynamics.transmitted import Driven, transmitted
+from spherekit.model.dynamics import Bearings
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.motion import Motion
-from spherekit.sphere.rotation import Floats, cross, transpose
-
-DEPENDENT = 1e-9
-"""Reactions whose relative singular value is below this balance each other."""
-
-DETERMINED = 1e-7
-"""A reaction that takes a larger part than this in such a balance is not determined."""
-
+from spherekit.sphere.rotation import Floats
 
 ROUNDING = 1e-12
 """A contact pulls where it does so by more than this part of the largest reaction."""
@@ -69,6 +62,21 @@ class Reactions:
         return np.asarray(np.hypot(self.moments[..., 0], self.moments[..., 1]))
 
     @property
+    def bearing(self) -> Floats:
+        """(n, pairs) N: the force across the axis on each bearing, NaN where none is said.
+
+        That a single one has it about the centre; two have that of the couple, for a force
+        through the centre, which adds to it, is not determined.
+        """
+        found = np.full(self.across.shape, np.nan)
+        mechanism = self.torques.mechanism
+        for load in mechanism.loads:
+            if isinstance(load, Bearings):
+                pair = mechanism.pair_number[load.pair]
+                found[:, pair] = self.across[:, pair] / load.arm
+        return found
+
+    @property
     def push(self) -> Floats:
         """(n, pairs) N m: force of contacts along the normal, times the radius.
 
@@ -94,38 +102,15 @@ def reactions(motion: Motion) -> Reactions:
     mechanism, timing = motion.mechanism, motion.timing
     assert timing is not None
     at = Linearisation(motion.linearisation.tree, motion.joints, torques.values)
-    applied, about = _applied(torques, at)
-    needed = _inertial(torques) - applied
-    for pair, (first, second) in enumerate(mechanism.ends):
-        along = about[:, pair, None] * at.frames[:, pair, :, 2]
-        needed[:, second] -= along
-        needed[:, first] += along
-    columns = [
-        (pair, column)
-        for pair, joint in enumerate(motion.joints)
-        for column in _held(joint)
-    ]
-    n, links = len(motion), len(mechanism.links)
-    matrix = np.zeros((n, links, 3, len(columns)))
-    for k, (pair, column) in enumerate(columns):
-        first, second = mechanism.ends[pair]
-        matrix[:, second, :, k] = at.frames[:, pair, :, column]
-        matrix[:, first, :, k] = -at.frames[:, pair, :, column]
+    driven = Driven(mechanism, at, torques.motion, timing, torques.torques, torques.across)
     good = torques.status == Status.OK
-    found, loose, left = _balanced(
-        matrix[good, 1:].reshape(-1, 3 * (links - 1), len(columns)),
-        needed[good, 1:].reshape(-1, 3 * (links - 1)),
-    )
+    found = transmitted(driven.rows(good), motion.joints)
+    n = len(motion)
     moments = np.full((n, len(mechanism.pairs), 3), np.nan)
     is_open = np.zeros((n, len(mechanism.pairs), 3), dtype=bool)
     unbalanced = np.full(n, np.nan)
-    unbalanced[good] = left
-    moments[good] = 0.0
-    moments[good, :, 2] = about[good]
-    for k, (pair, column) in enumerate(columns):
-        moments[good, pair, column] = found[:, k]
-        is_open[good, pair, column] = loose[:, k]
-    moments[is_open] = np.nan
+    moments[good], is_open[good] = found.moments, found.is_open
+    unbalanced[good] = found.unbalanced
     status = np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1)
     contacts = np.array([not pair.kind.has_axis for pair in mechanism.pairs])
     size = np.max(np.abs(np.nan_to_num(moments)), axis=(1, 2))
@@ -133,71 +118,3 @@ def reactions(motion: Motion) -> Reactions:
         pulls = contacts & (moments[:, :, 0] < -ROUNDING * size[:, None])
     status[good[:, None] & pulls] = Status.LIFT_OFF
     return Reactions(torques, at.frames, moments, is_open, unbalanced, status)
-
-
-def _held(joint: Joint) -> tuple[int, ...]:
-    """Return the columns of a pair's frame about which it holds its links."""
-    return (0, 1) if isinstance(joint, Revolute | Rolling) else (0,)
-
-
-def _inertial(found: InverseSolution) -> Floats:
-    """Return what turns the links so (n, links, 3): I a + w x I w, in ground axes."""
-    mechanism = found.mechanism
-    motion = found.motion
-    speed, change = found.input_rates, found.input_accelerations
-    w = np.einsum("ni,nila->nla", speed, motion.w)
-    faster = np.einsum("ni,nila->nla", change, motion.w)
-    faster += np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
-    needed = np.zeros_like(w)
-    for mass in mechanism.masses:
-        link = mechanism.link_number[mass.link]
-        turn = motion.rotations[:, link]
-        tensor = turn @ np.array(mass.tensor) @ transpose(turn)
-        spin = (tensor @ w[:, link, :, None])[..., 0]
-        needed[:, link] = (tensor @ faster[:, link, :, None])[..., 0]
-        needed[:, link] += cross(w[:, link], spin)
-    return np.asarray(needed)
-
-
-def _applied(found: InverseSolution, at: Linearisation) -> tuple[Floats, Floats]:
-    """Return moments of loads on links (n, links, 3), and torques at pairs (n, pairs)."""
-    mechanism, motion = found.mechanism, found.motion
-    loads = Loads(mechanism)
-    rates = rates_by_time(motion, found.input_rates)
-    good = found.status == Status.OK
-    magnitudes = np.full((len(found.t), len(loads.components)), np.nan)
-    magnitudes[good] = loads.magnitudes(found.values[good], rates[good], found.t[good])
-    moments = np.zeros((len(found.t), len(mechanism.links), 3))
-    about = np.zeros((len(found.t), len(mechanism.pairs)))
-    for k, part in enumerate(loads.components):
-        if part.pair:
-            about[:, mechanism.pair_number[part.pair]] += magnitudes[:, k]
-        for moment in part.moments:
-            link = mechanism.link_number[moment.link]
-            turn = motion.rotations[:, link]
-            direction = np.broadcast_to(np.array(moment.direction), (len(turn), 3))
-            if moment.axes == "link":
-                direction = (turn @ direction[..., None])[..., 0]
-            if moment.arm is not None:
-                direction = cross(turn @ np.array(moment.arm), direction)
-            moments[:, link] += magnitudes[:, k, None] * direction
-    for k, item in enumerate(mechanism.inputs):
-        about[:, mechanism.pair_number[item.pair]] += found.torques[:, k]
-    return moments, about
-
-
-def _balanced(matrices: Floats, right: Floats) -> tuple[Floats, NDArray[np.bool_], Floats]:
-    """Return x (n, k) with matrices x = right, which are open, what is left over (n,)."""
-    left, sizes, back = np.linalg.svd(matrices, full_matrices=False)
-    kept = sizes > DEPENDENT * sizes[:, :1]
-    with np.errstate(divide="ignore"):
-        scales = np.where(kept, 1.0 / sizes, 0.0)
-    inverse = transpose(back) @ (scales[..., None] * transpose(left))
-    found = (inverse @ right[..., None])[..., 0]
-    # A step of refinement brings back the digits that the inverse loses.
-    missed = right - (matrices @ found[..., None])[..., 0]
-    found = found + (inverse @ missed[..., None])[..., 0]
-    missed = right - (matrices @ found[..., None])[..., 0]
-    alone = np.where(kept[..., None], back, 0.0)
-    share = np.sum(alone**2, axis=1)
-    return found, 1.0 - share > DETERMINED, np.max(np.abs(missed), axis=1, initial=0.0)

@@ -1,7 +1,7 @@
 """A motion that follows from the loads: dense output, events, and what was checked."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, final
 
@@ -9,16 +9,20 @@ import numpy as np
 
 from spherekit.dynamics.equation import coriolis
 from spherekit.dynamics.forces import rates_by_time
-from spherekit.dynamics.inertia import inertia, inertia_matrix
+from spherekit.dynamics.inertia import Inertia, inertia, inertia_matrix
+from spherekit.dynamics.input_motion import InputMotion, single
+from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.dynamics.path import StatePath, Traced
 from spherekit.dynamics.start import Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
+from spherekit.dynamics.transmitted import Driven, Transmitted, transmitted
 from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats
 
-EventKind = Literal["dead_centre", "type_2", "rest", "stop", "switch"]
+EventKind = Literal["dead_centre", "type_2", "rest", "stop", "switch", "lift_off"]
 EndKind = Literal[
     "time",
     "stop",
@@ -26,6 +30,7 @@ EndKind = Literal[
     "curvature",
     "singularity",
     "sticking",
+    "lift_off",
     "no_inertia",
     "too_fast",
 ]
@@ -65,7 +70,8 @@ class Event:
 
     dead_centre: the only input's variable turns back though the mechanism moves on; type_2:
     several inputs do not hold the mechanism; rest: a mechanism with one input stands still;
-    stop: a pair reached its stop; switch: a load has a kink.
+    stop: a pair reached its stop; switch: a load has a kink; lift_off: a one-sided contact
+    presses no more.
     """
 
     kind: EventKind
@@ -87,16 +93,6 @@ class SimulationEnd:
     kind: EndKind
     t: float
     message: str
-
-
-def single(columns: Floats) -> Floats:
-    """Return the only one of columns (..., inputs); `SolveError` with several inputs."""
-    if columns.shape[-1] != 1:
-        raise SolveError(
-            f"there are {columns.shape[-1]} inputs; read inputs, input_rates, "
-            "input_accelerations or torques"
-        )
-    return np.asarray(columns[..., 0])
 
 
 def stop_end(t: float, pair: str, value: float) -> SimulationEnd:
@@ -185,7 +181,7 @@ class Checks:
 
 @final
 @dataclass(frozen=True)
-class History:
+class History(InputMotion):
     """A simulation at n times, rows in order of time.
 
     `t` s; `inputs`, `input_rates`, `input_accelerations` (n, inputs) rad and s; `values`,
@@ -209,21 +205,6 @@ class History:
     power: Floats
     work: Floats
     residual: Floats
-
-    @property
-    def q(self) -> Floats:
-        """(n,) variable of the only input, rad; `SolveError` with several."""
-        return single(self.inputs)
-
-    @property
-    def dq(self) -> Floats:
-        """(n,) its rate, rad/s; `SolveError` with several inputs."""
-        return single(self.input_rates)
-
-    @property
-    def ddq(self) -> Floats:
-        """(n,) its acceleration, rad/s2; `SolveError` with several inputs."""
-        return single(self.input_accelerations)
 
     def __repr__(self) -> str:
         span = f" from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
@@ -306,11 +287,7 @@ class Simulation:
         states, speed = traced.states, found.speed
         values = states[:, : equation.variables]
         whole = values + FULL_TURN * traced.turns
-        motion = equation.motion(values, traced.frames, order=2)
-        masses = inertia(equation.mechanism, motion)
-        pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
-        drive = np.sum(found.forces, axis=2) - pull
-        change = np.linalg.solve(masses.M, drive[..., None])[..., 0]
+        motion, masses, change = self._accelerated(traced, found)
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
         second = rates_by_time(motion, change) + bend
@@ -331,6 +308,30 @@ class Simulation:
             work=states[:, equation.works],
             residual=equation.closure.at(values).gap,
         )
+
+    def moments(self, t: Floats) -> Transmitted:
+        """Return what every pair transmits at times (n,), in pair axes."""
+        traced, found = self._at(t)
+        motion, _, change = self._accelerated(traced, found)
+        motion = replace(motion, values=motion.values + FULL_TURN * traced.turns)
+        at = self.equation.closure.at(traced.states[:, : self.equation.variables])
+        none = np.zeros((len(t), len(self.driven)))
+        timing = Timing(np.asarray(t, dtype=float), found.speed, change)
+        driven = Driven(self.mechanism, at, motion, timing, none, None)
+        return transmitted(driven, self.equation.closure.joints)
+
+    def _accelerated(
+        self, traced: Traced, found: Dynamics
+    ) -> tuple[CoordinateMotion, Inertia, Floats]:
+        """Return the motion to the second order, inertia, and rates of the speed (n, m)."""
+        equation, speed = self.equation, found.speed
+        values = traced.states[:, : equation.variables]
+        motion = equation.motion(values, traced.frames, order=2)
+        masses = inertia(equation.mechanism, motion)
+        pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
+        drive = np.sum(found.forces, axis=2) - pull
+        change = np.linalg.solve(masses.M, drive[..., None])[..., 0]
+        return motion, masses, np.asarray(change)
 
     @cached_property
     def checks(self) -> Checks:

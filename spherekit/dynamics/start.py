@@ -12,7 +12,13 @@ from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.cache import Cache
 from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.dynamics import DRIVE, PairTorque, TorqueFunction, TorqueTable
+from spherekit.model.dynamics import (
+    DRIVE,
+    PairTorque,
+    TorqueFunction,
+    TorqueTable,
+    need_no_rubbing,
+)
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
@@ -102,6 +108,7 @@ def prepare(
             "finite time greater than 0"
         )
     need_inertia(mechanism)
+    need_no_rubbing(mechanism, "a simulation does not solve for")
     mechanism = driven_at(mechanism, input_pair)
     inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
     mechanism = mechanism.with_inputs(*inputs)

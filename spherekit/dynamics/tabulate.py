@@ -27,7 +27,7 @@ from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import TorqueTable
+from spherekit.model.dynamics import TorqueTable, need_no_rubbing
 from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
@@ -100,6 +100,7 @@ def online_model(
         raise SolveError(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is 1e-15 to 1e-2"
         )
+    need_no_rubbing(mechanism, "a stored model has not")
     tracer = Tracer(mechanism, input_pair, assembly_mode)
     made = tracer.mechanism
     links = len(made.links)
@@ -146,7 +147,7 @@ def online_model(
         high=sampler.high,
         variables=made.variable_names,
         angles=tuple(made.angles),
-        poles=tuple(_pole_name(made, pole) for pole in wanted),
+        poles=tuple(pole_name(made, pole) for pole in wanted),
         loads=tuple(map(sampler.stored_load, range(len(made.loads)))),
         rise=tuple(sampler.rise.tolist()),
         groups=tuple(groups),
@@ -262,7 +263,7 @@ class _Sampler:
             found[name] = made.loads[self.loads.owners[k]].velocity_unit
         every = [found]
         for pole in self.poles:
-            name = _pole_name(made, pole)
+            name = pole_name(made, pole)
             own = {f"pole {name} {axis}": "" for axis in "xyz"}
             every.append(own | {f"rate {name}": "", f"d(rate {name})/d{x}": "1/rad"})
         return tuple(every)
@@ -379,7 +380,7 @@ class _Sampler:
                 better = (error > SURE) & (8.0 * EPS * size / length < error)
                 unit[better] = apart[better] / length[better, None]
             if not np.all(np.isfinite(unit)):
-                name = _pole_name(self.mechanism, pole)
+                name = pole_name(self.mechanism, pole)
                 raise SolveError(
                     f"{self.mechanism.name}: pole {name} has no direction at places of "
                     "the curve: the two links do not move relative to each other there; "
@@ -472,6 +473,7 @@ def _sizes(sampled: Floats, sampler: _Sampler) -> Floats:
     return np.asarray(size)
 
 
-def _pole_name(mechanism: Mechanism, pole: Pole) -> str:
+def pole_name(mechanism: Mechanism, pole: Pole) -> str:
+    """Return the name of a pole, LINK/RELATIVE_TO."""
     first, second = pole
     return f"{mechanism.links[second]}/{mechanism.links[first]}"

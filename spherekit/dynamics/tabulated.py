@@ -5,13 +5,10 @@
 and the standard library only.
 """
 
-import io
-import json
 import os
 import zipfile
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, final, overload
 
 import numpy as np
@@ -19,6 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
+from spherekit.dynamics.grid_model import GridModel
+from spherekit.dynamics.model_archive import (
+    FORMAT,
+    read_archive,
+    stored_loads,
+    write_archive,
+)
 from spherekit.dynamics.model_metadata import (
     SLACK,
     ModelMetadata,
@@ -31,15 +35,12 @@ from spherekit.model.dynamics import DRIVE, TorqueTable
 from spherekit.model.expression import load_names, parse
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.zeros import zeros
-from spherekit.version import __version__
 
 Floats = NDArray[np.float64]
 
 _NUMBER = (float, int)
 """What is one place; a tuple is tested in less time than a union."""
 
-FORMAT = "spherekit reduced model"
-VERSION = 1
 LAYOUT = (
     "groups[k] lists the functions in the columns of chebyshev_k, whose row c holds "
     "their Chebyshev series from edges_k[c] to edges_k[c + 1]; a periodic model repeats "
@@ -242,16 +243,10 @@ class TabulatedModel:
         OutputError
             If it cannot be written; an older file is then unchanged.
         """
-        from spherekit.files.atomic import write_bytes
-
-        header = {"format": FORMAT, "version": VERSION, **asdict(self.heading)}
-        text = json.dumps({**header, "layout": LAYOUT}, indent=1)
-        arrays: dict[str, Any] = {}
+        arrays: dict[str, Floats] = {}
         for k, group in enumerate(self.groups):
             arrays |= {f"edges_{k}": group.edges, f"chebyshev_{k}": group.coefficients}
-        stream = io.BytesIO()
-        np.savez_compressed(stream, header=np.array(text), **arrays)
-        write_bytes(path, stream.getvalue())
+        write_archive(path, {**asdict(self.heading), "layout": LAYOUT}, arrays)
 
     @cached_property
     def _poles(self) -> dict[str, ScalarFunctions]:
@@ -314,8 +309,8 @@ class TabulatedModel:
 
 
 @checked(FileError)
-def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel:
-    """Return a model that `OnlineModel.save` wrote.
+def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel | GridModel:
+    """Return a model that `TabulatedModel.save` wrote, or `GridModel.save`.
 
     Raises
     ------
@@ -325,12 +320,9 @@ def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel:
     """
     where = repr(str(path))
     try:
-        with np.load(Path(path), allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile) or "header" not in archive:
-                raise FileError(f"{where}: is not a {FORMAT}; write one with `--to model`")
-            header = json.loads(str(archive["header"]))
-            _check_header(where, header)
-            arrays = {name: archive[name] for name in archive.files if name != "header"}
+        header, arrays = read_archive(path)
+        if "inputs" in header:
+            return GridModel.read(where, header, arrays)
         heading = _heading(header)
         return TabulatedModel(heading, _groups(where, heading, arrays))
     except OSError as error:
@@ -343,18 +335,8 @@ def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel:
         ) from None
 
 
-def _check_header(where: str, header: Any) -> None:
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise FileError(f"{where}: is not a {FORMAT}; write one with `--to model`")
-    if header.get("version") != VERSION:
-        raise FileError(
-            f"{where}: has version {header.get('version')} of the format, and spherekit "
-            f"{__version__} reads version {VERSION}; make it anew with this spherekit"
-        )
-
-
 def _heading(header: dict[str, Any]) -> ModelMetadata:
-    loads = tuple(_stored_load(each) for each in header["loads"])
+    loads = stored_loads(header)
     groups = tuple(
         tuple(StoredFunction(**each) for each in group) for group in header["groups"]
     )
@@ -362,12 +344,6 @@ def _heading(header: dict[str, Any]) -> ModelMetadata:
     for name in ("variables", "angles", "poles", "rise"):
         rest[name] = tuple(rest[name])
     return ModelMetadata(**{**rest, "loads": loads, "groups": groups})
-
-
-def _stored_load(given: dict[str, Any]) -> StoredLoad:
-    names = ("works_on", "components", "times", "torques")
-    lists = {name: tuple(given[name]) for name in names}
-    return StoredLoad(**{**given, **lists})
 
 
 def _groups(

@@ -2,6 +2,7 @@
 
 import operator
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -12,7 +13,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.expression_graph import Expr, ExpressionNode, rewrite
+from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order, rewrite
 from spherekit.errors import EngineMissing
 from spherekit.sphere.rotation import Floats
 
@@ -57,10 +58,19 @@ _OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
 def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> list[Any]:
     """Return heyoka's expressions; `variables` are those of terms that stand alone."""
     module = heyoka()
+    uses = Counter(x for term in in_order(items) for x in term.arguments)
+    uses.update(items)
+    sums: dict[ExpressionNode, list[Any]] = {}
 
     def apply(term: ExpressionNode, arguments: list[Any]) -> Any:
         if term.operation == "variable":
             return variables[term]
+        if term.operation == "+":
+            # One sum of many terms takes about the time of one of two.
+            parts = zip(term.arguments, arguments, strict=True)
+            own = [sums[x] if x in sums and uses[x] == 1 else [made] for x, made in parts]
+            sums[term] = [x for each in own for x in each]
+            return module.sum(sums[term])
         if term.operation == "sign":
             return _sign(*arguments)
         if term.operation in _OPERATORS:

@@ -81,20 +81,28 @@ class CoordinateRates:
 
         `rates` are those of the variables by time, `w` (3,) the links' angular velocities.
         """
-        turned = []
-        for v, spins in enumerate(self._spins):
-            axes = [cross(w[link], axis * size) for size, link, axis in spins]
-            turned.append(_sum(axes) * rates[v])
-        owned = self.structure.mechanism.variables_of
-        known = [
-            _sum([turned[v] for v in owned(pair)]) for pair in range(len(self.tree.ends))
-        ]
+        known = [self._turning(pair, rates, w) for pair in range(len(self.tree.ends))]
         misfits = {pair: np.asarray(each * -1.0) for pair, each in enumerate(known)}
         solver = self._solver(self.structure.assembly.inputs[0], misfits)
         share = 1.0 / solver.scale
         second = [solver.rates[v] * share for v in range(len(self.vectors))]
         own = self._parts(second)
         return self.links([a + b for a, b in zip(own, known, strict=True)])
+
+    def _turning(self, pair: int, rates: Sequence[Expr], w: Sequence[Exprs]) -> Exprs:
+        """Return the change (3,) of what a pair turns by, while its rates stay."""
+        mechanism = self.structure.mechanism
+        variables = mechanism.variables_of(pair)
+        if mechanism.pairs[pair].kind.has_axis:
+            # w_first x (rate axis), and rate axis = w_second - w_first.
+            first, second = mechanism.ends[pair]
+            return cross(w[first], w[second])
+        axes = [
+            cross(w[link], axis * size) * rates[v]
+            for v in variables
+            for size, link, axis in self._spins[v]
+        ]
+        return _sum(axes)
 
 
 def _sum(parts: Sequence[Exprs]) -> Exprs:

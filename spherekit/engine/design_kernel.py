@@ -39,6 +39,7 @@ from spherekit.engine.misfits import answers, misfit_rates, misfits
 from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
+from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import pole_of
@@ -199,7 +200,7 @@ def design_kernel(
     outputs = [dyad.square for dyad in terms.dyads] + outputs
     moving = [*terms.sample, *terms.places]
     row_terms, fixed = hoisted(outputs, moving, "design_")
-    make = compile_function if compiled and available() else array_function
+    make = _made(compiled)
     return DesignKernel(
         tuple(each.arguments[0] for each in terms.places),
         terms.closed_form,
@@ -207,6 +208,21 @@ def design_kernel(
         make(list(fixed.values()), terms.sizes),
         make(row_terms, [*moving, *fixed]),
     )
+
+
+def _made(
+    compiled: bool,
+) -> Callable[[Sequence[Expr], Sequence[ExpressionNode]], CompiledFunction | ArrayFunction]:
+    """Return what makes functions of terms; there is nothing to compile where none is."""
+
+    def make(
+        outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
+    ) -> CompiledFunction | ArrayFunction:
+        if compiled and available() and outputs:
+            return compile_function(outputs, inputs)
+        return array_function(outputs, inputs)
+
+    return make
 
 
 @final
@@ -231,7 +247,7 @@ def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
     for each in off.values():
         square = square + dot(each, each)
     row_terms, fixed = hoisted([*change, square], terms.places, "design_")
-    make = compile_function if compiled and available() else array_function
+    make = _made(compiled)
     return NewtonKernel(
         make(list(fixed.values()), terms.sizes),
         make(row_terms, [*terms.places, *fixed]),
@@ -384,6 +400,7 @@ class RowQuantities:
             lambda condition: function("sign", condition),
             self._no_table,
         )
+        need_no_rubbing(mechanism, "a kernel of designs does not solve for")
         force: Expr = 0.0
         for parts in self.actions.loads:
             force = force + forces_of(parts, state)[0]

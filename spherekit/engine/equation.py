@@ -47,6 +47,10 @@ A larger one saves little, for the order of the series grows with the digits, no
 number of steps; and crossings of curves need closed configurations to be seen.
 """
 
+COARSEST = 1e-7
+"""Largest tolerance of a step of several freedoms, whose runs end well before a crossing
+to go on with `LOOSEST`."""
+
 
 @final
 @dataclass(frozen=True)
@@ -122,7 +126,8 @@ def compiled_equation(
         tables and stops are set for each run, so mechanisms that differ in them only
         share one equation.
     tolerance
-        Error of each step, in states of size one, at most `LOOSEST`.
+        Error of each step, in states of size one, at most `LOOSEST`, of several freedoms
+        `COARSEST`.
     compact
         heyoka's compact mode: compiles faster, runs slower.
     number
@@ -148,7 +153,8 @@ def compiled_equation(
             if coordinates is None
             else several_freedoms(common, coordinates.values, coordinates.held)
         )
-        return _compile(common, system, min(tolerance, LOOSEST), compact, number)
+        step = min(tolerance, LOOSEST if coordinates is None else COARSEST)
+        return _compile(common, system, step, compact, number)
 
     request = _request(tolerance, compact, number, coordinates)
     return COMPILED.get(common, request, make), not fresh
@@ -192,7 +198,8 @@ def _request(
     coordinates: Coordinates | None,
 ) -> str:
     held = coordinates and coordinates.held
-    return repr(("motion", min(tolerance, LOOSEST), compact, number.__name__, held))
+    step = min(tolerance, LOOSEST if coordinates is None else COARSEST)
+    return repr(("motion", step, compact, number.__name__, held))
 
 
 def _common(mechanism: Mechanism, coordinates: Coordinates | None) -> Mechanism:

@@ -184,6 +184,7 @@ def integrate(
     targets: Sequence[float],
     close: Callable[[Floats], tuple[Floats, float]],
     begun: "Begun | None" = None,
+    crossed: float = CROSSED,
 ) -> Run:
     """Return the run from a start to the last of the targets.
 
@@ -204,10 +205,13 @@ def integrate(
         Puts a configuration back onto its curve, and says what its residual was.
     begun
         What went before, if anything did: the start is then not at t = 0.
+    crossed
+        Root of the part of the largest measure of independence at which the run ends.
     """
     with equation.lock:
+        begun = begun or Begun()
         made = _Integration(
-            equation, mechanism, values, turns, momenta, unit, close, begun or Begun()
+            equation, mechanism, values, turns, momenta, unit, close, begun, crossed
         )
         return made.run(targets)
 
@@ -241,9 +245,10 @@ class _Integration:
         unit: float,
         close: Callable[[Floats], tuple[Floats, float]],
         begun: Begun,
+        crossed: float,
     ) -> None:
         self.equation = equation
-        self.close, self.drift = close, begun.drift
+        self.close, self.drift, self.crossed = close, begun.drift, crossed
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.count = len(values)
         self.momenta, self.works = equation.layout.momenta, equation.layout.works
@@ -294,7 +299,7 @@ class _Integration:
     @property
     def least(self) -> float:
         """The measure of independence at which the run ends."""
-        return CROSSED**2 * self.largest
+        return self.crossed**2 * self.largest
 
     def _stretch(
         self, integrator: Integrator, target: float, shortest: float

@@ -300,5 +300,6 @@ class HomogeneousRates:
         normal = cross(columns[a], columns[b])
         square = self.span(a, b)
         share = 1.0 / (dot(normal, normal) if square is None else square)
-        found[a] = dot(cross(columns[b], rest), normal) * share
-        found[b] = dot(cross(rest, columns[a]), normal) * share
+        # In this order what multiplies the rest is the same for all right-hand sides.
+        found[a] = dot(cross(normal, columns[b]) * share, rest)
+        found[b] = dot(cross(columns[a], normal) * share, rest)

@@ -94,7 +94,7 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     )
     forces = [generalised_forces(load, moving) for load in mechanism.loads]
     masses = _Masses(mechanism, placed, flow, size)
-    pull = masses.pull(w, flow.bias(rates, w), slow)
+    pull = masses.pull(flow.bias(rates, w), slow)
     total = [sum(each, 0.0) * (1.0 / size) for each in zip(*forces, strict=True)]
     total = total or [0.0] * layout.freedoms
     right = vector([a - b for a, b in zip(total, pull, strict=True)])
@@ -197,15 +197,25 @@ class _Masses:
                 found[k][i] = found[i][k]
         return found
 
-    def pull(
-        self, w: Sequence[Exprs], bias: Sequence[Exprs], slow: Sequence[Expr]
-    ) -> list[Expr]:
-        """Return what the links resist by at no acceleration of the inputs, by tau."""
-        found: list[Expr] = [0.0] * len(slow)
-        for (link, placed, tensor), own, momenta in zip(
+    def pull(self, bias: Sequence[Exprs], slow: Sequence[Expr]) -> list[Expr]:
+        """Return what the links resist by at no acceleration of the inputs, by tau.
+
+        With y_i the rates w_ji seen from the link, h its momentum: y_i . I b, as I y_i . b,
+        and y_i . (w x h) = sum of s_k h . (y_i x y_k), of which one sign is enough.
+        """
+        count = len(slow)
+        found: list[Expr] = [0.0] * count
+        turned: list[list[Expr]] = [[0.0] * count for _ in range(count)]
+        for (link, placed, _), own, momenta in zip(
             self._links, self._seen, self._momenta, strict=True
         ):
-            turning, momentum = _along(own, slow), _along(momenta, slow)
-            moment = constants(tensor) @ placed.seen(bias[link]) + cross(turning, momentum)
-            found = [total + dot(y, moment) for total, y in zip(found, own, strict=True)]
+            acceleration, momentum = placed.seen(bias[link]), _along(momenta, slow)
+            for i in range(count):
+                found[i] = found[i] + dot(momenta[i], acceleration)
+                for k in range(i):
+                    turned[i][k] = turned[i][k] + dot(cross(own[i], own[k]), momentum)
+        for i in range(count):
+            for k in range(i):
+                found[i] = found[i] + slow[k] * turned[i][k]
+                found[k] = found[k] - slow[i] * turned[i][k]
         return found

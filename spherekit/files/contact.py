@@ -40,6 +40,7 @@ class Contacts(DocumentValues):
             self.cones(path, item) if cones else self.profiles(path, item),
             item.get("contact", "external"),
             (start[0], start[1]),
+            item.get("one_sided", False),
         )
 
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:

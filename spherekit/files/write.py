@@ -149,6 +149,8 @@ def _pair(mechanism: Mechanism, pair: Pair, unit: AngleUnit) -> _Table:
         table["contact"] = pair.contact
     if any(pair.start):
         table["start"] = [_angle(angle, unit) for angle in pair.start]
+    if pair.one_sided:
+        table["one_sided"] = True
     if pair.profiles is not None:
         table["profiles"] = {
             link: _profile(profile, unit)

@@ -11,6 +11,7 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing
 from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulate_grid import grid_model
 from spherekit.errors import OutputError
 from spherekit.exchange.coupling import CouplingTable
 from spherekit.exchange.coupling_files import write_csv, write_npz
@@ -85,9 +86,10 @@ def export(
         The driven pairs, by default the inputs of the mechanism, and the assembly mode; by
         default the first, of coupling tables all.
     poles, tolerance
-        Of functions and coupling tables: only these poles (functions: all by default,
-        tables: none), and the error allowed, of functions relative to the largest value
-        of each (1e-13), of angles in tables in rad (1e-6).
+        Of functions and coupling tables: only these poles (functions of one input: all by
+        default, otherwise none), and the error allowed, of functions relative to the
+        largest value of each (1e-13, of several inputs 1e-11), of angles in tables in rad
+        (1e-6).
     pairs, samples
         Of coupling tables: only these passive pairs (all by default), and the nodes along
         each input (by default as many as the error needs).
@@ -187,26 +189,41 @@ def _functions(
     poles: Sequence[str] | None,
     tolerance: float | None,
 ) -> Exported:
-    model = online_model(
-        mechanism,
-        assembly_mode=assembly_mode,
-        poles=poles,
-        tolerance=1e-13 if tolerance is None else tolerance,
-    )
-    model.save(target)
-    heading = model.heading
     notes = []
     if mechanism.outputs:
         names = listing(output.name for output in mechanism.outputs)
         notes.append(f"outputs left out: {names}")
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
-    return Exported(
-        target,
-        f"{len(heading.functions)} functions of {heading.coordinate}, errors up to "
-        f"{model.error:.2g} of the largest value of each",
-        tuple(notes),
+    if len(mechanism.inputs) > 1:
+        grid = grid_model(
+            mechanism,
+            assembly_mode=assembly_mode,
+            poles=poles or (),
+            tolerance=1e-11 if tolerance is None else tolerance,
+        )
+        grid.save(target)
+        count, of = len(grid.heading.functions), listing(grid.heading.inputs)
+        error = grid.error
+        if grid.heading.covered < 1.0:
+            notes.append(
+                f"known in {grid.heading.covered:.3g} of the box of the inputs' ranges; "
+                "elsewhere the assembly mode does not exist or is near a singularity"
+            )
+    else:
+        model = online_model(
+            mechanism,
+            assembly_mode=assembly_mode,
+            poles=poles,
+            tolerance=1e-13 if tolerance is None else tolerance,
+        )
+        model.save(target)
+        count, of = len(model.heading.functions), model.heading.coordinate
+        error = model.error
+    holds = (
+        f"{count} functions of {of}, errors up to {error:.2g} of the largest value of each"
     )
+    return Exported(target, holds, tuple(notes))
 
 
 def _mujoco(

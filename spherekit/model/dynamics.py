@@ -131,12 +131,14 @@ class Component:
     """A part of a load: a magnitude, and the pair or the moments on links it works on.
 
     A component at `pair` works on the rate of the pair's variable; otherwise on the
-    angular velocities of links through `moments`, each times the magnitude.
+    angular velocities of links through `moments`, each times the magnitude. With
+    `bearings` the magnitude is per N m of the friction that they have.
     """
 
     magnitude: "Expression | Called | TorqueTable"
     pair: str = ""
     moments: tuple[LinkMoment, ...] = ()
+    bearings: "Bearings | None" = None
 
 
 Form = Literal[
@@ -391,6 +393,82 @@ class Friction(Load):
 
 @final
 @dataclass(frozen=True)
+class Bearings(Load):
+    """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
+
+    `positions` (m) are where they sit along the axis, from the centre of the sphere: one,
+    which holds the pair together with the centre, or two, which carry a couple. Their
+    friction is -(coefficient radius F tanh(v' / speed)) at rates v', with the sum F of the
+    forces across the axis on them and their `radius` (m).
+    """
+
+    kind = "bearings"
+    keys = MappingProxyType(
+        {
+            "pair": "pair",
+            "positions": "numbers",
+            "radius": "number",
+            "coefficient": "number",
+            "speed": "rate",
+        }
+    )
+    absent = MappingProxyType({"radius": 0.0, "coefficient": 0.0, "speed": 1e-3})
+
+    name: str
+    pair: str
+    positions: tuple[float, ...]
+    radius: float = 0.0
+    coefficient: float = 0.0
+    speed: float = 1e-3
+
+    @property
+    def arm(self) -> float:
+        """The length (m) that turns the moment across the axis into the force on each."""
+        first, *rest = self.positions
+        return abs(rest[0] - first) if rest else abs(first)
+
+    @property
+    def grip(self) -> float:
+        """The friction (N m) per moment (N m) across the axis."""
+        return self.coefficient * self.radius * len(self.positions) / self.arm
+
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        need_angle(f"{key}.pair", self.pair, mechanism)
+        need_finite(f"{key}.positions", self.positions)
+        if not (len(self.positions) in (1, 2) and self.arm > 0.0):
+            raise ModelError(
+                f"{key}.positions: found {list(self.positions)} m, needs one that is not "
+                "0, or two that differ: distances of the bearings from the centre along "
+                "the axis"
+            )
+        need_at_least_zero(f"{key}.radius", self.radius, "m")
+        need_at_least_zero(f"{key}.coefficient", self.coefficient, "")
+        need_finite(f"{key}.speed", [self.speed])
+        if not self.speed > 0:
+            raise ModelError(
+                f"{key}.speed: found {self.speed:g} rad/s, needs more than 0: the rate "
+                "below which the jump of dry friction is smoothed"
+            )
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        rubs = self.grip > 0.0
+        text = f"-tanh(dtheta_{self.pair}/{_number(self.speed)})" if rubs else "0"
+        return (Component(_law(mechanism, text), self.pair, bearings=self),)
+
+
+def need_no_rubbing(mechanism: "Mechanism", what: str) -> None:
+    """Raise `ModelError` if friction follows from reactions, which `what` does not know."""
+    for load in mechanism.loads:
+        if isinstance(load, Bearings) and load.grip > 0.0:
+            raise ModelError(
+                f"{mechanism.name}: loads.{load.name}: its friction follows from the "
+                f"reaction of pair {load.pair}, which {what}; take a load of kind friction "
+                "there, whose torque the analysis reactions can tell, or coefficient = 0"
+            )
+
+
+@final
+@dataclass(frozen=True)
 class TorqueTable(Load):
     """A torque (N m) at an R pair given at increasing times (s), linear in between.
 
@@ -484,6 +562,7 @@ LOADS: Mapping[str, type[Load]] = MappingProxyType(
             Spring,
             Damper,
             Friction,
+            Bearings,
             TorqueTable,
         )
     }

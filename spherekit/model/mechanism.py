@@ -58,7 +58,8 @@ class Pair:
     `profiles`, for contact pairs, are the curves of the two links in that order. In an
     external contact the two bodies lie on opposite sides of the common tangent, in an
     internal one on the same side, the first within the second. `start` are the arc
-    lengths (rad) along both profiles at which the variable of a rolling contact is zero.
+    lengths (rad) along both profiles at which the variable of a rolling contact is zero. A
+    `one_sided` contact can press and not pull: a simulation ends where it lifts off.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Pair:
     profiles: tuple[Profile, Profile] | None = None
     contact: Literal["external", "internal"] = "external"
     start: tuple[float, float] = (0.0, 0.0)
+    one_sided: bool = False
 
     @property
     def kind(self) -> Kind:

@@ -1,0 +1,227 @@
+"""Functions of several variables as tensor Chebyshev series on cells of a box.
+
+A cell is halved across the direction in which its series falls off worst, until its error
+is small enough, it is as narrow as allowed, or there are enough cells. What is then not
+resolved, or has places where the functions do not exist, is no part of the domain.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from math import acos, copysign
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.numeric.chebyshev import Floats, nodes
+
+DEGREE = 11
+MOST_CELLS = 2048
+NARROWEST = 1.0 / 32.0
+"""Part of the box that a cell is wide at least, in each direction."""
+
+CHECKS = 48
+"""Places in a cell, other than those sampled, where its error is measured."""
+
+
+@final
+@dataclass(frozen=True)
+class TensorChebyshev:
+    """F functions on cells of a box by `coefficients` (cells, degree + 1, ..., F).
+
+    `low`, `high` (m,) bound the box. `splits` is the tree of halvings: (direction, place,
+    next below, next above) of each inner one; a next of -1 - k is cell k, one of 0 the part
+    that is not in the domain. `bounds` (cells, 2, m) are those of the cells.
+    """
+
+    low: Floats
+    high: Floats
+    splits: Floats
+    bounds: Floats
+    coefficients: Floats
+
+    @staticmethod
+    def fit(
+        function: Callable[[Floats], Floats],
+        low: Floats,
+        high: Floats,
+        tolerance: float,
+        size: Floats,
+        degree: int = DEGREE,
+        most: int = MOST_CELLS,
+    ) -> "TensorChebyshev":
+        """Return the interpolant of a function (n, m) -> (n, F), NaN where it is none.
+
+        Errors are relative to `size` (F,).
+        """
+        m, count = len(low), degree + 1
+        grid = _tensor([nodes(degree)] * m)
+        places = np.concatenate([grid, _spread(CHECKS, m)])
+        fitting = _fitting(degree)
+        checking = _products(places[len(grid) :], degree)
+        splits: list[list[float]] = []
+        kept: list[tuple[Floats, Floats]] = []
+        open_: list[tuple[Floats, tuple[int, int] | None]] = [(np.stack([low, high]), None)]
+        while open_:
+            bounds = np.array([cell for cell, _ in open_])
+            half = 0.5 * (bounds[:, 1] - bounds[:, 0])
+            x = bounds[:, None, 0] + half[:, None] * (1.0 + places)
+            found = function(x.reshape(-1, m)).reshape(len(open_), len(places), -1)
+            series = found[:, : len(grid)].reshape(len(open_), *[count] * m, -1)
+            for axis in range(1, m + 1):
+                series = np.moveaxis(np.tensordot(series, fitting, (axis, 1)), -1, axis)
+            flat = series.reshape(len(open_), len(grid), -1)
+            gap = np.abs(checking @ flat - found[:, len(grid) :]) / size
+            with np.errstate(invalid="ignore"):
+                error = np.max(gap, axis=(1, 2))
+            later: list[tuple[Floats, tuple[int, int] | None]] = []
+            room = most - len(kept) - 2 * len(open_)
+            for number, (cell, parent) in enumerate(open_):
+                axis = _worst(series[number] / size, half[number], high - low)
+                wide = 2.0 * half[number][axis] > 1.5 * NARROWEST * (high - low)[axis]
+                wide &= bool(np.any(np.isfinite(found[number])))
+                if error[number] <= tolerance:
+                    kept.append((cell, series[number]))
+                    _link(splits, parent, -len(kept))
+                elif wide and room > 0:
+                    _link(splits, parent, len(splits))
+                    middle = float(np.mean(cell[:, axis]))
+                    splits.append([float(axis), middle, 0.0, 0.0])
+                    for side in (0, 1):
+                        part = cell.copy()
+                        part[1 - side, axis] = middle
+                        later.append((part, (len(splits) - 1, side)))
+            open_ = later
+        shape = (0, *[count] * m, len(size))
+        return TensorChebyshev(
+            low,
+            high,
+            np.array(splits).reshape(-1, 4),
+            np.array([cell for cell, _ in kept]).reshape(-1, 2, m),
+            np.array([each for _, each in kept]) if kept else np.zeros(shape),
+        )
+
+    @property
+    def covered(self) -> float:
+        """The part of the box that is in the domain."""
+        sizes = np.prod(self.bounds[:, 1] - self.bounds[:, 0], axis=1)
+        return float(np.sum(sizes) / np.prod(self.high - self.low))
+
+    def cell(self, x: Sequence[float]) -> int:
+        """Return the cell of a place within the box, -1 outside the domain."""
+        if not self._tree:
+            return len(self.bounds) - 1
+        node = 0
+        while True:
+            axis, middle, below, above = self._tree[node]
+            node = above if x[axis] >= middle else below
+            if node < 0:
+                return -1 - node
+            if not node:
+                return -1
+
+    def cells(self, x: Floats) -> NDArray[np.intp]:
+        """Return the cells (n,) of places (n, m), -1 outside the box or the domain."""
+        inside = np.all((x >= self.low) & (x <= self.high), axis=1)
+        found = [
+            self.cell(row) if good else -1 for row, good in zip(x, inside, strict=True)
+        ]
+        return np.array(found, dtype=np.intp)
+
+    def at(self, x: Floats) -> Floats:
+        """Return the functions (n, F) at places (n, m), NaN outside the domain."""
+        owner = self.cells(x)
+        found = np.full((len(x), self.coefficients.shape[-1]), np.nan)
+        for number in np.unique(owner[owner >= 0]):
+            rows = np.flatnonzero(owner == number)
+            low, high = self.bounds[number]
+            place = np.clip((2.0 * x[rows] - low - high) / (high - low), -1.0, 1.0)
+            series = self.coefficients[number]
+            degree = series.shape[0] - 1
+            flat = series.reshape(-1, series.shape[-1])
+            found[rows] = _products(place, degree) @ flat
+        return found
+
+    def mixed(self, factors: Floats) -> "TensorCells":
+        """Return K sums of the functions, by factors (F, K), for single places."""
+        return TensorCells(self, factors)
+
+    @cached_property
+    def _tree(self) -> list[tuple[int, float, int, int]]:
+        return [(int(a), b, int(c), int(d)) for a, b, c, d in self.splits.tolist()]
+
+
+@final
+class TensorCells:
+    """Sums of the functions of a `TensorChebyshev` at one place, in little time."""
+
+    def __init__(self, series: TensorChebyshev, factors: Floats) -> None:
+        own = series.coefficients @ factors
+        self._count = own.shape[1]
+        self._orders = np.arange(self._count, dtype=float)
+        self._flat = [cell.reshape(self._count, -1) for cell in own]
+        middle = 0.5 * (series.bounds[:, 0] + series.bounds[:, 1])
+        scale = 2.0 / (series.bounds[:, 1] - series.bounds[:, 0])
+        self._affine = [
+            list(zip(a, b, strict=True))
+            for a, b in zip(middle.tolist(), scale.tolist(), strict=True)
+        ]
+
+    def at(self, number: int, x: Sequence[float]) -> Floats:
+        """Return the sums (K,) at a place in the cell of this number."""
+        found, orders, cos = self._flat[number], self._orders, np.cos
+        for value, (middle, scale) in zip(x, self._affine[number], strict=True):
+            place = (value - middle) * scale
+            angle = acos(place if -1.0 <= place <= 1.0 else copysign(1.0, place))
+            found = cos(orders * angle).dot(found.reshape(self._count, -1))
+        return found  # type: ignore[no-any-return]
+
+
+def _tensor(axes: Sequence[Floats]) -> Floats:
+    return np.array(list(product(*axes)))
+
+
+def _spread(count: int, m: int) -> Floats:
+    """Return places (count, m) in the cube from -1 to 1, evenly, and its corners."""
+    root = 1.5
+    for _ in range(40):
+        root = (1.0 + root) ** (1.0 / (m + 1))
+    steps = root ** -np.arange(1.0, m + 1)
+    inner = 2.0 * ((0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0) - 1.0
+    return np.concatenate([inner, _tensor([np.array([-1.0, 1.0])] * m)])
+
+
+def _fitting(degree: int) -> Floats:
+    """Return the matrix that makes Chebyshev series of values at the `nodes`."""
+    count = degree + 1
+    angles = (np.arange(degree, -1, -1) + 0.5) * np.pi / count
+    fitting = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
+    fitting[0] *= 0.5
+    return np.asarray(fitting)
+
+
+def _products(x: Floats, degree: int) -> Floats:
+    """Return the products (n, (degree + 1)^m) of Chebyshev polynomials at x (n, m)."""
+    each = np.cos(np.arccos(np.clip(x, -1.0, 1.0))[..., None] * np.arange(degree + 1))
+    found = each[:, 0]
+    for k in range(1, x.shape[1]):
+        found = (found[:, :, None] * each[:, k, None]).reshape(len(x), -1)
+    return np.asarray(found)
+
+
+def _worst(series: Floats, half: Floats, width: Floats) -> int:
+    """Return the direction in which a series falls off worst; of none, the widest."""
+    if not np.all(np.isfinite(series)):
+        return int(np.argmax(half / width))
+    tails = [
+        float(np.max(np.abs(np.take(series, [-1, -2], axis=axis))))
+        for axis in range(series.ndim - 1)
+    ]
+    return int(np.argmax(tails))
+
+
+def _link(splits: list[list[float]], parent: tuple[int, int] | None, to: int) -> None:
+    if parent is not None:
+        splits[parent[0]][2 + parent[1]] = float(to)
