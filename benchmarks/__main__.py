@@ -72,7 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--quick", action="store_true", help="fewer sizes and rounds")
     parser.add_argument(
-        "--count", type=int, metavar="N", help="so many mechanisms of each kind in modes"
+        "--count",
+        type=int,
+        metavar="N",
+        help="so many mechanisms of each kind in modes and road",
     )
     parser.add_argument("--list", action="store_true", help="list the cases of extremes")
     parser.add_argument(
@@ -103,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         started = time.perf_counter()
         module = import_module(f"benchmarks.{name}")
         wanted: dict[str, object] = {"only": only} if name == "extremes" else {}
-        if name == "modes":
+        if name in ("modes", "road"):
             wanted = {"count": options.count}
         sections = module.run(options.quick, **wanted)
         seconds = time.perf_counter() - started

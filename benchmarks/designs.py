@@ -1,8 +1,9 @@
-"""Designs: one kernel for all of a topology beside one analysis for each."""
+"""Designs: one kernel of a topology beside an analysis, or a peer's model, of each."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, final
 
 import numpy as np
@@ -11,12 +12,15 @@ import spherekit as sk
 from benchmarks.report import Cell, Section
 from benchmarks.timing import median, ratio, rounds
 from spherekit.analysis.merit import parse_merit
-from spherekit.design.evaluate import Evaluator
+from spherekit.design.evaluate import FOLLOWED, Evaluator
 from spherekit.design.samples import DesignSamples
-from spherekit.design.variables import design_variable
+from spherekit.design.variables import design_variable, designed
+from spherekit.exchange.mjcf import mjcf
 from spherekit.files.change import document_of
 from spherekit.files.read import read
+from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
+from spherekit.motion.motion import Tracer
 
 DEG = np.pi / 180.0
 
@@ -44,6 +48,12 @@ class Case:
             DesignSamples.of(Study(self.name, mechanism, samples=self.samples)),
         )
 
+    def design(self, values: Sequence[float]) -> Mechanism:
+        """Return the mechanism of one design."""
+        document = document_of(self.name)
+        own = [design_variable(document, key) for key in self.keys]
+        return designed(document, own, values)
+
     def designs(self, count: int) -> Any:
         """Return random designs (variables, count) about the file's own."""
         document = document_of(self.name)
@@ -53,6 +63,10 @@ class Case:
 
 
 ARCS = ("links.1.arc", "links.2.arc", "links.3.arc", "links.4.arc")
+POSES = tuple(f"pairs.{pair}.{k}" for pair in "ACDF" for k in ("longitude", "latitude"))
+FLIER = tuple(
+    f"pairs.{pair}.{k}" for pair in ("14", "23", "68") for k in ("longitude", "latitude")
+)
 CASES = (
     Case(
         "four_bar",
@@ -83,6 +97,20 @@ CASES = (
         361,
         5.0,
     ),
+    Case(
+        "single_flier",
+        FLIER,
+        ("swing=swing(theta_15)", "largest=max(abs(rate_67))"),
+        73,
+        5.0,
+    ),
+    Case(
+        "double_butterfly",
+        POSES,
+        ("swing=swing(theta_B)", "largest=max(abs(rate_B))"),
+        73,
+        5.0,
+    ),
 )
 
 
@@ -90,20 +118,22 @@ def run(quick: bool) -> list[Section]:
     """Return what a design costs in one kernel, on arrays, and on its own."""
     rows: list[tuple[Cell, ...]] = []
     for case in CASES:
+        evaluator = case.evaluator()
         count = 4096 if quick else 32768
-        evaluator, designs = case.evaluator(), case.designs(count)
-        few = designs[:, :4]
-        changed = [_sizes(case, values) for values in few.T]
+        if evaluator.part == FOLLOWED:
+            count = FOLLOWED // 4 if quick else FOLLOWED
+        designs = case.designs(count)
+        changed = [case.design(values) for values in designs[:, :2].T]
         jobs = {
             "kernel": lambda e=evaluator, d=designs: e.at(d),
             "alone": lambda made=changed, c=case: [
                 sk.run(each, "poles", samples=c.samples) for each in made
             ],
         }
-        times = rounds(jobs, 3, now=time.process_time)
+        closed_form = evaluator.kernel is not None and evaluator.kernel.closed_form
+        times = rounds(jobs, 3 if closed_form else 1, now=time.process_time)
         found = evaluator.at(designs)
         closing = int(np.sum(found.closes > 0.0))
-        modes = 2 ** len(evaluator.kernel.places) if evaluator.kernel else 1
         each = median(times, "kernel") / count
         rows.append(
             (
@@ -111,7 +141,7 @@ def run(quick: bool) -> list[Section]:
                 count,
                 closing,
                 1e6 * each,
-                1e9 * each / (modes * case.samples),
+                1e9 * each * count / (closing * case.samples),
                 ratio(times, "alone", "kernel") * count / len(changed),
             )
         )
@@ -125,20 +155,74 @@ def run(quick: bool) -> list[Section]:
                 "designs",
                 "rows that close",
                 "us a design",
-                "ns a configuration",
+                "ns a row and sample",
                 "alone over kernel",
             ),
             rows,
             ratios=("alone over kernel",),
-        )
+        ),
+        _peers(CASES[0], 100 if quick else 1000),
     ]
 
 
-def _sizes(case: Case, values: Sequence[float]) -> sk.Mechanism:
+def _peers(case: Case, count: int) -> Section:
+    """Return what a design costs where a peer makes a model of each."""
+    evaluator, designs = case.evaluator(), case.designs(count)
+    jobs: dict[str, Callable[[], object]] = {
+        "spherekit, both modes, three figures": lambda: evaluator.at(designs),
+    }
+    (unit,) = jobs
+    if find_spec("mujoco") is not None:
+        jobs["MuJoCo, one mode: model from XML, mj_forward at each sample"] = _mujoco(
+            case, count
+        )
+    if find_spec("pylinkage") is not None:
+        jobs["pylinkage, one mode of the planar limit: linkage, steps"] = _planar(
+            case, count
+        )
+    evaluator.at(designs)
+    times = rounds(jobs, 3, now=time.process_time)
+    rows = [
+        (name, ratio(times, name, unit), 1e6 * median(times, name) / count) for name in jobs
+    ]
+    return Section(
+        "Designs beside peers",
+        f"{count} random four-bars at {case.samples} inputs, processor time. MuJoCo "
+        "computes the dynamics at each sample and does not close the loop there, so this "
+        "is less than positions would take; making the XML is not counted.",
+        ("job", f"over {unit}", "us a design"),
+        rows,
+        ratios=(f"over {unit}",),
+    )
+
+
+def _mujoco(case: Case, count: int) -> Callable[[], object]:
+    import mujoco
+
     mechanism = sk.load(case.name)
-    arcs: dict[str, Mapping[str, float]] = {}
-    for key, value in zip(case.keys, values, strict=True):
-        _, link, *rest = key.split(".")
-        leads = rest[1] if len(rest) > 1 else mechanism.geometry.links[link].axes[1]  # type: ignore[union-attr]
-        arcs[link] = {**arcs.get(link, {}), leads: float(value)}
-    return mechanism.with_sizes(angle_unit="deg", arcs=arcs)
+    values = Tracer(mechanism, samples=2).motion().values[0]
+    text = mjcf(mechanism, values, 1e-3).text
+
+    def job() -> None:
+        for _ in range(count):
+            model: Any = mujoco.MjModel.from_xml_string(text)
+            data = mujoco.MjData(model)
+            for q in np.linspace(0.0, 2.0 * np.pi, case.samples):
+                data.qpos[0] = q
+                mujoco.mj_forward(model, data)
+
+    return job
+
+
+def _planar(case: Case, count: int) -> Callable[[], object]:
+    from pylinkage import Crank, Ground, Linkage, RRRDyad
+
+    def job() -> None:
+        for _ in range(count):
+            left, right = Ground(0.0, 0.0), Ground(4.0, 0.0)
+            turn = 2.0 * np.pi / case.samples
+            crank = Crank(left, 1.0, angular_velocity=turn, initial_angle=0.0)
+            dyad = RRRDyad(crank.output, right, 3.5, 3.0, 2.5, 2.5)
+            list(Linkage([left, right, crank, dyad]).step(iterations=case.samples))
+
+    return job

@@ -1,14 +1,20 @@
 """A run of many samples against the kernel alone, and against every row with care."""
 
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
 import spherekit as sk
+from benchmarks.own import own_mechanisms
+from benchmarks.random_mechanisms import random_mechanism
 from benchmarks.report import Cell, Section
+from benchmarks.same_rows import both_ways, differences
+from benchmarks.special import special_mechanism
 from benchmarks.timing import median, rounds
 from spherekit.analysis.running import rows_at_once
 from spherekit.engine.compiler import available, heyoka
@@ -22,8 +28,80 @@ MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_
 NEVER = 1 << 60
 
 
-def run(quick: bool) -> list[Section]:
-    """Return the section; compiled code runs on one thread."""
+COUNT = 1000
+"""Random mechanisms whose rows are compared, unless told."""
+
+
+def run(quick: bool, count: int | None = None) -> list[Section]:
+    """Return the sections; compiled code runs on one thread."""
+    return [*_times(quick), _same_rows(count or (60 if quick else COUNT))]
+
+
+def _same_rows(count: int) -> Section:
+    """Return what differs between the two ways, over many mechanisms."""
+    every = ((name, sk.load(name), {"samples": 9}) for name in own_mechanisms())
+    random = ((str(k), random_mechanism(k)[1], {"samples": 9}) for k in range(count))
+    special = (special_mechanism(k) for k in range(count))
+    special_ones = (
+        (str(k), made, {"path": path}) for k, (_, made, path) in enumerate(special)
+    )
+    return Section(
+        "The same rows with care",
+        "Every number of `poles` by the kernel of rows and as it is found with care, "
+        "without a kernel: shipped mechanisms, random ones of all topologies, half with "
+        "degenerate geometry, and such that fold flat, at and beside where they do. A "
+        "difference is beyond its bounds where it is more than both ways state together.",
+        (
+            "mechanisms",
+            "tried",
+            "with a kernel",
+            "rows",
+            "by the kernel",
+            "other statuses",
+            "beyond bounds",
+            "largest, of what is allowed",
+        ),
+        [
+            _compared("shipped", every),
+            _compared("random", random),
+            _compared("folding flat", special_ones, same_signs=False),
+        ],
+        "Mechanisms without a kernel, and those that cannot move, have no rows to compare.",
+        keys=1,
+    )
+
+
+def _compared(
+    kind: str,
+    given: Iterable[tuple[str, Mechanism, Mapping[str, Any]]],
+    same_signs: bool = True,
+) -> tuple[Cell, ...]:
+    tried, found = 0, []
+    for name, made, options in given:
+        tried += 1
+        try:
+            ways = both_ways(made, **options)
+        except SpherekitError:
+            continue
+        if ways is None:
+            continue
+        found.append(differences(ways, same_signs))
+        if not found[-1].none:
+            print(f"{kind} {name}: {found[-1]}", file=sys.stderr)
+    rows = sum(each.rows for each in found)
+    return (
+        kind,
+        tried,
+        len(found),
+        rows,
+        sum(each.rows * each.share for each in found) / max(1, rows),
+        sum(each.statuses for each in found),
+        sum(len(each.beyond) for each in found),
+        max((each.largest for each in found), default=0.0),
+    )
+
+
+def _times(quick: bool) -> list[Section]:
     compiles = available()
     threads = heyoka().get_nthreads() if compiles else 0
     if compiles:

@@ -21,6 +21,7 @@ class Status(IntEnum):
     CURVATURE = 9
     OVERFLOW = 10
     LIFT_OFF = 11
+    BOUND_EXCEEDED = 12
 
 
 STATUS_MEANING = {
@@ -47,6 +48,8 @@ STATUS_MEANING = {
     "other units, or look for a load that grows without bound",
     Status.LIFT_OFF: "a contact would have to pull to keep its links together; press it "
     "with a spring, or move more slowly",
+    Status.BOUND_EXCEEDED: "a proven enclosure shows that this row is off by more than its "
+    "error bound says; please report it with the mechanism",
 }
 
 EPS = 2.220446049250313e-16

@@ -301,7 +301,46 @@ def check_modes(certificate):
         apart = any(not a.overlaps(b) for a, b in zip(one, other, strict=True))
         need(apart, "two roots may be one")
     need(certificate["modes"] == sum(r["real"] for r in found), "another number of modes")
-    need(certificate["complete"] == (len(found) == certificate["bound"]), "not complete")
+    counted = len(found) == certificate["bound"]
+    need(certificate["counted"] == counted, "not counted")
+    left = certificate["undecided_rad"]
+    need(certificate["complete"] == (counted or not left), "not complete")
+    if not counted:
+        exclude(system, driven, [root for root in found if root["real"]], left)
+
+
+def exclude(system, driven, real, left):
+    """Show that real modes are in the balls of roots, or in the boxes left over."""
+    ctx.prec = 80
+    boxes = []
+    for root in real:
+        centre = [acb(dyadic(re)) for re, _ in root["centre"]]
+        radius = 0.04
+        while not alone(system, centre, radius, driven):
+            radius /= 2
+            need(radius > root["radius"], "a root is not alone")
+        boxes.append(([float(c.real.mid()) for c in centre], [radius] * len(centre)))
+    boxes += [(box["centre"], [1.001 * h + 1e-12 for h in box["half"]]) for box in left]
+
+    def known(place, sizes):
+        turn = 6.283185307179586
+        return any(
+            all(
+                half >= turn / 2
+                or abs((p - c + turn / 2) % turn - turn / 2) + r <= half - 1e-12
+                for p, r, c, half in zip(place, sizes, centre, halves, strict=True)
+            )
+            for centre, halves in boxes
+        )
+
+    def first(place):
+        value, slope = system.values([acb(p) for p in place], driven)
+        return type("Jets", (), {"value": value, "slope": slope})
+
+    count = len(system.unknowns)
+    # not about zero, where roots of special geometry lie on the sides of boxes
+    start = [arb(0.7 + 0.1 * k) for k in range(count)]
+    cover(first, start, [arb.pi() * 1.0001] * count, known, 1e-7)
 
 
 HALVES = 12
@@ -405,39 +444,45 @@ def close(wide, piece):
 
 def pave(wide, low, high, pieces):
     """Show that nothing in the range is outside the pieces."""
-    count = len(wide.names)
-    turn = arb.pi()
-    waiting = [
-        (
-            [arb(0)] * (count - 1) + [(low + high) / 2],
-            [turn] * (count - 1) + [(high - low) / 2],
-        )
-    ]
+    count = len(wide.names) - 1
+    middle = [arb(0)] * count + [(low + high) / 2]
+    radius = [arb.pi()] * count + [(high - low) / 2]
+
+    def known(place, sizes):
+        return any(boxed(piece, place, sizes) for piece in pieces)
+
+    cover(wide, middle, radius, known, 1e-4)
+
+
+def cover(first, middle, radius, known, smallest):
+    """Show that F has no zero in a box but where it is known."""
+    count = len(middle)
+    waiting = [(middle, radius)]
     looked = 0
     while waiting:
         middle, radius = waiting.pop()
         looked += 1
         need(looked < MOST_CHECKED, "too many boxes")
-        box = [m + arb(0, r.upper()) for m, r in zip(middle, radius, strict=True)]
+        place = [float(m.mid()) for m in middle]
+        sizes = [float(r.upper()) for r in radius]
+        if known(place, sizes):
+            continue
         if looked > 1:
-            value = wide(middle).value
-            slope = wide(box).slope
+            box = [m + arb(0, r.upper()) for m, r in zip(middle, radius, strict=True)]
+            value = first(middle).value
+            slope = first(box).slope
             spread = slope * vector([arb(0, r.upper()) for r in radius])
             image = value + spread
             if any(not image[row, 0].real.contains(0) for row in range(value.nrows())):
                 continue
-            place = [float(m.mid()) for m in middle]
-            sizes = [float(r.upper()) for r in radius]
-            if any(boxed(piece, place, sizes) for piece in pieces):
-                continue
-            need(max(sizes) > 1e-4, "a box is neither empty nor in a piece")
+            need(max(sizes) > smallest, "a box is neither empty nor in a piece")
         side = max(range(count), key=lambda k: float(radius[k].mid()))
         for sense in (-1, 1):
             part = list(middle)
             part[side] = part[side] + sense * radius[side] / 2
-            sizes = list(radius)
-            sizes[side] = sizes[side] / 2
-            waiting.append((part, sizes))
+            halves = list(radius)
+            halves[side] = halves[side] / 2
+            waiting.append((part, halves))
 
 
 def boxed(piece, place, sizes):
@@ -453,6 +498,118 @@ def boxed(piece, place, sizes):
         if abs(sum(e * a for e, a in zip(row, apart, strict=True))) + reach > limit - 1e-9:
             return False
     return True
+
+
+DEEPEST = 60
+
+
+class Arc:
+    """The arc of a piece, enclosed over parts of its length."""
+
+    def __init__(self, piece, wide):
+        self.piece, self.wide = piece, wide
+        self.t, self.normals = piece["frame"][0], piece["frame"][1:]
+        self.across = rows(self.normals).transpose()
+        self.centre = [arb(c) for c in piece["centre"]]
+        slope = wide(self.centre).slope
+        self.near = (slope * self.across).mid().inv().mid()
+
+    def at(self, s):
+        """Balls of all variables where s is in a ball."""
+        count = len(self.normals)
+        one = rows([[int(r == c) for c in range(count)] for r in range(count)])
+        middle = arb(s.mid())
+        axis = [c + middle * e for c, e in zip(self.centre, self.t, strict=True)]
+        spread = [a + (s - middle) * e for a, e in zip(axis, self.t, strict=True)]
+        y = [arb(0, self.piece["radius"])] * count
+        for _ in range(30):
+            before = y
+            fixed = [arb(each.mid()) for each in y]
+            start = self._moved(axis, fixed)
+            value = self.wide(start).value
+            box = self._moved(spread, y)
+            slope = self.wide(box).slope
+            along = slope * column(self.t) * acb(s - middle)
+            rest = vector([a - b for a, b in zip(y, fixed, strict=True)])
+            image = vector(fixed) - self.near * (value + along)
+            image += (one - self.near * (slope * self.across)) * rest
+            found = [image[row, 0].real for row in range(count)]
+            y = [a.intersection(b) for a, b in zip(y, found, strict=True)]
+            shrunk = (b.rad() < 0.9 * a.rad() for a, b in zip(before, y, strict=True))
+            if not any(shrunk):
+                break
+        return self._moved(spread, y)
+
+    def _moved(self, axis, y):
+        place = list(axis)
+        for number, normal in zip(y, self.normals, strict=True):
+            place = [p + number * e for p, e in zip(place, normal, strict=True)]
+        return place
+
+    def rate(self, s, variable):
+        """A ball of the rate of a variable, times what is never zero."""
+        slope = self.wide(self.at(s)).slope.tolist()
+        return acb_mat([row[:variable] + row[variable + 1 :] for row in slope]).det().real
+
+
+def check_stops(wide, curve, variable, stops):
+    """Show that a variable stops in the boxes given only, and in each of them."""
+    chain = curve["pieces"]
+    turn = 6.283185307179586
+    following = chain[1:] + (chain[:1] if curve["closed"] else [])
+    arcs = [Arc(piece, wide) for piece in chain]
+
+    def within(place, stop):
+        return all(
+            abs((float(p.mid()) - c + turn / 2) % turn - turn / 2) + float(p.rad())
+            <= stop["off"] + 1e-9
+            for p, c in zip(place, stop["place"], strict=True)
+        )
+
+    for arc, further in zip(arcs, following, strict=False):
+        end = coordinates(arc.piece, further["centre"])[0] + arb(0, SLACK)
+        waiting = [(arb(0) - arb(0, SLACK), end, 0)]
+        while waiting:
+            low, high, depth = waiting.pop()
+            s = low.union(high)
+            if not arc.rate(s, variable).contains(0):
+                continue
+            if any(within(arc.at(s), stop) for stop in stops):
+                continue
+            need(depth < DEEPEST, "a variable may stop where none is said to")
+            middle = arb(s.mid())
+            waiting += [(low, middle, depth + 1), (middle, high, depth + 1)]
+    for stop in stops:
+        away = 4.0 * stop["off"] + 1e-8
+        signs = None
+        for arc in arcs:
+            s, *y = coordinates(arc.piece, stop["place"])
+            inner = abs(s) + 2 * away < arb(arc.piece["half"])
+            if inner and all(abs(e) < arb(arc.piece["radius"]) for e in y):
+                signs = [arc.rate(arb(s.mid()) + side, variable) for side in (-away, away)]
+                break
+        need(signs is not None, "a stop that is on no piece")
+        need(not any(sign.contains(0) for sign in signs), "a stop that is not shown")
+        need((signs[0] > 0) != (signs[1] > 0), "no change of sign at a stop")
+
+
+def check_singularities(wide, system, certificate):
+    """Show all stops of the input, and of the outputs that a pair measures."""
+    links = list(system.sizes.data.get("outputs", {}).items())
+    for number, curve in enumerate(certificate["curves"]):
+        check_stops(wide, curve, len(wide.names) - 1, curve["input_stops"])
+        for name, output in links:
+            two = {output["link"], output.get("relative_to", system.sizes.data["ground"])}
+            pairs = [p for p, ends in system.sizes.ends.items() if set(ends) == two]
+            if not pairs or pairs[0] not in wide.names[:-1]:
+                continue
+            own = [
+                each
+                for each in certificate["singularities"]["found"]
+                if (each["output"], each["curve"]) == (name, number)
+                and each["type"] in ("I", "I or III")
+            ]
+            check_stops(wide, curve, wide.names.index(pairs[0]), own)
 
 
 def check_curves(certificate):
@@ -486,6 +643,8 @@ def check_curves(certificate):
             need(not inside(earlier, chain[0]["centre"], arb(-SLACK)), "one curve twice")
         pieces += chain
     pave(wide, low, high, pieces)
+    if "singularities" in certificate:
+        check_singularities(wide, system, certificate)
 
 
 def check(certificate):

@@ -28,8 +28,10 @@ from spherekit.planning.inputs import driven_pairs
 
 mujoco = pytest.importorskip("mujoco")
 
-PLAIN = [load(name) for name in mechanisms() if not load(name).has_contacts]
+PLAIN = [each for each in map(load, mechanisms()) if not each.has_contacts]
 """The shipped mechanisms of R pairs alone."""
+
+GEARED = ("bevel_differential", "bevel_pair", "planetary_bevel", "rolling_cones")
 
 WRIST = """
 <mujoco model="wrist"><compiler angle="degree"/>
@@ -118,7 +120,9 @@ def closed(mechanism):
     return mechanism, good[int(np.argmax(least))]
 
 
-@pytest.mark.parametrize("mechanism", PLAIN, ids=lambda each: each.name)
+@pytest.mark.parametrize(
+    "mechanism", [*PLAIN, *map(load, GEARED)], ids=lambda each: each.name
+)
 def test_out_and_in_again_is_the_same_mechanism(mechanism, tmp_path):
     made, values = closed(mechanism)
     path = written(tmp_path, mjcf(made, values).text)
@@ -200,6 +204,37 @@ def _power(mechanism, values, placed):
         name = loads_here.names[owner]
         found[name] = found.get(name, 0.0) + power
     return found
+
+
+GEARS = """
+<mujoco><worldbody>
+  <body name="one"><joint name="one" axis="0 0 1"/><geom size=".1" pos=".1 0 1"/></body>
+  <body name="two"><joint name="two" axis="{axis}"/><geom size=".1" pos="1 0 .1"/></body>
+</worldbody><equality><joint joint1="two" joint2="one" polycoef="0 {ratio} {bent} 0 0"/>
+</equality><actuator><motor joint="one"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize("ratio", [-0.5, 0.5, 3.0, -1.0])
+def test_joints_at_a_constant_ratio_are_gears(ratio, tmp_path):
+    text = GEARS.format(axis="0 0.6 0.8", ratio=ratio, bent=0)
+    made = sk.import_mechanism(written(tmp_path, text)).mechanism
+    (contact,) = [pair for pair in made.pairs if pair.type == "Cr"]
+    rate = sk.evaluate(made, 0.3, poles=[], assembly_mode=0).variable_coefficient("two")
+    assert rate == pytest.approx(ratio, abs=1e-12)
+    sizes = np.sin([profile.radius for profile in contact.profiles])
+    by_link = dict(zip(contact.links, sizes, strict=True))
+    assert by_link["one"] / by_link["two"] == pytest.approx(abs(ratio), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("axis", "bent", "why"),
+    [("0 0 1", 0, "lie along one line"), ("0 1 0", 0.5, "at a ratio that changes")],
+)
+def test_couplings_that_no_gears_are_are_refused(axis, bent, why, tmp_path):
+    text = GEARS.format(axis=axis, ratio=2.0, bent=bent)
+    with pytest.raises(FileError, match=why):
+        sk.import_mechanism(written(tmp_path, text))
 
 
 def test_a_serial_wrist_turns_as_in_mujoco(tmp_path, capsys):
@@ -291,6 +326,25 @@ def test_models_of_another_kind_are_refused(inside, why, tmp_path):
     text = f"<mujoco><worldbody>{inside}</worldbody></mujoco>"
     with pytest.raises(FileError, match=why):
         sk.import_mechanism(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("loop", "why"),
+    [
+        (LOOPS["two link1"].replace("0 0 0.1", "0 x 0"), "has no numbers: could not"),
+        (LOOPS["two link1"].replace("left_rod", "rod"), 'loop joint tip: no link "rod"'),
+        (LOOPS["two link1"].replace("spherical", "planar"), 'type "planar"; allowed: rev'),
+        (
+            '<loop_joint name="tip"><link1 link="hand"/></loop_joint>',
+            "has 1 links, needs 2",
+        ),
+        (LOOPS["two link1"].replace("0 0 0.1", "0 0 0.15"), "loops do not close near"),
+    ],
+)
+def test_loops_with_faults_are_refused(loop, why, tmp_path):
+    path = written(tmp_path, URDF.format(pivot=-0.1, loop=loop), "wrist.urdf")
+    with pytest.raises(FileError, match=why):
+        sk.import_mechanism(path)
 
 
 @pytest.mark.parametrize(

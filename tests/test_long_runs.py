@@ -650,3 +650,17 @@ def test_two_runs_do_not_record_into_one_file(tmp_path):
             pass
         four_bar(recorder=first)
     assert path.stat().st_size > 10_000
+
+
+def test_much_csv_is_written_when_asked_for(tmp_path, monkeypatch):
+    """By default Parquet alone where CSV would be too large, and the summary says so."""
+    monkeypatch.setattr("spherekit.analysis.tables.MOST_CSV", 1e4)
+    left = sk.run("four_bar", samples=40, folder=tmp_path / "one")
+    asked = sk.run("four_bar", samples=40, folder=tmp_path / "two", formats=["csv"])
+    few = sk.run("four_bar", samples=2, folder=tmp_path / "three")
+    assert not (tmp_path / "one/poles.csv").exists()
+    assert (tmp_path / "one/poles.parquet").exists()
+    assert any("--format both" in text for text in left.summary["remarks"])
+    for folder, result in ("two", asked), ("three", few):
+        assert (tmp_path / folder / "poles.csv").exists()
+        assert not any("--format both" in text for text in result.summary["remarks"])

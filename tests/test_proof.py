@@ -218,6 +218,64 @@ def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(
     assert not double.complete and double.claim.guarantee is not Guarantee.CERTIFIED
 
 
+def test_a_platform_with_eight_real_modes_has_exactly_eight():
+    arcs = {
+        "base": [82.0, 63.0],
+        "platform": [108.0, 75.0],
+        "crank1": [87.0],
+        "coupler1": [98.0],
+        "crank2": [106.0],
+        "coupler2": [111.0],
+        "crank3": [72.0],
+        "coupler3": [95.0],
+    }
+    mechanism = sk.load("three_rrr").with_sizes(angle_unit="deg", arcs=arcs)
+    modes = certified_modes(Written.of(mechanism), ("-56", "122", "29"))
+    assert modes.counted and len(modes.real) == modes.bound == 8
+    assert all(one.apart(two) for one, two in itertools.combinations(modes.real, 2))
+    check(certificate_of(modes))
+
+
+def kite():
+    """A four-bar whose cranks' tips meet at 0, about which coupler and follower turn."""
+    arcs = {"1": [60.0], "2": [60.0], "3": [50.0], "4": [50.0]}
+    return Written.of(sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs))
+
+
+def test_a_curve_of_modes_at_one_input_is_a_cluster_and_beside_it_modes_are_certified():
+    curve = certified_modes(kite(), ("0",))
+    assert not curve.complete and not curve.real
+    ((_, half),) = curve.clusters
+    assert half[0] > 3.0
+    check(certificate_of(curve))
+    beside = certified_modes(kite(), ("0.0000001",))
+    assert beside.complete and len(beside.real) == 2
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("digits", range(12, 29, 4))
+def test_modes_from_a_millionth_to_1e_14_apart_are_certified(digits):
+    near = certified_modes(stretched("10." + "0" * digits + "1"), ("0",))
+    assert near.complete and len(near.real) == 2
+    apart = [abs(a.mid() - b.mid()) for a, b in zip(*near.angles(), strict=True)]
+    assert 0 < max(apart) < 30 * 10.0 ** (-digits / 2)
+    check(certificate_of(near))
+
+
+def test_the_checker_repeats_that_nothing_else_is_there():
+    whole = certificate_of(certified_modes(stretched("10"), ("0",)))
+    assert whole["undecided_rad"] and not whole["complete"]
+    check(whole)
+    for change in (
+        {"undecided_rad": [], "complete": True},
+        {"complete": True},
+        {"undecided_rad": [{"centre": [0.1], "half": [1e-3]}]},
+        {"counted": True},
+    ):
+        with pytest.raises(Refused):
+            check({**whole, **change})
+
+
 def test_the_command_prints_modes_and_writes_a_certificate(tmp_path, capsys):
     path = tmp_path / "modes.json"
     assert main(["certify", "three_rrr", "--at", "10,20,30", "-o", str(path)]) == 0

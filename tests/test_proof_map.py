@@ -62,6 +62,15 @@ def test_boxes_that_contain_a_singular_configuration_have_both_numbers(five_bar)
         assert set(counts.tolist()) == {0, 2}
 
 
+def test_inputs_are_clear_of_type_ii_as_far_as_is_said(five_bar):
+    moves = np.random.default_rng(8)
+    for q in np.radians([[50.0, 60.0], [105.0, 105.0], [130.0, 60.0]]):
+        free = five_bar.clearance(q)
+        assert free > 0.05
+        around = q + free * moves.uniform(-1.0, 1.0, (500, 2))
+        assert len(set(modes_of_five_bar(around).tolist())) == 1
+
+
 @pytest.mark.long
 def test_no_singularity_of_a_run_is_in_a_regular_box(five_bar):
     frame = sk.run(sk.load("five_bar"), "singularities", samples=3).frame("singularities")

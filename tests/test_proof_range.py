@@ -1,6 +1,7 @@
 """Certified curves and singularities over a range, against modes, floats and a checker."""
 
 import copy
+import itertools
 import json
 import random
 
@@ -16,7 +17,7 @@ from spherekit.cli.main import main
 from spherekit.guarantee import Guarantee
 from spherekit.planning.inputs import driven_at
 from spherekit.proof.along import rates
-from spherekit.proof.certificate import curves_certificate
+from spherekit.proof.certificate import curves_certificate, singular_table
 from spherekit.proof.construction import construct
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.modes import certified_modes
@@ -149,6 +150,60 @@ def test_the_checker_proves_curves_again_and_refuses_tampered_ones():
     for _ in range(12):
         with pytest.raises(Refused):
             check(tampered(whole, moves))
+
+
+def with_singularities(name, pair, ends):
+    mechanism = driven_at(sk.load(name), pair)
+    curves = over(mechanism, ends=ends, wanted=output_pairs(mechanism))
+    table = singular_table(singularities(curves))
+    return json.loads(json.dumps({**curves_certificate(curves), "singularities": table}))
+
+
+def test_the_checker_repeats_turning_points_and_singularities():
+    whole = with_singularities("four_bar", "21", ("26", "30"))
+    stops = [stop for curve in whole["curves"] for stop in curve["input_stops"]]
+    assert not stops and len(whole["singularities"]["found"]) == 1
+    check(whole)
+    without = copy.deepcopy(whole)
+    without["singularities"]["found"].clear()
+    with pytest.raises(Refused):
+        check(without)
+
+
+@pytest.mark.long
+def test_the_checker_repeats_dead_centres_and_refuses_those_left_out():
+    dead = with_singularities("four_bar", "41", ("45.5", "47.5"))
+    check(dead)
+    for curve in dead["curves"]:
+        assert len(curve["input_stops"]) == 1
+        curve["input_stops"].clear()
+    with pytest.raises(Refused):
+        check(dead)
+
+
+def test_the_input_is_clear_of_singularities_as_far_as_is_said():
+    mechanism = driven_at(sk.load("four_bar"), "41")
+    curves = over(mechanism, wanted=output_pairs(mechanism))
+    found = singularities(curves)
+    frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
+    for q in np.radians([-100.0, 77.7]):
+        gaps = np.abs(np.remainder(frame["q"].to_numpy() - q + np.pi, 2 * np.pi) - np.pi)
+        assert np.min(gaps) - 1e-6 < found.clearance(q) <= np.min(gaps)
+    part = singularities(over(mechanism, ends=("70", "80")))
+    assert part.clearance(np.radians(71.0)) <= np.radians(1.0)
+
+
+def test_dead_centres_of_two_modes_at_one_input_are_two_and_counted_as_such():
+    # a follower driven: both dead centres of the crank are mirror images of each other
+    curves = over("four_bar", "41")
+    stops = [stop for found, _ in curves.stopping for stop in found]
+    assert len(stops) == len(curves.turning_points) == 4
+    twins = [
+        (one, two)
+        for one, two in itertools.combinations(stops, 2)
+        if abs(np.sin(0.5 * (one.place[-1] + two.place[-1]))) < 1e-6
+    ]
+    assert len(twins) == 2
 
 
 def test_the_command_proves_the_range_of_the_file(tmp_path, capsys):

@@ -20,6 +20,7 @@ from spherekit.design.samples import DesignSamples
 from spherekit.design.sensitivity import sizes_of
 from spherekit.design.space import DesignSpace, between, listed, variation
 from spherekit.design.sweep import run_sweep
+from spherekit.engine.design_kernel import DesignTerms, design_kernel
 from spherekit.errors import AnalysisError, DesignError, FileError, OutputError
 from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.library import find
@@ -203,6 +204,8 @@ def test_tables_of_runs_give_figures_of_what_no_kernel_knows():
     run = run[(run["link"] == "follower") & (run["relative_to"] == "frame")]
     for mode, rows in run.groupby("assembly_mode"):
         assert own.loc[str(mode), "most"] == rows["velocity_coefficient"].abs().max()
+    with pytest.raises(DesignError, match="figures of tables"):
+        sk.sweep("shaped_cam", {key: [4.0]}, "max(theta_follower_pivot)")
     vary, column = {"links.2.arc": [20.0]}, "velocity_coefficient"
     with pytest.raises(DesignError, match="two sweeps"):
         sk.sweep("four_bar", vary, [f"max(poles.poles: {column})", "max(q)"])
@@ -497,3 +500,10 @@ def test_ranges_and_middles():
     assert middle_pairs(sk.load("four_bar")) == ("43",)
     assert middle_pairs(sk.load("double_butterfly")) == ()
     assert row_quantities(sk.load("stephenson"))["theta_16"] == "rad"
+
+
+def test_a_kernel_may_have_nothing_to_compute():
+    mechanism = sk.load("single_flier")
+    kernel = design_kernel(DesignTerms.of(mechanism, "12"), [])
+    assert kernel.prepare(np.empty((0, 3))).shape == (0, 3)
+    assert kernel.evaluate(np.zeros((14, 3))).shape == (0, 3)

@@ -8,7 +8,7 @@ from typing import Any, final
 from spherekit.analysis.folder.journal import Unfinished
 from spherekit.analysis.running.recording import Recorder
 from spherekit.analysis.running.setting import ORDINARY, Setting
-from spherekit.analysis.tables import FILE_SIZE, Format
+from spherekit.analysis.tables import Format
 from spherekit.checked import check_fields
 from spherekit.engine.kernels import Engine
 from spherekit.errors import AnalysisError
@@ -32,7 +32,7 @@ class Execution:
         What to do with the work of a run that was stopped in that folder: ``"refuse"`` to
         start, ``"resume"`` it (or start, if there is none), or ``"discard"`` it.
     formats
-        Which files are written.
+        Which files are written; by default Parquet, and CSV up to 100 MB.
     tables
         Whether tables are kept in memory where there is no folder.
     engine
@@ -56,7 +56,7 @@ class Execution:
 
     folder: str | os.PathLike[str] | None = None
     unfinished: Unfinished = "refuse"
-    formats: Sequence[Format] = tuple(FILE_SIZE)
+    formats: Sequence[Format] | None = None
     tables: bool = True
     engine: Engine = "auto"
     only_needed: bool = False

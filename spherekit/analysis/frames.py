@@ -72,16 +72,30 @@ def _frame(
     return frame
 
 
-def _headed(
+def _arrow(
     table: Table, data: TableArrays, words: Mapping[str, Sequence[str]], degrees: bool
-) -> "pd.DataFrame":
-    """Return rows as a frame with columns named as in files."""
-    frame = _frame(table, data, words, degrees)
-    headers = {column.name: column.header(degrees) for column in table.columns}
-    units = {headers[name]: unit for name, unit in frame.attrs["units"].items()}
-    frame = frame.rename(columns=headers)
-    frame.attrs["units"] = units
-    return frame
+) -> "pa.Table":
+    """Return rows with columns named as in files; NaN is null, texts are dictionaries."""
+    import pyarrow as pa
+
+    def dictionary(places: NDArray[Any], names: Sequence[str]) -> "pa.Array":
+        own = pa.array(list(names), pa.string())
+        kind = pa.int8() if len(names) < 128 else pa.int32()
+        return pa.DictionaryArray.from_arrays(pa.array(places).cast(kind), own)
+
+    columns: dict[str, Any] = {}
+    for column in table.columns:
+        values = data[column.name]
+        if column.kind == "status":
+            made = dictionary(values, [status.name for status in Status])
+        elif column.kind == "text":
+            made = dictionary(values, words[column.name])
+        elif column.unit_in(degrees) != column.unit:
+            made = pa.array(np.degrees(values), from_pandas=True)
+        else:
+            made = pa.array(values, from_pandas=True)
+        columns[column.header(degrees)] = made
+    return pa.table(columns)
 
 
 def write_table(
@@ -108,7 +122,11 @@ def write_table(
     import pyarrow.csv as pc
     import pyarrow.parquet as pq
 
-    names = {kind: f"{stem}.{kind}" for kind in FILE_SIZE if kind in wanted.formats}
+    names = {
+        kind: f"{stem}.{kind}"
+        for kind in FILE_SIZE
+        if kind in (wanted.formats or FILE_SIZE)
+    }
     plain = not any(SPECIAL & set(word) for own in rows.words.values() for word in own)
     options = pc.WriteOptions(
         include_header=False, quoting_style="none" if plain else "needed"
@@ -121,13 +139,14 @@ def write_table(
         schema, parquet, text = None, None, None
         try:
             for piece in rows.chunks():
-                frame = _headed(table, piece, rows.words, wanted.degrees)
-                whole = pa.Table.from_pandas(frame, preserve_index=False)
+                whole = _arrow(table, piece, rows.words, wanted.degrees)
                 if schema is None:
-                    metadata = dict(whole.schema.metadata or {})
-                    kept = {"units": frame.attrs["units"], **notes}
-                    metadata[NOTES] = json.dumps(kept).encode()
-                    schema = whole.schema.with_metadata(metadata)
+                    units = {
+                        column.header(wanted.degrees): column.stated_unit(wanted.degrees)
+                        for column in table.columns
+                    }
+                    kept = json.dumps({"units": units, **notes}).encode()
+                    schema = whole.schema.with_metadata({NOTES: kept})
                     if "parquet" in streams:
                         floats = [f.name for f in schema if pa.types.is_floating(f.type)]
                         texts = [f.name for f in schema if pa.types.is_dictionary(f.type)]

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
@@ -12,7 +12,8 @@ import numpy as np
 
 from spherekit.analysis.faults import failed
 from spherekit.analysis.folder.journal import SUMMARY, RunFolder
-from spherekit.analysis.folder.store import AbstractStore, InMemory, OnDisk
+from spherekit.analysis.folder.resource_check import size_text
+from spherekit.analysis.folder.store import AbstractStore, InMemory, OnDisk, packed
 from spherekit.analysis.running.cost import TABLES
 from spherekit.analysis.tables import (
     COLUMNS,
@@ -256,9 +257,11 @@ class RunResult:
         self,
         folder: str | Path,
         degrees: bool = False,
-        formats: Sequence[Format] = tuple(FILE_SIZE),
+        formats: Sequence[Format] | None = None,
     ) -> list[Path]:
-        """Write every table as CSV and Parquet, and `summary.json`; return the paths.
+        """Write every table, and `summary.json`; return the paths.
+
+        By default as Parquet, and as CSV up to 100 MB.
 
         `columns.csv` and the summary say each column's unit. With `degrees` angles, their
         rates and accelerations are in degrees, and their columns are headed ``q [deg]``.
@@ -383,6 +386,14 @@ def write_results(
     from spherekit.analysis.frames import columns_text, write_table
 
     started = time.perf_counter()
+    packed_bytes = sum(packed(table).itemsize * rows.count for _, table, rows in tables)
+    csv = FILE_SIZE["csv"] * packed_bytes
+    formats = wanted.formats_of(csv)
+    if wanted.formats is None and "csv" not in formats:
+        left_out = f"no CSV, which would take about {size_text(csv)}: ask for it with "
+        left_out += '--format both (formats=["csv", "parquet"])'
+        summary = {**summary, "remarks": [*summary.get("remarks", ()), left_out]}
+    wanted = replace(wanted, formats=formats)
     made = make_folder(folder.work / "made")
     names: list[str] = []
     stems: dict[str, Table] = {}

@@ -23,13 +23,26 @@ FILE_SIZE: Mapping[Format, float] = {"csv": 2.2, "parquet": 0.6}
 """About how large files are, over packed rows; measured on motions and poles."""
 
 
+MOST_CSV = 1e8
+"""Bytes of CSV that are written without being asked for."""
+
+
 @final
 @dataclass(frozen=True)
 class Files:
-    """Which files tables go to, and whether angles there are in degrees."""
+    """Which files tables go to, if that was said, and whether angles are in degrees."""
 
     degrees: bool = False
-    formats: Sequence[Format] = tuple(FILE_SIZE)
+    formats: Sequence[Format] | None = None
+
+    def formats_of(self, csv_bytes: float) -> Sequence[Format]:
+        """Return the formats of tables that take about so many bytes as CSV.
+
+        Where none is asked for: CSV only up to `MOST_CSV`.
+        """
+        if self.formats is not None:
+            return self.formats
+        return tuple(FILE_SIZE) if csv_bytes <= MOST_CSV else ("parquet",)
 
 
 IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}
@@ -191,10 +204,12 @@ STATUS = Column("status", "", "OK, or why the row is empty", "status")
 class AbstractRows(ABC):
     """The rows of a table, wherever they are kept, in pieces of `CHUNK`.
 
-    In each piece a column of text holds places (n,) in its sorted `words`.
+    There are `count` of them. In each piece a column of text holds places (n,) in its
+    sorted `words`.
     """
 
     words: Mapping[str, Sequence[str]]
+    count: int
 
     @abstractmethod
     def chunks(self) -> Iterator[TableArrays]:
@@ -207,6 +222,7 @@ class RowsInMemory(AbstractRows):
 
     def __init__(self, table: Table, data: TableArrays) -> None:
         self._columns = table.typed(data)
+        self.count = len(next(iter(self._columns.values())))
         self.words = {}
         for column in table.columns:
             if column.kind == "text":
@@ -216,7 +232,6 @@ class RowsInMemory(AbstractRows):
 
     def chunks(self) -> Iterator[TableArrays]:
         """Yield pieces of the arrays."""
-        count = len(next(iter(self._columns.values())))
-        for start in range(0, max(count, 1), CHUNK):
+        for start in range(0, max(self.count, 1), CHUNK):
             rows = slice(start, start + CHUNK)
             yield {name: values[rows] for name, values in self._columns.items()}

@@ -60,6 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="another range of the only input, in the unit of the file",
     )
     parser.add_argument(
+        "--clear-of",
+        metavar="Q",
+        help="over a range: how far the input may go from here before any singularity",
+    )
+    parser.add_argument(
         "--cell",
         type=float,
         metavar="RAD",
@@ -96,6 +101,8 @@ def execute(options: argparse.Namespace) -> int:
         raise AnalysisError("--at and --range are two questions; give one of them")
     if options.poles and not options.at:
         raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
+    if options.clear_of and (options.at or len(driven_pairs(mechanism)) > 1):
+        raise AnalysisError("--clear-of is for the range of one input, and not for --at")
     several = len(driven_pairs(mechanism)) > 1 and not options.at
     if (options.cell or options.figure) and not several:
         raise AnalysisError(
@@ -107,7 +114,7 @@ def execute(options: argparse.Namespace) -> int:
     elif options.at:
         made = _at(written, options.at, options.poles)
     else:
-        made = _over(written, options.range)
+        made = _over(written, options.range, options.clear_of)
     lines, certificate, complete = made
     print("\n".join(lines))
     if options.out:
@@ -199,7 +206,7 @@ def _mode_lines(modes: Any) -> list[str]:
     return lines
 
 
-def _over(written: Any, given: list[str] | None) -> Made:
+def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
     """Return lines and certificate of the curves over the range of the only input."""
     from spherekit.errors import AnalysisError
     from spherekit.guarantee import Guarantee
@@ -219,9 +226,22 @@ def _over(written: Any, given: list[str] | None) -> Made:
     curves = certified_curves(written, (ends[0], ends[1]), made)
     found = singularities(curves)
     lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, found)]
+    if clear_of is not None:
+        lines.append(_clear_line(written, found, clear_of))
     certificate = {**curves_certificate(curves), "singularities": singular_table(found)}
     complete = curves.claim.guarantee is Guarantee.CERTIFIED and not found.undecided
     return lines, certificate, complete
+
+
+def _clear_line(written: Any, found: Any, text: str) -> str:
+    import numpy as np
+
+    from spherekit.proof.balls import bits, middle
+
+    with bits(80):
+        q = middle(written.input_angle(_decimal("--clear-of", text)))
+    free = np.degrees(found.clearance(q))
+    return f"  within {free:.9f} deg of {text} there is no singularity, in any mode"
 
 
 MOST_INPUTS = 2

@@ -70,8 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         choices=FORMATS,
-        default="both",
-        help="which files, default both; CSV takes four times the space of Parquet",
+        help="which files; by default Parquet, and CSV up to 100 MB, which takes four "
+        "times the space",
     )
     stopped = parser.add_mutually_exclusive_group()
     stopped.add_argument(
@@ -113,6 +113,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="compute N rows (default 16) once more in 50 digits and print how far each "
         "table column is off",
+    )
+    parser.add_argument(
+        "--prove",
+        action="store_true",
+        help="enclose every pole of every row by proof in a table proven_poles, and check "
+        "the error bounds of the table poles against it",
     )
     parser.add_argument(
         "--only-needed",
@@ -183,10 +189,10 @@ def execute(options: argparse.Namespace) -> int:
                 analyses,
                 folder=study.folder,
                 unfinished=_unfinished(options),
-                formats=FORMATS[options.format],
+                formats=FORMATS.get(options.format),
                 engine=_engine(options, setting),
                 only_needed=options.only_needed,
-                tables=False,
+                tables=options.prove,
                 recorder=drawer.recorder if drawer else recorder,
                 log_every=options.log_every,
                 progress=_progress(options),
@@ -195,6 +201,7 @@ def execute(options: argparse.Namespace) -> int:
             if drawer is not None and study.folder is not None:
                 drawer.write(study.folder, options.figures, options.quiet)
             _tell(options, study, result)
+            exceeded = _prove(options, study, result) if options.prove else 0
             if options.serve is not None:
                 _keep_serving(options, recorder)
     except SpherekitError as problem:
@@ -218,6 +225,7 @@ def execute(options: argparse.Namespace) -> int:
     if result.failures:
         return FAILED_ANALYSIS
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
+    failed |= {"proof"} if exceeded else set()
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     if not result.summary.get("accuracy", {"met": True})["met"]:
         failed.add("tolerance")
@@ -225,6 +233,25 @@ def execute(options: argparse.Namespace) -> int:
     if simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast"):
         failed.add("tolerance")
     return FAILED_SAMPLES if options.strict and failed else 0
+
+
+def _prove(options: argparse.Namespace, study: "Study", result: "RunResult") -> int:
+    """Prove the poles of a run, write and tell; return how many bounds are exceeded."""
+    from spherekit.analysis.proven_poles import prove_poles
+    from spherekit.analysis.tables import Files
+    from spherekit.errors import AnalysisError
+
+    if "poles" not in result.results:
+        raise AnalysisError("--prove encloses poles; run the analysis poles too: -a poles")
+    motion, poles = (result.results[name].data[name] for name in ("motion", "poles"))
+    found = prove_poles(study.mechanism, motion, poles)
+    print(found, file=sys.stderr if options.json else sys.stdout)
+    if study.folder is not None:
+        wanted = Files(study.degrees, FORMATS[options.format])
+        digest = result.summary["mechanism_hash"]
+        names = found.write(study.folder, wanted, digest)
+        print(f"proven poles in {', '.join(names)}", file=sys.stderr)
+    return found.exceeded
 
 
 def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
@@ -303,7 +330,7 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
         ),
         (
             study.folder,
-            options.format != "both",
+            options.format is not None,
             "--format",
             "tables: write them with -o DIR",
         ),

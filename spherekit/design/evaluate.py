@@ -17,6 +17,7 @@ from spherekit.design.variables import (
     DesignVariable,
     design_geometry,
     designed,
+    need_circles,
     with_actions,
 )
 from spherekit.engine.actions import Actions
@@ -111,6 +112,7 @@ class Evaluator:
         merits: Sequence[Merit],
         samples: DesignSamples,
     ) -> None:
+        need_circles(mechanism, "quantities of a row")
         self.document = document
         self.mechanism = mechanism
         self.input = mechanism.inputs[0].pair

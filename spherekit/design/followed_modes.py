@@ -36,7 +36,7 @@ STAYS = 1e-6
 RIGHT, CONTRACTS, TURN = 0.1, 0.1, 0.95
 """What a real step has to be: its prediction right up to this part of it, Newton's second
 step this part of the first, and the cosine of the tangent's turn above."""
-SMALLEST = 2.0**-12
+SMALLEST = 2.0**-40
 """The least real step, as a part of the way to the next sample."""
 TINY = 1e-7
 """Steps and predictions that are off by less (rad) are in order."""

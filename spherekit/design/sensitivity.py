@@ -14,6 +14,7 @@ from spherekit.design.variables import (
     check_variables,
     design_geometry,
     design_variable,
+    need_circles,
 )
 from spherekit.engine.design_kernel import (
     DesignKernel,
@@ -23,7 +24,6 @@ from spherekit.engine.design_kernel import (
     newton_kernel,
     row_quantities,
 )
-from spherekit.engine.turns import ROUND
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR
@@ -116,7 +116,7 @@ class Sensitivity:
             raise DesignError(
                 f"{mechanism.name}: sensitivities are those of one input; lock the others"
             )
-        _need_circles(mechanism)
+        need_circles(mechanism, "derivatives by sizes")
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
         self.keys = tuple(keys) or sizes_of(mechanism)
@@ -228,19 +228,6 @@ class Sensitivity:
             rows = [np.repeat(samples.T, draws, axis=1), now, kernel.prepare(sizes)]
             found = kernel.evaluate(np.concatenate(rows))
         return np.where(closed, found, np.nan).reshape(-1, n, draws)
-
-
-def _need_circles(mechanism: Mechanism) -> None:
-    for pair in mechanism.pairs:
-        for link, profile in zip(pair.links, pair.profiles or (), strict=False):
-            if profile.kind not in ROUND:
-                raise DesignError(
-                    f"{mechanism.name}: pairs.{pair.name}.profiles.{link} is of kind "
-                    f'"{profile.kind}": derivatives by sizes are known of mechanisms whose '
-                    "profiles are circles and great circles; sizes of this one can be "
-                    "compared by a sweep over tables of runs, --vary KEY=LOW,HIGH "
-                    '--reduce "max(poles.poles: velocity_coefficient)"'
-                )
 
 
 def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:

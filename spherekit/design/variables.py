@@ -6,6 +6,7 @@ from typing import Any, final
 
 from spherekit.conventions import listing
 from spherekit.engine.frames import DesignGeometry
+from spherekit.engine.turns import ROUND
 from spherekit.errors import DesignError
 from spherekit.files.change import number_at, number_path, with_numbers
 from spherekit.files.document import Document
@@ -128,6 +129,19 @@ def with_actions(
     numbers = {variables[k].path: float(values[k]) for k in chosen}
     reader = DynamicsReader(with_numbers(document, numbers), mechanism)
     return replace(mechanism, masses=reader.masses(), loads=reader.loads())
+
+
+def need_circles(mechanism: Mechanism, what: str) -> None:
+    """Raise `DesignError` where a profile is no circle, which `what` are not known of."""
+    for pair in mechanism.pairs:
+        for link, profile in zip(pair.links, pair.profiles or (), strict=False):
+            if profile.kind not in ROUND:
+                raise DesignError(
+                    f"{mechanism.name}: pairs.{pair.name}.profiles.{link} is of kind "
+                    f'"{profile.kind}": {what} are known of mechanisms whose profiles are '
+                    "circles and great circles; sweep figures of tables instead, which "
+                    'come from runs: --reduce "max(poles.poles: velocity_coefficient)"'
+                )
 
 
 def check_variables(document: Document, variables: Sequence[DesignVariable]) -> None:

@@ -25,11 +25,11 @@ from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole
+from spherekit.planning.poles import Pole
 from spherekit.rates.columns import PoleColumns, RateColumns
 from spherekit.rates.core import NEARLY_FLAT
 from spherekit.rates.request import Request
-from spherekit.rates.turning import TURN_KNOWN
+from spherekit.rates.turning import TURN_KNOWN, axis_pairs
 from spherekit.sphere.rotation import Floats
 
 LARGEST_ERROR = 1e-9
@@ -197,8 +197,8 @@ def row_kernel(
     """Return the kernel of what `requests` want of a mechanism's rows.
 
     The closed configurations of a motion say in which order variables are eliminated.
-    None where the terms do not hold: for contacts, for redundant loops, for none, and where
-    axes of pairs coincide but for rounding.
+    None where the terms do not hold: for contacts, for redundant loops, for none, where
+    axes of pairs coincide but for rounding, and where links that have a pole rest.
     """
     mechanism, tree = motion.mechanism, LoopTree.of(motion.mechanism)
     free = motion.free
@@ -217,11 +217,13 @@ def row_kernel(
         for item in requests
     )
 
-    def make() -> RowKernel:
+    def make() -> RowKernel | None:
         variables = symbols(mechanism.variable_names)
         terms = _Rows(mechanism, variables, pivots, motion.assembly.inputs)
         outputs = _Outputs()
         moving = [_Moving(terms, item) for item in requests]
+        if any(each.rests for each in moving):
+            return None
         residual = outputs.place(terms.residual)
         made = [one.placed(outputs) for one in moving]
         kept = len(outputs.columns)
@@ -250,8 +252,12 @@ def _root(item: Expr) -> Expr:
     return function("sqrt", item)
 
 
+def _moves(item: Exprs) -> bool:
+    return any(isinstance(x, ExpressionNode) for x in item)
+
+
 def _norm(item: Exprs) -> Expr:
-    if not any(isinstance(x, ExpressionNode) for x in item):
+    if not _moves(item):
         return float(np.sqrt(sum(float(x) ** 2 for x in item)))
     return _root(dot(item, item))
 
@@ -459,11 +465,7 @@ class _Moving:
     def placed(self, outputs: _Outputs) -> Callable[[_Place], _RatePlaces]:
         """Add the columns; return what says where they are, given where `worst` is."""
         plan = self._wanted.plan
-        pairs = {
-            step.pole: step.pair
-            for step in plan.steps
-            if isinstance(step, PrimaryPole | CoaxialPole)
-        }
+        pairs = axis_pairs(plan)
         known = [pole for pole in self._wanted.poles if plan.pole(*pole) is not None]
         poles: dict[Pole, _PolePlaces] = {}
         signed: dict[Pole, tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]] = {}
@@ -484,6 +486,18 @@ class _Moving:
         w = {link: outputs.place(*self._w[link]) for link in links}
         dw = {link: outputs.place(*self._dw[link]) for link in links}
         return lambda worst: _RatePlaces(tuple(signed), block, poles, w, dw, worst)
+
+    @property
+    def rests(self) -> bool:
+        """Whether links that no pair joins do not move relative to each other."""
+        plan = self._wanted.plan
+        pairs = axis_pairs(plan)
+        relative = (
+            self._w[j] - self._w[i]
+            for i, j in self._wanted.poles
+            if plan.pole(i, j) is not None and plan.pole(i, j) not in pairs
+        )
+        return any(not _moves(v) for v in relative)
 
     def _of_pair(self, pole: Pole, pair: int, outputs: _Outputs) -> _PolePlaces:
         """Place the columns of a pole that is the axis of a pair."""

@@ -200,7 +200,7 @@ def design_kernel(
     outputs = [dyad.square for dyad in terms.dyads] + outputs
     moving = [*terms.sample, *terms.places]
     row_terms, fixed = hoisted(outputs, moving, "design_")
-    make = compile_function if compiled and available() else array_function
+    make = _made(compiled)
     return DesignKernel(
         tuple(each.arguments[0] for each in terms.places),
         terms.closed_form,
@@ -208,6 +208,21 @@ def design_kernel(
         make(list(fixed.values()), terms.sizes),
         make(row_terms, [*moving, *fixed]),
     )
+
+
+def _made(
+    compiled: bool,
+) -> Callable[[Sequence[Expr], Sequence[ExpressionNode]], CompiledFunction | ArrayFunction]:
+    """Return what makes functions of terms; there is nothing to compile where none is."""
+
+    def make(
+        outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
+    ) -> CompiledFunction | ArrayFunction:
+        if compiled and available() and outputs:
+            return compile_function(outputs, inputs)
+        return array_function(outputs, inputs)
+
+    return make
 
 
 @final
@@ -232,7 +247,7 @@ def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
     for each in off.values():
         square = square + dot(each, each)
     row_terms, fixed = hoisted([*change, square], terms.places, "design_")
-    make = compile_function if compiled and available() else array_function
+    make = _made(compiled)
     return NewtonKernel(
         make(list(fixed.values()), terms.sizes),
         make(row_terms, [*terms.places, *fixed]),

@@ -59,6 +59,15 @@ class ForeignHold:
 
 @final
 @dataclass(frozen=True)
+class ForeignCoupling:
+    """Hinges whose rates, times their factors, add up to zero."""
+
+    name: str
+    factors: Mapping[str, float]
+
+
+@final
+@dataclass(frozen=True)
 class ForeignLoad:
     """A load that an actuator without control is.
 
@@ -91,6 +100,7 @@ class ForeignModel:
     hinges: Sequence[ForeignHinge]
     holds: Sequence[ForeignHold]
     driven: Mapping[str, tuple[float, float] | None]
+    couplings: Sequence[ForeignCoupling] = ()
     loads: Sequence[ForeignLoad] = ()
     gravity: Floats | None = None
     values: Mapping[str, float] = field(default_factory=dict)

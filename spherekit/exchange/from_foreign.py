@@ -11,6 +11,7 @@ from spherekit.conventions import MAX_NAME_LENGTH, listing
 from spherekit.errors import FileError
 from spherekit.exchange.common_point import Line, common_point
 from spherekit.exchange.foreign import ForeignHinge, ForeignHold, ForeignLoad, ForeignModel
+from spherekit.exchange.gears import Turning, gears_of
 from spherekit.exchange.plain_numbers import Units, plain
 from spherekit.model.changes import AngleUnit
 from spherekit.model.inertia import moved_to_sphere_centre
@@ -86,6 +87,7 @@ class _Import:
         self._join()
         self.centre, self.miss = self._meet(within)
         self.pairs = self._pairs()
+        self.contacts = dict(self._contacts())
 
     def tables(self) -> Tables:
         model = self.model
@@ -93,7 +95,7 @@ class _Import:
         content: dict[str, Table] = {
             "source": {"citation": f"imported from the {model.source}"},
             "links": links,
-            "pairs": {pair.name: self._pair(pair) for pair in self.pairs},
+            "pairs": {pair.name: self._pair(pair) for pair in self.pairs} | self.contacts,
             "inputs": self._inputs(),
             "mass": self._masses(),
         }
@@ -302,6 +304,36 @@ class _Import:
         value = self.model.values.get(holds[0].name, 0.0)
         return [_Pair(name, ends, arm / length, value, None)]
 
+    def _contacts(self) -> Iterator[tuple[str, Table]]:
+        """Yield a rolling contact for each coupling of hinges."""
+        turning = [Turning(p.hinge.name, p.links, p.axis) for p in self.pairs if p.hinge]
+        names = [pair.name for pair in self.pairs]
+        for coupling in self.model.couplings:
+            found = gears_of(turning, coupling.factors)
+            if isinstance(found, str):
+                raise FileError(
+                    f"{self.where}: {coupling.name} couples joints "
+                    f"{listing(coupling.factors)}, but no two gears do: {found}. Take it "
+                    "out of a copy of the file"
+                )
+            names.append(self._unique(coupling.name, names))
+            links = [self._name(link) for link in found.links]
+            table: Table = {"type": "Cr", "links": links}
+            if found.contact != "external":
+                table["contact"] = found.contact
+            table["profiles"] = {
+                link: {
+                    "kind": "circle",
+                    **{f"centre_{k}": x for k, x in self.units.axis(centre).items()},
+                    "radius": self.units.angle(radius),
+                }
+                for link, centre, radius in zip(
+                    links, found.centres, found.radii, strict=True
+                )
+            }
+            self.comments["pairs", names[-1]] = "Joints at a constant ratio: gears."
+            yield names[-1], table
+
     def _need_pieces(self, pairs: Sequence[_Pair]) -> None:
         joined = {self.find(0)}
         for _ in pairs:
@@ -376,7 +408,12 @@ class _Import:
                     spread[rows, 3 * at - 3 : 3 * at] = sign * np.eye(3)
         left, sizes, _ = np.linalg.svd(spread)
         rank = int(np.sum(sizes > 1e-9 * sizes[0]))
-        return np.asarray(left[:, rank:].T @ along)
+        numbers = {pair.hinge.name: k for k, pair in enumerate(self.pairs) if pair.hinge}
+        ratios = np.zeros((len(self.model.couplings), len(self.pairs)))
+        for row, coupling in zip(ratios, self.model.couplings, strict=True):
+            for name, factor in coupling.factors.items():
+                row[numbers[name]] = factor
+        return np.concatenate([left[:, rank:].T @ along, ratios])
 
     # Inertia and loads
 

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 from xml.etree import ElementTree
 
@@ -220,7 +221,7 @@ class _Writer:
                 parts = 1 + sum(other.child == twin.child for other in self.twins)
                 self.inertia(body, own, 1.0 / parts)
 
-    @property
+    @cached_property
     def twins(self) -> list[Hinge]:
         """The hinges of second bodies, at cut pairs where loads act."""
         held, ground = self.loads.held, self.made.mechanism.ground
@@ -310,7 +311,7 @@ class _Writer:
                 size = _drawn(1e-3 * self.radius)
                 _add(body, "site", name=load.name, pos=_text(point), size=size)
 
-    @property
+    @cached_property
     def shapes(self) -> list[Shape]:
         return link_shapes(self.made.mechanism)
 

@@ -11,6 +11,7 @@ from spherekit.conventions import listing
 from spherekit.errors import FileError
 from spherekit.exchange.foreign import (
     ForeignBody,
+    ForeignCoupling,
     ForeignHinge,
     ForeignHold,
     ForeignLoad,
@@ -25,6 +26,9 @@ MASSLESS = 1e-14
 ROUNDING, CLOSED = 1e-16, 1e-12
 """Loops open by less (m, rad) are closed: at once, and where no step brings more."""
 MOST_STEPS = 60
+
+NAMELESS = ("", "MuJoCo Model")
+"""What MuJoCo calls models without a name."""
 
 
 def read_foreign(path: Path) -> ForeignModel:
@@ -52,7 +56,7 @@ class _Reader:
         self.mj, self.path = mujoco, path
         self.kinds = _numbers(mujoco.mjtEq) | _numbers(mujoco.mjtTrn)
         self.kinds |= _numbers(mujoco.mjtJoint) | _numbers(mujoco.mjtObj)
-        self.kinds |= _numbers(mujoco.mjtConstraint)
+        self.kinds |= _numbers(mujoco.mjtConstraint) | _numbers(mujoco.mjtWrap)
         self.notes: list[str] = []
         self.hinged: dict[str, Floats] = {}
         self.urdf: ElementTree.Element | None = None
@@ -93,8 +97,11 @@ class _Reader:
         except ValueError as error:
             raise self.refused(error) from None
         spec.compiler.fusestatic = False
-        for loop in loops(str(self.path), root):
-            self.add_loop(spec, loop)
+        try:
+            for loop in loops(str(self.path), root):
+                self.add_loop(spec, loop)
+        except ValueError as error:
+            raise FileError(f"{self.path}: a loop joint has no numbers: {error}") from None
         return spec
 
     def add_loop(self, spec: Any, loop: Any) -> None:
@@ -142,12 +149,13 @@ class _Reader:
                 own[name] = (float(ends[0]), float(ends[1]))
         what = "URDF" if self.urdf is not None else "MuJoCo model"
         return ForeignModel(
-            name=self.spec.modelname or self.path.stem,
+            name=self.path.stem if self.spec.modelname in NAMELESS else self.spec.modelname,
             source=f"{what} {self.path.name}",
             bodies=[self.body(k) for k in range(m.nbody)],
             hinges=[self.hinge(k) for k in range(m.njnt)],
             holds=list(self.holds()),
             driven={name: own.get(name, ends) for name, ends in drives.items()},
+            couplings=list(self.couplings()),
             loads=list(self.loads()),
             gravity=self.gravity(),
             values={
@@ -184,18 +192,6 @@ class _Reader:
             raise FileError(
                 f"{self.path}: joint {names.index('')} has no name; name all joints, since "
                 "pairs are named after them"
-            )
-        couplings = [
-            _named(m.eq(k), "equality", k)
-            for k in self.equalities()
-            if (m.eq_type[k] == self.kinds["mjEQ_JOINT"] and m.eq_obj2id[k] >= 0)
-            or m.eq_type[k] == self.kinds["mjEQ_TENDON"]
-        ]
-        if couplings:
-            raise FileError(
-                f"{self.path}: {listing(couplings)} couple joints; a mechanism file says "
-                "that by a rolling contact (type Cr, gears). Take the coupling out of a "
-                "copy, import that, and add the contact"
             )
 
     def equalities(self) -> Iterator[int]:
@@ -292,7 +288,9 @@ class _Reader:
         locks = [
             k
             for k in self.equalities()
-            if m.eq_type[k] == self.kinds["mjEQ_JOINT"] and m.eq_obj1id[k] == number
+            if m.eq_type[k] == self.kinds["mjEQ_JOINT"]
+            and m.eq_obj1id[k] == number
+            and m.eq_obj2id[k] < 0
         ]
         return ForeignHinge(
             name=name,
@@ -313,7 +311,7 @@ class _Reader:
         kinds, site = self.kinds, self.kinds["mjOBJ_SITE"]
         for k in self.equalities():
             if m.eq_type[k] not in (kinds["mjEQ_CONNECT"], kinds["mjEQ_WELD"]):
-                if m.eq_type[k] != kinds["mjEQ_JOINT"]:
+                if m.eq_type[k] not in (kinds["mjEQ_JOINT"], kinds["mjEQ_TENDON"]):
                     self.notes.append(f"{_named(m.eq(k), 'equality', k)} left out")
                 continue
             ends = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
@@ -331,6 +329,42 @@ class _Reader:
             if name in self.hinged:
                 axis = d.xmat[ends[0]].reshape(3, 3) @ self.hinged[name]
                 yield ForeignHold(name, *ends, point + axis)
+
+    def couplings(self) -> Iterator[ForeignCoupling]:
+        """Yield the hinges that joint and tendon equalities couple at a constant ratio."""
+        m = self.m
+        for k in self.equalities():
+            kind, name = int(m.eq_type[k]), _named(m.eq(k), "equality", k)
+            first, second = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
+            if kind not in (self.kinds["mjEQ_JOINT"], self.kinds["mjEQ_TENDON"]):
+                continue
+            joints = kind == self.kinds["mjEQ_JOINT"]
+            if joints and second < 0:
+                continue
+            if np.any(m.eq_data[k][2:5]):
+                raise FileError(
+                    f"{self.path}: {name} couples joints at a ratio that changes; a "
+                    "mechanism file has profiles in contact for that. Take it out of a copy"
+                )
+            factors: dict[str, float] = {}
+            for item, ratio in ((first, 1.0), (second, -float(m.eq_data[k][1]))):
+                parts = [(item, 1.0)] if joints else self.tendon(name, item)
+                for joint, factor in parts if item >= 0 else ():
+                    hinge = m.joint(joint).name
+                    factors[hinge] = factors.get(hinge, 0.0) + ratio * factor
+            yield ForeignCoupling(name, factors)
+
+    def tendon(self, name: str, number: int) -> list[tuple[int, float]]:
+        """Return the joints of a fixed tendon with their factors."""
+        m = self.m
+        first = int(m.tendon_adr[number])
+        places = range(first, first + int(m.tendon_num[number]))
+        if any(int(m.wrap_type[k]) != self.kinds["mjWRAP_JOINT"] for k in places):
+            raise FileError(
+                f"{self.path}: {name} holds a tendon that runs through space; a mechanism "
+                "file has none. Take it out of a copy"
+            )
+        return [(int(m.wrap_objid[k]), float(m.wrap_prm[k])) for k in places]
 
     def gravity(self) -> Floats | None:
         """Return the acceleration (3,); a URDF has none."""

@@ -271,6 +271,8 @@ class _Search:
             reach = 4.0 * float(np.max(radii[row]))
             if float(np.max(np.abs(place - centres[row]))) > reach:
                 continue
+            if not self.in_range(float(place[-1])):
+                continue
             if self.cover.count and self.cover.holds(place, 0.0):
                 continue
             chain = chain_through(self.equations, place, self.low, self.high, self.whole)

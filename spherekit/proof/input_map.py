@@ -65,6 +65,19 @@ class InputMap:
             for count in np.unique(self.modes[self.kind == REGULAR])
         }
 
+    def clearance(self, q: Floats) -> float:
+        """Return how far (rad) every input may go from q before type II, at least.
+
+        In all modes, and not beyond the ranges of the inputs.
+        """
+        away = np.abs(self.centres - q) - self.radii
+        low = np.min(self.centres - self.radii, axis=0)
+        high = np.max(self.centres + self.radii, axis=0)
+        gaps = np.max(away[self.kind != REGULAR], axis=1, initial=-np.inf)
+        nearest = float(np.min(gaps, initial=np.inf))
+        edge = float(min(np.min(q - low), np.min(high - q)))
+        return max(min(nearest, edge) - 1e-12, 0.0)
+
     def at(self, q: Floats) -> NDArray[np.intp]:
         """Return the kind (m,) of the box that inputs (m, inputs) are in, -1 outside."""
         out = np.full(len(q), -1, dtype=np.intp)

@@ -41,14 +41,22 @@ def certified_poles(modes: CertifiedModes) -> list[CertifiedPole]:
 
     With several inputs each moves in turn, the others locked.
     """
-    made = modes.construction
-    found = []
-    with modes.sharp() as (equations, modes_places):
-        for number, places in enumerate(modes_places):
-            for column in range(made.unknowns, len(made.pairs)):
-                turning = _angular_velocities(equations, places, column)
-                found += list(_poles(number, made.pairs[column], turning))
-    return found
+    with modes.sharp() as (equations, places):
+        return [
+            pole
+            for number, each in enumerate(places)
+            for pole in enclosed_poles(equations, each, number)
+        ]
+
+
+def enclosed_poles(
+    equations: Equations, places: Sequence[Ball], mode: int = 0
+) -> Iterator[CertifiedPole]:
+    """Yield the poles of all pairs of links at narrow balls of all variables."""
+    made = equations.construction
+    for column in range(made.unknowns, len(made.pairs)):
+        turning = _angular_velocities(equations, places, column)
+        yield from _poles(mode, made.pairs[column], turning)
 
 
 def _angular_velocities(

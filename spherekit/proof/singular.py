@@ -10,9 +10,14 @@ from typing import final
 
 import numpy as np
 
+from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism
 from spherekit.proof.along import Stop
+from spherekit.proof.cover import TURN
 from spherekit.proof.curves import CertifiedCurves
+
+ROUNDING = 1e-12
+"""More than inputs (rad) are off by in float64."""
 
 
 @final
@@ -38,12 +43,33 @@ class CertifiedSingularities:
     """All singularities of types I and II of outputs along certified curves.
 
     `undecided` counts the parts in which one may be; `skipped` are outputs that no variable
-    of the construction is the rate of, of which only type II is known.
+    of the construction is the rate of, of which only type II is known. `low` to `high`
+    (rad) is the range of the input, a whole turn if `whole`; `complete` says that all
+    curves are known. At `dead_centres` the input stops.
     """
 
     found: tuple[CertifiedSingularity, ...]
     undecided: int
     skipped: tuple[str, ...]
+    low: float
+    high: float
+    whole: bool
+    complete: bool
+    dead_centres: tuple[Stop, ...]
+
+    def clearance(self, q: float) -> float:
+        """Return how far (rad) the input may go from q before a singularity, at least.
+
+        In all modes, both ways, and not beyond the range; 0 where not all is proven.
+        """
+        if not self.complete or self.undecided:
+            return 0.0
+        ends = [] if self.whole else [q - self.low, self.high - q]
+        gaps = [
+            abs(float(np.remainder(stop.place[-1] - q + np.pi, TURN)) - np.pi) - stop.off
+            for stop in (*self.dead_centres, *(each.stop for each in self.found))
+        ]
+        return max(min([*gaps, *ends, np.pi]) - ROUNDING, 0.0)
 
 
 def pair_of_output(mechanism: Mechanism, name: str) -> int | None:
@@ -91,7 +117,17 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                         )
                     )
     found.sort(key=lambda each: (each.output, each.kind, each.q))
-    return CertifiedSingularities(tuple(found), undecided, tuple(skipped))
+    complete = curves.claim.guarantee is Guarantee.CERTIFIED
+    return CertifiedSingularities(
+        tuple(found),
+        undecided,
+        tuple(skipped),
+        curves.low,
+        curves.high,
+        curves.whole,
+        complete,
+        tuple(stop for found_on, _ in curves.stopping for stop in found_on),
+    )
 
 
 def _meet(one: Stop, other: Stop) -> bool:

@@ -113,7 +113,7 @@ class Benchmark:
         signs, memory = [SignMemory() for _ in evaluation.requests], AngleMemory()
         mechanism, store = course.tracer.mechanism, InMemory()
         own = [table.of(mechanism) for table in analysis.tables]
-        size = course.tracer.block if analysis.rowwise else len(course)
+        size = evaluation.block if analysis.rowwise else len(course)
         for motion in evaluation.blocks(size):
             found = evaluation.fields(motion, signs)
             angles = evaluation.angles(motion, memory)
@@ -228,6 +228,9 @@ def _turned(field: PoleField, toward: PoleField, rows: NDArray[np.intp]) -> Pole
         },
         acceleration_coefficient={
             pole: x * signs[pole] for pole, x in field.acceleration_coefficient.items()
+        },
+        direction_dq={
+            pole: u * signs[pole][:, None] for pole, u in field.direction_dq.items()
         },
     )
 

@@ -12,8 +12,9 @@ from spherekit.analysis.options import Subject, study_of, takes
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.run import run
+from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.running.sampling import course_of
-from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.running.setting import ORDINARY, Setting
 from spherekit.analysis.tables import TableArrays
 from spherekit.checked import checked
 from spherekit.conventions import EPS
@@ -88,6 +89,7 @@ def trade(
     most = effort.checked or max(
         FEWEST, CHECKED_ROWS // len(bench.course.tracer.assembly_modes)
     )
+    long = _long(bench, study)
     bench = _at_fewer(bench, study, min(most, CHECKED))
     right = bench.reference()
     reference = right.tables
@@ -95,7 +97,11 @@ def trade(
     every = of_samples() if effort.settings is None else effort.settings
 
     def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
-        return bench.tables(setting, right if judged else None)
+        if judged or long is None or setting != ORDINARY:
+            return bench.tables(setting, right if judged else None)
+        tables, first, seconds = long.tables(setting)
+        share = len(bench.course) / len(long.course)
+        return tables, first, first + (seconds - first) * share
 
     found = timing_loop(
         [(str(each), each, partial(way, each)) for each in every],
@@ -104,6 +110,19 @@ def trade(
         effort,
     )
     return _trade(bench, study, (words, EPS, reference, found))
+
+
+def _long(bench: Benchmark, study: Study) -> Benchmark | None:
+    """Return the bench at successive samples, so many that a kernel gives their rows.
+
+    None where the run that is wanted has fewer: then it has none either.
+    """
+    course = bench.course
+    modes = len(course.tracer.assembly_modes)
+    if course.shape != (len(course),) or len(course) * modes < rows_at_once.FEWEST:
+        return None
+    samples = min(len(course), 4 * rows_at_once.FEWEST // modes)
+    return replace(bench, course=at_places(course, np.arange(samples), study.search))
 
 
 def _at_fewer(bench: Benchmark, study: Study, most: int) -> Benchmark:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 
 from spherekit.analysis.folder.store import OnDisk
-from spherekit.analysis.tables import FILE_SIZE, Format
+from spherekit.analysis.tables import FILE_SIZE, Files, Format
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.model.mechanism import Mechanism
@@ -49,12 +49,15 @@ def need_memory(mechanism: Mechanism, rows: int, whole: Sequence[str]) -> None:
         )
 
 
-def need_disk(store: OnDisk, done: int, total: int, formats: Sequence[Format]) -> None:
+def need_disk(
+    store: OnDisk, done: int, total: int, formats: Sequence[Format] | None
+) -> None:
     """Raise `OutputError` if the disk has no room for a whole run and its files.
 
     Judged by the size of the store when `done` of `total` samples are done.
     """
     whole = store.size * total / done
+    formats = Files(formats=formats).formats_of(FILE_SIZE["csv"] * whole)
     wanted = whole * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
     if wanted - store.size <= store.free:
         return

@@ -1,6 +1,7 @@
 """Where the rows of a run go while it goes on: memory, parts on disk, or nowhere."""
 
 import itertools
+import math
 import os
 import shutil
 from abc import ABC, abstractmethod
@@ -25,6 +26,9 @@ from spherekit.analysis.tables import (
 )
 from spherekit.errors import OutputError
 from spherekit.files.atomic import refused
+
+IN_CACHE = 2048
+"""Rows that are taken apart or put together at once."""
 
 Key = tuple[str, str]
 """The names of an analysis and of its table."""
@@ -216,16 +220,12 @@ class OnDisk(AbstractStore):
         OutputError
             If the disk is full.
         """
-        rows = np.empty(len(next(iter(data.values()))), dtype=packed(table))
+        columns = {column.name: data[column.name] for column in table.columns}
         for column in table.columns:
-            values = data[column.name]
             if column.kind == "text":
                 words = self._words.setdefault((analysis, table.name, column.name), {})
-                values = _coded(values, words)
-            if isinstance(values, Interleaved):
-                values.put(rows[column.name], slice(None))
-            else:
-                rows[column.name] = values
+                columns[column.name] = _coded(columns[column.name], words)
+        rows = _packed_rows(columns, packed(table))
         if not (self._split and table.in_assembly_modes):
             self._append(analysis, table, 0, rows)
             return
@@ -253,7 +253,7 @@ class OnDisk(AbstractStore):
             )
             with open(handle, "r+b") as stream:  # noqa: PTH123 (an open descriptor)
                 stream.seek(done * rows.dtype.itemsize)
-                stream.write(rows.tobytes())
+                stream.write(rows.view(np.uint8).data)
         except OSError as error:
             raise refused(path, "written", error) from None
         self._rows[key] = done + len(rows)
@@ -319,6 +319,7 @@ class RowsOnDisk(AbstractRows):
         words: Mapping[str, list[str]],
     ) -> None:
         self._type, self._parts = packed(table), parts
+        self.count = sum(rows for _, rows in parts)
         self.words = {name: sorted(own) for name, own in words.items()}
         # Words were numbered as they came.
         self._places = {
@@ -345,10 +346,17 @@ class RowsOnDisk(AbstractRows):
             yield self._columns(held or [np.empty(0, dtype=self._type)])
 
     def _columns(self, pieces: list[NDArray[np.void]]) -> TableArrays:
-        rows = np.concatenate(pieces)
+        count = sum(len(piece) for piece in pieces)
         columns = {
-            name: np.ascontiguousarray(rows[name]) for name in self._type.names or ()
+            name: np.empty(count, dtype=self._type[name]) for name in self._type.names or ()
         }
+        at = 0
+        for piece in pieces:
+            for start in range(0, len(piece), IN_CACHE):
+                some = piece[start : start + IN_CACHE]
+                for name, column in columns.items():
+                    column[at : at + len(some)] = some[name]
+                at += len(some)
         for name, places in self._places.items():
             columns[name] = places[columns[name]]
         return columns
@@ -357,6 +365,26 @@ class RowsOnDisk(AbstractRows):
 def packed(table: Table) -> np.dtype[np.void]:
     """Return the type of one row of a table, texts as numbers of words."""
     return np.dtype([(c.name, TYPES.get(c.kind, np.int32)) for c in table.columns])
+
+
+def _packed_rows(columns: TableData, kind: np.dtype[np.void]) -> NDArray[np.void]:
+    """Return columns as rows, so many at a time that they stay in the cache."""
+    rows = np.empty(len(next(iter(columns.values()))), dtype=kind)
+    subjects = [
+        len(values.parts) if isinstance(values, Interleaved) else 1
+        for values in columns.values()
+    ]
+    together = math.lcm(*subjects)
+    step = together * max(1, IN_CACHE // together)
+    for start in range(0, len(rows), step):
+        some = rows[start : start + step]
+        for (name, values), each in zip(columns.items(), subjects, strict=True):
+            if isinstance(values, Interleaved):
+                own = slice(start // each, (start + len(some)) // each)
+                values.put(some[name], own)
+            else:
+                some[name] = values[start : start + step]
+    return rows
 
 
 def _coded(

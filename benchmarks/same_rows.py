@@ -1,0 +1,137 @@
+"""Rows that a kernel gives at once, and the same rows found one by one with care."""
+
+from dataclasses import dataclass
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from spherekit.analysis.running import rows_at_once
+from spherekit.analysis.running.sampling import course_of
+from spherekit.conventions import Status
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import all_poles
+from spherekit.rates.field import evaluate
+from spherekit.rates.pole_field import PoleField
+from spherekit.rates.request import request
+from spherekit.rates.signs import SignMemory
+
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class BothWays:
+    """A motion and its poles for each input, by a kernel and with care."""
+
+    quick: Motion
+    by_kernel: tuple[PoleField, ...]
+    careful: Motion
+    with_care: tuple[PoleField, ...]
+
+
+@dataclass
+class Differences:
+    """What differs: statuses, and numbers beyond the sum of the bounds of both.
+
+    `share` of the rows is by the kernel; `beyond` names what is beyond its bounds, and
+    `largest` is the largest difference in parts of what is allowed.
+    """
+
+    rows: int
+    share: float
+    statuses: int
+    beyond: list[str]
+    largest: float
+
+    @property
+    def none(self) -> bool:
+        """Whether nothing differs."""
+        return not self.statuses and not self.beyond
+
+
+def both_ways(made: Mechanism, **options: Any) -> BothWays | None:
+    """Return all poles both ways, None where there is no kernel; see `Study`."""
+    with patch.object(rows_at_once, "FEWEST", 0):
+        course = course_of(Study(made.name, made, search=False, **options))
+        tracer = course.tracer
+        every = all_poles(len(made.links))
+        wanted = [
+            request(tracer.mechanism, pair, every, every, by_rank=tracer.by_rank)
+            for pair in tracer.inputs
+        ]
+        quick = rows_at_once.RowsAtOnce.of(course, wanted, with_planes=False)
+        if quick is None:
+            return None
+        (motion,) = quick.blocks(len(course))
+        found = quick.fields(motion, [SignMemory() for _ in wanted])
+    (careful,) = course.blocks(len(course))
+    return BothWays(motion, found, careful, tuple(evaluate(careful, x) for x in wanted))
+
+
+def differences(ways: BothWays, same_signs: bool = True) -> Differences:
+    """Return what differs; senses of directions are not compared without `same_signs`."""
+    quick, careful = ways.quick, ways.careful
+    share = float(np.mean([np.mean(field.by_kernel) for field in ways.by_kernel]))
+    found = Differences(len(quick), share, 0, [], 0.0)
+    found.statuses = int(np.sum(quick.status != careful.status))
+    good = (quick.status == Status.OK) & (careful.status == Status.OK)
+    apart = quick.values - careful.values
+    apart -= TURN * np.round(apart / TURN)
+    off = quick.configuration_error + careful.configuration_error
+    _judge(found, "configurations", np.max(np.abs(apart), axis=1)[good], off[good])
+    turned = np.max(np.abs(quick.rotations - careful.rotations), axis=(1, 2, 3))
+    _judge(found, "orientations", turned[good], np.full(len(off), 1e-9)[good])
+    for one, other in zip(ways.by_kernel, ways.with_care, strict=True):
+        found.statuses += int(np.sum(one.status != other.status))
+        for pole in other.direction:
+            _compare_pole(found, one, other, pole, good, same_signs)
+    return found
+
+
+def _compare_pole(
+    found: Differences,
+    quick: PoleField,
+    careful: PoleField,
+    pole: tuple[int, int],
+    good: "np.ndarray[Any, np.dtype[np.bool_]]",
+    same_signs: bool,
+) -> None:
+    found.statuses += int(np.sum(quick.pole_status[pole] != careful.pole_status[pole]))
+    bound = careful.velocity_coefficient_error[pole]
+    # Of what stands still the sign is rounding.
+    stands = np.abs(careful.velocity_coefficient[pole]) <= bound
+    stands |= not same_signs
+    sense = np.sum(careful.direction[pole] * quick.direction[pole], axis=1)
+    sense = np.where(stands & (sense < 0.0), -1.0, 1.0)
+    for name, errors in (
+        ("direction", "error"),
+        ("velocity_coefficient", "velocity_coefficient_error"),
+        ("acceleration_coefficient", "acceleration_coefficient_error"),
+    ):
+        one, other = (getattr(field, name)[pole] for field in (quick, careful))
+        known = np.isfinite(other.reshape(len(other), -1)[:, 0])
+        size = np.linalg.norm(np.atleast_2d(one.T * sense - other.T), axis=0)
+        allowed = getattr(quick, errors)[pole] + getattr(careful, errors)[pole]
+        if not np.array_equal(known, np.isfinite(size)):
+            found.beyond.append(f"{name} {pole}: known one way only")
+        judged = known & good
+        _judge(found, f"{name} {pole}", size[judged], allowed[judged])
+
+
+def _judge(
+    found: Differences,
+    what: str,
+    size: "np.ndarray[Any, np.dtype[np.float64]]",
+    allowed: "np.ndarray[Any, np.dtype[np.float64]]",
+) -> None:
+    if not len(size):
+        return
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = np.where(size > 0.0, size / allowed, 0.0)
+    worst = float(np.max(part))
+    if not worst <= 1.0:
+        found.beyond.append(f"{what}: {worst:.3g} of what is allowed")
+    else:
+        found.largest = max(found.largest, worst)

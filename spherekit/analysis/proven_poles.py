@@ -1,0 +1,243 @@
+"""The poles of a run enclosed by proof, row by row, and their error bounds checked."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from spherekit.analysis.tables import (
+    ASSEMBLY_MODE,
+    SAMPLE,
+    STATUS,
+    Column,
+    Files,
+    RowsInMemory,
+    Table,
+    TableArrays,
+)
+from spherekit.conventions import Status
+from spherekit.errors import AnalysisError
+from spherekit.model.mechanism import Mechanism
+from spherekit.progress import Working
+from spherekit.proof.balls import bits, exact, middle, upper
+from spherekit.proof.construction import construct
+from spherekit.proof.equations import Equations
+from spherekit.proof.poles import CertifiedPole, enclosed_poles
+from spherekit.proof.roots import root_near
+from spherekit.proof.written import Written
+from spherekit.sphere.rotation import Floats
+
+PRECISION = 80
+NEAR = 1e-6
+"""A proven configuration farther (rad) from that of the run is another one."""
+
+HOLDS, EXCEEDED, OPEN = "holds", "exceeded", "open"
+
+PROVEN = Table(
+    "proven_poles",
+    "the poles of the run enclosed by proof: one row per row of poles",
+    (
+        SAMPLE,
+        ASSEMBLY_MODE,
+        Column("link", "", "the link that moves", "text"),
+        Column("relative_to", "", "the link it is seen from", "text"),
+        Column("moving", "", "the moving input, the others locked", "text"),
+        *(
+            Column(
+                f"proven_u{axis}",
+                "",
+                f"pole axis of the mechanism as written, {axis} in ground axes",
+                scale="absolute",
+                turns="vector",
+            )
+            for axis in "xyz"
+        ),
+        Column("proven_u_off", "", "by how much each is off at most", scale="none"),
+        Column("proven_velocity_coefficient", "", "velocity coefficient, its size"),
+        Column("proven_velocity_coefficient_off", "", "off at most", scale="none"),
+        Column("u_error", "", "error of the run's axis, at most", scale="none"),
+        Column("error_bound", "rad", "bound that the run gives", scale="none"),
+        Column("error_bound_is", "", "holds, exceeded, or open: not told apart", "text"),
+        Column(
+            "velocity_coefficient_error", "", "error of the run's, at most", scale="none"
+        ),
+        Column(
+            "velocity_coefficient_error_bound", "", "bound that the run gives", scale="none"
+        ),
+        Column("velocity_coefficient_error_bound_is", "", "holds, exceeded, open", "text"),
+        STATUS,
+    ),
+)
+
+
+@final
+@dataclass(frozen=True)
+class ProvenPoles:
+    """The table, and how many rows of poles are proven and of each finding."""
+
+    data: TableArrays
+    proven: int
+    rows: int
+    axes: Mapping[str, int]
+    coefficients: Mapping[str, int]
+
+    @property
+    def exceeded(self) -> int:
+        """How many bounds are proven to be exceeded."""
+        return self.axes.get(EXCEEDED, 0) + self.coefficients.get(EXCEEDED, 0)
+
+    def __str__(self) -> str:
+        parts = [
+            f"{what}: " + ", ".join(f"{n} {word}" for word, n in sorted(counts.items()))
+            for what, counts in (
+                ("bounds of axes", self.axes),
+                ("of coefficients", self.coefficients),
+            )
+        ]
+        return f"proven: {self.proven} of {self.rows} rows of poles; " + "; ".join(parts)
+
+    def write(self, folder: Path, wanted: Files, mechanism_hash: str) -> list[str]:
+        """Write the table into a folder; return the names of the files."""
+        from spherekit.analysis.frames import write_table
+
+        notes = {"analysis": "poles", "mechanism_hash": mechanism_hash}
+        rows = RowsInMemory(PROVEN, self.data)
+        return write_table(folder, PROVEN.name, PROVEN, rows, notes, wanted)
+
+
+def prove_poles(
+    mechanism: Mechanism, motion: TableArrays, poles: TableArrays
+) -> ProvenPoles:
+    """Return the poles of a run, enclosed in balls about the mechanism as it is written.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism of the run, with its inputs.
+    motion, poles
+        Columns of the tables of those names, angles in rad. Inputs are taken as exact.
+
+    Raises
+    ------
+    PlanError
+        If the mechanism is none that proofs are for.
+    """
+    motion, poles = (
+        {name: np.asarray(each[name]) for name in each} for each in (motion, poles)
+    )
+    made = construct(mechanism)
+    names = [pair.name for pair in mechanism.pairs]
+    variables = [f"theta_{names[pair]}" for pair in made.pairs]
+    missing = [name for name in variables if name not in motion]
+    if missing:
+        raise AnalysisError(
+            f"poles are proven from the angles of all pairs; {missing[0]} is not in the "
+            "table motion: run without --only-needed"
+        )
+    working = Working("proving poles")
+    found: dict[tuple[int, int], dict[tuple[str, frozenset[str]], CertifiedPole]] = {}
+    with bits(PRECISION):
+        equations = Equations(Written.of(mechanism), made)
+        good = np.flatnonzero(np.asarray(motion["status"]) == Status.OK)
+        values = np.stack([np.asarray(motion[name], dtype=float) for name in variables], 1)
+        for done, row in enumerate(good):
+            working.tell(lambda: f"{done} of {len(good)} configurations")  # noqa: B023
+            near = values[row]
+            driven = [exact(float(angle)) for angle in near[made.unknowns :]]
+            unknown = near[: made.unknowns]
+            root = root_near(equations, driven, [complex(angle) for angle in unknown])
+            if root is None or not root.real:
+                continue
+            balls = root.balls()
+            gap = [middle(ball) - angle for ball, angle in zip(balls, unknown, strict=True)]
+            if max(abs(each) for each in gap) > NEAR:
+                continue
+            places = [*balls, *driven]
+            key = int(motion["sample"][row]), int(motion["assembly_mode"][row])
+            found[key] = {
+                (
+                    names[pole.driven],
+                    frozenset((mechanism.links[pole.first], mechanism.links[pole.second])),
+                ): pole
+                for pole in enclosed_poles(equations, places)
+            }
+        return _table(poles, found)
+
+
+def _table(
+    poles: TableArrays,
+    found: Mapping[tuple[int, int], Mapping[tuple[str, frozenset[str]], CertifiedPole]],
+) -> ProvenPoles:
+    rows = len(poles["sample"])
+    numbers = {
+        column.name: np.full(rows, np.nan)
+        for column in PROVEN.columns
+        if column.kind == "number"
+    }
+    words: dict[str, list[str]] = {
+        "error_bound_is": [""] * rows,
+        "velocity_coefficient_error_bound_is": [""] * rows,
+    }
+    status = np.array(poles["status"], dtype=np.int8)
+    proven = 0
+    for row in range(rows):
+        key = int(poles["sample"][row]), int(poles["assembly_mode"][row])
+        links = frozenset((str(poles["link"][row]), str(poles["relative_to"][row])))
+        pole = found.get(key, {}).get((str(poles["moving"][row]), links))
+        if status[row] != Status.OK or pole is None or pole.direction is None:
+            continue
+        proven += 1
+        u = np.array([float(poles[f"u{axis}"][row]) for axis in "xyz"])
+        axis = np.array([middle(ball) for ball in pole.direction])
+        off = max(
+            upper(ball - exact(float(near)))
+            for ball, near in zip(pole.direction, axis, strict=True)
+        )
+        axis = axis if axis @ u > 0 else -axis
+        least, most = _between(u, axis, off)
+        size = middle(pole.coefficient)
+        spare = upper(pole.coefficient - exact(size))
+        gap = abs(abs(float(poles["velocity_coefficient"][row])) - size)
+        for name, value in zip("xyz", axis, strict=True):
+            numbers[f"proven_u{name}"][row] = value
+        for name, value in (
+            ("proven_u_off", off),
+            ("proven_velocity_coefficient", size),
+            ("proven_velocity_coefficient_off", spare),
+            ("u_error", most),
+            ("velocity_coefficient_error", gap + spare),
+        ):
+            numbers[name][row] = value
+        slack = 2.0**-52 * size
+        for name, low, high in (
+            ("error_bound", least, most),
+            ("velocity_coefficient_error_bound", gap - spare - slack, gap + spare + slack),
+        ):
+            bound = float(poles[name][row])
+            numbers[name][row] = bound
+            word = HOLDS if high <= bound else EXCEEDED if low > bound else OPEN
+            words[f"{name}_is"][row] = word
+            if word == EXCEEDED:
+                status[row] = Status.BOUND_EXCEEDED
+    axes = Counter(word for word in words["error_bound_is"] if word)
+    coefficients = Counter(
+        word for word in words["velocity_coefficient_error_bound_is"] if word
+    )
+    data: dict[str, Any] = {
+        **{name: poles[name] for name in ("sample", "assembly_mode")},
+        **{name: poles[name] for name in ("link", "relative_to", "moving")},
+        **numbers,
+        **{name: np.array(each) for name, each in words.items()},
+        "status": status,
+    }
+    return ProvenPoles(data, proven, rows, axes, coefficients)
+
+
+def _between(u: Floats, axis: Floats, off: float) -> tuple[float, float]:
+    """Return least and largest distance of a vector from one known to `off` each."""
+    gap = float(np.linalg.norm(u - axis))
+    spare = np.sqrt(3.0) * off + 4.0 * 2.0**-53 * (gap + 1e-3)
+    return gap - spare, gap + spare

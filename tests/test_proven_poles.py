@@ -1,0 +1,64 @@
+"""Poles of runs enclosed by proof: bounds hold, and falsified tables are found out."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+import spherekit as sk
+from spherekit.analysis.frames import read_parquet
+from spherekit.analysis.proven_poles import prove_poles
+from spherekit.cli.main import main
+from spherekit.conventions import Status
+from spherekit.planning.inputs import driven_at
+
+
+@pytest.fixture(scope="module")
+def run_of():
+    mechanism = driven_at(sk.load("stephenson"), "35")
+    result = sk.run(mechanism, "poles", samples=5)
+    tables = [
+        {column: np.array(each[column]) for column in each}
+        for each in (result.results[name].data[name] for name in ("motion", "poles"))
+    ]
+    return mechanism, *tables
+
+
+def test_every_pole_of_a_run_is_enclosed_and_its_bounds_hold(run_of):
+    mechanism, motion, poles = run_of
+    found = prove_poles(mechanism, motion, poles)
+    assert found.proven == np.sum(poles["status"] == Status.OK) > 50
+    assert found.axes == found.coefficients == {"holds": found.proven}
+    known = np.isfinite(found.data["u_error"])
+    assert np.sum(known) == found.proven
+    assert np.max(found.data["proven_u_off"][known]) < 1e-13
+    gap = np.abs(found.data["proven_ux"] - poles["ux"])[known]
+    assert np.max(gap) <= np.max(found.data["u_error"][known]) < 1e-11
+
+
+def test_rows_that_are_off_by_more_than_their_bounds_are_found_out(run_of):
+    mechanism, motion, poles = run_of
+    changed = {name: values.copy() for name, values in poles.items()}
+    one, other = np.flatnonzero(poles["status"] == Status.OK)[[3, 40]]
+    changed["ux"][one] += 1e-9
+    changed["velocity_coefficient"][other] *= 1.0 + 1e-9
+    found = prove_poles(mechanism, motion, changed)
+    exceeded = np.flatnonzero(found.data["status"] == Status.BOUND_EXCEEDED)
+    assert exceeded.tolist() == [one, other] and found.exceeded == 2
+    assert found.data["error_bound_is"][one] == "exceeded"
+    assert found.data["velocity_coefficient_error_bound_is"][other] == "exceeded"
+
+
+def test_the_command_writes_the_table_beside_the_others(tmp_path, capsys):
+    words = ["run", "four_bar", "--samples", "5", "--prove", "-o", str(tmp_path)]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "rows of poles; bounds of axes" in said
+    frame = read_parquet(tmp_path / "proven_poles.parquet")
+    shown = read_parquet(tmp_path / "poles.parquet")
+    assert len(frame) == len(shown)
+    known = frame["proven_ux"].notna()
+    gap = np.abs(frame["proven_ux"] - shown["ux"])
+    assert np.sum(known) > 50 and np.all((gap <= frame["u_error"])[known])
+    assert main(["run", "four_bar", "-a", "singularities", "--prove"]) == 1
+    assert "-a poles" in capsys.readouterr().err
