@@ -265,7 +265,7 @@ class Batch:
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) how far the links' angular velocities are from cancelling.
 
-        |w_j - w_i| over |w_i| + |w_j|; 1 for the axis of a pair.
+        ``|w_j - w_i|`` over ``|w_i| + |w_j|``; 1 for the axis of a pair.
         """
         return self._pole(i, j, "directions", self._found(moved).angle)
 

@@ -247,7 +247,7 @@ def _prove(options: argparse.Namespace, study: "Study", result: "RunResult") -> 
     found = prove_poles(study.mechanism, motion, poles)
     print(found, file=sys.stderr if options.json else sys.stdout)
     if study.folder is not None:
-        wanted = Files(study.degrees, FORMATS[options.format])
+        wanted = Files(study.degrees, FORMATS.get(options.format))
         digest = result.summary["mechanism_hash"]
         names = found.write(study.folder, wanted, digest)
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)

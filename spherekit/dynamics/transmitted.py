@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spherekit.dynamics.forces import Loads, rates_by_time
 from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.model.joints import Joint, Revolute, Rolling
+from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.timing import Timing
@@ -114,7 +114,7 @@ def transmitted(driven: Driven, joints: Sequence[Joint]) -> Transmitted:
 
 def _held(joint: Joint) -> tuple[int, ...]:
     """Return the columns of a pair's frame about which it holds its links."""
-    return (0, 1) if isinstance(joint, Revolute | Rolling) else (0,)
+    return tuple(range(3 - joint.freedoms))
 
 
 def _inertial(driven: Driven) -> Floats:
