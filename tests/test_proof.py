@@ -252,12 +252,12 @@ def test_a_curve_of_modes_at_one_input_is_a_cluster_and_beside_it_modes_are_cert
     assert beside.complete and len(beside.real) == 2
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("digits", range(12, 29, 4))
+@pytest.mark.parametrize("digits", (12, 20, 28))
 def test_modes_from_a_millionth_to_1e_14_apart_are_certified(digits):
     near = certified_modes(stretched("10." + "0" * digits + "1"), ("0",))
     assert near.complete and len(near.real) == 2
-    apart = [abs(a.mid() - b.mid()) for a, b in zip(*near.angles(), strict=True)]
+    half = [0.5 * (a.mid() - b.mid()) for a, b in zip(*near.angles(), strict=True)]
+    apart = [2.0 * abs(each.sin()) for each in half]
     assert 0 < max(apart) < 30 * 10.0 ** (-digits / 2)
     check(certificate_of(near))
 
