@@ -250,12 +250,11 @@ MOST_INPUTS = 2
 def _map(written: Any, options: argparse.Namespace) -> Made:
     """Return lines and certificate of boxes of two inputs, and draw them if asked."""
     from spherekit.errors import AnalysisError
-    from spherekit.planning.inputs import driven_pairs
     from spherekit.proof.certificate import map_certificate
     from spherekit.proof.input_map import CELL, input_map
 
     mechanism = written.mechanism
-    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    names = [item.pair for item in mechanism.inputs]
     if len(names) > MOST_INPUTS or options.range:
         raise AnalysisError(
             f"{mechanism.name} has {len(names)} inputs; ranges are proven of one input, or "
