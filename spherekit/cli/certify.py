@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from spherekit.cli.study import add_input_argument
 from spherekit.cli.suggest import mechanisms, suggesting
 
 EXAMPLES = (
@@ -71,9 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with several inputs: largest side of the cells judged, 0.01 by default",
     )
     parser.add_argument("--figure", metavar="FILE", help="with two inputs: draw their map")
-    parser.add_argument(
-        "--input", action="append", metavar="PAIR", help="drive this pair instead"
-    )
+    add_input_argument(parser)
     parser.add_argument(
         "--tolerance",
         type=float,
@@ -90,7 +89,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.files.document import parse, read_text
     from spherekit.files.library import find
     from spherekit.files.read import read
-    from spherekit.planning.inputs import driven_at, driven_pairs
+    from spherekit.planning.inputs import driven_at
     from spherekit.proof.written import Written
 
     path = find(options.file)
@@ -101,13 +100,13 @@ def execute(options: argparse.Namespace) -> int:
         raise AnalysisError("--at and --range are two questions; give one of them")
     if options.poles and not options.at:
         raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
-    if options.clear_of and (options.at or len(driven_pairs(mechanism)) > 1):
+    if options.clear_of and (options.at or len(mechanism.inputs) > 1):
         raise AnalysisError("--clear-of is for the range of one input, and not for --at")
-    several = len(driven_pairs(mechanism)) > 1 and not options.at
+    several = len(mechanism.inputs) > 1 and not options.at
     if (options.cell or options.figure) and not several:
         raise AnalysisError(
             "--cell and --figure are for ranges of several inputs; "
-            f"{mechanism.name} has {len(driven_pairs(mechanism))}, or --at is given"
+            f"{mechanism.name} has {len(mechanism.inputs)}, or --at is given"
         )
     if several:
         made = _map(written, options)
@@ -131,14 +130,13 @@ Made = tuple[list[str], dict[str, Any], bool]
 def _at(written: Any, text: str, with_poles: bool) -> Made:
     """Return lines and certificate of the modes at inputs."""
     from spherekit.errors import AnalysisError
-    from spherekit.planning.inputs import driven_pairs
     from spherekit.proof.certificate import modes_certificate, pole_table
     from spherekit.proof.modes import certified_modes
     from spherekit.proof.poles import certified_poles
 
     mechanism = written.mechanism
     values = [_decimal("--at", each) for each in text.split(",")]
-    count = len(driven_pairs(mechanism))
+    count = len(mechanism.inputs)
     if len(values) != count:
         raise AnalysisError(
             f"--at: {mechanism.name} has {count} input{'s' * (count > 1)}, {len(values)} "
@@ -210,16 +208,14 @@ def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
     """Return lines and certificate of the curves over the range of the only input."""
     from spherekit.errors import AnalysisError
     from spherekit.guarantee import Guarantee
-    from spherekit.planning.inputs import driven_pairs
     from spherekit.proof.certificate import curves_certificate, singular_table
     from spherekit.proof.construction import construct
     from spherekit.proof.curves import certified_curves
     from spherekit.proof.singular import output_pairs, singularities
 
     mechanism = written.mechanism
-    driven = driven_pairs(mechanism)
     ends = [_decimal("--range", end) for end in given] if given else None
-    ends = ends or list(written.input_range(mechanism.pairs[driven[0]].name))
+    ends = ends or list(written.input_range(mechanism.inputs[0].pair))
     if not float(ends[0]) < float(ends[1]):
         raise AnalysisError(f"the range {ends[0]} to {ends[1]} is empty; give FROM < TO")
     made = construct(mechanism, output_pairs(mechanism))
@@ -250,12 +246,11 @@ MOST_INPUTS = 2
 def _map(written: Any, options: argparse.Namespace) -> Made:
     """Return lines and certificate of boxes of two inputs, and draw them if asked."""
     from spherekit.errors import AnalysisError
-    from spherekit.planning.inputs import driven_pairs
     from spherekit.proof.certificate import map_certificate
     from spherekit.proof.input_map import CELL, input_map
 
     mechanism = written.mechanism
-    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    names = [item.pair for item in mechanism.inputs]
     if len(names) > MOST_INPUTS or options.range:
         raise AnalysisError(
             f"{mechanism.name} has {len(names)} inputs; ranges are proven of one input, or "

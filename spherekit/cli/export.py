@@ -4,7 +4,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from spherekit.cli.study import add_lock_argument, sample_counts, with_locks
+from spherekit.cli.study import (
+    add_input_argument,
+    add_lock_argument,
+    sample_counts,
+    with_locks,
+)
 from spherekit.cli.suggest import mechanisms, pairs, suggesting
 from spherekit.errors import OutputError
 
@@ -43,15 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="file to write (default: NAME.npz, NAME.xml, NAME.csv)",
     )
-    suggesting(
-        parser.add_argument(
-            "--input",
-            action="append",
-            metavar="PAIR",
-            help="a driven pair, once for each freedom (default: the file's)",
-        ),
-        pairs,
-    )
+    add_input_argument(parser)
     parser.add_argument(
         "--assembly-mode",
         type=int,

@@ -31,15 +31,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         help="samples along the input's range, default 361; with several inputs on the "
         "straight path through their ranges, or on a grid with 41x21",
     )
-    suggesting(
-        parser.add_argument(
-            "--input",
-            action="append",
-            metavar="PAIR",
-            help="a driven pair, once for each freedom (default: the file's)",
-        ),
-        pairs,
-    )
+    add_input_argument(parser)
     add_lock_argument(parser)
     if not timed:
         return
@@ -77,6 +69,19 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         "--no-search",
         action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
+    )
+
+
+def add_input_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--input PAIR``, once for each freedom."""
+    suggesting(
+        parser.add_argument(
+            "--input",
+            action="append",
+            metavar="PAIR",
+            help="a driven pair, once for each freedom (default: the file's)",
+        ),
+        pairs,
     )
 
 

@@ -27,7 +27,7 @@ from spherekit.motion.continued import AngleMemory
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Timing, by_laws
-from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats
 
@@ -218,14 +218,14 @@ def inverse_dynamics(
         laws = law
     else:
         mechanism = driven_at(mechanism, input_pair)
-        names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+        names = [item.pair for item in mechanism.inputs]
         if len(names) > 1:
             raise SolveError(
                 f"{mechanism.name}: has {len(names)} inputs; give a law for each by its "
                 f"name: {listing(names)}"
             )
         laws = {names[0]: law}
-    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    names = [item.pair for item in mechanism.inputs]
     q, timing = by_laws(names, laws, t)
     if len(names) == 1:
         tracer = Tracer(mechanism, names[0], assembly_mode, search)

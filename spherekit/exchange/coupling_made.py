@@ -17,7 +17,7 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
-from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, parse_pole
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
@@ -86,8 +86,6 @@ def coupling_table(
     ((1, 1), (1, 1, 1))
     """
     mechanism = driven_at(mechanism_of(mechanism), input_pair)
-    inputs = [mechanism.pairs[k].name for k in driven_pairs(mechanism)]
-    mechanism = mechanism.with_inputs(*inputs)
     if not 0.0 < tolerance < 1.0:
         raise SolveError(f"coupling_table: tolerance is {tolerance} rad, needs 0 to 1")
     chosen = _passive(mechanism, pairs)

@@ -27,7 +27,7 @@ from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, parse_pole
 from spherekit.rates.field import evaluate as evaluate_poles
 from spherekit.sphere.rotation import Floats
@@ -305,17 +305,15 @@ def evaluate(
     With a plotting library: ``plt.plot(turn.q, turn.velocity_coefficient("4/1"))``.
     """
     mechanism = driven_at(mechanism_of(mechanism), input_pair)
-    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-    mechanism = mechanism.with_inputs(*names)
     wanted = (
         all_poles(len(mechanism.links))
         if poles is None
         else tuple(dict.fromkeys(parse_pole(mechanism, text) for text in poles))
     )
     q = np.asarray(inputs, dtype=float)
-    if len(names) > 1 and q.ndim == 1:
+    if len(mechanism.inputs) > 1 and q.ndim == 1:
         q = q[None]
-    if len(names) == 1:
+    if len(mechanism.inputs) == 1:
         q = np.atleast_1d(q)
         tracer = traced(mechanism)
         if np.all(np.isfinite(q)):

@@ -22,6 +22,7 @@ from spherekit.files.read import angle_unit_of, load
 from spherekit.files.study import load_study
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
+from spherekit.planning.inputs import driven_at
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -192,11 +193,14 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
 
 
 def _study(subject: Subject) -> Study:
+    """Return what designs go through, its inputs stated."""
     if isinstance(subject, Study):
-        return subject
-    if isinstance(subject, Mechanism):
-        return Study(subject.name, subject)
-    return load_study(subject)
+        study = subject
+    elif isinstance(subject, Mechanism):
+        study = Study(subject.name, subject)
+    else:
+        study = load_study(subject)
+    return replace(study, mechanism=driven_at(study.mechanism))
 
 
 def _variation(key: str, values: str | Sequence[float]) -> Variation:

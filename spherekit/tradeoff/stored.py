@@ -16,7 +16,7 @@ from spherekit.analysis.running.setting import Setting
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.study import Study
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.tradeoff.record import Measured, Trade
 from spherekit.version import __version__
 
@@ -25,9 +25,7 @@ FILE = "trade.json"
 
 def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
     """Return what a trade for a study's run depends on, ready for JSON."""
-    mechanism, path = study.mechanism, study.path
-    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-    mechanism = mechanism.with_inputs(*inputs)
+    mechanism, path = driven_at(study.mechanism), study.path
     values = None
     if path is not None:
         values = hashlib.sha256(np.ascontiguousarray(path).tobytes()).hexdigest()
@@ -39,7 +37,7 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
         "analysis": analysis.name,
         "analysis_version": analysis.version,
         "parameters": {key: json.loads(_text(value)) for key, value in given.items()},
-        "inputs": inputs,
+        "inputs": [item.pair for item in mechanism.inputs],
         "samples": "x".join(map(str, study.shape)),
         "input_values": values,
         "assembly_mode": study.assembly_mode
