@@ -76,11 +76,11 @@ def test_the_bearings_of_hookes_joint():
 
     The cross transmits a moment normal to its arms. With the driving yoke normal to the
     plane of the shafts, it bends the driving shaft by M tan b = 70.02 N m, 350.1 N on each
-    bearing, and the driven one, with M / cos b = 122.1 N m, not at all; with the yoke in the
-    plane it bends the driven one, with M cos b = 81.92 N m, by M sin b = 57.36 N m, 286.8 N
-    on each bearing, and the driving one not at all (Seherr-Thoss, Schmelz and Aucktor,
-    Universal Joints and Driveshafts, 2nd ed. 2006, chapter 4, on the forces on the support
-    bearings of Hooke's jointed driveshafts).
+    bearing, and the driven one, with M / cos b = 122.1 N m, not at all. With the yoke in
+    that plane it bends the driven one, with M cos b = 81.92 N m, by M sin b = 57.36 N m,
+    286.8 N on each bearing, and the driving one not at all (Seherr-Thoss, Schmelz and
+    Aucktor, Universal Joints and Driveshafts, 2nd ed. 2006, chapter 4, on the forces on the
+    support bearings of Hooke's jointed driveshafts).
     """
     made = sk.load("universal_joint")
     for yoke, torque, driving, driven in (
